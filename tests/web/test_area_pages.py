@@ -560,10 +560,34 @@ class AreaPages(pages.PageTest):
         self.page.fill("textbox", "What the plate really says", "ABC 123")
         self.page.click("button", "Correct")
         self.page.wait_text("read as", 30)
-        files = [one["name"] for one in self.server.call("/api/sets/corrections")[1]["files"]]
-        self.assertEqual(sorted(name.rsplit(".", 1)[1] for name in files), ["jpg", "json"])
-        self.assertTrue(all("ABC123" in name for name in files))
+        lines = self.server.call("/api/run", {"verb": "plate log", "inputs": ["ws:plates.db"], "flags": {"--text": "ABC123"}})[1]["lines"]
+        self.assertEqual([(one["text"], one["correction"]["text"]) for one in lines], [(text, "ABC123")])
         self.path("plates-corrected")
+        self.page.click("button", "Make training data")
+        self.page.wait_text("1 corrected plates are in the job", 60)
+        self.page.click("button", "More about ABC123")
+        self.page.click("button", self.undo_button())
+        self.until("the text as it was read", lambda: "ABC123" not in self.texts())
+
+    def undo_button(self):
+        self.page.wait_text("Take the correction of", 30)
+        return next(one[1] for one in self.page.find_all("button") if one[1].startswith("Take the correction of"))
+
+    def test_plates_that_matter(self):
+        self.go("/plates")
+        self.page.fill("textbox", "Watch for", "b-12?4*")
+        self.page.fill("textbox", "Whose it is", "Ann")
+        self.page.fill("textbox", "Hours", "06:00-22:00")
+        self.page.click("button", "Watch")
+        self.page.wait_text("06:00-22:00", 30)
+        with open(os.path.join(self.server.workspace, "watch.csv")) as file:
+            self.assertIn("B12?4*,Ann,0.25,,06:00-22:00,", file.read())
+        self.path("plates-watch")
+        self.page.fill("textbox", "Watch for", "2863SDN")
+        self.page.fill("textbox", "Hours", "8-9")
+        self.page.wait_text("From and to, like 08:00-18:00", 30)
+        self.page.click("button", "Remove B12?4*")
+        self.until("an empty list", lambda: not [one for one in self.page.find_all("button") if one[1].startswith("Remove B12")])
 
     def test_plates_live(self):
         self.go("/plates")

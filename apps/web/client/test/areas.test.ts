@@ -3,7 +3,18 @@ import { test } from 'node:test';
 import { moveCursor, pointName, stateOf, tabsTo } from '../src/pages/annotate/model';
 import { cameraRows, squareProblem, viewOf, type CameraLine } from '../src/pages/calibrate/model';
 import { adviceFor, nameProblem, namedOf, personOf, proofOf, shotOf } from '../src/pages/people/model';
-import { cleanText, eventOf, flagsOf, histogram, sureness } from '../src/pages/plates/model';
+import {
+  areHours,
+  cleanPattern,
+  cleanText,
+  eventOf,
+  flagsOf,
+  histogram,
+  sureness,
+  textOf,
+  watchEntryOf,
+  whenText,
+} from '../src/pages/plates/model';
 import {
   boundsOf,
   centreOf,
@@ -244,6 +255,31 @@ test('a search becomes the flags of plate log', () => {
   assert.equal(cleanText(' rk-082 al '), 'RK082AL');
   assert.equal(cleanText('<img onerror=1>'), 'IMGONERROR1');
   assert.equal(cleanText('--'), null);
+  assert.equal(cleanPattern(' b-12?4* '), 'B12?4*');
+  assert.equal(cleanPattern('é'), null);
+  const read = eventOf({ id: 1, text: '1234BCO', correction: null })!;
+  assert.equal(textOf(read), '1234BCO');
+  const right = eventOf({
+    id: 1,
+    text: '1234BCO',
+    correction: { text: '1234BCD', author: 'Ann', time: '' },
+  })!;
+  assert.equal(textOf(right), '1234BCD');
+  assert.equal(eventOf({ id: 1, text: 'A', correction: { text: 7 } })!.correction, null);
+  const entry = watchEntryOf({
+    plate: 'B*',
+    label: 'van',
+    errors: 0.25,
+    direction: null,
+    hours: '06:00-20:00',
+    days: 'mon-fri',
+  })!;
+  assert.equal(whenText(entry), '06:00-20:00, mon-fri');
+  assert.equal(whenText(watchEntryOf({ plate: '1' })!), 'always');
+  assert.equal(watchEntryOf('x'), null);
+  for (const good of ['', ' ', '22:00-06:00', '8:00-12:00  13:00-24:00']) assert.ok(areHours(good), good);
+  for (const bad of ['8-9', '25:00-26:00', '08:00', '08:00-08:00', '1:00-2:00-3:00', '24:00-01:00'])
+    assert.ok(!areHours(bad), bad);
   assert.equal(sureness(0.95), 'sure');
   assert.equal(sureness(0.2), 'unsure');
 });

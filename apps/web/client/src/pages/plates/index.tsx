@@ -1,5 +1,5 @@
 // Number plates: read a source into the log, look for what passed.
-import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
+import { useEffect, useRef, useState } from 'preact/hooks';
 import { api } from '../../api';
 import { durationText, timeText } from '../../format';
 import { useEvery, useLoad } from '../../hooks';
@@ -28,17 +28,24 @@ import {
 } from '../shared/parts';
 import { useAreaSession } from '../shared/sessions';
 import {
+  areHours,
+  cleanPattern,
   cleanText,
   eventOf,
   flagsOf,
   histogram,
   sinceChoices,
   sureness,
+  textOf,
+  watchEntryOf,
+  whenText,
   type PlateEvent,
   type Query,
+  type WatchEntry,
 } from './model';
 
 const log = 'ws:plates.db';
+const watchList = 'ws:watch.csv';
 const street = { id: 'synth:drive?live=1&seconds=60&cars=6&fps=8', name: 'Synthetic street' };
 const dayHours = [1, 4, 7, 9, 14, 20]; // hours before now of a drawn day
 const perPage = 500;
@@ -54,6 +61,12 @@ async function search(query: Query): Promise<PlateEvent[]> {
   const answer = await api.run('plate log', [log], flagsOf(query));
   const events = answer.lines.map(eventOf).filter((one): one is PlateEvent => one !== null);
   return events.sort((a, b) => b.last_time.localeCompare(a.last_time));
+}
+
+async function watched(): Promise<WatchEntry[]> {
+  if (!(await hasState('watch.csv'))) return [];
+  const answer = await api.run('plate watch list', [watchList]);
+  return answer.lines.map(watchEntryOf).filter((one): one is WatchEntry => one !== null);
 }
 
 async function imagesOf(before: Images | null, query: Query): Promise<Images> {
@@ -87,10 +100,7 @@ export function Plates() {
   const [round, setRound] = useState(0);
   const [open, setOpen] = useState<PlateEvent | null>(null);
   const [day, setDay] = useState<{ done: number; total: number } | null>(null);
-  const corrections = useLoad(async () => {
-    const sets = await api.sets();
-    return sets.some((one) => one.name === 'corrections') ? api.setFiles('corrections') : [];
-  });
+  const watch = useLoad(watched);
 
   // While something is read, new events come in.
   useEvery(
@@ -116,15 +126,6 @@ export function Plates() {
         }, 10_000);
       });
   }, [events.value, round]);
-
-  const corrected = useMemo(() => {
-    const texts = new Map<number, string>();
-    for (const file of corrections.value ?? []) {
-      const found = /^event-(\d+)-([\p{L}\p{N}]+)\.json$/u.exec(file.name);
-      if (found) texts.set(Number(found[1]), found[2]!);
-    }
-    return texts;
-  }, [corrections.value]);
 
   const drawnDay = async () => {
     const now = Date.now();
@@ -173,7 +174,12 @@ export function Plates() {
                   run={async () => {
                     await session.start(
                       [source],
-                      filled({ '--log': log, '--events': true, '--country': country.trim() }),
+                      filled({
+                        '--log': log,
+                        '--events': true,
+                        '--country': country.trim(),
+                        '--watch': (watch.value?.length ?? 0) > 0 ? watchList : '',
+                      }),
                       'Plates',
                     );
                   }}
@@ -204,6 +210,8 @@ export function Plates() {
               <SessionActions id={session.id} label="Actions" without={['quit', 'help']} />
             </>
           )}
+          <hr />
+          <Watch entries={watch.value ?? []} problem={watch.error} onChanged={() => watch.again()} />
           <hr />
           <h3>No camera at hand?</h3>
           {day ? (
@@ -275,6 +283,26 @@ export function Plates() {
               >
                 Download as CSV
               </AsyncButton>
+              <AsyncButton
+                disabled={!list.some((one) => one.correction !== null)}
+                run={async () => {
+                  await attempt(async () => {
+                    const job = await finishJob({
+                      verb: 'plate log',
+                      inputs: [log],
+                      flags: { ...flagsOf(query), '--corrections': 'out:corrected' },
+                      name: 'Corrected plates',
+                    });
+                    const count = job.files.filter((one) => one.name.endsWith('.jpg')).length;
+                    toast(
+                      `${count} corrected plates are in the job "Corrected plates": train a reader with them.`,
+                      'good',
+                    );
+                  });
+                }}
+              >
+                Make training data
+              </AsyncButton>
             </div>
           </form>
           {events.error && <Notice kind="problem">{events.error}</Notice>}
@@ -291,13 +319,13 @@ export function Plates() {
               columns={[
                 {
                   name: 'Plate',
-                  show: (one) => <Plate event={one} images={images} corrected={corrected.get(one.id)} />,
+                  show: (one) => <Plate event={one} images={images} />,
                 },
                 { name: 'Seen', show: (one) => <Seen event={one} /> },
                 {
                   name: 'More',
                   show: (one) => (
-                    <Button small aria-label={`More about ${one.text}`} onClick={() => setOpen(one)}>
+                    <Button small aria-label={`More about ${textOf(one)}`} onClick={() => setOpen(one)}>
                       More
                     </Button>
                   ),
@@ -313,7 +341,7 @@ export function Plates() {
         </section>
       </div>
       <Dialog
-        title={open ? `Plate ${open.text}` : 'Plate'}
+        title={open ? `Plate ${textOf(open)}` : 'Plate'}
         open={open !== null}
         onClose={() => setOpen(null)}
         wide
@@ -322,9 +350,8 @@ export function Plates() {
           <EventDetail
             event={open}
             images={images}
-            corrected={corrected.get(open.id)}
             onCorrected={() => {
-              corrections.again();
+              events.again();
               setOpen(null);
             }}
           />
@@ -334,7 +361,98 @@ export function Plates() {
   );
 }
 
-function Plate(props: { event: PlateEvent; images: Images | null; corrected: string | undefined }) {
+// The plates that matter: reading says which of them it sees.
+function Watch(props: { entries: WatchEntry[]; problem: string | undefined; onChanged: () => void }) {
+  const [plate, setPlate] = useState('');
+  const [label, setLabel] = useState('');
+  const [hours, setHours] = useState('');
+  const clean = cleanPattern(plate);
+  const add = async () => {
+    if (clean === null) return;
+    await attempt(async () => {
+      await api.run(
+        'plate watch add',
+        [watchList, clean],
+        filled({ '--label': label.trim(), '--hours': hours.trim() }),
+      );
+      setPlate('');
+      setLabel('');
+      setHours('');
+      props.onChanged();
+    });
+  };
+  return (
+    <section class="stack" aria-labelledby="watch">
+      <h3 id="watch">Plates that matter</h3>
+      {props.problem && <Notice kind="problem">{props.problem}</Notice>}
+      {props.entries.length > 0 && (
+        <Table
+          caption="Plates that matter"
+          hideCaption
+          columns={[
+            {
+              name: 'Plate',
+              show: (one) => (
+                <span class="plate-words">
+                  <strong>{one.plate}</strong>
+                  <span class="faint">{one.label}</span>
+                </span>
+              ),
+            },
+            { name: 'When', show: (one) => whenText(one) },
+            {
+              name: 'Remove',
+              show: (one) => (
+                <AsyncButton
+                  small
+                  aria-label={`Remove ${one.plate}`}
+                  run={async () => {
+                    await attempt(() => api.run('plate watch remove', [watchList, one.plate]));
+                    props.onChanged();
+                  }}
+                >
+                  Remove
+                </AsyncButton>
+              ),
+            },
+          ]}
+          rows={props.entries}
+          keyOf={(one) => `${one.plate} ${one.hours ?? ''} ${one.days ?? ''}`}
+        />
+      )}
+      <form
+        class="stack"
+        aria-label="Watch for a plate"
+        onSubmit={(event) => {
+          event.preventDefault();
+        }}
+      >
+        <TextField
+          label="Watch for"
+          value={plate}
+          onInput={setPlate}
+          problem={plate !== '' && clean === null ? 'Letters, digits, * and ?.' : ''}
+          help="* stands for any characters, ? for one. What the reader often confuses is tolerated."
+        />
+        <TextField label="Whose it is" value={label} onInput={setLabel} />
+        <TextField
+          label="Hours"
+          value={hours}
+          onInput={setHours}
+          problem={areHours(hours) ? '' : 'From and to, like 08:00-18:00.'}
+          help="Empty: all day. Else 22:00-06:00."
+        />
+        <div class="row">
+          <AsyncButton disabled={clean === null || !areHours(hours)} run={add}>
+            Watch
+          </AsyncButton>
+        </div>
+      </form>
+    </section>
+  );
+}
+
+function Plate(props: { event: PlateEvent; images: Images | null }) {
   const file = props.images?.files.get(props.event.id);
   return (
     <span class="plate">
@@ -342,8 +460,8 @@ function Plate(props: { event: PlateEvent; images: Images | null; corrected: str
         <img src={api.jobFileAddress(props.images.job, file)} alt="" width={104} height={26} loading="lazy" />
       )}
       <span class="plate-words">
-        <strong class="plate-text">{props.corrected ?? props.event.text}</strong>
-        {props.corrected !== undefined && <span class="faint">read as {props.event.text}</span>}
+        <strong class="plate-text">{textOf(props.event)}</strong>
+        {props.event.correction !== null && <span class="faint">read as {props.event.text}</span>}
         <span class="faint">
           {(100 * props.event.confidence).toFixed(0)} %, {sureness(props.event.confidence)}
           {props.event.country === '' ? '' : `, ${props.event.country}`}
@@ -436,15 +554,10 @@ interface Character {
   confidence: number;
 }
 
-function EventDetail(props: {
-  event: PlateEvent;
-  images: Images | null;
-  corrected: string | undefined;
-  onCorrected: () => void;
-}) {
+function EventDetail(props: { event: PlateEvent; images: Images | null; onCorrected: () => void }) {
   const { event, images } = props;
   const file = images?.files.get(event.id);
-  const [text, setText] = useState(props.corrected ?? event.text);
+  const [text, setText] = useState(textOf(event));
   const clean = cleanText(text);
   // What is sure of each character: the program reads the kept image once more.
   const read = useLoad(async () => {
@@ -456,28 +569,14 @@ function EventDetail(props: {
   const correct = async () => {
     if (clean === null) return;
     await attempt(async () => {
-      const sets = await api.sets();
-      if (!sets.some((one) => one.name === 'corrections')) await api.addSet('corrections');
-      const old = (await api.setFiles('corrections')).filter((one) =>
-        one.name.startsWith(`event-${event.id}-`),
-      );
-      for (const one of old) await api.removeSetFile('corrections', one.name);
-      const base = `event-${event.id}-${clean}`;
-      const record = {
-        event: event.id,
-        read: event.text,
-        text: clean,
-        confidence: event.confidence,
-        first_time: event.first_time,
-        image: file ? `${base}.jpg` : null,
-      };
-      await api.putSetFile(
-        'corrections',
-        `${base}.json`,
-        new Blob([JSON.stringify(record, null, 1)], { type: 'application/json' }),
-      );
-      if (file && images) await api.putSetFile('corrections', `${base}.jpg`, await jobBlob(images.job, file));
-      toast(`Kept in the set "corrections" as ${clean}.`, 'good');
+      await api.run('plate log', [log], { '--correct': [String(event.id), clean] });
+      toast(`Corrected to ${clean}; what was read stays beside it.`, 'good');
+      props.onCorrected();
+    });
+  };
+  const undo = async () => {
+    await attempt(async () => {
+      await api.run('plate log', [log], { '--undo-correction': event.id });
       props.onCorrected();
     });
   };
@@ -547,14 +646,13 @@ function EventDetail(props: {
           value={text}
           onInput={setText}
           problem={clean === null ? 'Letters and digits, 20 at most.' : ''}
-          help="Kept with its image in the set corrections, to train and to judge with. The log itself stays as it was read."
+          help="Kept in the log beside what was read; searches find both, and a reader can be trained with it."
         />
         <div class="row row-end">
-          <AsyncButton
-            kind="main"
-            disabled={clean === null || clean === (props.corrected ?? event.text)}
-            run={correct}
-          >
+          {event.correction !== null && (
+            <AsyncButton run={undo}>Take the correction of {event.correction.author} back</AsyncButton>
+          )}
+          <AsyncButton kind="main" disabled={clean === null || clean === textOf(event)} run={correct}>
             Correct
           </AsyncButton>
         </div>

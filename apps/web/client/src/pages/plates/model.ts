@@ -14,6 +14,8 @@ export interface PlateEvent {
   state: string;
   candidates: { text: string; confidence: number; country?: string }[];
   readings: { text: string; confidence: number; time: number; frame: number }[];
+  /** What somebody said that it really is. */
+  correction: { text: string; author: string; time: string } | null;
 }
 
 /** The event that a line of JSON holds, or null. */
@@ -38,7 +40,71 @@ export function eventOf(line: unknown): PlateEvent | null {
     state: word(v.state),
     candidates: list(v.candidates) as PlateEvent['candidates'],
     readings: list(v.readings) as PlateEvent['readings'],
+    correction: correctionOf(v.correction),
   };
+}
+
+function correctionOf(value: unknown): PlateEvent['correction'] {
+  if (typeof value !== 'object' || value === null) return null;
+  const v = value as Record<string, unknown>;
+  if (typeof v.text !== 'string') return null;
+  return { text: v.text, author: String(v.author ?? ''), time: String(v.time ?? '') };
+}
+
+/** The text of a vehicle as far as it is known. */
+export function textOf(event: PlateEvent): string {
+  return event.correction?.text ?? event.text;
+}
+
+/** An entry of a watch list: a line of `plate watch list --json`. */
+export interface WatchEntry {
+  plate: string;
+  label: string;
+  errors: number;
+  direction: string | null;
+  hours: string | null;
+  days: string | null;
+}
+
+export function watchEntryOf(line: unknown): WatchEntry | null {
+  if (typeof line !== 'object' || line === null) return null;
+  const v = line as Record<string, unknown>;
+  if (typeof v.plate !== 'string') return null;
+  const word = (x: unknown) => (typeof x === 'string' && x !== '' ? x : null);
+  return {
+    plate: v.plate,
+    label: word(v.label) ?? '',
+    errors: typeof v.errors === 'number' ? v.errors : 0,
+    direction: word(v.direction),
+    hours: word(v.hours),
+    days: word(v.days),
+  };
+}
+
+/** When an entry counts, in words. */
+export function whenText(entry: WatchEntry): string {
+  const parts = [entry.hours, entry.days, entry.direction].filter((one) => one !== null);
+  return parts.length > 0 ? parts.join(', ') : 'always';
+}
+
+/** Whether a watch list takes these hours: "22:00-06:00", several with spaces between, or none. */
+export function areHours(text: string): boolean {
+  const isTime = (time: string) => /^([01]?\d|2[0-3]):[0-5]\d$/.test(time);
+  return text
+    .trim()
+    .split(/\s+/)
+    .filter((one) => one !== '')
+    .every((one) => {
+      const [from, to, more] = one.split('-');
+      if (from === undefined || to === undefined || more !== undefined) return false;
+      return isTime(from) && (isTime(to) || to === '24:00') && from !== to;
+    });
+}
+
+/** A pattern for a watch list, or null for what is none. */
+export function cleanPattern(text: string): string | null {
+  const clean = text.toUpperCase().replace(/[\s-]/g, '');
+  return /^[A-Z0-9*?]{1,64}$/.test(clean) ? clean : null;
 }
 
 export interface Bar {
@@ -101,7 +167,7 @@ export function flagsOf(query: Query): Record<string, string | number | boolean>
 
 /** Letters and digits only, as plates are stored; null if there is nothing to store. */
 export function cleanText(text: string): string | null {
-  const clean = text.toUpperCase().replace(/[^\p{L}\p{N}]/gu, '');
+  const clean = text.toUpperCase().replace(/[^A-Z0-9]/g, '');
   return clean.length > 0 && clean.length <= 20 ? clean : null;
 }
 
