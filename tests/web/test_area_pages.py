@@ -299,6 +299,51 @@ class AreaPages(pages.PageTest):
         self.page.click("button", "Close")
         self.page.wait("!document.body.innerText.includes('Forget Ann')")
 
+    def test_people_groups_named_merged_corrected(self):
+        """Unknown faces: grouped, named, merged, "not this person", and each taken back."""
+        status, job = self.server.call("/api/jobs", {
+            "verb": "pose synth", "flags": {"--output": "out:strangers", "--count": 3, "--seed": 1, "--size": "320x240",
+                                            "--near": 450, "--far": 500}})
+        self.assertEqual(status, 201, job)
+        self.job_of("pose synth", at_least=self.started("pose synth") - 1)
+        images = [f"job:{job['id']}/strangers/images/{k:04}.png" for k in (0, 1, 2, 0, 1, 2)]
+        for image in images:
+            answer = self.server.call("/api/run", {"verb": "people identify", "inputs": [image],
+                                                   "flags": {"--keep": "30d", "--far": 0.000001}})[1]
+            self.assertIn(answer["exit"], (0, 1), answer)
+        self.go("/people")
+        self.page.click("button", "Group unknown faces")
+        self.page.find("button", contains="Name group", timeout=60)
+        self.page.click("button", "Show the faces")
+        self.page.wait("document.querySelector('img.sheet')?.naturalWidth > 100", 60, "the sheet")
+        self.assertEqual([one for one in self.server.call("/api/jobs")[1]["jobs"] if one["verb"] == "people groups"], [])
+        self.path("people-groups")
+        buttons = [name for _, name, _ in self.page.find_all("button") if name.startswith("Name group")]
+        self.assertEqual(len(buttons), 3)
+
+        name = "Zoe <img src=x onerror=alert(1)>"
+        self.page.click("button", buttons[0])
+        self.page.fill("textbox", "Name", name)
+        self.path("people-groups-name")
+        self.page.click("button", "Enrol")
+        self.page.wait_text(f"is {name}")
+        self.assertEqual(self.page.evaluate("document.querySelectorAll('img[src=x]').length"), 0)
+        self.page.click("button", buttons[1])
+        self.page.click("button", "Merge")
+        self.page.wait_text("is part of group")
+        self.page.wait("[...document.querySelectorAll('button')].filter((one) => "
+                       "one.getAttribute('aria-label')?.startsWith('Name group')).length === 1", 30, "one group")
+        wrong = next(name for _, name, _ in self.page.find_all("button") if name.startswith("Sighting"))
+        self.page.click("button", wrong)
+        self.page.wait_text(f"not {name}")
+        self.path("people-corrected")
+        for _ in range(3):
+            undo = next(name for _, name, _ in self.page.find_all("button") if name.startswith("Undo correction"))
+            self.page.click("button", undo)
+            self.page.wait(f"!document.querySelector('[aria-label={json.dumps(undo)}]')", 30, "taken back")
+        self.page.wait("[...document.querySelectorAll('button')].filter((one) => "
+                       "one.getAttribute('aria-label')?.startsWith('Name group')).length === 3", 30, "three groups again")
+
     def test_people_name_with_markup_stays_text(self):
         self.go("/people")
         self.page.click("tab", "Add a person")

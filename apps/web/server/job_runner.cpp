@@ -138,7 +138,7 @@ void Jobs::finish(const std::shared_ptr<Job>& job, Lock& lock) {
   }
   job->is_new = true;
   save(*job);
-  if (is_done && job->request.verb == "people forget") {
+  if (is_done && job->request.verb == "people forget" && !job->request.inputs.empty()) {
     forget_name_now(std::string(job->request.inputs.front()));
   }
 }

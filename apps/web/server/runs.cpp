@@ -290,7 +290,8 @@ Runs::Result Runs::run(const Json& object, const std::string& address) {
   const CommandLine command = host_.command(request, Use::kRun, folder.path() + "/files");
   host_.tell_audit(command, request, address);
   Result result = execute(command, folder);
-  if (request.verb == "people forget" && result.exit == 0 && host_.forgotten) {
+  if (request.verb == "people forget" && !request.inputs.empty() && result.exit == 0 &&
+      host_.forgotten) {
     host_.forgotten(request.inputs.front());
   }
   const std::string made = folder.path() + "/files";

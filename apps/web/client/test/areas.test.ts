@@ -2,7 +2,17 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { moveCursor, pointName, stateOf, tabsTo } from '../src/pages/annotate/model';
 import { cameraRows, squareProblem, viewOf, type CameraLine } from '../src/pages/calibrate/model';
-import { adviceFor, nameProblem, namedOf, personOf, proofOf, shotOf } from '../src/pages/people/model';
+import {
+  adviceFor,
+  correctionOf,
+  correctionText,
+  groupOf,
+  nameProblem,
+  namedOf,
+  personOf,
+  proofOf,
+  shotOf,
+} from '../src/pages/people/model';
 import {
   areHours,
   cleanPattern,
@@ -305,6 +315,22 @@ test('people: lines, advice for each reason, the proof', () => {
   assert.equal(nameProblem('Ann'), '');
   assert.notEqual(nameProblem('ä'.repeat(101)), '');
   assert.notEqual(nameProblem('a\nb'), '');
+});
+
+test('people: groups and corrections', () => {
+  assert.deepEqual(groupOf({ group: 3, sightings: 2, first: 'a', last: 'b' }), {
+    group: 3,
+    sightings: 2,
+    last: 'b',
+  });
+  assert.equal(groupOf({ group: '3' }), null);
+  const one = correctionOf({ correction: 4, what: 'name', from: 'group 3', to: '<b>', undone: null });
+  assert.ok(one);
+  assert.equal(correctionText(one), 'group 3 is <b>');
+  assert.equal(correctionText({ ...one, what: 'not', undone: true }), 'not group 3 (undone)');
+  assert.equal(correctionText({ ...one, what: 'undo', undoes: 2 }), 'undid 2');
+  assert.equal(correctionText({ ...one, what: 'something new' }), 'something new');
+  assert.equal(correctionOf({ what: 'name' }), null);
 });
 
 test('annotate: names of points, how often Tab, the cross of the keyboard', () => {

@@ -13,7 +13,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
@@ -70,13 +69,6 @@ int found_of(const std::vector<cv::Rect2d>& truth, const std::vector<Candidate>&
 }
 
 bool has_cascades() { return !find_cascade("haarcascade_frontalface_alt2.xml").empty(); }
-
-TEST(NeededScore, FallsWithTheDetectorsScore) {
-  EXPECT_DOUBLE_EQ(needed_score(0.5, 0.5), 0.5) << "the detector is undecided";
-  EXPECT_LT(needed_score(0.5, 0.99), 0.3);
-  EXPECT_GT(needed_score(0.5, 0.1), 0.6);
-  EXPECT_TRUE(std::isfinite(needed_score(0.5, 0)) && std::isfinite(needed_score(0.5, 1)));
-}
 
 TEST(FaceFinder, FindsAFaceOf40PixelsIn1080p) {
   cv::Mat image = wall({1920, 1080});

@@ -161,13 +161,6 @@ Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
   return start_in_box(finder.box_model().value_or(model.box), model.shape.mean, candidate.box);
 }
 
-double needed_score(double min_score, double detection) {
-  constexpr double kSlope = 0.052;
-  constexpr double kLimit = 1e-3;
-  const double p = std::clamp(detection, kLimit, 1 - kLimit);
-  return min_score - kSlope * std::log(p / (1 - p));
-}
-
 std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
                                   const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
                                   double min_score, DebugSink* debug) {
@@ -181,8 +174,7 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
     face.detection = candidate.score;
     face.fit =
         fit_points(model, options, gray, start_at(model, finder, candidate), workspace, debug);
-    const double needed = needed_score(min_score, candidate.score);
-    if (!candidate.sure && model.quality && face.fit.score < needed) continue;
+    if (!candidate.sure && model.quality && face.fit.score < min_score) continue;
     fits.emplace_back(std::move(face), candidate.sure);
   }
   std::stable_sort(fits.begin(), fits.end(), [](const auto& a, const auto& b) {

@@ -97,16 +97,8 @@ struct FoundFace {
   double detection = 1;  // score of the detector, 0..1
 };
 
-// The score that the points of a find must have to be taken for a face: `min_score` where the detector
-// is undecided (`detection` = 0.5), less the surer it is, as sunglasses, beards and shadows spoil the
-// points' score and hardly the detector's:
-//   min_score - 0.052 logit(detection).
-// The slope is that of a logistic regression of faces and false finds on both scores (faces68 and
-// images without faces, all unseen by the detector).
-[[nodiscard]] double needed_score(double min_score, double detection);
-
 // All faces of an image (CV_8UC1), surest first where they overlap, else largest first. Faces that
-// only the less strict search saw are kept from needed_score(min_score, detection) on.
+// only the less strict search saw are kept when their score is at least `min_score`.
 [[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
                                                 const FitOptions& options, const cv::Mat& gray,
                                                 FaceFinder& finder, FitWorkspace& workspace,

@@ -93,8 +93,7 @@ std::vector<Face> FaceReader::read(const cv::Mat& gray, DebugSink* debug) {
       face.points = std::move(found.fit.points);
       face.score = found.fit.score;
       face.eyes = eyes_of_points(face.points);
-      const double needed = landmarks::needed_score(options_.min_score, found.detection);
-      if (face.eyes.distance() < 2 || face.score < needed) continue;
+      if (face.eyes.distance() < 2 || face.score < options_.min_sure) continue;
       faces.push_back(std::move(face));
     }
   } else {

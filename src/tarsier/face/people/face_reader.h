@@ -33,10 +33,13 @@ struct FaceReaderOptions {
   EyeMethod eyes = EyeMethod::kLandmarks;
   CutOptions cut;
   landmarks::FaceFinderOptions finder;
-  double min_score = 0.5;  // of the points of a face; see landmarks::needed_score()
+  double min_score = 0.5;  // of the points of a face that only the less strict search saw
+  double min_sure = 0.4;   // of the points of any face
   landmarks::TrackerOptions tracker;
 
-  [[nodiscard]] OptionFields fields() { return {{"min_score", min_score, range(0, 1)}}; }
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_score", min_score, range(0, 1)}, {"min_sure", min_sure, range(0, 1)}};
+  }
   void check() const;
 };
 

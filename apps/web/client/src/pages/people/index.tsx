@@ -19,6 +19,7 @@ import { attempt, toast } from '../../ui/toast';
 import { hasState, save } from '../shared/files';
 import { settleJob, useJob } from '../shared/jobs';
 import { Enrol } from './enrol';
+import { correct, Corrections, Groups } from './groups';
 import { Identify } from './identify';
 import { LivePeople } from './live_people';
 import { personOf, proofOf, sightingOf, type Person, type Proof } from './model';
@@ -73,6 +74,13 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
     const answer = await api.run('people list', [], { '--sightings': true, '--limit': 100 });
     return answer.lines.map(sightingOf).filter((one) => one !== null);
   });
+  // Counts corrections: what shows the gallery looks again.
+  const [changes, setChanges] = useState(0);
+  const changed = () => {
+    setChanges((before) => before + 1);
+    props.again();
+    sightings.again();
+  };
   const forget = async (name: string) => {
     setForgetting(null);
     await attempt(async () => {
@@ -87,8 +95,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
       await api.removeJob(job.id).catch(() => undefined);
       if (!found) throw new Error(job.error ?? 'This person could not be forgotten.');
       setProof(found);
-      props.again();
-      sightings.again();
+      changed();
     });
   };
   return (
@@ -153,11 +160,12 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
           </>
         )}
       </section>
+      <Groups changes={changes} onChange={changed} />
       <section class="stack" aria-labelledby="sightings">
         <h2 id="sightings">Who was seen</h2>
         <p class="field-help">
-          Live recognition can keep when it saw whom. Such a list is personal data, too: keep it no longer
-          than needed.
+          Live recognition can keep when it saw whom, with the faces, also of those whom nobody knows. Such a
+          list is personal data, too: keep it no longer than needed.
         </p>
         <Table
           caption="The last sightings"
@@ -167,6 +175,27 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
             { name: 'Who', show: (one) => (one!.known ? one!.label : 'unknown') },
             { name: 'Sure', show: (one) => `${(100 * one!.confidence).toFixed(0)} %`, number: true },
             { name: 'Source', show: (one) => one!.source },
+            {
+              name: 'Wrong?',
+              show: (one) =>
+                one!.known && one!.face ? (
+                  <AsyncButton
+                    small
+                    aria-label={`Sighting ${one!.id} is not ${one!.label}`}
+                    run={async () => {
+                      await attempt(async () => {
+                        await correct('people correct not', [], { '--sighting': one!.id });
+                        toast(`Not ${one!.label}: noted.`, 'good');
+                        changed();
+                      });
+                    }}
+                  >
+                    Not this person
+                  </AsyncButton>
+                ) : (
+                  ''
+                ),
+            },
           ]}
           rows={sightings.value ?? []}
           keyOf={(_, i) => i}
@@ -199,6 +228,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
           </AsyncButton>
         </div>
       </section>
+      <Corrections changes={changes} onChange={changed} />
       <Confirm
         title={`Forget ${forgetting ?? ''}?`}
         text="All faces, templates and sightings of this person are removed for good. Then all files of the workspace are searched for what was removed, and you see the proof."

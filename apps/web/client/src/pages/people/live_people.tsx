@@ -64,7 +64,7 @@ export function LivePeople(props: { onChange: () => void }) {
             <SessionActions
               id={session.id}
               label="Actions"
-              names={['add', 'train', 'delete', 'confirm', 'cancel', 'debug', 'pause']}
+              names={['add', 'train', 'not', 'undo', 'delete', 'confirm', 'cancel', 'debug', 'pause']}
             />
           )}
           {adding.id === undefined && (

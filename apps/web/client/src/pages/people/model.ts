@@ -8,6 +8,8 @@ export interface Person {
 }
 
 export interface Sighting {
+  id: number;
+  face: boolean; // it is kept
   time: string;
   source: string;
   label: string;
@@ -54,12 +56,74 @@ export function sightingOf(line: unknown): Sighting | null {
   const v = fields(line);
   if (!v || typeof v.time !== 'string' || !('known' in v)) return null;
   return {
+    id: count(v.id),
+    face: v.face === true,
     time: v.time,
     source: word(v.source),
     label: word(v.label),
     known: v.known === true,
     confidence: count(v.confidence),
   };
+}
+
+export interface Group {
+  group: number;
+  sightings: number;
+  last: string;
+}
+
+export function groupOf(line: unknown): Group | null {
+  const v = fields(line);
+  if (!v || typeof v.group !== 'number' || typeof v.sightings !== 'number') return null;
+  return { group: v.group, sightings: v.sightings, last: word(v.last) };
+}
+
+export interface Correction {
+  correction: number;
+  time: string;
+  who: string;
+  what: string;
+  from: string;
+  to: string;
+  undone: boolean;
+  undoes: number;
+}
+
+export function correctionOf(line: unknown): Correction | null {
+  const v = fields(line);
+  if (!v || typeof v.correction !== 'number' || typeof v.what !== 'string') return null;
+  return {
+    correction: v.correction,
+    time: word(v.time),
+    who: word(v.who),
+    what: v.what,
+    from: word(v.from),
+    to: word(v.to),
+    undone: typeof v.undone === 'number',
+    undoes: count(v.undoes),
+  };
+}
+
+export function correctionText(one: Correction): string {
+  const done = one.undone ? ' (undone)' : '';
+  switch (one.what) {
+    case 'name':
+      return `${one.from} is ${one.to}${done}`;
+    case 'not':
+      return `not ${one.from}${done}`;
+    case 'move':
+      return `moved from ${one.from} to ${one.to}${done}`;
+    case 'split':
+    case 'split group':
+      return `split off ${one.from}: ${one.to}${done}`;
+    case 'merge':
+    case 'merge groups':
+      return `${one.from} is part of ${one.to}${done}`;
+    case 'undo':
+      return `undid ${one.undoes}`;
+    default:
+      return one.what;
+  }
 }
 
 export function proofOf(line: unknown): Proof | null {

@@ -1,0 +1,258 @@
+// Unknown faces in groups, and what was corrected: named, merged, taken back.
+import { useEffect, useState } from 'preact/hooks';
+import { api, type Flags } from '../../api';
+import { timeText } from '../../format';
+import { useLoad } from '../../hooks';
+import { AsyncButton, Button, Confirm, Dialog, Select, Table, TextField } from '../../ui';
+import { attempt, toast } from '../../ui/toast';
+import { hasState } from '../shared/files';
+import { jobBlob, problemOfJob, settleJob } from '../shared/jobs';
+import { correctionOf, correctionText, groupOf, nameProblem, type Correction, type Group } from './model';
+
+// One correction; its problem is thrown in the program's own words.
+export async function correct(verb: string, inputs: string[], flags: Flags = {}): Promise<void> {
+  const answer = await api.run(verb, inputs, flags);
+  if (answer.exit !== 0) throw new Error(answer.error || 'Nothing was changed.');
+}
+
+// The best faces of each group as one image. Its job is removed at once: nothing of it stays on the server.
+async function sheet(): Promise<Blob> {
+  const job = await settleJob({
+    verb: 'people groups',
+    inputs: [],
+    flags: { '--draw': 'out:groups.png' },
+    name: 'Groups of unknown faces',
+  });
+  try {
+    if (job.state !== 'done') throw new Error(problemOfJob(job));
+    return await jobBlob(job.id, 'groups.png');
+  } finally {
+    await api.removeJob(job.id).catch(() => undefined);
+  }
+}
+
+export function Groups(props: { changes: number; onChange: () => void }) {
+  const [image, setImage] = useState('');
+  const [naming, setNaming] = useState<Group | null>(null);
+  const [forgetting, setForgetting] = useState<Group | null>(null);
+  const groups = useLoad(async () => {
+    if (!(await hasState('gallery'))) return [];
+    const answer = await api.run('people groups');
+    return answer.lines.map(groupOf).filter((one): one is Group => one !== null);
+  }, [props.changes]);
+  const rows = groups.value ?? [];
+  useEffect(
+    () => () => {
+      if (image !== '') URL.revokeObjectURL(image);
+    },
+    [image],
+  );
+  const change = async (run: () => Promise<void>, said: string) => {
+    await attempt(async () => {
+      await run();
+      setImage('');
+      toast(said, 'good');
+      props.onChange();
+    });
+  };
+  return (
+    <section class="stack" aria-labelledby="groups">
+      <h2 id="groups">Unknown faces</h2>
+      <p class="field-help">
+        Faces that were seen, while sightings are kept, and that nobody knew: one group, one person. Say who
+        it is, and the best faces are enrolled. Ask that person first.
+      </p>
+      <div class="row">
+        <AsyncButton
+          run={() =>
+            change(async () => {
+              const answer = await api.run('people group');
+              if (answer.exit > 1) throw new Error(answer.error);
+            }, 'The unknown faces are in groups.')
+          }
+        >
+          Group unknown faces
+        </AsyncButton>
+        <AsyncButton
+          disabled={rows.length === 0}
+          run={async () => {
+            const blob = await attempt(sheet);
+            if (blob) setImage(URL.createObjectURL(blob));
+          }}
+        >
+          Show the faces
+        </AsyncButton>
+      </div>
+      {image !== '' && (
+        <img class="sheet" src={image} alt="The best faces of each group, a row a group, with its number" />
+      )}
+      <Table
+        caption="Groups of unknown faces"
+        hideCaption
+        columns={[
+          { name: 'Group', show: (one) => one.group, number: true },
+          { name: 'Seen', show: (one) => `${one.sightings} times`, number: true },
+          { name: 'Last', show: (one) => timeText(one.last) },
+          {
+            name: 'Change',
+            show: (one) => (
+              <div class="row">
+                <Button small aria-label={`Name group ${one.group}`} onClick={() => setNaming(one)}>
+                  Who is it?
+                </Button>
+                <Button
+                  small
+                  kind="danger"
+                  aria-label={`Forget group ${one.group}`}
+                  onClick={() => setForgetting(one)}
+                >
+                  Forget
+                </Button>
+              </div>
+            ),
+          },
+        ]}
+        rows={rows}
+        keyOf={(one) => one.group}
+        empty="There are no groups."
+      />
+      {naming && (
+        <Naming
+          group={naming}
+          others={rows.filter((one) => one.group !== naming.group)}
+          change={change}
+          onClose={() => setNaming(null)}
+        />
+      )}
+      <Confirm
+        title={`Forget group ${forgetting?.group ?? ''}?`}
+        text="All sightings of this group and their faces are removed for good."
+        yes="Forget"
+        open={forgetting !== null}
+        onYes={() => {
+          const one = forgetting;
+          setForgetting(null);
+          if (one)
+            void change(
+              () => correct('people forget', [], { '--group': one.group }),
+              `Group ${one.group} is forgotten.`,
+            );
+        }}
+        onClose={() => setForgetting(null)}
+      />
+    </section>
+  );
+}
+
+function Naming(props: {
+  group: Group;
+  others: Group[];
+  change: (run: () => Promise<void>, said: string) => Promise<void>;
+  onClose: () => void;
+}) {
+  const [name, setName] = useState('');
+  const [note, setNote] = useState('');
+  const [other, setOther] = useState(String(props.others[0]?.group ?? ''));
+  const problem = nameProblem(name);
+  const id = props.group.group;
+  return (
+    <Dialog title={`Who is group ${id}?`} open onClose={props.onClose}>
+      <div class="stack">
+        <TextField label="Name" value={name} onInput={setName} problem={problem} />
+        <TextField
+          label="What was agreed"
+          value={note}
+          onInput={setNote}
+          help="Who agreed to what, and when."
+        />
+        <div class="row row-end">
+          <AsyncButton
+            kind="main"
+            disabled={name.trim() === '' || problem !== ''}
+            run={async () => {
+              const said = name.trim();
+              const flags: Flags = note.trim() === '' ? {} : { '--note': note.trim() };
+              await props.change(
+                () => correct('people name', [String(id), said], flags),
+                `Group ${id} is ${said}.`,
+              );
+              props.onClose();
+            }}
+          >
+            Enrol
+          </AsyncButton>
+        </div>
+        {props.others.length > 0 && (
+          <div class="row row-fields">
+            <Select
+              label="Or the same person as"
+              value={other}
+              options={props.others.map((one) => ({
+                value: String(one.group),
+                label: `group ${one.group}`,
+              }))}
+              onChange={setOther}
+            />
+            <AsyncButton
+              run={async () => {
+                await props.change(
+                  () => correct('people correct merge', [String(id), other], { '--groups': true }),
+                  `Group ${id} is part of group ${other} now.`,
+                );
+                props.onClose();
+              }}
+            >
+              Merge
+            </AsyncButton>
+          </div>
+        )}
+      </div>
+    </Dialog>
+  );
+}
+
+export function Corrections(props: { changes: number; onChange: () => void }) {
+  const log = useLoad(async () => {
+    if (!(await hasState('gallery'))) return [];
+    const answer = await api.run('people log', [], { '--limit': 20 });
+    return answer.lines.map(correctionOf).filter((one): one is Correction => one !== null);
+  }, [props.changes]);
+  return (
+    <section class="stack" aria-labelledby="corrections">
+      <h2 id="corrections">What was corrected</h2>
+      <Table
+        caption="The last corrections"
+        hideCaption
+        columns={[
+          { name: 'When', show: (one) => timeText(one.time) },
+          { name: 'Who', show: (one) => one.who },
+          { name: 'What', show: (one) => <span class="wrap">{correctionText(one)}</span> },
+          {
+            name: 'Take back',
+            show: (one) =>
+              one.undone || one.what === 'undo' ? (
+                ''
+              ) : (
+                <AsyncButton
+                  small
+                  aria-label={`Undo correction ${one.correction}`}
+                  run={async () => {
+                    await attempt(async () => {
+                      await correct('people correct undo', [String(one.correction)]);
+                      toast('It is taken back.', 'good');
+                      props.onChange();
+                    });
+                  }}
+                >
+                  Undo
+                </AsyncButton>
+              ),
+          },
+        ]}
+        rows={log.value ?? []}
+        keyOf={(one) => one.correction}
+        empty="Nothing was corrected."
+      />
+    </section>
+  );
+}
