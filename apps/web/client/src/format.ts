@@ -26,6 +26,10 @@ export function durationText(seconds: number): string {
   return `${Math.floor(hours / 24)} days`;
 }
 
+// With so many digits; never "-0.0".
+export const numberText = (value: number, digits: number): string =>
+  value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1');
+
 // The server's times are ISO text or seconds since 1970.
 export function timeOf(value: string | number | null | undefined): Date | null {
   if (value === null || value === undefined || value === '' || value === 0) return null;

@@ -5,6 +5,7 @@ import {
   bytesText,
   cellText,
   durationText,
+  numberText,
   pixelsText,
   timeOf,
   timeText,
@@ -13,7 +14,6 @@ import {
 import { curlText, endpointsOf } from '../src/pages/api_page';
 import { findingsOf } from '../src/pages/home';
 import { tokenOf } from '../src/pages/sign_in';
-import { numberText } from '../src/ui';
 
 test('sizes, times, cells', () => {
   assert.equal(bytesText(999), '999 B');

@@ -1,6 +1,7 @@
 // Buttons, fields and the like. All are plain HTML with labels.
 import type { ComponentChildren, JSX } from 'preact';
 import { useEffect, useId, useRef, useState } from 'preact/hooks';
+import { numberText } from '../format';
 
 type ButtonProps = Omit<JSX.IntrinsicElements['button'], 'ref' | 'size' | 'icon'> & {
   kind?: 'plain' | 'main' | 'danger' | 'quiet';
@@ -214,10 +215,6 @@ export function decimalsOf(step: number): number {
   }
   return 3;
 }
-
-// With so many digits; never "-0.0".
-export const numberText = (value: number, digits: number): string =>
-  value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1');
 
 // A number on a track and as text; onChange while it moves, at most 15 times a second.
 export function Slider(props: {

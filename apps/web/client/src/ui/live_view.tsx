@@ -64,30 +64,42 @@ export function sendEvent(id: string, event: SessionEvent): void {
   if (!('slider' in event) && !('mouse' in event)) acted.value += 1;
 }
 
-// The session's status line, read out at most once a second.
-export function LiveStatus({ id, quiet }: { id: string; quiet?: boolean }) {
+// The session's status, at most once in so many milliseconds.
+function useStatus(id: string, pause: number): string {
   const live = liveSession(id);
-  const [said, setSaid] = useState('');
-  const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
+  const [status, setStatus] = useState('');
   useEffect(() => {
+    let timer: ReturnType<typeof setTimeout> | undefined;
     const stop = live.state.subscribe((state) => {
-      if (!state || timer.current !== undefined) return;
-      setSaid(state.status);
-      timer.current = setTimeout(() => {
-        timer.current = undefined;
-        setSaid(live.state.peek()?.status ?? '');
-      }, 1000);
+      if (!state || timer !== undefined) return;
+      setStatus(state.status);
+      timer = setTimeout(() => {
+        timer = undefined;
+        setStatus(live.state.peek()?.status ?? '');
+      }, pause);
     });
     return () => {
       stop();
-      clearTimeout(timer.current);
-      timer.current = undefined;
+      clearTimeout(timer);
     };
-  }, [id]);
+  }, [id, pause]);
+  return status;
+}
+
+// The session's status line, shown at most five times a second, and read out at most once a second.
+export function LiveStatus({ id, quiet }: { id: string; quiet?: boolean }) {
+  const shown = useStatus(id, 200);
+  const said = useStatus(id, 1000);
+  const waiting = 'Waiting for the first image.';
   return (
-    <p class="live-status" aria-live={quiet ? 'off' : 'polite'}>
-      {said || 'Waiting for the first image.'}
-    </p>
+    <>
+      <p class="live-status" aria-hidden="true">
+        {shown || waiting}
+      </p>
+      <p class="unseen" aria-live={quiet ? 'off' : 'polite'}>
+        {said || waiting}
+      </p>
+    </>
   );
 }
 

@@ -486,6 +486,17 @@ function Seen({ event }: { event: PlateEvent }) {
   );
 }
 
+// Whether the page is as wide as a phone's; follows it when it is turned.
+function useIsNarrow(): boolean {
+  const [isNarrow, setIsNarrow] = useState(() => window.innerWidth < 600);
+  useEffect(() => {
+    const update = () => setIsNarrow(window.innerWidth < 600);
+    addEventListener('resize', update);
+    return () => removeEventListener('resize', update);
+  }, []);
+  return isNarrow;
+}
+
 // Events by hour or day, as bars and as a table.
 function When({ events }: { events: PlateEvent[] }) {
   const zone = -new Date().getTimezoneOffset();
@@ -500,7 +511,7 @@ function When({ events }: { events: PlateEvent[] }) {
     return isDay ? text.slice(0, 10) : text.slice(11, 16);
   };
   // A phone shows it 1:1, so that its labels can be read.
-  const width = window.innerWidth < 600 ? 320 : 600;
+  const width = useIsNarrow() ? 320 : 600;
   const height = 90;
   const bar = width / bars.length;
   const every = Math.ceil(bars.length / (width / 75));

@@ -1,6 +1,6 @@
 // The verbs that train and judge, and what they take: pure.
 import type { Flags } from '../../api';
-import { capital, withUnit } from '../../format';
+import { capital, numberText, withUnit } from '../../format';
 
 export type DataKind = 'points' | 'plates' | 'heads' | 'gallery';
 
@@ -317,7 +317,7 @@ export function caseCell(row: Record<string, string>, name: string): string {
   if (isMissed(row) && ofWhatIsFound.includes(name)) return '–';
   if (name === 'exact' || name === 'seen') return value === '1' ? 'yes' : 'no';
   if (name === 'confidence' && value !== '') return `${(100 * Number(value)).toFixed(0)} %`;
-  return /^-?\d+\.\d{3,}$/.test(value) ? Number(value).toFixed(2) : value;
+  return /^-?\d+\.\d{3,}$/.test(value) ? numberText(Number(value), 2) : value;
 }
 
 // Figures in an order that people expect: what is known above, the others by name.
