@@ -299,6 +299,10 @@ class AreaPages(pages.PageTest):
         self.page.click("button", "Close")
         self.page.wait("!document.body.innerText.includes('Forget Ann')")
 
+    def groups_there(self, count):
+        self.page.wait("[...document.querySelectorAll('button')].filter((one) => "
+                       f"one.getAttribute('aria-label')?.startsWith('Name group')).length === {count}", 30, f"{count} groups")
+
     def test_people_groups_named_merged_corrected(self):
         """Unknown faces: grouped, named, merged, "not this person", and each taken back."""
         status, job = self.server.call("/api/jobs", {
@@ -328,12 +332,12 @@ class AreaPages(pages.PageTest):
         self.page.click("button", "Enrol")
         self.page.wait_text(f"is {name}")
         self.assertEqual(self.page.evaluate("document.querySelectorAll('img[src=x]').length"), 0)
+        self.groups_there(2)
         self.page.click("button", buttons[1])
         self.page.click("button", "Merge")
         self.page.wait_text("is part of group")
-        self.page.wait("[...document.querySelectorAll('button')].filter((one) => "
-                       "one.getAttribute('aria-label')?.startsWith('Name group')).length === 1", 30, "one group")
-        wrong = next(name for _, name, _ in self.page.find_all("button") if name.startswith("Sighting"))
+        self.groups_there(1)
+        wrong = next(name for _, name, _ in self.page.find_all("button") if name.startswith("Not this person"))
         self.page.click("button", wrong)
         self.page.wait_text(f"not {name}")
         self.path("people-corrected")
@@ -341,8 +345,7 @@ class AreaPages(pages.PageTest):
             undo = next(name for _, name, _ in self.page.find_all("button") if name.startswith("Undo correction"))
             self.page.click("button", undo)
             self.page.wait(f"!document.querySelector('[aria-label={json.dumps(undo)}]')", 30, "taken back")
-        self.page.wait("[...document.querySelectorAll('button')].filter((one) => "
-                       "one.getAttribute('aria-label')?.startsWith('Name group')).length === 3", 30, "three groups again")
+        self.groups_there(3)
 
     def test_people_name_with_markup_stays_text(self):
         self.go("/people")

@@ -57,8 +57,7 @@ TEST(PairScores, TheThresholdHoldsForStrangers) {
   for (Eigen::Index i = 0; i < templates.rows(); ++i) {
     for (Eigen::Index j = 0; j < i; ++j) {
       const bool over = templates.row(i).dot(templates.row(j)) >= threshold;
-      const bool one =
-          who[static_cast<std::size_t>(i)] == who[static_cast<std::size_t>(j)];
+      const bool one = who[static_cast<std::size_t>(i)] == who[static_cast<std::size_t>(j)];
       (one ? same : strangers) += 1;
       (one ? known : accepted) += over ? 1 : 0;
     }

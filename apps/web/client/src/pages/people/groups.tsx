@@ -98,7 +98,7 @@ export function Groups(props: { changes: number; onChange: () => void }) {
             show: (one) => (
               <div class="row">
                 <Button small aria-label={`Name group ${one.group}`} onClick={() => setNaming(one)}>
-                  Who is it?
+                  Name
                 </Button>
                 <Button
                   small
@@ -152,7 +152,10 @@ function Naming(props: {
 }) {
   const [name, setName] = useState('');
   const [note, setNote] = useState('');
-  const [other, setOther] = useState(String(props.others[0]?.group ?? ''));
+  const [chosen, setOther] = useState('');
+  // Groups may go while this is open.
+  const others = props.others.map((one) => String(one.group));
+  const other = others.includes(chosen) ? chosen : (others[0] ?? '');
   const problem = nameProblem(name);
   const id = props.group.group;
   return (

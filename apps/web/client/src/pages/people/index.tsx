@@ -181,7 +181,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
                 one!.known && one!.face ? (
                   <AsyncButton
                     small
-                    aria-label={`Sighting ${one!.id} is not ${one!.label}`}
+                    aria-label={`Not this person: sighting ${one!.id}`}
                     run={async () => {
                       await attempt(async () => {
                         await correct('people correct not', [], { '--sighting': one!.id });
