@@ -27,8 +27,7 @@ bool is_topic(std::string_view topic) {
   if (topic.empty() || topic.size() > kMaxTopic || topic.front() == '/' || topic.back() == '/')
     return false;
   if (topic.find("//") != std::string_view::npos) return false;
-  return std::all_of(topic.begin(), topic.end(),
-                     [](char c) { return is_word(c) || c == '/' || c == ' '; });
+  return std::all_of(topic.begin(), topic.end(), [](char c) { return is_word(c) || c == '/'; });
 }
 
 int hex_value(char c) {

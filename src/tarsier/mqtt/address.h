@@ -15,7 +15,7 @@ struct Address {
   bool tls = false;
   std::string user;
   std::string password;
-  std::string topic;  // levels of letters, digits and - _ . and space; 1..200 bytes; no wildcards
+  std::string topic;  // levels of letters, digits and - _ . ; 1..200 bytes; no wildcards
 };
 
 // `topic` is the one of an address without one. Throws UsageError naming `what`, passwords masked.

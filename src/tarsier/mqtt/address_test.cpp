@@ -30,10 +30,10 @@ TEST(AddressTest, PartsAreRead) {
   const Address plain = parse("mqtt://broker");
   EXPECT_EQ(address_text(plain), "mqtt://broker:1883/tarsier/here");
   EXPECT_FALSE(plain.tls);
-  const Address full = parse("mqtts://ann:p%40ss%3A@10.0.0.1:9999/site/gate 1");
+  const Address full = parse("mqtts://ann:p%40ss%3A@10.0.0.1:9999/site/gate-1");
   EXPECT_EQ(full.user, "ann");
   EXPECT_EQ(full.password, "p@ss:");
-  EXPECT_EQ(address_text(full), "mqtts://10.0.0.1:9999/site/gate 1");
+  EXPECT_EQ(address_text(full), "mqtts://10.0.0.1:9999/site/gate-1");
   EXPECT_EQ(parse("mqtts://broker/").port, 8883);
   EXPECT_EQ(parse("mqtts://broker/").topic, "tarsier/here");
   const Address number = parse("mqtt://[::1]:1884/x");
@@ -49,7 +49,7 @@ TEST(AddressTest, WhatIsWrongIsSaidWithoutPasswords) {
   EXPECT_THAT(error_of("mqtt://[::1"), HasSubstr("']' is missing"));
   for (const char* port : {":0", ":65536", ":x", ":", ":1 "})
     EXPECT_THAT(error_of(std::string("mqtt://broker") + port), HasSubstr("the port")) << port;
-  for (const char* topic : {"/a/+", "/#", "//a", "/a//b", "/a/", "/a\x01", "/$SYS"})
+  for (const char* topic : {"/a/+", "/#", "//a", "/a//b", "/a b", "/a/", "/a\x01", "/$SYS"})
     EXPECT_THAT(error_of(std::string("mqtt://broker") + topic), HasSubstr("the topic")) << topic;
   EXPECT_THAT(error_of("mqtt://broker/" + std::string(201, 'a')), HasSubstr("the topic"));
   EXPECT_THAT(error_of("mqtt://a%0@broker"), HasSubstr("hexadecimal"));
@@ -65,15 +65,15 @@ TEST(AddressTest, NodesHaveNamesThatTopicsCanHold) {
 }
 
 TEST(DiscoveryTest, HomeAssistantGetsRetainedConfigurations) {
-  const auto messages = home_assistant_discovery("tarsier/gate 1", "0.1.0");
+  const auto messages = home_assistant_discovery("tarsier/gate-1", "0.1.0");
   ASSERT_EQ(messages.size(), 2U);
   EXPECT_EQ(messages[0].topic, "homeassistant/sensor/tarsier_gate_1_plate/config");
   EXPECT_EQ(messages[1].topic, "homeassistant/binary_sensor/tarsier_gate_1_watch/config");
   for (const Message& message : messages) {
     EXPECT_TRUE(message.retained);
     const auto object = nlohmann::json::parse(message.payload);
-    EXPECT_EQ(object.at("state_topic"), "tarsier/gate 1/events");
-    EXPECT_EQ(object.at("availability_topic"), "tarsier/gate 1/state");
+    EXPECT_EQ(object.at("state_topic"), "tarsier/gate-1/events");
+    EXPECT_EQ(object.at("availability_topic"), "tarsier/gate-1/state");
     EXPECT_EQ(object.at("device").at("identifiers").at(0), "tarsier_gate_1");
   }
 }

@@ -3,6 +3,7 @@
 
 #include "tarsier/mqtt/address.h"
 
+#include <cstddef>
 #include <memory>
 #include <stop_token>
 #include <string>

@@ -108,7 +108,7 @@ TEST(PublisherTest, TheOutboxHasAPlaceOfItsOwn) {
   const char* kept = std::getenv("XDG_STATE_HOME");
   const std::string before = kept == nullptr ? "" : kept;
   ::setenv("XDG_STATE_HOME", "/state", 1);
-  EXPECT_EQ(default_outbox("tarsier/gate 1"), "/state/tarsier/outbox-tarsier-gate-1.db");
+  EXPECT_EQ(default_outbox("tarsier/gate-1"), "/state/tarsier/outbox-tarsier-gate-1.db");
   if (before.empty()) {
     ::unsetenv("XDG_STATE_HOME");
   } else {

@@ -283,7 +283,6 @@ void Publisher::finish(double patience_s) { sender_->finish(patience_s); }
 std::string default_outbox(const std::string& topic) {
   std::string name = topic;
   std::replace(name.begin(), name.end(), '/', '-');
-  std::replace(name.begin(), name.end(), ' ', '-');
   const char* state = std::getenv("XDG_STATE_HOME");
   if (state != nullptr && *state == '/') return fmt::format("{}/tarsier/outbox-{}.db", state, name);
   const char* home = std::getenv("HOME");
