@@ -47,5 +47,5 @@ void add(Command& app, Context& context) {
 
 int main(int argc, char** argv) {
   namespace cli = tarsier::cli;
-  return cli::run_program({cli::add, {}}, cli::words_of(argc, argv, "bench"));
+  return cli::run_main({cli::add, {}}, argc, argv, "bench");
 }

@@ -6,7 +6,7 @@
 #   held.txt    that third
 #   none/       links to images without faces, to learn from (and, every third, to decide what is sure)
 #   judge/      links to images without faces that it did not see
-# Then, in OUT: tarsier landmarks train face-networks learn.txt --without none --turned 2 --scan-steps 8000 --judge-steps 8000 --check-steps 16000 --false-alarms 50 --terms 'non-commercial research (LFPW, HELEN, AFW)' -o face-detector.json
+# Then, in OUT: tarsier landmarks train face-networks learn.txt --without none --turned 1 --false-alarms 50 --terms 'non-commercial research (LFPW, HELEN, AFW)' -o face-detector.json
 set -euo pipefail
 data=$(realpath "${1:?the folder of the data}")
 out=${2:?a folder for the lists}

@@ -3,5 +3,5 @@
 
 int main(int argc, char** argv) {
   namespace cli = tarsier::cli;
-  return cli::run_program({cli::add_areas, cli::main_help()}, cli::words_of(argc, argv));
+  return cli::run_main({cli::add_areas, cli::main_help()}, argc, argv);
 }

@@ -577,7 +577,7 @@ def make_inputs_here():
         file.writelines(f"{800 * (x + 0.1 * z - 5) / (60 + z)} {800 * (y - 0.2 * z - 5) / (60 + z)}\n" for x, y, z in cube)
     for person, folder in (("Ann", "head"), ("Ben", "other")):
         made("people", "enroll", person, f"{folder}/images", "--any-quality", "--quiet")
-    made("people", "enroll", "Eve", "head/images", "--any-quality", "--quiet", "--gallery", "seen.db")
+    made("people", "enroll", "Eve", "other/images", "--any-quality", "--quiet", "--gallery", "seen.db")  # nothing of Ann, who is forgotten
     run(["people", "identify", "other/images", "--keep", "30d", "--far", "0.000001", "--quiet", "--gallery", "seen.db"])
     made("people", "group", "--quiet", "seen.db")
     made("people", "correct", "move", "Adam", "--face", "1", "--quiet", "--gallery", "seen.db")

@@ -29,7 +29,7 @@ for method in both trees sdm patch; do
 done
 run landmarks fit "$images/messi5.jpg" --method forest
 expect_status 2
-expect_error 'both, trees, sdm, patch'
+expect_error 'both, trees, sdm or patch'
 run landmarks fit "$images/graf1.png"
 expect_status 1
 

@@ -184,6 +184,16 @@ int run_program(const CommandLine& program, const std::vector<std::string>& word
   }
 }
 
+int run_main(const CommandLine& program, int argc, const char* const* argv, std::string_view area) {
+  try {
+    return run_program(program, words_of(argc, argv, area));
+  } catch (const std::bad_alloc&) {  // nothing here may need memory
+    constexpr std::string_view kLine = "tarsier: error: out of memory\n";
+    std::fwrite(kLine.data(), 1, kLine.size(), stderr);
+    return static_cast<int>(ExitStatus::kBadInput);
+  }
+}
+
 std::string_view version() { return TARSIER_VERSION; }
 
 std::vector<std::string> words_of(int argc, const char* const* argv, std::string_view area) {

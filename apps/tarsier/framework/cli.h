@@ -83,6 +83,10 @@ struct CommandLine {
 // Runs the program: parses, runs the chosen verb, and turns every error into one line on stderr and
 // an exit status. Never throws.
 [[nodiscard]] int run_program(const CommandLine& program, const std::vector<std::string>& words);
+// What main() does: run_program() of words_of(argc, argv, area). Never throws, not even where there
+// is no memory for the words.
+[[nodiscard]] int run_main(const CommandLine& program, int argc, const char* const* argv,
+                           std::string_view area = {});
 
 // The words of a command line. Of a program of one area alone, that area's name comes first;
 // `--version` alone stays as it is.

@@ -109,5 +109,5 @@ void add(Command& app, Context& context) {
 int main(int argc, char** argv) {
   namespace cli = tarsier::cli;
   if (const auto status = tarsier::web::run_helper(argc, argv)) return *status;
-  return cli::run_program({cli::add, {}}, cli::words_of(argc, argv, "serve"));
+  return cli::run_main({cli::add, {}}, argc, argv, "serve");
 }

@@ -47,6 +47,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--depth",
     "--detection",
     "--direction",
+    "--disguised",
     "--distance",
     "--distance-mm",
     "--downscale",

@@ -168,6 +168,7 @@ void add_flags(Command& verb, NetworkFlags& flags) {
   bind_field(verb, flags.turned, flags.turned.copies, {},
              "copies of each face with points, turned in 3D, to learn from beside it");
   verb.add_option("--head", flags.head, "head model that turns them (.json)");
+  bind_field(verb, flags.options, flags.options.disguised);
   bind_field(verb, flags.options, flags.options.drawings);
   bind_field(verb, flags.options, flags.options.scan_steps);
   bind_field(verb, flags.options, flags.options.judge_steps);

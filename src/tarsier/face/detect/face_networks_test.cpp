@@ -310,7 +310,7 @@ TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
     make_halves(gray, 0.2, image.halves);
     const double scale = training::log_uniform(rng, 0.4, 2);
     const training::Place where =
-        training::place({110, 110}, {32, 32}, scale, training::face_turn(rng));
+        training::place({110, 110}, {32, 32}, scale, training::face_turn(false, rng));
     const cv::Mat view = training::view_of(image, where, 64);
     cv::Mat weights;
     view.convertTo(weights, CV_32F, 1, -20);

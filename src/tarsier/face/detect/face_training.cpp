@@ -61,6 +61,8 @@ struct Material {
   std::vector<Image> without;            // and those without
   std::vector<Image> held_out;           // of the latter: they decide what is sure
   std::vector<std::pair<int, int>> all;  // image and face
+  double disguised = 0;                  // FaceTrainingOptions
+  [[nodiscard]] bool wide() const { return disguised > 0; }
   [[nodiscard]] const Image& image(int number) const {
     const auto count = static_cast<int>(without.size());
     return number < count ? without[static_cast<std::size_t>(number)]
@@ -129,16 +131,15 @@ const Image& any_without(const Material& material, Rng& rng) {
       rng.integer(0, static_cast<int>(material.without.size()) - 1))];
 }
 
-constexpr double kDisguised = 0.4;  // share of the faces with points
-
 // Beside the image its edge goes on, or something else begins. Perhaps the face is in disguise.
 cv::Mat view_of_face(const Material& material, const Image& image, std::size_t face,
                      const Place& where, int side, Rng& rng) {
   const bool goes_on = rng.uniform() < 0.5;
-  const bool in_disguise = !image.points[face].empty() && rng.uniform() < kDisguised;
+  const bool in_disguise =
+      material.disguised > 0 && !image.points[face].empty() && rng.uniform() < material.disguised;
   if (goes_on && !in_disguise) return view_of(image, where, side);
   const Image& other = any_without(material, rng);
-  const cv::Mat behind = view_of(other, anywhere(other, side, 0.08, rng), side);
+  const cv::Mat behind = view_of(other, anywhere(other, side, 0.08, material.wide(), rng), side);
   cv::Mat view = view_of(image, where, side, goes_on ? nullptr : &behind);
   if (in_disguise) {
     std::vector<cv::Point2d> points;
@@ -163,7 +164,8 @@ void make_scan_example(const Material& material, const std::vector<Mistake>& mis
                                        : log_uniform(rng, kNearly[1], 64);
     const double x = rng.uniform(8, kPatch - 8);
     const double y = rng.uniform(8, kPatch - 8);
-    const Place where = place((box.tl() + box.br()) / 2, {x, y}, width / box.width, face_turn(rng));
+    const Place where = place((box.tl() + box.br()) / 2, {x, y}, width / box.width,
+                              face_turn(material.wide(), rng));
     view = view_of_face(material, image, static_cast<std::size_t>(face), where, kPatch, rng);
     if (rng.uniform() < 0.2) hide_part(view, {x - width / 2, y - width / 2, width, width}, rng);
     label_scan(image, where, example.target);
@@ -181,7 +183,7 @@ void make_scan_example(const Material& material, const std::vector<Mistake>& mis
                     slight_turn(rng));
     } else {
       image = &any_without(material, rng);
-      where = anywhere(*image, kPatch, 0.08, rng);
+      where = anywhere(*image, kPatch, 0.08, material.wide(), rng);
     }
     view = view_of(*image, where, kPatch);
     label_scan(*image, where, example.target);
@@ -216,12 +218,13 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
     double dy = rng.uniform(-0.17, 0.17);
     double growth = log_uniform(rng, 0.78, 1.28);
     const bool is_near = kind >= 0.45;
-    Turn turn = face_turn(rng);
+    Turn turn = face_turn(material.wide(), rng);
     if (is_near) {  // too far off to pass, or not upright
       const double how = rng.uniform();
       if (how < 0.2) {
         const double quarters = rng.integer(1, 3);
-        turn.angle = 0.5 * turn.angle + quarters * CV_PI / 2;
+        // Rolled further, a face would pass for one that lies on its side.
+        turn.angle = (material.wide() ? 0.5 : 1) * turn.angle + quarters * CV_PI / 2;
       } else if (how < 0.7) {
         const double angle = rng.uniform(0, 2 * CV_PI);
         const double far = rng.uniform(0.42, 0.95);
@@ -255,7 +258,7 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
     view = view_of(material.image(mistake.image), where, form.side);
   } else {
     const Image& image = any_without(material, rng);
-    view = view_of(image, anywhere(image, form.side, 0.05, rng), form.side);
+    view = view_of(image, anywhere(image, form.side, 0.05, material.wide(), rng), form.side);
   }
   disturb(view, rng);
   example.shape = {4, form.side / 2, form.side / 2};
@@ -493,6 +496,7 @@ FaceTraining train_face_networks(const std::vector<FaceImage>& images, const std
   options.check();
   FaceTraining result;
   Material material = load(images, progress, stop, result.skipped);
+  material.disguised = options.disguised;
   if (material.all.empty()) throw InputError(name, "no face is left to learn from");
   if (material.without.empty()) {
     throw InputError(name, "no image without faces: without them everything is a face");

@@ -37,6 +37,9 @@ struct FaceTrainingOptions {
   // How many false alarms there may be in 1000 images without faces: a score is sure from where
   // the scores in every third of those images, which is not learned from, let no more expect.
   double false_alarms = 100;
+  // Share of the faces with 68 points that learn in disguise (disguise.h), 0..1. Where it is not 0,
+  // all faces are rolled by up to 48 degrees in place of 36.
+  double disguised = 0;
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -48,7 +51,10 @@ struct FaceTrainingOptions {
         {"drawings", drawings, range(0, 10'000), "--drawings",
          "images without faces that the program draws and learns from as well"},
         {"false_alarms", false_alarms, range(0, 10'000), "--false-alarms",
-         "how many there may be in 1000 of the images held out"}};
+         "how many there may be in 1000 of the images held out"},
+        {"disguised", disguised, range(0, 1), "--disguised",
+         "share of the faces with 68 points that wear drawn sunglasses, caps, beards or hold "
+         "something; above 0 faces are rolled further, too"}};
   }
   void check() const { check_fields(*this); }
 };
@@ -68,8 +74,8 @@ struct FaceTraining {
   std::vector<std::string> skipped;  // "path: reason"
 };
 
-// Faces are turned, mirrored, lit, blurred and partly hidden at random, wear drawn sunglasses, caps
-// and beards, and are shown at all sizes from 14 px on. Other places of their images count as no face where the first half of the training
+// Faces are turned, mirrored, lit, blurred and partly hidden at random, and shown at all sizes from
+// 14 px on. Other places of their images count as no face where the first half of the training
 // does not firmly hold them for one (their boxes may be missing). The same result for any number of
 // threads. Throws InputError(name) where no face or no image without faces is left, Interrupted.
 [[nodiscard]] FaceTraining train_face_networks(const std::vector<FaceImage>& images,

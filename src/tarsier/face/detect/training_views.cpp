@@ -53,20 +53,20 @@ Place place(const cv::Point2d& center, const cv::Point2d& to, double scale, cons
   return result;
 }
 
-Place anywhere(const Image& image, int side, double smallest_scale, Rng& rng) {
+Place anywhere(const Image& image, int side, double smallest_scale, bool wide, Rng& rng) {
   const double least = std::min(
       1.0, std::max(smallest_scale,
                     static_cast<double>(side) / std::min(image.size().width, image.size().height)));
   const double scale = log_uniform(rng, least, std::max(1.0, least));
   const double x = rng.uniform(0, image.size().width);
   const double y = rng.uniform(0, image.size().height);
-  return place({x, y}, {side / 2.0, side / 2.0}, scale, face_turn(rng));
+  return place({x, y}, {side / 2.0, side / 2.0}, scale, face_turn(wide, rng));
 }
 
-Turn face_turn(Rng& rng) {
+Turn face_turn(bool wide, Rng& rng) {
   Turn turn;
-  const double degrees =
-      rng.uniform() < 0.75 ? std::clamp(rng.normal(0, 13.0), -36.0, 36.0) : rng.uniform(-48, 48);
+  const bool any = wide && rng.uniform() < 0.25;
+  const double degrees = any ? rng.uniform(-48, 48) : std::clamp(rng.normal(0, 13.0), -36.0, 36.0);
   turn.angle = degrees * CV_PI / 180;
   turn.mirrored = rng.uniform() < 0.5;
   turn.stretch = std::exp(std::clamp(rng.normal(0, kStretch), -2 * kStretch, 2 * kStretch));

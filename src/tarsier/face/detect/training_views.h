@@ -40,10 +40,11 @@ struct Turn {
 [[nodiscard]] Place place(const cv::Point2d& center, const cv::Point2d& to, double scale,
                           const Turn& turn);
 // A place of `side` px anywhere in the image, at any scale from `smallest_scale` on.
-[[nodiscard]] Place anywhere(const Image& image, int side, double smallest_scale, Rng& rng);
-// Three of four times upright to +-36 degrees (deviation 13), else anything to +-48; mirrored half the
-// time, stretched by 4 %.
-[[nodiscard]] Turn face_turn(Rng& rng);
+[[nodiscard]] Place anywhere(const Image& image, int side, double smallest_scale, bool wide,
+                             Rng& rng);
+// Upright to +-36 degrees (deviation 13), mirrored half the time, stretched by 4 %. `wide`: one of
+// four turns is anything to +-48 degrees.
+[[nodiscard]] Turn face_turn(bool wide, Rng& rng);
 
 // What lies outside the image repeats its edge; or, with `behind` (side x side), shows that.
 [[nodiscard]] cv::Mat view_of(const Image& image, const Place& where, int side,
