@@ -40,7 +40,7 @@ std::string DemoPage::path_of(std::string_view file) const {
   return (std::filesystem::path(folder_) / "img" / file).string();
 }
 
-DemoImage DemoPage::write_image(std::string_view file, const cv::Mat& image, std::string caption) {
+DemoImage DemoPage::save_image(std::string_view file, const cv::Mat& image, std::string caption) {
   write_image(path_of(file), image, 88);
   return {fmt::format("img/{}", file), std::move(caption), image.cols, image.rows};
 }
