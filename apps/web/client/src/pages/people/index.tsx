@@ -214,13 +214,13 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
             onChange={setKeep}
           />
           <AsyncButton
-            disabled={props.people.length === 0}
+            disabled={(sightings.value ?? []).length === 0}
             run={async () => {
               await attempt(async () => {
-                const answer = await api.run('people list', [], { '--sightings': true, '--keep': keep });
+                const answer = await api.run('people list', [], { '--keep': keep });
                 if (answer.exit !== 0 && answer.error) throw new Error(answer.error);
                 toast('Older sightings were deleted.', 'good');
-                sightings.again();
+                changed();
               });
             }}
           >
