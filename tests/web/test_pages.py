@@ -398,6 +398,13 @@ class SessionTest(pages.PageTest):
     def test_a_session_that_ends_says_so_and_starts_again(self):
         id = self.start("cartoon run", "synth:portrait?frames=5")
         self.go(f"/session/{id}")
+        self.page.wait_text("The session ended.")
+        self.page.click("button", "Start it again")
+        self.page.wait(f"location.pathname.startsWith('/session/') && location.pathname !== '/session/{id}'")
+        self.page.wait_text("The session ended.")
+        self.page.click("button", "Remove")
+        self.page.wait("location.pathname === '/live'")
+        self.go(f"/session/{self.start('cartoon run', 'synth:portrait?live=1')}")
         self.page.wait(IMAGE)
         self.page.click("button", "End")
         self.page.wait("location.pathname === '/live'")

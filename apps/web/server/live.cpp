@@ -250,9 +250,8 @@ Response Live::send_snapshot(const Request& request) {
   const std::uint64_t before = session->image().number;
   const std::uint64_t wanted = std::max(before + 1, session->fitting());
   // Of a session that is paused no newer one comes.
-  const Clock::time_point until = Clock::now() + milliseconds(before == 0                   ? 5000
-                                                              : session->fitting() > before ? 2000
-                                                                                            : 500);
+  const bool is_full = before > 0 && session->fitting() <= before;
+  const Clock::time_point until = Clock::now() + milliseconds(is_full ? 500 : 5000);
   while (session->image().number < wanted && session->is_running() && Clock::now() < until) {
     session->want_image();
     waker->wait(milliseconds(50));

@@ -51,7 +51,7 @@ class RecorderTest : public FolderTest {
 class Lock {
  public:
   explicit Lock(const std::string& path)
-      : database_(path, {"Tarsier plate log", 0x54504C31, {"", ""}}, DatabaseAccess::kWrite),
+      : database_(path, {"Tarsier plate log", 0x54504C31, {"", "", ""}}, DatabaseAccess::kWrite),
         transaction_(std::in_place, database_) {}
   void release() { transaction_.reset(); }
 
