@@ -69,7 +69,7 @@ struct TrackedPlane {
 // last frame, turned on as before; the squared errors of the two in px over twice the noise squared
 // are summed over the frames as odds, and the pose is changed only against clear odds. So a still
 // object near frontal, whose poses explain single images alike, does not flip; and a wrong choice
-// at the start is mended as soon as the images tell. Smoothing is a one-euro filter (Casiez et
+// at the start is corrected as soon as the images tell. Smoothing is a one-euro filter (Casiez et
 // al., CHI 2012) on rotation and translation alike, whose speed is that of the pixels: what moves
 // depth and tilt of a small object moves its pixels little, so that their noise is smoothed as
 // noise; and the leash bounds the lag. Empty where there is no pose; the state is then as it was.

@@ -154,7 +154,7 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
       last_decoded_ = image.arrived;
       return frame;
     }
-    // A camera that sends broken images now and then is none of the user's business; what another
+    // A camera that sends broken images now and then does not concern the user; what another
     // program hands over is.
     const Clock::time_point now = Clock::now();
     if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {

@@ -132,7 +132,7 @@ void add_list_input(Command& verb, WatchFlags& flags, const char* help) {
 }
 
 void add_add_flags(Command& verb, WatchFlags& flags) {
-  add_list_input(verb, flags, "the list's file; made where there is none");
+  add_list_input(verb, flags, "the list's file; it is made if it is missing");
   verb.add_option("PLATE", flags.plate, "a text; * stands for any characters, ? for any one")
       .required();
   verb.add_option("--label", flags.label, "whose it is, why it matters");

@@ -49,6 +49,12 @@ std::vector<std::int64_t> each_once(std::span<const std::int64_t> ids) {
 
 std::string group_name(std::int64_t group) { return fmt::format("group {}", group); }
 
+[[noreturn]] void no_face(const std::string& path, std::int64_t face) {
+  throw InputError(
+      path,
+      fmt::format("there is no face {}: `people list --faces NAME` lists those of a person", face));
+}
+
 [[noreturn]] void no_group(const std::string& path, std::int64_t group) {
   throw InputError(path, fmt::format("there is no group {}: `people groups` lists them", group));
 }
@@ -150,15 +156,12 @@ std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std:
     old.bind(1, sighting.id);
     write_change(id, "sighting", sighting.id, old.step() ? old.integer(0) : 0);
   }
-  for (const char* statement :
-       {"UPDATE sighting SET known = 1, person = ?2 WHERE id IN (SELECT sighting FROM seen_face "
-        "WHERE grouped = ?1)",
-        "UPDATE seen_face SET grouped = NULL WHERE grouped = ?1 AND ?2 > 0",
-        "DELETE FROM sighting_group WHERE id = ?1 AND ?2 > 0"}) {
-    Statement run(database_, statement);
-    run.bind(1, group).bind(2, person.id);
-    (void)run.step();
-  }
+  run_statement(database_,
+                "UPDATE sighting SET known = 1, person = ?2 WHERE id IN (SELECT sighting FROM "
+                "seen_face WHERE grouped = ?1)",
+                group, person.id);
+  run_statement(database_, "UPDATE seen_face SET grouped = NULL WHERE grouped = ?1", group);
+  run_statement(database_, "DELETE FROM sighting_group WHERE id = ?1", group);
   set_next_group(std::max(next_group(), group + 1));
   changed();
   transaction.commit();
@@ -174,11 +177,7 @@ std::int64_t Gallery::not_this_face(std::int64_t face, const CorrectionStamp& st
                   "SELECT person, name, crop, quality, measures, source, face.time FROM face JOIN "
                   "person ON person.id = face.person WHERE face.id = ?");
     row.bind(1, face);
-    if (!row.step())
-      throw InputError(
-          path(),
-          fmt::format("there is no face {}: `people list --faces NAME` lists those of a person",
-                      face));
+    if (!row.step()) no_face(path(), face);
     step.kind = "not";
     step.source = row.integer(0);
     step.source_name = row.text(1);
@@ -187,12 +186,8 @@ std::int64_t Gallery::not_this_face(std::int64_t face, const CorrectionStamp& st
   }
   const std::int64_t id = write_correction(step, stamp);
   write_change(id, "face", face, negative);
-  for (const char* statement :
-       {"DELETE FROM template WHERE face = ?", "DELETE FROM face WHERE id = ?"}) {
-    Statement remove(database_, statement);
-    remove.bind(1, face);
-    (void)remove.step();
-  }
+  run_statement(database_, "DELETE FROM template WHERE face = ?", face);
+  run_statement(database_, "DELETE FROM face WHERE id = ?", face);
   changed();
   transaction.commit();
   return id;
@@ -294,11 +289,7 @@ std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::strin
     Statement row(database_,
                   "SELECT name FROM face JOIN person ON person.id = face.person WHERE face.id = ?");
     row.bind(1, face);
-    if (!row.step())
-      throw InputError(
-          path(),
-          fmt::format("there is no face {}: `people list --faces NAME` lists those of a person",
-                      face));
+    if (!row.step()) no_face(path(), face);
     const Person person = require_person(row.text(0));
     if (from && from->id != person.id)
       throw InputError(path(), fmt::format("faces {} and {} are of two people: one move for each",
@@ -356,19 +347,15 @@ std::int64_t Gallery::merge_people(std::string_view from, std::string_view into,
   step.since = gone.time;
   const std::int64_t id = write_correction(step, stamp);
   for (const char* table : {"face", "sighting", "negative"}) {
-    for (const std::string& statement :
-         {fmt::format("INSERT INTO correction_row(correction, kind, row, before) SELECT {}, '{}', "
-                      "id, ?1 FROM {} WHERE person = ?1 AND ?2 > 0",
-                      id, table, table),
-          fmt::format("UPDATE {} SET person = ?2 WHERE person = ?1", table)}) {
-      Statement run(database_, statement);
-      run.bind(1, gone.id).bind(2, stays.id);
-      (void)run.step();
-    }
+    run_statement(database_,
+                  fmt::format("INSERT INTO correction_row(correction, kind, row, before) SELECT "
+                              "?2, '{0}', id, ?1 FROM {0} WHERE person = ?1",
+                              table),
+                  gone.id, id);
+    run_statement(database_, fmt::format("UPDATE {} SET person = ?2 WHERE person = ?1", table),
+                  gone.id, stays.id);
   }
-  Statement remove(database_, "DELETE FROM person WHERE id = ?");
-  remove.bind(1, gone.id);
-  (void)remove.step();
+  run_statement(database_, "DELETE FROM person WHERE id = ?", gone.id);
   changed();
   transaction.commit();
   return id;
@@ -544,10 +531,8 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
 
 // Inside a transaction. Rows that are gone since (retention, forgetting) are passed over.
 void Gallery::take_back(const Step& step) {
-  const auto run = [&](std::string_view statement, std::int64_t first, std::int64_t second) {
-    Statement one(database_, statement);
-    one.bind(1, first).bind(2, second);
-    (void)one.step();
+  const auto run = [&](std::string_view statement, auto... numbers) {
+    run_statement(database_, statement, numbers...);
   };
   struct Change {
     std::string kind;
@@ -594,23 +579,19 @@ void Gallery::take_back(const Step& step) {
             "crop, quality, measures, source, time FROM negative WHERE id = ?2",
             change.row, change.before);
       if (change.kind == "sighting") {
-        run("UPDATE seen_face SET grouped = NULL WHERE sighting = ?1 AND ?2 > 0", change.row,
-            step.source);
-        run("UPDATE sighting SET person = ?2 WHERE id = ?1", change.row, step.source);
-        run("UPDATE sighting SET known = ?2 WHERE id = ?1", change.row, change.before);
+        run("UPDATE seen_face SET grouped = NULL WHERE sighting = ?1", change.row);
+        run("UPDATE sighting SET person = ?2, known = ?3 WHERE id = ?1", change.row, step.source,
+            change.before);
       }
-      run("DELETE FROM negative WHERE id = ?1 AND ?2 >= 0",
-          change.kind == "face"       ? change.before
-          : change.kind == "negative" ? change.row
-                                      : 0,
-          0);
+      if (change.kind == "face") run("DELETE FROM negative WHERE id = ?1", change.before);
+      if (change.kind == "negative") run("DELETE FROM negative WHERE id = ?1", change.row);
     }
   } else if (step.kind == "name") {
     make_group(step.source);
     for (const Change& change : changes) {
       if (change.kind == "face") {
-        run("DELETE FROM template WHERE face = ?1 AND ?2 = 0", change.row, 0);
-        run("DELETE FROM face WHERE id = ?1 AND ?2 = 0", change.row, 0);
+        run("DELETE FROM template WHERE face = ?1", change.row);
+        run("DELETE FROM face WHERE id = ?1", change.row);
       } else {
         run("UPDATE sighting SET known = 0, person = (SELECT id FROM person WHERE id = ?2) WHERE "
             "id "
@@ -639,13 +620,11 @@ void Gallery::take_back(const Step& step) {
   const bool of_people = step.kind == "move" || step.kind == "split" || step.kind == "name";
   if (!step.made || !of_people) return;
   // Whoever was added by it goes again, unless there are other faces of them by now.
-  run("UPDATE sighting SET person = NULL, known = 0 WHERE person = ?1 AND ?2 = 0 AND NOT "
-      "EXISTS(SELECT 1 FROM face WHERE person = ?1)",
-      step.target, 0);
-  run("DELETE FROM person WHERE id = ?1 AND ?2 = 0 AND NOT EXISTS(SELECT 1 FROM face WHERE person "
-      "= "
-      "?1)",
-      step.target, 0);
+  run("UPDATE sighting SET person = NULL, known = 0 WHERE person = ?1 AND NOT EXISTS(SELECT 1 FROM "
+      "face WHERE person = ?1)",
+      step.target);
+  run("DELETE FROM person WHERE id = ?1 AND NOT EXISTS(SELECT 1 FROM face WHERE person = ?1)",
+      step.target);
 }
 
 std::vector<Negative> Gallery::negatives() {

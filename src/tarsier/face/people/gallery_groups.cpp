@@ -231,12 +231,10 @@ void Gallery::join_groups(std::int64_t from, std::int64_t into) {
   for (const char* statement :
        {"UPDATE seen_face SET grouped = ?2 WHERE grouped = ?1",
         "INSERT OR IGNORE INTO group_apart SELECT ?2, b FROM group_apart WHERE a = ?1 AND b <> ?2",
-        "INSERT OR IGNORE INTO group_apart SELECT a, ?2 FROM group_apart WHERE b = ?1 AND a <> ?2",
-        "DELETE FROM sighting_group WHERE id = ?1 AND ?2 > 0"}) {
-    Statement run(database_, statement);
-    run.bind(1, from).bind(2, into);
-    (void)run.step();
-  }
+        "INSERT OR IGNORE INTO group_apart SELECT a, ?2 FROM group_apart WHERE b = ?1 AND a <> "
+        "?2"})
+    run_statement(database_, statement, from, into);
+  run_statement(database_, "DELETE FROM sighting_group WHERE id = ?1", from);
 }
 
 bool Gallery::place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation) {

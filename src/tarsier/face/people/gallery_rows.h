@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/media/sqlite.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/mat.hpp>
@@ -15,6 +16,7 @@
 #include <cstring>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 // How a gallery's rows hold faces: for its own sources.
@@ -22,6 +24,15 @@ namespace tarsier::face::people {
 
 inline constexpr std::size_t kMaxSource = 1000;       // bytes
 inline constexpr std::size_t kMaxTemplate = 200'000;  // numbers
+
+// A statement without rows, its parameters ?1, ?2, .. whole numbers.
+template <typename... Numbers>
+void run_statement(Database& database, std::string_view statement, Numbers... numbers) {
+  Statement one(database, statement);
+  int parameter = 0;
+  (one.bind(++parameter, std::int64_t{numbers}), ...);
+  (void)one.step();
+}
 
 [[nodiscard]] inline std::span<const std::uint8_t> bytes_of(std::span<const float> numbers) {
   return {reinterpret_cast<const std::uint8_t*>(numbers.data()), numbers.size() * sizeof(float)};

@@ -101,7 +101,7 @@ export function areHours(text: string): boolean {
     });
 }
 
-/** A pattern for a watch list, or null for what is none. */
+/** A pattern for a watch list; null if the text is not one. */
 export function cleanPattern(text: string): string | null {
   const clean = text.toUpperCase().replace(/[\s-]/g, '');
   return /^[A-Z0-9*?]{1,64}$/.test(clean) ? clean : null;
