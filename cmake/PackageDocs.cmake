@@ -2,6 +2,7 @@
 # copyright and changelogs. gzip -n: the same files give the same package.
 set(names_program tarsier)
 set(names_gui tarsier-gui)
+set(names_onnx tarsier-onnx)
 set(names_dev libtarsier-dev)
 set(names_models tarsier-models)
 foreach(component IN LISTS CPACK_COMPONENTS_ALL)

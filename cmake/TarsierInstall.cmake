@@ -1,5 +1,5 @@
 # What `cmake --install` lays out beside the programs and libraries (those install themselves). The components are the
-# Debian packages: program, gui, dev, models.
+# Debian packages: program, gui, onnx, dev, models.
 include(CMakePackageConfigHelpers)
 
 set(TARSIER_CMAKE_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/tarsier)

@@ -102,7 +102,8 @@ if(TARSIER_PCH)
   set(headers <algorithm> <array> <chrono> <cmath> <filesystem> <functional> <limits> <map> <memory> <optional> <random>
       <set> <span> <string> <string_view> <thread> <vector> <fmt/format.h> <nlohmann/json.hpp> <opencv2/core.hpp>
       <opencv2/imgproc.hpp> <Eigen/Core>)
-  file(WRITE ${PROJECT_BINARY_DIR}/pch.cpp "")
+  # Not touched where it is there: else each configuration would compile everything again.
+  file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/pch.cpp CONTENT "")
   foreach(kind IN ITEMS code test)
     if(kind STREQUAL test AND NOT TARSIER_BUILD_TESTS)
       continue()

@@ -1,5 +1,5 @@
 # The Debian packages that `cpack -G DEB` makes of the install components (scripts/package.sh is the one command):
-#   tarsier (program), tarsier-gui (the window), libtarsier-dev (dev), tarsier-models (models).
+#   tarsier (program), tarsier-gui (the window), tarsier-onnx (networks of one's own), libtarsier-dev (dev), tarsier-models (models).
 set(TARSIER_MAINTAINER "Tarsier maintainers <maintainers@tarsier.example>" CACHE STRING "Maintainer field of the packages")
 set(release 1)  # of the packaging of one version
 
@@ -9,6 +9,9 @@ set(CPACK_PACKAGE_CONTACT ${TARSIER_MAINTAINER})
 set(CPACK_PACKAGE_DIRECTORY ${PROJECT_BINARY_DIR}/packages)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_COMPONENTS_ALL program gui dev models)
+if(TARGET tarsier_onnx_module)
+  list(APPEND CPACK_COMPONENTS_ALL onnx)
+endif()
 set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_STRIP_FILES ON)
@@ -32,7 +35,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION contrib/graphics)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS "tarsier-models (>= ${PROJECT_VERSION}), opencv-data")
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "ca-certificates, libmosquitto1, fonts-dejavu-core, fonts-opendin, fonts-urw-base35, fonts-freefont-ttf")
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "tarsier-gui (= ${version}), mosquitto, opencv-doc, bash-completion")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "tarsier-gui (= ${version}), tarsier-onnx (= ${version}), mosquitto, opencv-doc, bash-completion")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "classical computer vision on an ordinary CPU, offline
 Tarsier turns images and live cameras into cartoons, rebuilds scenes in 3D
 from images, reads number plates, tracks the points of faces, fits
@@ -48,6 +51,14 @@ set(CPACK_DEBIAN_GUI_PACKAGE_DEPENDS "tarsier (= ${version})")
 set(CPACK_COMPONENT_GUI_DESCRIPTION "window for tarsier's live sessions
 The module that tarsier loads for --window: live cameras, annotating points,
 playing with models, calibrating. It brings OpenCV's window toolkit (Qt).")
+
+set(CPACK_DEBIAN_ONNX_PACKAGE_NAME tarsier-onnx)
+set(CPACK_DEBIAN_ONNX_PACKAGE_SECTION contrib/graphics)
+set(CPACK_DEBIAN_ONNX_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_ONNX_PACKAGE_DEPENDS "tarsier (= ${version})")
+set(CPACK_COMPONENT_ONNX_DESCRIPTION "networks of your own for tarsier's people
+The module that tarsier loads for people --embedding and
+--detector-model: it runs ONNX files by OpenCV's dnn. No network comes with it.")
 
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libtarsier-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)

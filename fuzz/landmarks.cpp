@@ -3,6 +3,7 @@
 #include "tarsier/face/appearance/fit.h"
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/appearance/synthesis.h"
+#include "tarsier/face/detect/anchor_detector.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/landmarks/face_finder.h"
 #include "tarsier/face/landmarks/faces_json.h"
@@ -58,6 +59,15 @@ TARSIER_FUZZ_TARGET(face_networks, kJson) {
   const face::FaceNetworks networks = face::read_face_networks(file_of(input, "model.json"));
   face::FaceSearchWorkspace workspace;
   (void)face::search_faces(image(), networks, {.min_face = 16, .max_places = 20}, workspace);
+}
+
+TARSIER_FUZZ_TARGET(anchor_detector, kJson) {
+  const face::AnchorDetector detector =
+      face::read_anchor_detector(file_of(input, "face-anchors.json"));
+  face::AnchorWorkspace workspace;
+  face::AnchorSearchOptions options;
+  options.side = 96;
+  (void)face::search_anchors(image(), detector, options, workspace);
 }
 
 TARSIER_FUZZ_TARGET(face_lines, kJson) {

@@ -6,7 +6,9 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/appearance/testing_portraits.h"
+#include "tarsier/face/detect/anchor_detector.h"
 #include "tarsier/face/detect/face_networks.h"
+#include "tarsier/face/detect/testing_anchors.h"
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/face/head/testing_head.h"
 #include "tarsier/face/landmarks/hog_detector.h"
@@ -32,6 +34,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "seeds.h"
 #include <cstdio>
 #include <cstring>
 #include <exception>
@@ -41,20 +44,13 @@
 #include <vector>
 
 namespace tarsier {
-namespace {
 
-namespace fs = std::filesystem;
-
-std::string root;
+static std::string root;
 
 std::string seed(const std::string& target, const std::string& name) {
-  fs::create_directories(root + "/" + target);
+  std::filesystem::create_directories(root + "/" + target);
   return root + "/" + target + "/good-" + name;
 }
-
-const nlohmann::json kNothing = nlohmann::json::object();
-NoProgress quiet;
-const std::stop_token kGoOn;
 
 cv::Mat texture(cv::Size size) {
   cv::Mat gray(size, CV_8UC1);
@@ -63,6 +59,14 @@ cv::Mat texture(cv::Size size) {
       gray.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>((x * x + 3 * y + x * y / 7) & 0xff);
   return gray;
 }
+
+namespace {
+
+namespace fs = std::filesystem;
+
+const nlohmann::json kNothing = nlohmann::json::object();
+NoProgress quiet;
+const std::stop_token kGoOn;
 
 void images() {
   cv::Mat colour;
@@ -178,6 +182,8 @@ void landmark_models() {
   detector.threshold = 0.5;
   detector.box = face::landmarks::BoxModel{0.1, -0.1, 0.3, 7};
   face::landmarks::write_hog_detector(seed("hog_detector", "small.json"), detector, kNothing);
+  face::write_anchor_detector(seed("anchor_detector", "bright.json"), face::bright_anchors(),
+                              kNothing);
   face::write_face_networks(seed("face_networks", "untrained.json"), face::FaceNetworks(),
                             kNothing);
 
@@ -343,6 +349,7 @@ int main(int argc, char** argv) {
     tarsier::plate_models();
     tarsier::people_models();
     tarsier::plate_logs();
+    tarsier::reconstruction_seeds();
     tarsier::targets();
   } catch (const std::exception& error) {
     std::printf("%s\n", error.what());

@@ -1,11 +1,18 @@
 // SPDX-License-Identifier: MIT
 // Reconstructions, what is known of images, and targets.
+#include "tarsier/core/errors.h"
 #include "tarsier/planar/image_targets/detect.h"
 #include "tarsier/planar/image_targets/target_io.h"
+#include "tarsier/sfm/dense/depth_map.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
 #include "tarsier/sfm/mapper/evaluation.h"
+#include "tarsier/sfm/mapper/packed_file.h"
 #include "tarsier/sfm/mapper/pairs.h"
+#include "tarsier/sfm/pipelines/plan.h"
+#include "tarsier/sfm/pipelines/shard_files.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/colmap_binary.h"
 #include "tarsier/sfm/scene/exif.h"
 
 #include "fuzz.h"
@@ -24,6 +31,91 @@ TARSIER_FUZZ_TARGET(colmap, kBytes) {
   const std::string copy = scratch_folder() + "/copy";
   write_colmap(copy, model);
   expect(read_colmap(copy).points.size() == model.points.size(), "points change when written");
+}
+
+TARSIER_FUZZ_TARGET(colmap_binary, kBytes) {
+  const auto parts = parts_of(input, 3);
+  file_of(parts[0], "cameras.bin");
+  file_of(parts[1], "images.bin");
+  file_of(parts[2], "points3D.bin");
+  const Model model = read_colmap_binary(scratch_folder());
+  const std::string copy = scratch_folder() + "/copy";
+  write_colmap_binary(copy, model);
+  expect(read_colmap_binary(copy).points.size() == model.points.size(),
+         "points change when written");
+}
+
+TARSIER_FUZZ_TARGET(colmap_database, kBytes) {
+  const ColmapDatabase database = read_colmap_database(file_of(input, "database.db"));
+  const auto has = [&](int image, int feature) {
+    return feature >= 0 &&
+           static_cast<std::size_t>(feature) <
+               database.images[static_cast<std::size_t>(image)].features.points.size();
+  };
+  for (const auto& pair : database.pairs)
+    for (const Match& match : pair.matches)
+      expect(has(pair.first, match.first) && has(pair.second, match.second),
+             "a match of no feature");
+}
+
+TARSIER_FUZZ_TARGET(depth_map, kBytes) {
+  const std::string path = file_of(input, "map.bin");
+  int read = 0;
+  for (const int channels : {1, 3}) {
+    try {
+      const cv::Mat map = read_colmap_map(path, channels);
+      expect(map.channels() == channels && map.depth() == CV_32F, "a map of another kind");
+      ++read;
+    } catch (const Error&) {
+      if (channels == 3 && read == 0) throw;
+    }
+  }
+}
+
+TARSIER_FUZZ_TARGET(sfm_plan, kJson) {
+  file_of(input, "plan.json");
+  file_of("", "pairs.txt");
+  const Plan plan = read_plan(scratch_folder());
+  expect(plan.images.size() >= 2 && plan.shards >= 1, "a plan of nothing");
+  plan.options.check();
+}
+
+TARSIER_FUZZ_TARGET(shard_info, kJson) {
+  file_of(input, "shard.done");
+  const ShardInfo info = read_shard_info(scratch_folder() + "/shard");
+  expect(info.shard >= 1 && info.shard <= info.shards, "a shard of no plan");
+}
+
+// What a packed file holds, of which the sum is right: all that lies behind it must be looked at.
+static std::string packed_file_of(Bytes input, std::string& sum) {
+  sum = sha256_of(text_of(input));
+  return file_of(std::string(kPackedMagic) + sum + std::string(text_of(input)), "shard");
+}
+
+TARSIER_FUZZ_TARGET(feature_shard, kBytes) {
+  std::string sum;
+  const std::string path = packed_file_of(input, sum);
+  for (const ImageFeatures& image : read_feature_shard(path, sum)) {
+    const Features& features = image.features;
+    expect(features.sizes.size() == features.points.size() &&
+               features.colors.size() == features.points.size(),
+           "features with gaps");
+    image.lens.camera.check();
+  }
+}
+
+TARSIER_FUZZ_TARGET(match_shard, kBytes) {
+  std::string sum;
+  const std::string path = packed_file_of(input, sum);
+  for (const Pair& pair : read_match_shard(path, sum))
+    expect(pair.first >= 0 && pair.first < pair.second, "a pair of no images");
+}
+
+TARSIER_FUZZ_TARGET(image_pairs, kBytes) {
+  std::string sum;
+  const std::string path = packed_file_of(input, sum);
+  for (const auto& [first, second] : read_image_pairs(path, sum))
+    expect(first >= 0 && first < second, "a pair of no images");
 }
 
 TARSIER_FUZZ_TARGET(exif, kBytes) {

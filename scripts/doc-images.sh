@@ -92,3 +92,18 @@ size=300x169 sheet plate-classic 3 "$(car_stage classic blurred):grey, blurred" 
 size=430x260 sheet sfm-stages 2 "$work/scene/images/0002.jpg:1 one of the images" \
   "$work/model/matches/0002-0004.jpg:2 matches: kept green, removed red" "$work/model/view.png:3 cloud and cameras" \
   "$work/scene/images/0006.jpg:another image"
+
+# Dense reconstruction: the stages of one image, and the cloud.
+"$tarsier" sfm synth -o "$work/dense-scene" --size 1200x800 --depth --quiet
+"$tarsier" sfm dense "$work/dense-scene/truth/sparse" --images "$work/dense-scene/images" -o "$work/dense" --debug-dir "$work/stages" --quiet >/dev/null
+size=430x287 sheet dense-stages 3 "$work/dense-scene/images/0003.jpg:1 one of the images" "$work/stages/0003.jpg-depth.png:2 depth" \
+  "$work/stages/0003.jpg-normal.png:3 normals" "$work/stages/0003.jpg-cost.png:4 cost: black is good" \
+  "$work/stages/0003.jpg-kept.png:5 what others agree with" "$work/dense/view.png:6 cloud and cameras"
+
+# The strip of the README's section: an image, the sparse cloud, the dense one, the surface.
+"$tarsier" sfm synth -o "$work/strip-scene" --images 8 --size 640x480 --quiet
+"$tarsier" sfm reconstruct "$work/strip-scene/images" --camera-file "$work/strip-scene/camera.yaml" -o "$work/strip-model" --quiet >/dev/null
+"$tarsier" sfm dense "$work/strip-model" -o "$work/strip-dense" --quality draft --quiet >/dev/null
+"$tarsier" sfm mesh "$work/strip-dense" -o "$work/strip.glb" --faces 60000 --texture 2048 --view "$work/strip.png" --quiet >/dev/null
+size=300x225 sheet sfm-strip 4 "$work/strip-scene/images/0003.jpg:one of 8 images" "$work/strip-model/view.png:sparse" \
+  "$work/strip-dense/view.png:dense" "$work/strip.png:surface"

@@ -1,18 +1,20 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# get-model.sh face-embedding [--from FILE.tgz|FOLDER] [-o FILE]
+# get-model.sh face-embedding|face-detector [--from FILE.tgz|FOLDER] [-o FILE]
 #
-# Installs the network of deep face templates (`tarsier people --template deep`) for this user. It is no part of
-# Tarsier: its 6 MB are face_recognition_model of the npm package @vladmandic/face-api (MIT), the face network of dlib.
+# Installs a network of another program for this user. Neither is part of Tarsier: both come from the npm package
+# @vladmandic/face-api (MIT).
+#   face-embedding   deep face templates (`tarsier people --template deep`): face_recognition_model, 6 MB, dlib's network
+#   face-detector    more faces with sunglasses, caps, beards: tiny_face_detector_model, 190 kB
 # The package comes from the npm registry that this user has set (by npm, else by curl), or from FILE.tgz or FOLDER, the
 # package as it was fetched before. SHA-256 is checked; `tarsier models import` writes the model file, by default
-# ~/.local/share/tarsier/models/face-embedding.json ($XDG_DATA_HOME). $TARSIER names the program, if it is elsewhere
-# than in build/release or on the PATH. Exit status 0 done, 2 usage, 3 not fetched, 5 not the known weights.
+# face-embedding.json or face-anchors.json in ~/.local/share/tarsier/models ($XDG_DATA_HOME). $TARSIER names the program,
+# if it is elsewhere than in build/release or on the PATH. Exit status 0 done, 2 usage, 3 not fetched, 5 not the known
+# weights.
 set -euo pipefail
 
 package=@vladmandic/face-api
 version=1.7.15
-manifest=model/face_recognition_model-weights_manifest.json
 
 say() { printf 'get-model.sh: %s\n' "$*"; }
 die() { # die STATUS TEXT
@@ -21,10 +23,11 @@ die() { # die STATUS TEXT
   printf 'get-model.sh: error: %s\n' "$*" >&2
   exit "$status"
 }
-usage() { sed -n 's/^# \{0,1\}//; 3,10p' "${BASH_SOURCE[0]}"; }
+usage() { sed -n 's/^# \{0,1\}//; 3,14p' "${BASH_SOURCE[0]}"; }
 
 case ${1:-} in
-  face-embedding) shift ;;
+  face-embedding) network=face_recognition_model use='people enroll --template deep, people train --template deep' ;;
+  face-detector) network=tiny_face_detector_model use='what finds faces uses it from now on; landmarks --face-detector own does not' ;;
   -h | --help)
     usage
     exit 0
@@ -33,8 +36,10 @@ case ${1:-} in
     usage >&2
     exit 2
     ;;
-  *) die 2 "no model called $1; the names: face-embedding" ;;
+  *) die 2 "no model called $1; the names: face-embedding, face-detector" ;;
 esac
+shift
+manifest=model/$network-weights_manifest.json
 from='' output=()
 while [ $# -gt 0 ]; do
   case $1 in
@@ -87,10 +92,10 @@ else
     fetch
   fi
   # Only these two: nothing else of the package is looked at, let alone run.
-  tar -xzf "$work/package.tgz" -C "$work" "package/$manifest" package/model/face_recognition_model.bin 2>"$work/tar.log" ||
+  tar -xzf "$work/package.tgz" -C "$work" "package/$manifest" "package/model/$network.bin" 2>"$work/tar.log" ||
     die 5 "${from:-the package} is no package $package with the face network: $(tail -n 1 "$work/tar.log")"
   folder=$work/package
 fi
 [ -f "$folder/$manifest" ] || die 5 "$folder: there is no $manifest"
 "$program" models import "$folder/$manifest" "${output[@]}" || exit $?
-say "terms: MIT, as the package states; people.md tells how to use it: people enroll --template deep, people train --template deep"
+say "terms: MIT, as the package states; people.md describes its use: $use"

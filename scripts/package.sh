@@ -18,7 +18,7 @@ phase "packages"
 rm -rf build/package/packages
 quietly build/package/package.log cpack --config build/package/CPackConfig.cmake -G DEB || die "cpack failed (above)"
 mkdir -p "$folder"
-rm -f "$folder"/tarsier_*.deb "$folder"/tarsier-gui_*.deb "$folder"/tarsier-models_*.deb "$folder"/libtarsier-dev_*.deb
+rm -f "$folder"/tarsier_*.deb "$folder"/tarsier-gui_*.deb "$folder"/tarsier-onnx_*.deb "$folder"/tarsier-models_*.deb "$folder"/libtarsier-dev_*.deb
 mv build/package/packages/*.deb "$folder/"
 phase_done
 (cd "$folder" && ls -l -- *.deb)

@@ -14,6 +14,9 @@ build_packages=(
 data_packages=(opencv-data opencv-doc)
 # The typefaces that drawn number plates are lettered with.
 data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-core fonts-dejavu-extra)
+# .. and more that `plate train-reader` and `train-detector` letter them with, where they are installed:
+# fonts-national-park fonts-routed-gothic fonts-bebas-neue fonts-osifont fonts-ocr-b fonts-roboto-unhinted fonts-open-sans fonts-b612
+# fonts-liberation fonts-allerta fonts-tuffy fonts-adf-universalis fonts-adf-gillius fonts-dosis
 # The test framework, and what plays the part of screens, fingers, cameras and servers in the tests.
 test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg openssl python3 mosquitto mosquitto-clients)
 # A peer that `tarsier bench markers` measures itself beside.

@@ -78,13 +78,14 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
 }
 
 void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
-  constexpr const char* kDrive = "drive?seconds=20&cars=3&parked=1&far=0&fps=8&size=960x540&seed=6";
+  constexpr const char* kDrive = "drive?seconds=20&cars=3&parked=1&far=0&fps=5&size=960x540&seed=6";
   page.heading("A street, live",
                "Plates are followed from frame to frame, their readings vote, and each vehicle "
                "gives one event.");
   page.command(fmt::format("tarsier plate read 'synth:{}' --window", kDrive));
   std::vector<std::vector<std::string>> rows;
   PlateSession session(of_frames(reader), [&](const plate::PlateEvent& event) {
+    if (event.state != plate::PlateState::kClosed) return;
     rows.push_back({event.text, fmt::format("{:.0f} %", 100 * event.confidence),
                     fmt::format("{:.1f}-{:.1f} s", event.first_time, event.last_time),
                     std::to_string(event.frames)});
@@ -94,7 +95,7 @@ void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
   while (auto frame = source->next(std::chrono::milliseconds(1000), context.stop)) {
     throw_if_stopped(context.stop);
     const View view = session.on_frame(*frame, source->status());
-    if (frame->index % 40 == 36)
+    if (frame->index % 25 == 22)
       images.push_back(page.image(fmt::format("plate-drive-{}", frame->index), view.output,
                                   fmt::format("{:.1f} s", frame->time)));
   }

@@ -4,10 +4,12 @@
 #include "tarsier/face/appearance/start.h"
 #include "tarsier/face/appearance/tracker.h"
 #include "tarsier/face/appearance/training_image.h"
+#include "tarsier/face/detect/anchor_detector.h"
 #include "tarsier/face/detect/detector.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/detect/face_training.h"
 #include "tarsier/face/head/head_pose.h"
+#include "tarsier/face/head/liveness.h"
 #include "tarsier/face/head/posit.h"
 #include "tarsier/face/head/smoothing.h"
 #include "tarsier/face/head/train_head.h"
@@ -47,10 +49,12 @@ std::vector<OptionsCase> face_options() {
       options_case<face::appearance::SearchOptions>("face::appearance::SearchOptions"),
       options_case<face::appearance::TrackOptions>("face::appearance::TrackOptions"),
       options_case<face::appearance::LoadOptions>("face::appearance::LoadOptions"),
+      options_case<face::AnchorSearchOptions>("face::AnchorSearchOptions"),
       options_case<face::FaceDetectorOptions>("face::FaceDetectorOptions"),
       options_case<face::FaceSearchOptions>("face::FaceSearchOptions"),
       options_case<face::FaceTrainingOptions>("face::FaceTrainingOptions"),
       options_case<face::head::HeadPoseOptions>("face::head::HeadPoseOptions"),
+      options_case<face::head::LivenessOptions>("face::head::LivenessOptions"),
       options_case<face::head::PositOptions>("face::head::PositOptions"),
       options_case<face::head::OneEuroOptions>("face::head::OneEuroOptions"),
       options_case<face::head::TrainHeadOptions>("face::head::TrainHeadOptions"),

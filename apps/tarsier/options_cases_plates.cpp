@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/cartoon/options.h"
 #include "tarsier/linalg/trainer.h"
+#include "tarsier/media/crop_server.h"
 #include "tarsier/media/event_command.h"
 #include "tarsier/media/frame_sink.h"
 #include "tarsier/media/frame_source.h"
@@ -15,6 +16,7 @@
 #include "tarsier/plate/networks/networks.h"
 #include "tarsier/plate/networks/recognizer.h"
 #include "tarsier/plate/reader/reader.h"
+#include "tarsier/plate/site/site.h"
 #include "tarsier/plate/text/decode.h"
 #include "tarsier/plate/text/evaluation.h"
 #include "tarsier/plate/tracking/recorder.h"
@@ -37,6 +39,7 @@ std::vector<OptionsCase> plate_options() {
       options_case<cartoon::SkinOptions>("cartoon::SkinOptions"),
       options_case<cartoon::SteadyOptions>("cartoon::SteadyOptions"),
       options_case<linalg::TrainOptions>("linalg::TrainOptions"),
+      options_case<CropServerOptions>("CropServerOptions"),
       options_case<EventCommandOptions>("EventCommandOptions"),
       options_case<SinkOptions>("SinkOptions"),
       options_case<SourceOptions>("SourceOptions"),
@@ -52,6 +55,8 @@ std::vector<OptionsCase> plate_options() {
       options_case<plate::RecognizerOptions>("plate::RecognizerOptions"),
       options_case<plate::ReaderOptions>("plate::ReaderOptions"),
       options_case<plate::DecodeOptions>("plate::DecodeOptions"),
+      options_case<plate::MotionOptions>("plate::MotionOptions"),
+      options_case<plate::SiteOptions>("plate::SiteOptions"),
       options_case<plate::EvaluationOptions>("plate::EvaluationOptions"),
       options_case<plate::RecorderOptions>("plate::RecorderOptions"),
       options_case<plate::TrackerOptions>("plate::TrackerOptions"),

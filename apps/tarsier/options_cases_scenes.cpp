@@ -16,6 +16,9 @@
 #include "tarsier/planar/pipelines/calibrator.h"
 #include "tarsier/planar/pipelines/marker_tracker.h"
 #include "tarsier/planar/sheets/sheet.h"
+#include "tarsier/sfm/dense/dense_reconstructor.h"
+#include "tarsier/sfm/global/positioning.h"
+#include "tarsier/sfm/global/rotation_averaging.h"
 #include "tarsier/sfm/mapper/features.h"
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/mapper.h"
@@ -26,8 +29,10 @@
 #include "tarsier/sfm/mapper/two_view.h"
 #include "tarsier/sfm/pipelines/online_reconstructor.h"
 #include "tarsier/sfm/scene/keyframes.h"
+#include "tarsier/sfm/surface/surface_reconstructor.h"
 #include "tarsier/sfm/view/render.h"
 #include "tarsier/synth/face/synth_face.h"
+#include "tarsier/synth/observed_site.h"
 #include "tarsier/synth/planar_worlds.h"
 #include "tarsier/synth/relief.h"
 #include "tarsier/synth/street.h"
@@ -56,21 +61,31 @@ std::vector<OptionsCase> scene_options() {
       options_case<planar::CalibratorOptions>("planar::CalibratorOptions"),
       options_case<planar::MarkerTrackerOptions>("planar::MarkerTrackerOptions"),
       options_case<planar::sheets::SheetOptions>("planar::sheets::SheetOptions"),
+      options_case<sfm::DenseOptions>("sfm::DenseOptions"),
+      options_case<sfm::DepthFilterOptions>("sfm::DepthFilterOptions"),
+      options_case<sfm::FusionOptions>("sfm::FusionOptions"),
+      options_case<sfm::PatchMatchOptions>("sfm::PatchMatchOptions"),
+      options_case<sfm::ViewSelectionOptions>("sfm::ViewSelectionOptions"),
       options_case<sfm::FeatureOptions>("sfm::FeatureOptions"),
       options_case<sfm::FlowOptions>("sfm::FlowOptions"),
       options_case<sfm::MapperOptions>("sfm::MapperOptions"),
       options_case<sfm::MatchOptions>("sfm::MatchOptions"),
       options_case<sfm::OnlineOptions>("sfm::OnlineOptions"),
+      options_case<sfm::PositioningOptions>("sfm::PositioningOptions"),
+      options_case<sfm::RotationAveragingOptions>("sfm::RotationAveragingOptions"),
       options_case<sfm::RetrievalOptions>("sfm::RetrievalOptions"),
       options_case<sfm::PipelineOptions>("sfm::PipelineOptions"),
       options_case<sfm::TwoViewOptions>("sfm::TwoViewOptions"),
       options_case<sfm::OnlineReconstructorOptions>("sfm::OnlineReconstructorOptions"),
       options_case<sfm::KeyframeOptions>("sfm::KeyframeOptions"),
+      options_case<sfm::SurfaceOptions>("sfm::SurfaceOptions"),
+      options_case<sfm::VolumeOptions>("sfm::VolumeOptions"),
       options_case<sfm::ViewOptions>("sfm::ViewOptions"),
       options_case<synth::FaceSceneOptions>("synth::FaceSceneOptions"),
       options_case<synth::StillOptions>("synth::StillOptions"),
       options_case<synth::VideoOptions>("synth::VideoOptions"),
       options_case<synth::SceneOptions>("synth::SceneOptions"),
+      options_case<synth::SiteOptions>("synth::SiteOptions"),
       options_case<synth::StreetOptions>("synth::StreetOptions"),
   };
 }

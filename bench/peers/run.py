@@ -4,7 +4,7 @@
 
 Runs other people's programs and Tarsier on the same files and prints one table (markdown; with --out also peers.md and
 peers.json). Each row names its version; a peer that is not installed is one line that says how to install it. Rows of
---only: sfm, markers, planar, people, landmarks, posit, plates.
+--only: sfm, dense, markers, planar, people, landmarks, posit, plates.
 
 Debian: apt-get install python3-opencv python3-numpy colmap libapriltag-dev libdlib-dev libdlib-data
         cmake --build build/release --target tarsier_peers     (the programs that run AprilTag and dlib)
@@ -204,6 +204,52 @@ class Bench:
         self.run([colmap, "model_converter", "--input_path", model, "--output_path", model, "--output_type", "TXT"])
         self.sfm_row(name, f"COLMAP {debian_version('colmap')} (Debian), CPU, camera known", model,
                      os.path.join(folder, "gt.jsonl"), seconds, memory)
+
+    # --- dense reconstruction ---
+
+    def dense(self):
+        for content in ("relief", "boxes", "room", "thin"):
+            self.attempt("dense", "tarsier", self.dense_scene, content)
+        self.attempt("dense", "tarsier", self.dense_fountain)
+
+    def dense_row(self, files, method, out, truth, line, seconds, memory):
+        """One method's cloud, judged where the true surface is known. `line`: what it printed."""
+        result, figures = f"{line['points']} points", dict(line)
+        if truth:
+            scores = self.tarsier("sfm", "eval", out, "--dense", "--truth", truth, "--json")[0][0]
+            at_half = next(one for one in scores["cloud"] if one["threshold"] == 0.005)
+            known = sum(image["known"] for image in scores["images"]) / len(scores["images"])
+            result = (f"F1 {at_half['f1']:.3f} (accuracy {at_half['accuracy']:.3f}, completeness {at_half['completeness']:.3f}) at 0.5 % of the "
+                      f"extent, median depth error {100 * scores['depth_median']:.3f} %, depth in {100 * known:.0f} % of the pixels")
+            figures["scores"] = scores
+        count = line["images"] if isinstance(line["images"], int) else len(line["images"])
+        self.add("dense", files, method, result, f"{seconds / count:.1f} CPU s an image, {memory:.0f} MB", figures)
+
+    def dense_methods(self, files, key, model, images, truth):
+        out = self.folder(key, "dense")
+        lines, seconds, memory = self.tarsier("sfm", "dense", model, "--images", images, "-o", out, "--threads", "1", "--json", "--quiet")
+        self.dense_row(files, self.version, out, truth, lines[0], seconds, memory)
+        try:
+            program = self.peer("tarsier_peer_sgm", "libopencv-dev")
+        except Skip as why:
+            self.skipped("dense", "OpenCV", why)
+            return
+        other = self.folder(key, "sgm")
+        text, _, memory = self.run([program, out, other])
+        line = json.loads(text)
+        self.dense_row(files, f"OpenCV {line['opencv']}, StereoSGBM on rectified pairs, fused alike (matching alone)", other, truth, line, line["cpu_seconds"], memory)
+
+    def dense_scene(self, content):
+        scene = self.folder("dense-" + content, "scene")
+        self.tarsier("sfm", "synth", "-o", scene, "--content", content, "--size", "1536x1024", "--depth", "--quiet")
+        self.dense_methods(f"drawn scene: {content}, 8 images of 1536x1024", "dense-" + content, os.path.join(scene, "truth/sparse"),
+                           os.path.join(scene, "images"), os.path.join(scene, "truth"))
+
+    def dense_fountain(self):
+        folder = self.needs("sfm-fountain-P11")
+        model, images = self.folder("dense-fountain", "model"), os.path.join(folder, "images")
+        self.tarsier("sfm", "reconstruct", images, "--camera-file", os.path.join(folder, "K.txt"), "-o", model, "--quiet")
+        self.dense_methods("sfm-fountain-P11", "dense-fountain", model, images, None)
 
     # --- markers, and images as targets ---
 
@@ -610,7 +656,7 @@ class Bench:
         return "\n".join(lines) + "\n"
 
 
-AREAS = ["sfm", "markers", "planar", "people", "landmarks", "posit", "plates"]
+AREAS = ["sfm", "dense", "markers", "planar", "people", "landmarks", "posit", "plates"]
 
 
 def main():

@@ -111,6 +111,7 @@ VALID = {
     "people show": dict(words="-o inside.png"),
     "people eval": dict(words="faces.lst -k 1 --seeds 1 --algorithm lbph"),
     "people live": dict(words="head/images --sequence -o none"),
+    "people liveness": dict(words="head/images --sequence -o none", status=1),
     "plate read": dict(words="cars/images/car-00000.jpg -o read.png"),
     "plate segment": dict(words="cars/images -o cut"),
     "plate train-detector": dict(words="plates -o svm.json --pipeline classic"),
@@ -124,6 +125,12 @@ VALID = {
     "plate watch list": dict(words="watch.csv"),
     "plate watch test": dict(words="watch.csv 2471KFD"),
     "sfm reconstruct": dict(words="views/images -o model --no-cache"),
+    "sfm plan": dict(words="views/images -o planned --shards 2"),
+    "sfm features": dict(words="fresh --shard 1/2"),
+    "sfm match": dict(words="matchless --shard 1/2"),
+    "sfm map": dict(words="matched -o mapped --no-cache"),
+    "sfm dense": dict(words="model -o dense --quality draft --images views/images"),
+    "sfm mesh": dict(words="depths -o mesh.glb --faces 2000"),
     "sfm synth": dict(words="-o scene2 --images 2 --size 160x120"),
     "sfm eval": dict(words="model --truth views/truth.jsonl"),
     "calibrate": dict(words=f"{BOARD % 40} -o lens.yaml"),
@@ -140,10 +147,11 @@ VALID = {
     "models install": dict(words=f"{SHIPPED} --own-dir own"),
     "models remove": dict(words="head --own-dir none-of-them", status=1),
     "doctor": dict(words=""),
+    "merge": dict(words="part.jsonl -o merged.jsonl"),
 }
 # With --debug-dir these write what they go through: at least so many images or clouds of the run above.
 STAGES = {"cartoon run": 5, "plate read": 3, "landmarks fit": 4, "landmarks track": 4, "aam fit": 2, "people identify": 4,
-          "people live": 4, "pose track": 6, "sfm reconstruct": 4, "ar markers": 3, "ar target-track": 3}
+          "people live": 4, "pose track": 6, "sfm reconstruct": 4, "sfm dense": 8, "ar markers": 3, "ar target-track": 3}
 # These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
 LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
         "hub": "mqtt://127.0.0.1:1 --log hub.db", **{f"bench {name}": "--json" for name in
@@ -244,7 +252,7 @@ def check_example(verb):
     for word in words:
         if word.startswith("-") and word.split("=")[0] not in known:
             fail(name, f"the example has an unknown flag: {word}")
-    if name in LONG or name == "people live":  # a camera
+    if name in LONG or name in ("people live", "people liveness"):  # a camera
         return None
     os.makedirs("empty", exist_ok=True)
     here = os.getcwd()
@@ -378,6 +386,7 @@ INTERRUPTED = {
     "people identify": "@faces.txt -o stopped",
     "people verify": "Ann @faces.txt",
     "people live": "@faces.txt --sequence -o stopped.mp4",
+    "people liveness": "@faces.txt --sequence -o stopped.mp4",
     "people eval": "crowd.lst --raw -k 5",
     "plate read": "@cars.txt -o stopped",
     "plate segment": "@cars.txt -o stopped",
@@ -387,6 +396,11 @@ INTERRUPTED = {
     "plate synth": "-o stopped --count 10000",
     "plate sweep": "letters --train 60 --splits 1000",
     "sfm reconstruct": "views/images -o stopped --no-cache",
+    "sfm features": "fresh",
+    "sfm match": "matchless",
+    "sfm map": "matched -o stopped --no-cache",
+    "sfm dense": "model -o stopped --quality high --images views/images",
+    "sfm mesh": "depths -o stopped.glb",
     "sfm synth": "-o stopped --images 200",
     "calibrate": f"{BOARD % 1000} -o stopped.yaml",
     "ar markers": "synth:scene -o stopped.mp4",
@@ -398,8 +412,8 @@ INTERRUPTED = {
 # These end by themselves within a moment: nothing in them grows with what they are given, or as fast as files are read.
 SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list", "people group", "people groups", "people name", "people correct not", "people correct move",
          "people correct merge", "people correct split", "people correct undo", "people log", "people show", "people forget", "people export", "plate log",
-         "plate watch add", "plate watch remove", "plate watch list", "plate watch test", "sfm eval", "ar marker-sheet", "models list", "models info",
-         "models verify", "models import", "models install", "models remove", "doctor"}
+         "plate watch add", "plate watch remove", "plate watch list", "plate watch test", "sfm plan", "sfm eval", "ar marker-sheet", "models list", "models info",
+         "models verify", "models import", "models install", "models remove", "doctor", "merge"}
 # What may pass from SIGINT to the end: processor time. Each runs with one thread, so on an idle machine it is the time that a
 # user waits. A slower machine, or one whose cores and memory others use too, may take as much longer as it takes for VERIFY_CPU.
 # Sanitized code is several times slower.
@@ -549,6 +563,7 @@ def make_inputs_here():
     made("plate", "synth", "-o", "cars", "--count", "2", "--size", "640x360", "--quiet")
     subprocess.run([sys.executable, os.path.join(os.path.dirname(os.path.abspath(__file__)), "tiny_face_network.py"), "tiny"], check=True)
     made("ar", "synth", "markers", "-o", "markers", "--count", "2", "--size", "320x240", "--quiet")
+    made("ar", "markers", "markers/images", "--jsonl", "part.jsonl", "--quiet")
     made("ar", "synth", "planar", "-o", "many", "--count", "12", "--size", "480x360", "--quiet")
     made("ar", "target-train", "scene.png", "-o", "first.target.json", "--trials", "2", "--quiet")
     made("sfm", "synth", "-o", "views", "--images", "5", "--size", "400x300", "--quiet")
@@ -585,6 +600,11 @@ def make_inputs_here():
     made("people", "group", "--quiet", "seen.db")
     made("people", "correct", "move", "Adam", "--face", "1", "--quiet", "--gallery", "seen.db")
     made("sfm", "reconstruct", "views/images", "-o", "model", "--no-cache", "--quiet")
+    for work in ("fresh", "matchless", "matched"):  # a plan; with features; with matches
+        made("sfm", "plan", "views/images", "-o", work, "--shards", "2", "--quiet")
+        for stage in ("features", "match")[: ("fresh", "matchless", "matched").index(work)]:
+            made("sfm", stage, work, "--quiet")
+    made("sfm", "dense", "model", "-o", "depths", "--quality", "draft", "--quiet")
     make_crowds()
 
 

@@ -40,6 +40,8 @@ for name in page.files:
 assert set(page.anchors) <= page.ids, (page.anchors, page.ids)
 assert not re.search(r"https?://|@import|url\(", text), "the page refers to a network"
 assert "tarsier cartoon run" in text
+vehicles = re.findall(r"<tr><td>([0-9]{4}[A-Z]{3})</td>", text)
+assert len(vehicles) == len(set(vehicles)) == 3, vehicles  # one line for each vehicle
 PY
 
 run demo -o out --only aam --json --quiet

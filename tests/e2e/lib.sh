@@ -9,6 +9,7 @@ mkdir -p "$WORK"
 cd "$WORK" || exit 1
 # What this user installed (~/.local/share/tarsier/models) must not decide what a test sees.
 export XDG_DATA_HOME=$WORK/data-home
+unset TARSIER_MODELS TARSIER_OWN_MODELS
 failures=0
 
 # The interpreter itself comes first: a version manager's wrapper of that name costs more than most scripts here, and a

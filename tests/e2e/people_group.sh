@@ -48,6 +48,11 @@ cmp -s at-once.txt one-by-one.txt || fail "batches change groups: $(cat at-once.
 run people groups --group 1 --json
 expect_status 0
 expect_out '"id":1,"group":1,"time":'
+run people groups --group 1 --draw group-1.png --json
+expect_status 0
+expect_out '"box":\[0,0,128,160\]' '"box":\[256,0,128,160\]'
+[ "$(python3 -c 'import struct; print(*struct.unpack(">II", open("group-1.png", "rb").read(24)[16:]))')" = "384 184" ] ||
+  fail "three faces with their numbers expected"
 
 # One is named, with markup in the name, and known from then on.
 name='<b>O'"'"'Brien</b> & "日本" %s'
@@ -84,8 +89,13 @@ expect_status 0
 expect_out '"label":"Ben".*"known":true'
 
 # An enrolled face that is not the person's; faces that are another's; two names of one person; a person who is two.
-run people list --faces Ben --json
+run people list --faces Ben --json --draw ben.png
 expect_status 0
+expect_out '"box":\[128,0,128,160\]'
+[ -s ben.png ] || fail "no faces were drawn"
+run people list --draw ben.png
+expect_status 2
+run people list --faces Ben --json
 face=$(python3 -c 'import json; print(json.loads(open("stdout.txt").readline())["face"])')
 run people correct not --face "$face"
 expect_status 0

@@ -406,7 +406,9 @@ class Page:
           const own = top && (inside(top) || top.contains(this));
           window.tarsierMissed = false;
           if (top && inside(top)) {
-            addEventListener('click', (event) => { window.tarsierMissed = !inside(event.target); }, {capture: true, once: true});
+            // The page may have drawn the element once more meanwhile: the same in its place is no miss.
+            const same = (one) => !this.isConnected && one.closest?.(this.localName)?.outerHTML === this.outerHTML;
+            addEventListener('click', ({target}) => { window.tarsierMissed = !inside(target) && !same(target); }, {capture: true, once: true});
           }
           return {x, y, width: box.width, height: box.height, own: Boolean(own), top: top ? top.outerHTML.slice(0, 120) : ''};
         }""")

@@ -196,7 +196,7 @@ class JobsTest(unittest.TestCase):
             seen.update(file["name"] for file in job["files"])
             return job if job["state"] not in ("queued", "running") else None
 
-        job = until(look, 120)
+        job = until(look)
         self.assertEqual((job["state"], job["exit"]), ("done", 0), job)
         self.assertIn("model/growing/points3D.txt", seen)
         left = [file["name"] for file in job["files"]]
@@ -246,7 +246,7 @@ class KillTest(unittest.TestCase):
             until(lambda: server.call(f"/api/jobs/{running}")[1]["progress"])
             self.assertTrue(children_of(server))
             server.stop(signal.SIGKILL)
-            self.assertTrue(until(lambda: not children_of(server), 15), children_of(server))
+            self.assertTrue(until(lambda: not children_of(server)), children_of(server))
             server.start()
             job = server.call(f"/api/jobs/{running}")[1]
             self.assertEqual(job["state"], "interrupted", job)
@@ -271,7 +271,7 @@ class KillTest(unittest.TestCase):
             thread.start()
             self.assertTrue(until(lambda: children_of(server)))
             server.stop(signal.SIGKILL)
-            self.assertTrue(until(lambda: not children_of(server), 15), children_of(server))
+            self.assertTrue(until(lambda: not children_of(server)), children_of(server))
             thread.join(10)
             server.start()
             self.assertEqual(os.listdir(os.path.join(server.workspace, ".studio", "runs")), [])

@@ -139,7 +139,7 @@ def test_one_slow_viewer_of_twenty():
         assert grown < 64 << 20, grown
         for viewer in fast + [slow]:
             viewer.close()
-        wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["viewers"] == 0, 15, "all viewers are gone")
+        wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["viewers"] == 0, what="all viewers are gone")
 
 
 def memory_of(pid):
@@ -267,7 +267,7 @@ def test_children_end_with_a_server_that_is_killed():
         children = wait_until(studio.children, what="a child")
         studio.process.kill()
         studio.process.wait()
-        wait_until(lambda: not any(os.path.exists(f"/proc/{child}") and is_alive(child) for child in children), 10, "their end")
+        wait_until(lambda: not any(os.path.exists(f"/proc/{child}") and is_alive(child) for child in children), what="their end")
         with Studio(workspace=studio.workspace) as second:  # the lock is free, what it left is no trouble
             assert second.get("/api/info").status == 200
 

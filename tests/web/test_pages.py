@@ -94,11 +94,7 @@ class HomeTest(pages.PageTest):
         self.page.click("link", "Try it: Structure from motion, with synthetic data")
         self.page.wait("location.pathname === '/reconstruct' && !location.search.includes('try')")
         self.page.wait_text("images of a scene are being drawn")
-        for _ in range(600):
-            jobs = [one for one in self.server.call("/api/jobs")[1]["jobs"] if one["verb"] == "sfm reconstruct"]
-            if jobs:
-                break
-            self.page.evaluate("new Promise((done) => setTimeout(done, 100))")
+        jobs = self.until("a model is made", lambda: self.jobs_of("sfm reconstruct"))
         self.assertEqual(len(jobs), 1, "one click, one model")
         self.server.call(f"/api/jobs/{jobs[0]['id']}/cancel", {})
 
@@ -265,13 +261,8 @@ class SessionTest(pages.PageTest):
         self.wait_file(folder, ".webm", b"\x1a\x45\xdf\xa3")
         self.page.click("button", "Pop out")
         self.page.wait("true")
-        found = [one for one in self.browser.targets() if "only=image" in one["url"]]
-        for _ in range(100):
-            if found:
-                break
-            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
-            found = [one for one in self.browser.targets() if "only=image" in one["url"]]
-        self.assertTrue(found, "no window popped out")
+        found = self.until("a window popped out",
+                           lambda: [one for one in self.browser.targets() if "only=image" in one["url"]])
         window = self.browser.attach(found[0]["targetId"])
         window.wait(IMAGE)
         shot(window, "popout")
@@ -279,14 +270,14 @@ class SessionTest(pages.PageTest):
         window.close()
 
     def wait_file(self, folder, ending, magic):
-        for _ in range(200):
-            names = [name for name in os.listdir(folder) if name.endswith(ending)]
-            if names:
-                with open(os.path.join(folder, names[0]), "rb") as file:
-                    if file.read(len(magic)) == magic:
-                        return
-            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
-        self.fail(f"no {ending} in {os.listdir(folder)}")
+        def is_there():
+            for name in os.listdir(folder):
+                if name.endswith(ending):
+                    with open(os.path.join(folder, name), "rb") as file:
+                        return file.read(len(magic)) == magic
+            return False
+
+        self.until(f"a file *{ending}", is_there)
 
     def test_stages_are_shown_on_request(self):
         id = self.start("cartoon run", SMALL, {"--mode": "cartoon"})
@@ -468,11 +459,7 @@ class SessionTest(pages.PageTest):
           Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});
           document.dispatchEvent(new Event('visibilitychange'));
         })()""")
-        for _ in range(100):
-            if self.server.call(f"/api/sessions/{id}")[1]["viewers"] == 0:
-                break
-            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
-        self.assertEqual(self.server.call(f"/api/sessions/{id}")[1]["viewers"], 0)
+        self.until("nobody looks", lambda: self.server.call(f"/api/sessions/{id}")[1]["viewers"] == 0)
         self.page.evaluate("""(() => {
           delete document.visibilityState;
           document.dispatchEvent(new Event('visibilitychange'));
@@ -489,13 +476,6 @@ class TabsTest(pages.PageTest):
     def figure(self, name):
         found = re.findall(rf"^{name}(?:{{[^}}]*}})? (\S+)$", self.server.call("/metrics")[1].decode(), re.M)
         return sum(map(float, found))
-
-    def until(self, what, condition):
-        for _ in range(600):
-            if condition():
-                return
-            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
-        self.fail(f"not in 30 s: {what}")
 
     def test_six_tabs_move_on_and_a_hidden_one_costs_nothing(self):
         ids = [self.server.call("/api/sessions", {"verb": "cartoon run", "flags": {"--mode": "none"},
@@ -543,11 +523,11 @@ class LostServerTest(pages.PageTest):
         self.page.wait_text("Nothing runs yet")
         port = self.server.port
         self.server.stop()
-        self.page.wait_text("The server does not answer", timeout=30)
+        self.page.wait_text("The server does not answer")
         self.page.complaints()  # refused connections
         pages.free_port = lambda: port
         self.server.start()
-        self.page.wait("!document.body.innerText.includes('The server does not answer')", timeout=60)
+        self.page.wait("!document.body.innerText.includes('The server does not answer')")
         self.page.complaints()
 
 
@@ -584,9 +564,9 @@ class SystemTest(pages.PageTest):
         self.page.click("tab", "Bench")
         self.page.choose("What", "bench posit")
         self.page.click("button", "Start the bench")
-        self.page.wait("document.querySelector('main table caption')?.innerText.includes('posit: ')", timeout=120, what="its figures")
-        self.page.wait("document.querySelectorAll('main tbody tr').length > 1", timeout=120)
-        self.page.wait_text("done", timeout=120)
+        self.page.wait("document.querySelector('main table caption')?.innerText.includes('posit: ')", what="its figures")
+        self.page.wait("document.querySelectorAll('main tbody tr').length > 1")
+        self.page.wait_text("done")
         self.judge("system-bench")
         # Whoever is signed out sees nothing more, in pages that are open too.
         other = self.browser.page(context=self.browser.new_context())
@@ -602,7 +582,7 @@ class SystemTest(pages.PageTest):
         self.page.click("button", contains="Sign all others out")
         self.page.click("button", "Sign them out")
         self.page.wait("document.querySelectorAll('main tbody tr').length === 1")
-        other.wait_text("tarsier serve --link", timeout=30)
+        other.wait_text("tarsier serve --link")
         other.complaints()
         other.close()
         token = self.token()
@@ -645,11 +625,9 @@ class ApiTest(pages.PageTest):
         os.makedirs(folder)
         _, session = self.server.call(
             "/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1"], "flags": {}})
-        for _ in range(200):  # until its first image is there
-            status, jpeg = self.server.call(f"/api/sessions/{session['id']}/snapshot.jpg")
-            if status == 200:
-                break
-            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
+        snapshot = f"/api/sessions/{session['id']}/snapshot.jpg"
+        self.until("its first image is there", lambda: self.server.call(snapshot)[0] == 200)
+        jpeg = self.server.call(snapshot)[1]
         for text in plain:
             for name in re.findall(r"@([\w.-]+)", text):  # images of a face
                 with open(os.path.join(folder, name), "wb") as file:

@@ -82,7 +82,7 @@ class PowerCut(unittest.TestCase):
         self.assertIn(status, (200, 201, 204), answer)
         return answer if answer is not None else {}
 
-    def until(self, what, condition, patience=30):
+    def until(self, what, condition, patience=240):
         end = time.monotonic() + patience
         while time.monotonic() < end:
             value = condition()

@@ -371,7 +371,7 @@ def test_free_sources_and_dangerous_flags_are_refused():
         assert b"hunter2" not in studio.get("/api/sources").body
         # The source that was allowed is known by its name, wherever it is told of.
         session = studio.start_session("cartoon run", ["allowed:door"], {})
-        wait_until(lambda: not studio.get("/api/sessions/" + session["id"]).json()["running"], 30, "the end without a camera")
+        wait_until(lambda: not studio.get("/api/sessions/" + session["id"]).json()["running"], what="the end without a camera")
         told = studio.get("/api/sessions").body + studio.get("/api/audit").body
         assert b"hunter2" not in told and b"user:" not in told, told
         assert "hunter2" not in "".join(studio.errors)
@@ -437,7 +437,7 @@ def test_a_viewer_that_stops_reading_finds_new_images():
             return studio.get("/api/sessions/" + session["id"]).json()["frames"]
 
         begin = frames()
-        wait_until(lambda: frames() > begin + 40, 20, "40 frames that nobody reads")
+        wait_until(lambda: frames() > begin + 40, what="40 frames that nobody reads")
         newest, old = frames(), 0
         while struct.unpack(">I", live.wait_for(IMAGE)[2][:4])[0] < newest - 1:
             old += 1

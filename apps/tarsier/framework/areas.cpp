@@ -32,12 +32,12 @@ Areas:
   pose track|solve|..      where heads look; the pose of a known object; a head in 3D
   people enroll|live|..    who is it, or unknown: enrol, identify, forget, judge
   plate read|train-..|..   number plates: read, train, judge, log
-  sfm reconstruct|eval|..  images to camera poses and a point cloud
+  sfm reconstruct|mesh|..  images to camera poses, point clouds and surfaces
   calibrate                a camera's lens from images of a printed board
   ar marker-sheet|..       printed markers: sheets of them, and boards for calibrate
   models list|info|verify  the trained models that came with the program
   doctor                   what this machine has, and what to do about what it lacks
-  hub                      stores the events of many cameras from an MQTT broker
+  hub, merge               one log of many cameras' events (MQTT); one file of many shards
   demo                     runs every area once and makes a page of it
   serve                    the studio: all of it in a browser, on this machine
   bench NAME               how fast it is here
@@ -90,6 +90,7 @@ constexpr Area kAreas[] = {
     {"models", add_models},
     {"doctor", add_doctor},
     {"hub", add_hub},
+    {"merge", add_merge},
     {"demo", add_companion_demo},
     {"bench", add_companion_bench},
     {"serve", add_companion_serve},

@@ -125,7 +125,8 @@ int run_checked(const CommandLine& program, const std::vector<std::string>& word
     return 0;
   }
   complete(context);
-  const ExitStatus status = context.run();
+  ExitStatus status = context.run();
+  if (context.is_batch && status == ExitStatus::kNothingFound) status = ExitStatus::kDone;
   context.progress.reset();
   print_text("");  // tells of a full disk or a closed pipe behind stdout
   return static_cast<int>(status);

@@ -30,6 +30,8 @@ struct Context {
   std::string log_level = "info";
   std::string progress_style = "auto";
   std::string debug_dir;
+
+  bool is_batch = false;  // set by run(): a share of a batch, in which nothing has to be found
 };
 
 // Adds the flags that mean the same everywhere: --json, --quiet, --seed, --threads, --log-level,
@@ -72,6 +74,7 @@ void add_ar(Command& app, Context& context);
 void add_models(Command& app, Context& context);
 void add_doctor(Command& app, Context& context);
 void add_hub(Command& app, Context& context);
+void add_merge(Command& app, Context& context);
 void add_help(Command& app, Context& context);  // hidden from --help
 
 // One of the programs that have this command line.

@@ -311,7 +311,7 @@ class Config : public testing::Test {
 TEST_F(Config, GivesValuesAndTheLineWins) {
   const std::string path = write(
       "integer = 3\nnumber = 0.125\non = true\nintegers = [4, 5]\n"
-      "texts = [\"a\"]\n[area.verb]\ntext = \"Ann Other\"\n");
+      "texts = [\"a\", \"b=c\"]\n[area.verb]\ntext = \"Ann Other\"\n");
   Line line;
   line.parse({"--config", path, "-n", "0.75"});
   EXPECT_EQ(line.integer, 3);
@@ -319,7 +319,7 @@ TEST_F(Config, GivesValuesAndTheLineWins) {
   EXPECT_TRUE(line.on);
   EXPECT_EQ(line.text, "Ann Other");
   EXPECT_THAT(line.integers, ElementsAre(4, 5));
-  EXPECT_THAT(line.texts, ElementsAre("a"));
+  EXPECT_THAT(line.texts, ElementsAre("a", "b=c"));
 }
 
 TEST_F(Config, SaysWhatIsWrong) {

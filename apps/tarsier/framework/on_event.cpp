@@ -17,19 +17,23 @@ Flag& add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& 
   return command;
 }
 
-OnEvent::OnEvent(const OnEventFlags& flags, const Context& context) {
+OnEvent::OnEvent(const OnEventFlags& flags, const Context& context, const PublishFlags& publish,
+                 const HttpAccess& access)
+    : stop_(context.stop), publisher_(publish, access) {
   if (flags.command.empty()) return;
   EventCommandOptions options = flags.options;
   options.finish_s = options.timeout_s;
   command_.emplace(flags.command, options, context.stop);
 }
 
-void OnEvent::post(const nlohmann::ordered_json& event) {
+void OnEvent::post(const nlohmann::ordered_json& event, const cv::Mat& crop) {
   if (command_) command_->post(json_text(event));
+  publisher_.post(event, crop);
 }
 
 void OnEvent::finish() {
   if (command_) command_->finish();
+  publisher_.finish(stop_.stop_requested());
 }
 
 PresenceEvents::PresenceEvents(OnEvent& on_event, std::string kind)

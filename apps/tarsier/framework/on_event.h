@@ -5,11 +5,14 @@
 #include "tarsier/media/frame.h"
 
 #include "framework/cli.h"
+#include "framework/publish.h"
 #include "ui/face/presence.h"
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -23,18 +26,23 @@ struct OnEventFlags {
 // --on-event, which is returned, and --on-event-timeout. `when`: "at each new recognition".
 Flag& add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when);
 
-// The command of --on-event, if there is one. Posting never waits; see io/event_command.h.
+// The command of --on-event and the broker of --publish, those that there are. Posting to a command
+// never waits; see media/event_command.h.
 class OnEvent {
  public:
-  OnEvent(const OnEventFlags& flags, const Context& context);
+  OnEvent(const OnEventFlags& flags, const Context& context, const PublishFlags& publish = {},
+          const HttpAccess& access = {});
   // Whether anybody wants to know.
-  explicit operator bool() const { return command_.has_value(); }
-  void post(const nlohmann::ordered_json& event);
+  explicit operator bool() const { return command_ || publisher_; }
+  // `crop` may be empty; see EventPublisher.
+  void post(const nlohmann::ordered_json& event, const cv::Mat& crop = {});
   // Waits for what is on its way, as long as one command may take.
   void finish();
 
  private:
+  std::stop_token stop_;
   std::optional<EventCommand> command_;
+  EventPublisher publisher_;
 };
 
 // Of stills each object that is seen, of videos those that appear and are lost: {"event": `kind`,

@@ -108,10 +108,23 @@ bool given_on_line(const FlagInfo& flag, const std::vector<std::string>& words, 
   return false;
 }
 
+// Whether a key of the file is the list of the verb's inputs: input = ["a", "b"].
+bool is_input_of(const Command& verb, const std::string& key) {
+  if (key != "input") return false;
+  const std::vector<FlagInfo> flags = verb.flags();
+  return std::any_of(flags.begin(), flags.end(), [](const FlagInfo& flag) {
+    return flag.positional && flag.many && flag.positional_name == "INPUT";
+  });
+}
+
 void add_entry(const Command& verb, const ConfigEntry& entry, const std::string& path,
                const std::vector<std::string>& words, std::size_t from,
-               std::vector<std::string>& added) {
+               std::vector<std::string>& inputs, std::vector<std::string>& added) {
   const std::vector<std::string> known = long_names(verb);
+  if (is_input_of(verb, entry.name)) {
+    inputs.insert(inputs.end(), entry.values.begin(), entry.values.end());
+    return;
+  }
   const std::string former = renamed("--" + entry.name, known);
   if (!former.empty()) log_warning("{}: {} is {} now", path, entry.name, former.substr(2));
   const std::string name = former.empty() ? "--" + entry.name : former;
@@ -130,6 +143,9 @@ void add_entry(const Command& verb, const ConfigEntry& entry, const std::string&
   }
   if (entry.values.size() == 1 || flag->max_items == 1) {  // a list as "60,25,20"
     added.push_back(fmt::format("{}={}", name, fmt::join(entry.values, ",")));
+  } else if (flag->many) {  // each by itself: some flags take one value at a time
+    for (const std::string& value : entry.values)
+      added.push_back(fmt::format("{}={}", name, value));
   } else {
     added.push_back(name);
     added.insert(added.end(), entry.values.begin(), entry.values.end());
@@ -156,6 +172,7 @@ std::vector<std::string> with_config(Command& root, std::vector<std::string> wor
   } catch (const std::exception& error) {
     throw InputError(path, fmt::format("not a TOML or INI file: {}", error.what()));
   }
+  std::vector<std::string> inputs;  // before those of the words
   std::vector<std::string> added;
   for (const ConfigEntry& entry : entries) {
     if (!entry.parents.empty()) {
@@ -166,9 +183,11 @@ std::vector<std::string> with_config(Command& root, std::vector<std::string> wor
       }
       if (section.command != &verb) continue;
     }
-    add_entry(verb, entry, path, words, chosen.words, added);
+    add_entry(verb, entry, path, words, chosen.words, inputs, added);
   }
   words.insert(words.begin() + static_cast<std::ptrdiff_t>(end), added.begin(), added.end());
+  words.insert(words.begin() + static_cast<std::ptrdiff_t>(chosen.words), inputs.begin(),
+               inputs.end());
   return words;
 }
 

@@ -1,12 +1,22 @@
 // SPDX-License-Identifier: MIT
 #include "framework/publish.h"
 
+#include "tarsier/core/log.h"
 #include "tarsier/media/atomic_file.h"
+#include "tarsier/plate/tracking/time_text.h"
 
 #include "framework/bind.h"
 #include <filesystem>
 
 namespace tarsier::cli {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr double kInterrupted_s = 1;  // for what waits, in place of PublisherOptions::finish_s
+
+}  // namespace
 
 std::vector<Flag*> add_mqtt_login_flags(Command& verb, mqtt::Login& login) {
   Flag& certificate = verb.add_option("--mqtt-cert", login.certificate,
@@ -22,7 +32,8 @@ std::vector<Flag*> add_mqtt_login_flags(Command& verb, mqtt::Login& login) {
           &certificate, &key};
 }
 
-void add_publish_flags(Command& verb, PublishFlags& flags) {
+void add_publish_flags(Command& verb, PublishFlags& flags, const std::string& kind) {
+  flags.options.kind = kind;
   const auto group = [](Flag& flag) -> Flag& { return flag.group("Publishing"); };
   Flag& publish = group(verb.add_option(
       "--publish", flags.address,
@@ -36,20 +47,50 @@ void add_publish_flags(Command& verb, PublishFlags& flags) {
   group(verb.add_flag("--homeassistant", flags.options.home_assistant,
                       "Home Assistant finds it by itself"))
       .needs(publish);
+  Flag& crops = group(verb.add_option(
+      "--crops", flags.crops.url,
+      "http://127.0.0.1:8090/: images of what is published, by the hash that the events carry; "
+      "--listen-all and --token-file for other machines"));
+  crops.needs(publish);
+  group(verb.add_option("--crops-dir", flags.crops.folder, "their folder [beside the outbox]"))
+      .needs(crops);
+  group(bind_field(verb, flags.crops, flags.crops.max_crops)).needs(crops);
   for (Flag* flag : add_mqtt_login_flags(verb, flags.options.login)) group(*flag).needs(publish);
 }
 
-std::unique_ptr<mqtt::Publisher> make_publisher(const PublishFlags& flags) {
-  if (flags.address.empty()) return nullptr;
+EventPublisher::EventPublisher(const PublishFlags& flags, const HttpAccess& access)
+    : finish_s_(flags.options.finish_s) {
+  if (flags.address.empty()) return;
   mqtt::PublisherOptions options = flags.options;
   options.address =
       mqtt::parse_address(flags.address, "tarsier/" + mqtt::machine_node_name(), "--publish");
   options.version = version();
   if (options.outbox.empty()) {
     options.outbox = mqtt::default_outbox(options.address.topic);
-    make_folder(std::filesystem::path(options.outbox).parent_path().string());
+    make_folder(fs::path(options.outbox).parent_path().string());
   }
-  return std::make_unique<mqtt::Publisher>(options);
+  if (!flags.crops.url.empty()) {
+    CropServerOptions crops = flags.crops;
+    crops.access = access;
+    if (crops.folder.empty()) crops.folder = options.outbox + ".crops";
+    crops_ = std::make_unique<CropServer>(crops);
+    log_info("crops of events are at {}", crops_->url_of("SHA256"));
+  }
+  publisher_ = std::make_unique<mqtt::Publisher>(options);
+}
+
+void EventPublisher::post(nlohmann::ordered_json event, const cv::Mat& crop) {
+  if (!publisher_) return;
+  if (!event.contains("last_seen")) event["last_seen"] = plate::moment_text(plate::moment_now());
+  if (crops_ && !crop.empty()) {
+    const std::string hash = crops_->add(crop);
+    event["crop"] = {{"sha256", hash}, {"url", crops_->url_of(hash)}};
+  }
+  publisher_->post(json_text(event));
+}
+
+void EventPublisher::finish(bool interrupted) {
+  if (publisher_) publisher_->finish(interrupted ? kInterrupted_s : finish_s_);
 }
 
 }  // namespace tarsier::cli

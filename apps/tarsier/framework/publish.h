@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/media/crop_server.h"
 #include "tarsier/mqtt/publisher.h"
 
 #include "framework/cli.h"
@@ -18,13 +19,28 @@ std::vector<Flag*> add_mqtt_login_flags(Command& verb, mqtt::Login& login);
 struct PublishFlags {
   std::string address;
   mqtt::PublisherOptions options;
+  CropServerOptions crops;
 };
 
-// --publish and what belongs to it.
-void add_publish_flags(Command& verb, PublishFlags& flags);
+// --publish and what belongs to it. `kind`: of the events, PublisherOptions::kind.
+void add_publish_flags(Command& verb, PublishFlags& flags, const std::string& kind = "plate");
 
-// What --publish asks for, if it was given: the address is checked, the outbox made. Throws
-// UsageError, OutputError and what mqtt::Connection throws.
-[[nodiscard]] std::unique_ptr<mqtt::Publisher> make_publisher(const PublishFlags& flags);
+// What --publish asks for, if it was given.
+class EventPublisher {
+ public:
+  // Checks the address, makes the outbox. `access`: who may fetch crops. Throws UsageError,
+  // OutputError and what mqtt::Connection throws.
+  EventPublisher(const PublishFlags& flags, const HttpAccess& access);
+  explicit operator bool() const { return publisher_ != nullptr; }
+  // Adds "last_seen", the time of day, where the event has none, and with --crops of an image that
+  // is not empty "crop": {"sha256","url"}.
+  void post(nlohmann::ordered_json event, const cv::Mat& crop = {});
+  void finish(bool interrupted);
+
+ private:
+  double finish_s_;
+  std::unique_ptr<CropServer> crops_;
+  std::unique_ptr<mqtt::Publisher> publisher_;
+};
 
 }  // namespace tarsier::cli

@@ -25,7 +25,7 @@ std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security) {
   return {&ca_file, &insecure};
 }
 
-void add_run_flags(Command& verb, RunFlags& flags) {
+void add_run_flags(Command& verb, RunFlags& flags, bool batches) {
   verb.add_option("INPUT", flags.inputs,
                   "image, folder, glob, @list.txt, video, camera number, URL, picam:, synth:NAME")
       .required()
@@ -41,6 +41,8 @@ void add_run_flags(Command& verb, RunFlags& flags) {
       .check(at_least(0))
       .show_default();
   verb.add_option("--every", flags.every, "take every N-th frame").check(above(0)).show_default();
+
+  if (batches) add_batch_flags(verb, flags.batch);
 
   constexpr const char* kSource = "Source";
   bind_all(verb, flags.source, kSource);
@@ -61,6 +63,14 @@ void add_run_flags(Command& verb, RunFlags& flags) {
 
 void default_to_headless(RunFlags& flags) {
   if (flags.output.empty() && !flags.window && !flags.fullscreen) flags.output = "none";
+}
+
+HttpAccess http_access(const RunFlags& flags) {
+  HttpAccess access{flags.sink.listen_all, flags.sink.token};
+  if (flags.token_file.empty()) return access;
+  access.token = read_file(flags.token_file, 4096);
+  while (access.token.ends_with('\n') || access.token.ends_with('\r')) access.token.pop_back();
+  return access;
 }
 
 bool opens_window(const RunFlags& flags) {

@@ -58,7 +58,8 @@ void Lines::print(const nlohmann::ordered_json& object) {
   print_text(line);
 }
 
-Writer::Writer(FrameSink& sink, Lines& lines, bool threaded) : sink_(sink), lines_(lines) {
+Writer::Writer(FrameSink& sink, Lines& lines, Batch* batch, bool threaded)
+    : sink_(sink), lines_(lines), batch_(batch) {
   if (threaded) thread_ = std::jthread([this] { drain(); });
 }
 
@@ -107,6 +108,7 @@ void Writer::put(Job& job) {
     job.line["age_ms"] = rounded(std::chrono::duration<double, std::milli>(age).count(), 1);
   }
   if (!job.silent) lines_.print(job.line);
+  if (batch_ != nullptr) batch_->record(job.frame.index, job.line, job.rows);
 }
 
 }  // namespace tarsier::cli

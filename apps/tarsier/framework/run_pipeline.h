@@ -4,6 +4,7 @@
 #include "tarsier/media/frame_sink.h"
 #include "tarsier/media/frame_source.h"
 
+#include "framework/batch.h"
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -126,14 +127,16 @@ struct Job {
   Frame frame;  // without its image
   nlohmann::ordered_json line;
   bool live = false;
-  bool silent = false;  // no line
-  int repeats = 1;      // 0: only the line
+  bool silent = false;            // no line
+  int repeats = 1;                // 0: only the line
+  std::vector<std::string> rows;  // of a batch's table
 };
 
 // Writes images and their lines, in a thread of its own if that helps.
 class Writer {
  public:
-  Writer(FrameSink& sink, Lines& lines, bool threaded);
+  // `batch` may be null.
+  Writer(FrameSink& sink, Lines& lines, Batch* batch, bool threaded);
   ~Writer();
   Writer(const Writer&) = delete;
   Writer& operator=(const Writer&) = delete;
@@ -152,6 +155,7 @@ class Writer {
 
   FrameSink& sink_;
   Lines& lines_;
+  Batch* batch_;
   Channel<Job> channel_;
   std::exception_ptr error_;
   std::int64_t written_ = 0;

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/csv_table.h"
 #include "framework/input_schemes.h"
 #include "framework/run_pipeline.h"
 #include "framework/stopwatch.h"
@@ -18,6 +19,7 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <unistd.h>
 #include <utility>
@@ -66,7 +68,9 @@ class Run {
     }
     if (sink_ != nullptr) sink_->finish();
     if (progressing_) context_.progress->end();
-    if (taken_ == 0 && !window_closed_ && !finished_) {
+    if (batch_) {
+      batch_->finish();
+    } else if (taken_ == 0 && !window_closed_ && !finished_) {
       throw InputError(flags_.inputs.front(), "no image came from it");
     }
     if (!flags_.output.empty() && sink_ != nullptr) {
@@ -86,6 +90,7 @@ class Run {
     const std::vector<Scheme> schemes = input_schemes();
     for (const std::string& input : flags_.inputs)
       static_cast<void>(classify_source(input, schemes));
+    if (flags_.batch.wanted()) check_batch();
     refuse_to_overwrite();
     const SinkKind kind = flags_.output.empty() ? SinkKind::kNone : classify_sink(flags_.output);
     if (!flags_.segment.empty()) {
@@ -99,7 +104,14 @@ class Run {
       session_.draw_status(!window::shows_status());
     }
 
-    source_ = open_sources(flags_.inputs, flags_.source, schemes);
+    if (flags_.batch.wanted()) {
+      open_batch(schemes, kind);
+      source_ = batch_->open();
+    } else {
+      source_ = open_sources(flags_.inputs, flags_.source, schemes);
+    }
+    if (!hooks_.table.path.empty() && !is_kept())
+      table_.emplace(hooks_.table.path, hooks_.table.columns);
     live_ = source_->is_live();
     if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
     live_video_ = live_ && kind == SinkKind::kVideo;
@@ -126,6 +138,33 @@ class Run {
     }
   }
 
+  void check_batch() const {
+    if (opens_window(flags_)) throw UsageError("--shard, --jsonl: need -o and no window");
+    if (flags_.source.sequence || flags_.frames > 0 || flags_.every > 1 || !flags_.actions.empty())
+      throw UsageError(
+          "--shard, --jsonl: take all images of the inputs, each for itself: not with "
+          "--sequence, --frames, --every or --actions");
+  }
+
+  void open_batch(const std::vector<Scheme>& schemes, SinkKind kind) {
+    batch_ = std::make_unique<Batch>(flags_.batch, hooks_.table, flags_.inputs, schemes, context_);
+    context_.is_batch = true;
+    if (kind != SinkKind::kFolder) return;
+    std::map<std::string, std::string> files;  // in the output folder, which shards share
+    for (const std::string& name : batch_->names()) {
+      const auto [other, is_new] = files.emplace(fs::path(name).filename().string(), name);
+      if (!is_new) {
+        throw UsageError(
+            fmt::format("-o {}: {} and {} would be the same file there: give each "
+                        "folder of images a run of its own",
+                        flags_.output, printable(other->second), printable(name)));
+      }
+    }
+  }
+
+  // Whether lines and rows go to the batch.
+  [[nodiscard]] bool is_kept() const { return batch_ && batch_->is_kept(); }
+
   // Those of the session, and the host's own.
   [[nodiscard]] std::vector<Action> actions() const {
     std::vector<Action> list = session_.actions();
@@ -134,11 +173,13 @@ class Run {
   }
 
   void refuse_to_overwrite() const {
-    if (flags_.output.empty()) return;
-    for (const std::string& input : flags_.inputs) {
-      std::error_code error;
-      if (fs::is_regular_file(input, error) && fs::equivalent(input, flags_.output, error)) {
-        throw UsageError(fmt::format("{}: is also an input; name another output", flags_.output));
+    for (const std::string& output : {flags_.output, flags_.batch.jsonl}) {
+      if (output.empty()) continue;
+      for (const std::string& input : flags_.inputs) {
+        std::error_code error;
+        if (fs::is_regular_file(input, error) && fs::equivalent(input, output, error)) {
+          throw UsageError(fmt::format("{}: is also an input; name another output", output));
+        }
       }
     }
   }
@@ -147,20 +188,15 @@ class Run {
     SinkOptions options = flags_.sink;
     options.segment_s = segment_s_;
     options.recording = live_video_;
-    if (!flags_.token_file.empty()) {
-      options.token = read_file(flags_.token_file, 4096);
-      while (!options.token.empty() &&
-             (options.token.back() == '\n' || options.token.back() == '\r')) {
-        options.token.pop_back();
-      }
-    }
+    options.token = http_access(flags_).token;
     fps_ = source_->fps() > 0 ? source_->fps() : options.fps;
     if (!live_) fps_ /= flags_.every;
     options.fps = std::clamp(fps_, 0.1, 1000.0);
     options.many = source_->count() != 1 && flags_.frames != 1;
+    if (batch_) options.many = batch_->names().size() != 1;
     sink_ = open_sink(flags_.output.empty() ? "none" : flags_.output, options);
     // A live image should be out as soon as it is there; files may wait for each other.
-    writer_ = std::make_unique<Writer>(*sink_, lines_, !live_);
+    writer_ = std::make_unique<Writer>(*sink_, lines_, batch_.get(), !live_);
   }
 
   // --- running ---
@@ -232,16 +268,22 @@ class Run {
     try {
       view = session_.on_frame(frame, status);
     } catch (const InputError& error) {  // an image that can be read, but not used
-      if (!frame.still || source_->count() == 1) throw;
+      if (!frame.still || (source_->count() == 1 && !batch_)) throw;
       log_warning("{}", error.what());
+      if (batch_) batch_->skip(frame.index, error.what());
       return;
     }
     ++taken_;
     if (hooks_.after_frame) hooks_.after_frame(frame);
+    std::vector<std::string> rows;
+    if (hooks_.rows && (table_ || is_kept())) rows = hooks_.rows(frame);
+    if (table_)
+      for (const std::string& row : rows) table_->add(row);
     if (progressing_) context_.progress->advance();
     paused_ = view.state.value("paused", false);
     if (!view.output.empty()) {
       Job job = job_of(frame, view, status);
+      if (is_kept()) job.rows = std::move(rows);
       if (window_ != nullptr && frame.still) {
         still_ = std::move(job);  // until the user goes on
       } else {
@@ -266,7 +308,7 @@ class Run {
       video_frames_ = std::max(due, video_frames_);
     }
     job.silent = !lines_.wanted() || (hooks_.quiet_frames && !frame.still);
-    if (job.silent) return job;
+    if (job.silent && !is_kept()) return job;
     describe(frame, view, job.line);
     if (live_) job.line["source"] = name_of(status.state);
     return job;
@@ -411,6 +453,8 @@ class Run {
   Context& context_;
   const RunHooks& hooks_;
   Lines lines_;
+  std::unique_ptr<Batch> batch_;  // null: an ordinary run
+  std::optional<CsvTable> table_;
   std::unique_ptr<FrameSource> source_;
   std::unique_ptr<FrameSink> sink_;
   std::unique_ptr<Writer> writer_;

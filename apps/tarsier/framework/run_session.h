@@ -5,7 +5,9 @@
 #include "tarsier/media/frame.h"
 #include "tarsier/media/frame_sink.h"
 #include "tarsier/media/frame_source.h"
+#include "tarsier/media/http_service.h"
 
+#include "framework/batch.h"
 #include "framework/cli.h"
 #include "ui/session.h"
 #include "window.h"
@@ -31,12 +33,17 @@ struct RunFlags {
   std::string actions;      // "-": actions by name on stdin
   std::int64_t frames = 0;  // stop after so many; 0: all
   int every = 1;            // take every n-th frame
+  BatchFlags batch;
 };
 
-void add_run_flags(Command& verb, RunFlags& flags);
+// `batches`: whether images by themselves make sense, and so can be shared among runs (batch.h).
+void add_run_flags(Command& verb, RunFlags& flags, bool batches = true);
 
 // For verbs whose readings are their output: without -o and a window, no image is written.
 void default_to_headless(RunFlags& flags);
+
+// --listen-all and the token of --token or --token-file. Throws InputError for the file.
+[[nodiscard]] HttpAccess http_access(const RunFlags& flags);
 
 // Whether the run shows a window: asked for, or nowhere else to go.
 [[nodiscard]] bool opens_window(const RunFlags& flags);
@@ -80,6 +87,9 @@ struct RunHooks {
   bool quiet_frames = false;                       // no JSON line for each frame of a video
   // The area's part of a frame's JSON line.
   std::function<void(const View&, nlohmann::ordered_json& line)> describe;
+  // --csv: the rows of a frame that the session has dealt with.
+  BatchTable table;
+  std::function<std::vector<std::string>(const Frame&)> rows;
 };
 
 // The loop: frames from the inputs through the session into the output, the window and JSON lines.
@@ -92,6 +102,7 @@ struct RunHooks {
 // - In a window, videos play at their own speed; a still image waits for the right arrow or Enter,
 //   and is written when the user goes on.
 // - SIGINT and errors of the source finish the output: what was written stays and is valid.
+// - With --shard or --jsonl the inputs are images, and what is found goes to a batch (batch.h).
 // Returns kDone or kInterrupted; throws the library's errors.
 [[nodiscard]] ExitStatus run_session(Session& session, const RunFlags& flags, Context& context,
                                      const RunHooks& hooks);

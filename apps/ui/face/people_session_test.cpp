@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "ui/face/people_session.h"
 
+#include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/image_file.h"
@@ -37,6 +38,13 @@ std::shared_ptr<const face::landmarks::LandmarkModel> landmark_model() {
                                          : nullptr;
   }();
   return model;
+}
+
+// With the models that ship.
+face::people::FaceReader shipped_reader() {
+  static const auto networks = std::make_shared<const face::FaceNetworks>(
+      face::read_face_networks(models_folder() + "/face-detector.json"));
+  return {{}, landmark_model(), networks};
 }
 
 Event click(const cv::Rect& box) {
@@ -179,7 +187,7 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   options.names = {"Leo"};
   options.collect.gate.min_eye_distance = 8;
   options.collect.gate.min_sharpness = 0.02;
-  PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), options);
+  PeopleSession session(opened(gallery, nullptr, shipped_reader()), options);
   (void)session.on_frame(frame(image, 0), live_);
   (void)session.on_event(key_event('a'));
   View view = session.on_frame(frame(image, 1), live_);
@@ -202,7 +210,7 @@ TEST_F(PeopleSessionTest, GivesTheStagesOfAFaceToWhoLooks) {
   const cv::Mat image = read_image(kImage);
   face::people::Gallery gallery(path("p.db"));
   testing::WatchedStages stages;
-  PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), {}, &stages);
+  PeopleSession session(opened(gallery, nullptr, shipped_reader()), {}, &stages);
   const cv::Mat plain = session.on_frame(frame(image, 0), live_).image.clone();
   EXPECT_TRUE(stages.names.empty());
   stages.watched = true;
@@ -223,7 +231,7 @@ TEST_F(PeopleSessionTest, ANameIsCorrectedByAKey) {
   options.names = {"Leo <b>"};
   options.actor = "tester";
   options.collect.check_quality = false;
-  PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), options);
+  PeopleSession session(opened(gallery, nullptr, shipped_reader()), options);
   View view = session.on_event(key_event('x'));
   EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nobody is named"));
   view = session.on_event(key_event('u'));
@@ -364,7 +372,7 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Ann", "Ben"};
-  PeopleSession session(opened(gallery, &general, {{}, landmark_model()}), options);
+  PeopleSession session(opened(gallery, &general, shipped_reader()), options);
   Clips clips;
   std::vector<std::int64_t> from;  // each clip's first frame
   const auto add = [&](const std::string& name, int first, int last) {

@@ -21,11 +21,10 @@ namespace {
 
 constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
-// The models that ship, but for the detector and the view: those of OpenCV and none.
+// The models that ship, but for the view: none.
 const face::PoseModels& models() {
   static const face::PoseModels shared = [] {
     face::PoseTrackerOptions options;
-    options.landmarks.detector = "cascades";
     options.refine = false;
     return face::load_pose_models(ModelStore(TARSIER_SOURCE_MODELS), options);
   }();

@@ -120,7 +120,7 @@ constexpr auto kRoutes = std::to_array<RouteText>({
      "-X POST --json '{}' $TARSIER_URL/api/jobs/$JOB/cancel", "object", "Job", 202},
     {"POST /api/jobs/{id}/again", "jobs", "Start it again: where it stood, if it was cut short",
      "-X POST --json '{}' $TARSIER_URL/api/jobs/$JOB/again", "object", "Job", 201},
-    {"GET /api/jobs/{id}/log", "jobs", "What the verb told", "$TARSIER_URL/api/jobs/$JOB/log", "",
+    {"GET /api/jobs/{id}/log", "jobs", "The log of the verb", "$TARSIER_URL/api/jobs/$JOB/log", "",
      "text"},
     {"GET /api/jobs/{id}/lines", "jobs", "All its JSON lines", "$TARSIER_URL/api/jobs/$JOB/lines",
      "", "text"},

@@ -267,7 +267,8 @@ struct Studio::Impl {
     live_options.references.file = [this](const std::string& reference, bool must_exist) {
       return workspace.resolve(reference, must_exist);
     };
-    live_options.environment = {{"TARSIER_OWN_MODELS", workspace.models_folder()}};
+    live_options.environment = {{"TARSIER_STUDIO", "1"},
+                                {"TARSIER_OWN_MODELS", workspace.models_folder()}};
     live_options.more_sources = [this] { return set_sources(); };
     live = std::make_unique<Live>(std::move(live_options), feed, audit);
     const auto source = [this](const std::string& reference) {

@@ -41,8 +41,10 @@ ChildOptions VerbHost::child(const CommandLine& line, const std::string& folder)
   options.arguments.push_back(program);
   options.arguments.insert(options.arguments.end(), line.words.begin(), line.words.end());
   // No window on the desktop of the server's machine.
-  options.environment = {
-      {"DISPLAY", ""}, {"WAYLAND_DISPLAY", ""}, {"TARSIER_OWN_MODELS", workspace.models_folder()}};
+  options.environment = {{"DISPLAY", ""},
+                         {"WAYLAND_DISPLAY", ""},
+                         {"TARSIER_STUDIO", "1"},
+                         {"TARSIER_OWN_MODELS", workspace.models_folder()}};
   options.folder = folder;
   return options;
 }

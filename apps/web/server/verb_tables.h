@@ -12,19 +12,20 @@ namespace tarsier::web {
 
 // Numbers, switches, choices, words that the verb never takes for a path.
 inline constexpr auto kValueFlags = std::to_array<std::string_view>({
-    "--as",
-    "--at",
     "--algorithm",
     "--aligner-steps",
     "--angle-weight",
     "--any-quality",
     "--any-weights",
+    "--as",
+    "--at",
     "--axes",
     "--backend",
     "--blur",
     "--board",
     "--by-person",
     "--c",
+    "--challenge",
     "--calibration",
     "--cell",
     "--channels",
@@ -32,10 +33,12 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--check-steps",
     "--checkpoint",
     "--classic-reader",
+    "--close-holes",
     "--colour-modes",
     "--colour-width",
     "--columns",
     "--components",
+    "--confidence-only",
     "--connect-timeout",
     "--content",
     "--contrast",
@@ -44,7 +47,10 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--count",
     "--country",
     "--days",
+    "--dense",
+    "--dense-quality",
     "--depth",
+    "--details",
     "--detection",
     "--direction",
     "--disguised",
@@ -54,6 +60,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--dpi",
     "--draw",
     "--drawings",
+    "--drop-out",
     "--edit",
     "--edit-amount",
     "--enrolled",
@@ -79,6 +86,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--find-threshold",
     "--fit-same-camera",
     "--focal",
+    "--fixed-order",
     "--fold",
     "--format",
     "--fps",
@@ -105,8 +113,8 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--key-motion",
     "--kind",
     "--largest",
-    "--leave-out",
     "--least",
+    "--leave-out",
     "--lens",
     "--level",
     "--levels",
@@ -114,23 +122,31 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--log-level",
     "--lost-after",
     "--low",
+    "--mapper",
     "--margin",
+    "--marker-family",
+    "--marker-size",
     "--match-images",
     "--matches",
+    "--max-depth",
     "--max-faces",
     "--max-features",
     "--max-frames",
     "--max-markers",
     "--max-samples",
     "--max-side",
+    "--memory",
     "--mesh-up",
     "--method",
     "--min-angle",
     "--min-confidence",
+    "--min-consistent",
     "--min-correlation",
+    "--min-depth",
     "--min-difference",
     "--min-face",
     "--min-markers",
+    "--min-part",
     "--min-readings",
     "--min-score",
     "--min-seconds",
@@ -154,6 +170,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--no-tangential",
     "--noise",
     "--numbers",
+    "--observations",
     "--offset",
     "--online",
     "--online-every",
@@ -192,6 +209,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--refresh",
     "--repeats",
     "--reprojection-px",
+    "--resume",
     "--return-within",
     "--ridge",
     "--robust",
@@ -209,7 +227,9 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--sequence",
     "--set",
     "--shape-prior",
+    "--shard",
     "--side",
+    "--sides",
     "--sighting",
     "--sightings",
     "--sigmas",
@@ -225,6 +245,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--skin-style",
     "--skin-upper",
     "--smooth",
+    "--smoothing",
     "--splits",
     "--spread",
     "--square",
@@ -239,7 +260,10 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--steady-motion",
     "--steps",
     "--strict",
+    "--task-time",
+    "--tasks",
     "--template",
+    "--texture",
     "--texture-modes",
     "--texture-variance",
     "--threads",
@@ -256,6 +280,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--trees",
     "--trials",
     "--tries",
+    "--trim",
     "--turned",
     "--turntable",
     "--undo-correction",
@@ -264,8 +289,10 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--variance",
     "--video",
     "--views",
+    "--voxel",
     "--wait",
     "--width",
+    "--wild",
     "--words",
     "--yaw",
 });
@@ -275,19 +302,41 @@ inline constexpr auto kFreeTextFlags =
     std::to_array<std::string_view>({"--distance-between", "--author", "--label", "--name",
                                      "--names", "--note", "--source", "--terms", "--text"});
 
-inline constexpr auto kInputFlags = std::to_array<std::string_view>(
-    {"--appearance", "--camera-file", "--compare", "--countries-dir", "--detector",
-     "--from",       "--head",        "--image",   "--images",        "--learn-background",
-     "--list",       "--mapping",     "--mesh",    "--model",         "--object",
-     "--on",         "--pointing",    "--points",  "--reader",        "--results",
-     "--scenes",     "--target",      "--truth",   "--view",          "--without"});
+inline constexpr auto kInputFlags = std::to_array<std::string_view>({"--appearance",
+                                                                     "--camera-file",
+                                                                     "--compare",
+                                                                     "--countries-dir",
+                                                                     "--database",
+                                                                     "--detector",
+                                                                     "--detector-model",
+                                                                     "--embedding",
+                                                                     "--from",
+                                                                     "--head",
+                                                                     "--image",
+                                                                     "--images",
+                                                                     "--learn-background",
+                                                                     "--list",
+                                                                     "--mapping",
+                                                                     "--mesh",
+                                                                     "--model",
+                                                                     "--object",
+                                                                     "--on",
+                                                                     "--pointing",
+                                                                     "--points",
+                                                                     "--reader",
+                                                                     "--results",
+                                                                     "--scenes",
+                                                                     "--target",
+                                                                     "--truth",
+                                                                     "--view",
+                                                                     "--without"});
 
 inline constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
     {"--align", "--background", "--camera", "--face-detector", "--pairs"});
 
 inline constexpr auto kOutputFlags = std::to_array<std::string_view>(
     {"--cmc", "--convergence", "--crops", "--csv", "--corrections", "--debug-dir", "--grid",
-     "--online-view", "--output", "--roc", "--save-dir", "--undistorted"});
+     "--jsonl", "--online-view", "--output", "--roc", "--save-dir", "--undistorted"});
 
 inline constexpr auto kStateFlags =
     std::to_array<std::string_view>({"--gallery", "--log", "--watch"});
@@ -296,12 +345,20 @@ inline constexpr auto kServerFlags = std::to_array<std::string_view>(
     {"--fullscreen", "--json", "--progress", "--quiet", "--window", "--yes"});
 
 inline constexpr auto kRefusedFlags = std::to_array<std::string_view>({
-    "--actions",       // reads stdin
-    "--ca-file",       // whom sources trust is decided where they are allowed
-    "--config",        // may hold any flag
-    "--insecure",      // as --ca-file
-    "--listen-all",    // opens the network
-    "--models-dir",    // any folder
+    "--actions",    // reads stdin
+    "--ca-file",    // whom sources trust is decided where they are allowed
+    "--config",     // may hold any flag
+    "--crops",      // opens the network
+    "--crops-dir",  // of that
+    "--max-crops",
+    "--insecure",    // as --ca-file
+    "--listen-all",  // opens the network
+    "--models-dir",  // any folder
+    "--camera-roi",  // of several cameras, which no page reads
+    "--camera-fps",
+    "--idle",
+    "--motion",
+    "--motion-hold",
     "--mqtt-ca-file",  // of --publish
     "--mqtt-cert",
     "--mqtt-key",
@@ -321,9 +378,12 @@ inline constexpr auto kRefusedFlags = std::to_array<std::string_view>({
 
 // Verbs that no page starts, whatever their flags.
 inline constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
-    "serve",          // this server
-    "hub",            // speaks to other machines
-    "demo",           // its page is made of files that a browser would run
+    "serve",     // this server
+    "merge",     // of runs that no page starts
+    "hub",       // speaks to other machines
+    "demo",      // its page is made of files that a browser would run
+    "sfm plan",  // of runs that no page starts, as the next three
+    "sfm features", "sfm match", "sfm map",
     "models import",  // writes where all programs of this user look for models
 });
 
@@ -337,12 +397,19 @@ inline constexpr auto kFlagExceptions = std::to_array<FlagException>({
     {"calibrate", "--draw", FlagKind::kOutput},
     {"people groups", "--draw", FlagKind::kOutput},
     {"people list", "--faces", FlagKind::kFreeText},
+    {"people list", "--draw", FlagKind::kOutput},
+    {"plate log", "--crops", FlagKind::kOutput},  // elsewhere a port that serves them
     {"ar target-train", "--draw", FlagKind::kOutput},
     {"pose track", "--draw", FlagKind::kWordOrInput},  // glasses, or an .obj file
     {"aam explore", "--mesh", FlagKind::kValue},
+    {"sfm reconstruct", "--mesh", FlagKind::kValue},
+    {"sfm mesh", "--view", FlagKind::kOutput},
+    {"sfm mesh", "--turntable", FlagKind::kOutput},
+    {"sfm mesh", "--page", FlagKind::kOutput},
     {"people show", "--face", FlagKind::kInput},
     {"people show", "--stages", FlagKind::kInput},
     {"sfm synth", "--images", FlagKind::kValue},
+    {"sfm eval", "--errors", FlagKind::kOutput},
     {"plate train-reader", "--reader", FlagKind::kValue},
     {"plate sweep", "--reader", FlagKind::kValue},
     {"landmarks train tracker", "--without", FlagKind::kValue},
@@ -361,6 +428,7 @@ inline constexpr auto kSourceInputs = std::to_array<std::string_view>({
     "people enroll",
     "people identify",
     "people live",
+    "people liveness",
     "plate read",
     "pose track",
     "sfm reconstruct",
@@ -398,7 +466,7 @@ inline constexpr auto kInputExceptions = std::to_array<InputException>({
     {"plate watch test", "TEXT", InputKind::kValue},
 });
 inline constexpr auto kFileInputs = std::to_array<std::string_view>(
-    {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "truth", "image"});
+    {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "DENSE", "truth", "image"});
 
 // Added where a page leaves them out: their own default lies outside the workspace.
 struct DefaultState {

@@ -15,7 +15,7 @@
 namespace tarsier::web {
 
 struct WorkspaceLimits {
-  std::uint64_t file_bytes = 64ULL << 20U;           // of an upload
+  std::uint64_t file_bytes = 64'000'000;             // of an upload
   std::int64_t pixels = 100'000'000;                 // of an image
   std::uint64_t quota_bytes = 20'000'000'000;        // of all that lies in the workspace
   std::uint64_t disk_reserve_bytes = 1'000'000'000;  // of the disk, that stay free

@@ -19,17 +19,25 @@ namespace {
 struct ModelOfColmap {
   std::string_view name;
   std::string_view parameters;
+  int number = 0;  // in binary files
   Lens lens = Lens::kPinhole;
 };
-constexpr std::array<ModelOfColmap, 9> kModels{{{"SIMPLE_PINHOLE", "fuv"},
-                                                {"PINHOLE", "xyuv"},
-                                                {"SIMPLE_RADIAL", "fuv0"},
-                                                {"RADIAL", "fuv01"},
-                                                {"OPENCV", "xyuv0123"},
-                                                {"FULL_OPENCV", "xyuv01234567", Lens::kRational},
-                                                {"SIMPLE_RADIAL_FISHEYE", "fuv0", Lens::kFisheye},
-                                                {"RADIAL_FISHEYE", "fuv01", Lens::kFisheye},
-                                                {"OPENCV_FISHEYE", "xyuv0123", Lens::kFisheye}}};
+constexpr std::array<ModelOfColmap, 9> kModels{
+    {{"SIMPLE_PINHOLE", "fuv", 0},
+     {"PINHOLE", "xyuv", 1},
+     {"SIMPLE_RADIAL", "fuv0", 2},
+     {"RADIAL", "fuv01", 3},
+     {"OPENCV", "xyuv0123", 4},
+     {"FULL_OPENCV", "xyuv01234567", 6, Lens::kRational},
+     {"SIMPLE_RADIAL_FISHEYE", "fuv0", 8, Lens::kFisheye},
+     {"RADIAL_FISHEYE", "fuv01", 9, Lens::kFisheye},
+     {"OPENCV_FISHEYE", "xyuv0123", 5, Lens::kFisheye}}};
+
+const ModelOfColmap* model_numbered(int number) {
+  for (const ModelOfColmap& model : kModels)
+    if (model.number == number) return &model;
+  return nullptr;
+}
 
 }  // namespace
 
@@ -90,25 +98,50 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
   return result;
 }
 
-std::string colmap_camera_line(const ColmapCamera& given) {
-  const Camera& camera = given.camera;
+ColmapCameraNumbers numbers_of(const Camera& camera) {
   const std::array<double, 8>& k = camera.distortion;
-  std::vector<double> parameters{camera.fx, camera.fy, camera.cx + kColmapOffset,
-                                 camera.cy + kColmapOffset};
-  std::string_view name = "PINHOLE";
+  ColmapCameraNumbers numbers{
+      1,
+      camera.width,
+      camera.height,
+      {camera.fx, camera.fy, camera.cx + kColmapOffset, camera.cy + kColmapOffset}};
+  std::vector<double>& parameters = numbers.parameters;
   if (camera.lens == Lens::kFisheye) {
-    name = "OPENCV_FISHEYE";
+    numbers.model = 5;
     parameters.insert(parameters.end(), k.begin(), k.begin() + 4);
   } else if (camera.is_distorted()) {
-    name = "OPENCV";
+    numbers.model = 4;
     parameters.insert(parameters.end(), k.begin(), k.begin() + 4);
     if (k[4] != 0 || camera.lens == Lens::kRational) {
-      name = "FULL_OPENCV";
+      numbers.model = 6;
       parameters.insert(parameters.end(), k.begin() + 4, k.end());
     }
   }
-  std::string line = fmt::format("{} {} {} {}", given.id, name, camera.width, camera.height);
-  for (const double value : parameters) fmt::format_to(std::back_inserter(line), " {:.17g}", value);
+  return numbers;
+}
+
+int colmap_parameter_count(int model) {
+  const ModelOfColmap* known = model_numbered(model);
+  return known == nullptr ? 0 : static_cast<int>(known->parameters.size());
+}
+
+Camera camera_of(const ColmapCameraNumbers& numbers, const std::string& path, std::int64_t id) {
+  const ModelOfColmap* model = model_numbered(numbers.model);
+  if (model == nullptr)
+    throw InputError(path,
+                     fmt::format("camera {}: model number {} is not known", id, numbers.model));
+  std::string line = fmt::format("{} {} {} {}", id, model->name, numbers.width, numbers.height);
+  for (const double value : numbers.parameters)
+    fmt::format_to(std::back_inserter(line), " {:.17g}", value);
+  return parse_colmap_camera(line, path, id).camera;
+}
+
+std::string colmap_camera_line(const ColmapCamera& given) {
+  const ColmapCameraNumbers numbers = numbers_of(given.camera);
+  std::string line = fmt::format("{} {} {} {}", given.id, model_numbered(numbers.model)->name,
+                                 numbers.width, numbers.height);
+  for (const double value : numbers.parameters)
+    fmt::format_to(std::back_inserter(line), " {:.17g}", value);
   return line;
 }
 

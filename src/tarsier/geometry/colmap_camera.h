@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace tarsier::geometry {
 
@@ -29,5 +30,19 @@ struct ColmapCamera {
 // The same line, without its end, with 17 digits: PINHOLE without distortion, OPENCV without k3,
 // else FULL_OPENCV; OPENCV_FISHEYE.
 [[nodiscard]] std::string colmap_camera_line(const ColmapCamera& camera);
+
+// The same as COLMAP's binary files and databases have it: the model's number and its parameters.
+struct ColmapCameraNumbers {
+  int model = 0;
+  std::int64_t width = 0;  // px
+  std::int64_t height = 0;
+  std::vector<double> parameters;
+};
+// How many parameters a model has; 0 for those that parse_colmap_camera() does not know.
+[[nodiscard]] int colmap_parameter_count(int model);
+// Throws InputError(path) that says what is wrong with camera `id`.
+[[nodiscard]] Camera camera_of(const ColmapCameraNumbers& numbers, const std::string& path,
+                               std::int64_t id);
+[[nodiscard]] ColmapCameraNumbers numbers_of(const Camera& camera);
 
 }  // namespace tarsier::geometry

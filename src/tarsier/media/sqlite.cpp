@@ -93,10 +93,15 @@ std::string reason_of(sqlite3* handle, int code) {
 Database::Database(std::string path, const DatabaseKind& kind, DatabaseAccess access,
                    int patience_ms)
     : path_(std::move(path)), writes_(access != DatabaseAccess::kRead) {
-  TARSIER_REQUIRE(kind.application_id != 0 && !kind.versions.empty(), "kind {}", kind.name);
+  TARSIER_REQUIRE((kind.application_id == 0) == kind.of_another_program && !kind.versions.empty(),
+                  "kind {}", kind.name);
   TARSIER_REQUIRE(patience_ms >= 0, "patience {} ms", patience_ms);
   try {
     open(access, patience_ms);
+    if (kind.of_another_program) {
+      make_foreign(kind);
+      return;
+    }
     identify(kind);
     look_at_permissions(path_, writes_);  // of a database of ours alone
     if (writes_) upgrade(kind);
@@ -161,6 +166,17 @@ void Database::open(DatabaseAccess access, int patience_ms) {
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr));
   sqlite3_limit(handle_, SQLITE_LIMIT_LENGTH, kMaxBytes);
   sqlite3_limit(handle_, SQLITE_LIMIT_ATTACHED, 0);
+}
+
+void Database::make_foreign(const DatabaseKind& kind) {
+  const bool empty = number("SELECT count(*) FROM sqlite_schema") == 0;
+  if (empty && !writes_) refuse("is empty: no " + kind.name);
+  if (!writes_) return;
+  run("PRAGMA foreign_keys = ON");
+  if (!empty) return;
+  Transaction transaction(*this);
+  run(kind.versions.front());
+  transaction.commit();
 }
 
 // Looks before anything is written: a file of somebody else stays as it is.

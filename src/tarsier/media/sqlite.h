@@ -29,6 +29,9 @@ struct DatabaseKind {
   // Readers (kRead) understand versions from this one on: see Database::version(). 0: the newest
   // alone.
   int oldest_readable = 0;
+  // The format of another program: the files have neither mark (application_id is 0) nor version of
+  // ours. The one entry of `versions` makes the tables of an empty one. Who may open them is left alone.
+  bool of_another_program = false;
 };
 
 // Another connection held its lock for longer than the patience: the same may work later.
@@ -68,6 +71,7 @@ class Database {
   [[noreturn]] void fail(int code) const;
   void check(int code) const;
   void open(DatabaseAccess access, int patience_ms);
+  void make_foreign(const DatabaseKind& kind);
   void identify(const DatabaseKind& kind);
   void upgrade(const DatabaseKind& kind);
   [[nodiscard]] std::int64_t number(const char* query);

@@ -65,7 +65,7 @@ TEST(AddressTest, NodesHaveNamesThatTopicsCanHold) {
 }
 
 TEST(DiscoveryTest, HomeAssistantGetsRetainedConfigurations) {
-  const auto messages = home_assistant_discovery("tarsier/gate-1", "0.1.0");
+  const auto messages = home_assistant_discovery("tarsier/gate-1", "0.1.0", "plate");
   ASSERT_EQ(messages.size(), 2U);
   EXPECT_EQ(messages[0].topic, "homeassistant/sensor/tarsier_gate_1_plate/config");
   EXPECT_EQ(messages[1].topic, "homeassistant/binary_sensor/tarsier_gate_1_watch/config");
@@ -76,6 +76,11 @@ TEST(DiscoveryTest, HomeAssistantGetsRetainedConfigurations) {
     EXPECT_EQ(object.at("availability_topic"), "tarsier/gate-1/state");
     EXPECT_EQ(object.at("device").at("identifiers").at(0), "tarsier_gate_1");
   }
+  const auto people = home_assistant_discovery("tarsier/door", "0.1.0", "person");
+  ASSERT_EQ(people.size(), 1U);
+  EXPECT_EQ(people[0].topic, "homeassistant/sensor/tarsier_door_person/config");
+  EXPECT_THROW((void)home_assistant_discovery("tarsier/door", "0.1.0", "cat"),
+               std::invalid_argument);
 }
 
 }  // namespace

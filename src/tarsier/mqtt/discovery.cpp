@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/mqtt/discovery.h"
 
+#include "tarsier/core/require.h"
+
 #include <algorithm>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::mqtt {
 
-std::vector<Message> home_assistant_discovery(const std::string& topic,
-                                              const std::string& version) {
+std::vector<Message> home_assistant_discovery(const std::string& topic, const std::string& version,
+                                              const std::string& kind) {
   std::string id = topic;
   std::replace_if(
       id.begin(), id.end(),
@@ -17,9 +20,9 @@ std::vector<Message> home_assistant_discovery(const std::string& topic,
       '_');
   const nlohmann::ordered_json device{
       {"identifiers", {id}}, {"name", topic}, {"manufacturer", "Tarsier"}, {"sw_version", version}};
-  const auto base = [&](const char* kind, const char* name) {
+  const auto base = [&](const std::string& what, const std::string& name) {
     return nlohmann::ordered_json{{"name", name},
-                                  {"unique_id", id + '_' + kind},
+                                  {"unique_id", id + '_' + what},
                                   {"state_topic", topic + "/events"},
                                   {"availability_topic", topic + "/state"},
                                   {"availability_template", "{{ value_json.state }}"},
@@ -27,16 +30,33 @@ std::vector<Message> home_assistant_discovery(const std::string& topic,
                                   {"payload_not_available", "offline"},
                                   {"device", device}};
   };
-  nlohmann::ordered_json plate = base("plate", "Plate");
-  plate["value_template"] = "{{ value_json.event.text }}";
-  plate["json_attributes_topic"] = topic + "/events";
-  plate["json_attributes_template"] = "{{ value_json.event | tojson }}";
-  plate["icon"] = "mdi:car";
+  struct Looks {
+    const char* kind;
+    const char* name;
+    const char* value;
+    const char* icon;
+  };
+  static constexpr Looks kLooks[] = {
+      {"plate", "Plate", "{{ value_json.event.text }}", "mdi:car"},
+      {"person", "Person", "{{ value_json.event.label }}", "mdi:account"},
+      {"marker", "Marker", "{{ value_json.event.id }}", "mdi:qrcode"},
+      {"target", "Target", "{{ value_json.event.name }}", "mdi:image-search"}};
+  const auto* looks = std::find_if(std::begin(kLooks), std::end(kLooks),
+                                   [&](const Looks& one) { return one.kind == kind; });
+  TARSIER_REQUIRE(looks != std::end(kLooks), "unknown kind of events '{}'", kind);
+  nlohmann::ordered_json last = base(kind, looks->name);
+  last["value_template"] = looks->value;
+  last["json_attributes_topic"] = topic + "/events";
+  last["json_attributes_template"] = "{{ value_json.event | tojson }}";
+  last["icon"] = looks->icon;
+  std::vector<Message> messages{
+      {"homeassistant/sensor/" + id + "_" + kind + "/config", last.dump(), true}};
+  if (kind != "plate") return messages;
   nlohmann::ordered_json watch = base("watch", "Watched plate");
   watch["value_template"] = "{{ 'ON' if value_json.event.watch else 'OFF' }}";
   watch["off_delay"] = 10;
-  return {{"homeassistant/sensor/" + id + "_plate/config", plate.dump(), true},
-          {"homeassistant/binary_sensor/" + id + "_watch/config", watch.dump(), true}};
+  messages.push_back({"homeassistant/binary_sensor/" + id + "_watch/config", watch.dump(), true});
+  return messages;
 }
 
 }  // namespace tarsier::mqtt

@@ -17,28 +17,6 @@
 namespace tarsier::mqtt {
 namespace {
 
-// 'THB1'
-const DatabaseKind kKind{"Tarsier hub log", 0x54484231, {R"sql(
-CREATE TABLE hub_event(
-  id INTEGER PRIMARY KEY AUTOINCREMENT,
-  node TEXT NOT NULL,
-  outbox TEXT NOT NULL,
-  seq INTEGER NOT NULL,
-  received INTEGER NOT NULL,    -- ms since 1970-01-01, UTC
-  event TEXT NOT NULL,          -- JSON
-  UNIQUE(node, outbox, seq)
-) STRICT;
-CREATE TABLE hub_mark(
-  node TEXT NOT NULL,
-  outbox TEXT NOT NULL,
-  seq INTEGER NOT NULL,         -- all up to this one are stored, or will never come
-  updated INTEGER NOT NULL,     -- counts up
-  PRIMARY KEY(node, outbox)
-) STRICT;
-CREATE TABLE hub_id(id TEXT NOT NULL) STRICT;
-INSERT INTO hub_id VALUES(lower(hex(randomblob(8))));
-)sql"}};
-
 constexpr std::size_t kMaxTogether = 500;  // messages of a transaction
 
 std::int64_t now_ms() {
@@ -48,83 +26,6 @@ std::int64_t now_ms() {
 }
 
 }  // namespace
-
-HubLog::HubLog(const std::string& path, DatabaseAccess access) : database_(path, kKind, access) {
-  Statement row(database_, "SELECT id FROM hub_id");
-  if (row.step()) id_ = row.text(0);
-}
-
-std::vector<bool> HubLog::store(const std::vector<Received>& received, std::int64_t now) {
-  std::vector<bool> is_new;
-  std::set<std::pair<std::string, std::string>> boxes;
-  Transaction together(database_);
-  for (const auto& [node, message] : received) {
-    Statement add(database_,
-                  "INSERT OR IGNORE INTO hub_event(node, outbox, seq, received, event) VALUES(?, "
-                  "?, ?, ?, ?)");
-    add.bind(1, std::string_view(node))
-        .bind(2, std::string_view(message.outbox))
-        .bind(3, message.seq)
-        .bind(4, now)
-        .bind(5, std::string_view(message.event))
-        .step();
-    is_new.push_back(database_.changed_rows() > 0);
-    Statement(database_,
-              "INSERT INTO hub_mark(node, outbox, seq, updated) VALUES(?1, ?2, ?3, (SELECT "
-              "coalesce(max(updated), 0) + 1 FROM hub_mark)) ON CONFLICT(node, outbox) DO UPDATE "
-              "SET seq = max(seq, excluded.seq), updated = excluded.updated")
-        .bind(1, std::string_view(node))
-        .bind(2, std::string_view(message.outbox))
-        .bind(3, message.oldest - 1)
-        .step();
-    boxes.emplace(node, message.outbox);
-  }
-  for (const auto& [node, outbox] : boxes) {
-    std::int64_t seq = mark(node, outbox);
-    const std::int64_t before = seq;
-    Statement next(database_,
-                   "SELECT seq FROM hub_event WHERE node = ? AND outbox = ? AND seq > ? ORDER BY "
-                   "seq");
-    next.bind(1, std::string_view(node)).bind(2, std::string_view(outbox)).bind(3, seq);
-    while (next.step() && next.integer(0) == seq + 1) ++seq;
-    if (seq == before) continue;
-    Statement(database_, "UPDATE hub_mark SET seq = ?3 WHERE node = ?1 AND outbox = ?2")
-        .bind(1, std::string_view(node))
-        .bind(2, std::string_view(outbox))
-        .bind(3, seq)
-        .step();
-  }
-  together.commit();
-  return is_new;
-}
-
-std::int64_t HubLog::mark(const std::string& node, const std::string& outbox) {
-  Statement row(database_, "SELECT seq FROM hub_mark WHERE node = ? AND outbox = ?");
-  row.bind(1, std::string_view(node)).bind(2, std::string_view(outbox));
-  return row.step() ? row.integer(0) : 0;
-}
-
-std::vector<std::pair<std::string, Mark>> HubLog::marks() {
-  std::vector<std::pair<std::string, Mark>> marks;
-  Statement rows(database_,
-                 "SELECT node, outbox, seq FROM hub_mark m WHERE updated = (SELECT max(updated) "
-                 "FROM hub_mark WHERE node = m.node) ORDER BY node");
-  while (rows.step()) marks.push_back({rows.text(0), {rows.text(1), rows.integer(2)}});
-  return marks;
-}
-
-std::int64_t HubLog::count() {
-  Statement row(database_, "SELECT count(*) FROM hub_event");
-  return row.step() ? row.integer(0) : 0;
-}
-
-void HubLog::read(
-    const std::function<bool(const std::string& node, const std::string& event)>& take) {
-  Statement rows(database_, "SELECT node, event FROM hub_event ORDER BY id");
-  while (rows.step()) {
-    if (!take(rows.text(0), rows.text(1))) break;
-  }
-}
 
 std::string node_of(const std::string& topic, const std::string& above) {
   constexpr std::string_view kEnd = "/events";

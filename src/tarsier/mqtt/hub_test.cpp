@@ -3,6 +3,7 @@
 
 #include "tarsier/core/rng.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/mqtt/hub_postgres.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -18,7 +19,7 @@ const std::string kBox = "0123456789abcdef";
 
 class HubTest : public FolderTest {
  protected:
-  HubLog open() const { return HubLog(path("events.db")); }
+  std::unique_ptr<HubLog> open() const { return open_hub_log(path("events.db")); }
   static HubLog::Received event(const std::string& node, std::int64_t seq, std::int64_t oldest = 1,
                                 const std::string& box = kBox) {
     return {node, {box, seq, oldest, "{\"n\":" + std::to_string(seq) + "}"}};
@@ -26,41 +27,41 @@ class HubTest : public FolderTest {
 };
 
 TEST_F(HubTest, EventsAreStoredOnce) {
-  HubLog log = open();
-  EXPECT_THAT(log.store({event("a", 1), event("a", 1), event("b", 1)}, 5),
+  const auto log = open();
+  EXPECT_THAT(log->store({event("a", 1), event("a", 1), event("b", 1)}, 5),
               ElementsAre(true, false, true));
-  EXPECT_THAT(log.store({event("a", 1)}, 6), ElementsAre(false));
-  EXPECT_EQ(log.count(), 2);
+  EXPECT_THAT(log->store({event("a", 1)}, 6), ElementsAre(false));
+  EXPECT_EQ(log->count(), 2);
 }
 
 TEST_F(HubTest, TheMarkStopsAtAGap) {
-  HubLog log = open();
-  log.store({event("a", 1), event("a", 2), event("a", 4), event("a", 5)}, 5);
-  EXPECT_EQ(log.mark("a", kBox), 2);
-  log.store({event("a", 3)}, 6);
-  EXPECT_EQ(log.mark("a", kBox), 5);
-  EXPECT_EQ(log.mark("b", kBox), 0);
+  const auto log = open();
+  log->store({event("a", 1), event("a", 2), event("a", 4), event("a", 5)}, 5);
+  EXPECT_EQ(log->mark("a", kBox), 2);
+  log->store({event("a", 3)}, 6);
+  EXPECT_EQ(log->mark("a", kBox), 5);
+  EXPECT_EQ(log->mark("b", kBox), 0);
 }
 
 TEST_F(HubTest, WhatANodeNoLongerHasIsNotWaitedFor) {
-  HubLog log = open();
-  log.store({event("a", 100, 90)}, 5);
-  EXPECT_EQ(log.mark("a", kBox), 89);
-  log.store({event("a", 90, 90)}, 5);
-  EXPECT_EQ(log.mark("a", kBox), 90);
-  log.store({event("a", 90, 3)}, 5);  // an old message again
-  EXPECT_EQ(log.mark("a", kBox), 90);
+  const auto log = open();
+  log->store({event("a", 100, 90)}, 5);
+  EXPECT_EQ(log->mark("a", kBox), 89);
+  log->store({event("a", 90, 90)}, 5);
+  EXPECT_EQ(log->mark("a", kBox), 90);
+  log->store({event("a", 90, 3)}, 5);  // an old message again
+  EXPECT_EQ(log->mark("a", kBox), 90);
 }
 
 TEST_F(HubTest, EachNodeHasTheMarkOfItsLatestOutbox) {
   const std::string other = "fedcba9876543210";
   {
-    HubLog log = open();
-    log.store({event("a", 1), event("a", 2), event("b", 1)}, 5);
-    log.store({event("a", 1, 1, other)}, 6);
+    const auto log = open();
+    log->store({event("a", 1), event("a", 2), event("b", 1)}, 5);
+    log->store({event("a", 1, 1, other)}, 6);
   }
-  HubLog log = open();
-  const auto marks = log.marks();
+  const auto log = open();
+  const auto marks = log->marks();
   ASSERT_EQ(marks.size(), 2U);
   EXPECT_EQ(marks[0].first, "a");
   EXPECT_EQ(marks[0].second.outbox, other);
@@ -69,7 +70,7 @@ TEST_F(HubTest, EachNodeHasTheMarkOfItsLatestOutbox) {
 }
 
 TEST_F(HubTest, AnyOrderAndAnyLossEndWithTheUnion) {
-  HubLog log = open();
+  const auto log = open();
   Rng rng(3);
   std::int64_t mark = 0;
   const std::int64_t last = 200;
@@ -80,13 +81,30 @@ TEST_F(HubTest, AnyOrderAndAnyLossEndWithTheUnion) {
       some.push_back(event("a", seq, mark + 1));
     }
     some.push_back(event("a", mark + 1, mark + 1));
-    log.store(some, 5);
-    mark = log.mark("a", kBox);
+    log->store(some, 5);
+    mark = log->mark("a", kBox);
   }
-  EXPECT_EQ(log.count(), last);
+  EXPECT_EQ(log->count(), last);
   std::set<std::string> events;
-  log.read([&](const std::string&, const std::string& text) { return events.insert(text).second; });
+  log->read(
+      [&](const std::string&, const std::string& text) { return events.insert(text).second; });
   EXPECT_EQ(events.size(), static_cast<std::size_t>(last));
+}
+
+TEST_F(HubTest, IsADatabaseOfAServerWhereItsAddressSaysSo) {
+  EXPECT_TRUE(is_postgres("postgresql://host/events"));
+  EXPECT_TRUE(is_postgres("postgres://host/events"));
+  EXPECT_FALSE(is_postgres("postgresql.db"));
+  EXPECT_FALSE(is_postgres("./postgresql://host"));
+  std::string reason;
+  if (libpq_version(reason).empty()) GTEST_SKIP() << reason;
+  try {
+    (void)open_hub_log("postgresql://me:secret@127.0.0.1:1/events");
+    FAIL() << "nothing listens there";
+  } catch (const OutputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("postgresql://***@127.0.0.1:1/events: "));
+    EXPECT_THAT(error.what(), ::testing::Not(::testing::HasSubstr("secret")));
+  }
 }
 
 TEST_F(HubTest, NodesAreThoseBelowTheTopic) {

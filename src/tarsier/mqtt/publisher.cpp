@@ -165,7 +165,7 @@ class Publisher::Sender {
     connection.publish(topic("state"), R"({"state":"online"})", true);
     if (options_.home_assistant) {
       for (const Message& message :
-           home_assistant_discovery(options_.address.topic, options_.version))
+           home_assistant_discovery(options_.address.topic, options_.version, options_.kind))
         connection.publish(message.topic, message.payload, true);
     }
     connection.subscribe(topic("acked"));

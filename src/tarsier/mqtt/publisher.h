@@ -15,11 +15,12 @@ struct PublisherOptions {
   Login login;
   std::string outbox;  // file
   bool home_assistant = false;
-  std::string version;      // of the program, for Home Assistant
-  int max_events = 20'000;  // that wait in the outbox; the oldest are dropped
-  int window = 500;         // events behind the hub's mark that are sent again at a time
-  double resend_s = 20;     // without a mark before they are sent again; doubles up to ten minutes
-  double finish_s = 5;      // for what waits, at the end
+  std::string version;         // of the program, for Home Assistant
+  std::string kind = "plate";  // of the events, for the same: plate, person, marker or target
+  int max_events = 20'000;     // that wait in the outbox; the oldest are dropped
+  int window = 500;            // events behind the hub's mark that are sent again at a time
+  double resend_s = 20;  // without a mark before they are sent again; doubles up to ten minutes
+  double finish_s = 5;   // for what waits, at the end
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_events", max_events, range(100, 10'000'000), "--outbox-events",

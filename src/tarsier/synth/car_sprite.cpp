@@ -138,7 +138,7 @@ cv::Mat lit(const cv::Mat& color, StreetLight light) {
 }  // namespace
 
 CarSprite draw_car(const GlyphSet& glyphs, StreetLight light, PlateKind kind,
-                   const std::string& text, Rng& rng) {
+                   const std::string& text, Rng& rng, bool wild) {
   CarSprite car;
   car.rear = rng.uniform() < 0.5;
   Sheet sheet;
@@ -151,7 +151,7 @@ CarSprite draw_car(const GlyphSet& glyphs, StreetLight light, PlateKind kind,
   PlateFaceOptions options;
   options.kind = kind;
   options.text = text;
-  options.random_style = false;
+  options.random_style = options.wild = wild;
   options.infrared = light == StreetLight::kInfrared;
   options.px_per_mm = static_cast<float>(2 * kMillimetre);
   const PlateFace face = render_plate_face(glyphs, options, rng);

@@ -26,6 +26,6 @@ inline constexpr double kCarMetres = 1.85;  // width of the body
 inline constexpr int kBodyWidth = 700;      // px of the first level
 
 [[nodiscard]] CarSprite draw_car(const GlyphSet& glyphs, StreetLight light, PlateKind kind,
-                                 const std::string& text, Rng& rng);
+                                 const std::string& text, Rng& rng, bool wild = false);
 
 }  // namespace tarsier::synth

@@ -2,7 +2,9 @@
 #include "tarsier/synth/glyphs.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
 #include "tarsier/synth/plates.h"
+#include "tarsier/synth/stroke_typeface.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -29,6 +31,40 @@ constexpr const char* kFiles[] = {
     "/usr/share/fonts/truetype/dejavu/DejaVuSans-Bold.ttf",
     "/usr/share/fonts/truetype/dejavu/DejaVuSansMono-Bold.ttf",
     "/usr/share/fonts/truetype/freefont/FreeMonoBold.ttf",
+};
+
+// More, of road signs, technical lettering, print and screens, with the packages that bring them.
+constexpr const char* kMoreFiles[] = {
+    "/usr/share/fonts/truetype/roadgeek/RG2014EM.ttf",
+    "/usr/share/fonts/truetype/roadgeek/RG2014F.ttf",
+    "/usr/share/fonts/opentype/urw-base35/URWGothic-Demi.otf",
+    "/usr/share/fonts/opentype/urw-base35/NimbusMonoPS-Bold.otf",
+    "/usr/share/fonts/opentype/urw-base35/NimbusSansNarrow-Regular.otf",
+    "/usr/share/fonts/truetype/freefont/FreeSans.ttf",
+    "/usr/share/fonts/truetype/dejavu/DejaVuSerifCondensed-Bold.ttf",
+    // fonts-national-park, fonts-routed-gothic, fonts-bebas-neue, fonts-osifont, fonts-ocr-b
+    "/usr/share/fonts/opentype/national-park/NationalPark-Heavy.otf",
+    "/usr/share/fonts/opentype/national-park/NationalPark-Regular.otf",
+    "/usr/share/fonts/truetype/routed-gothic/routed-gothic.ttf",
+    "/usr/share/fonts/truetype/routed-gothic/routed-gothic-narrow.ttf",
+    "/usr/share/fonts/opentype/bebas-neue/BebasNeue-Bold.otf",
+    "/usr/share/fonts/opentype/bebas-neue/BebasNeue-Regular.otf",
+    "/usr/share/fonts/truetype/osifont/osifont.ttf",
+    "/usr/share/fonts/opentype/ocr-b/OCRB.otf",
+    // fonts-roboto-unhinted, fonts-open-sans, fonts-b612, fonts-liberation, fonts-allerta
+    "/usr/share/fonts/truetype/roboto/unhinted/RobotoCondensed-Bold.ttf",
+    "/usr/share/fonts/truetype/roboto/unhinted/RobotoTTF/Roboto-Medium.ttf",
+    "/usr/share/fonts/truetype/open-sans/OpenSans-CondBold.ttf",
+    "/usr/share/fonts/opentype/b612/B612-Bold.otf",
+    "/usr/share/fonts/opentype/b612/B612Mono-Bold.otf",
+    "/usr/share/fonts/truetype/liberation/LiberationMono-Bold.ttf",
+    "/usr/share/fonts/opentype/allerta/allerta_medium.otf",
+    "/usr/share/fonts/opentype/allerta/allerta_stencil.otf",
+    // fonts-tuffy, fonts-adf-universalis, fonts-adf-gillius, fonts-dosis
+    "/usr/share/fonts/truetype/tuffy/Tuffy_Bold.ttf",
+    "/usr/share/fonts/truetype/adf/UniversalisADFStd-BoldCond.otf",
+    "/usr/share/fonts/truetype/adf/GilliusADF-BoldCond.otf",
+    "/usr/share/fonts/opentype/dosis/Dosis-Bold.otf",
 };
 
 struct Library {
@@ -101,25 +137,76 @@ bool load(FT_Library library, const char* path, GlyphSet::Typeface& typeface) {
   return true;
 }
 
-}  // namespace
-
-std::shared_ptr<const GlyphSet> load_glyphs() {
+template <std::size_t N>
+std::vector<GlyphSet::Typeface> load_all(const char* const (&files)[N]) {
   const Library library;
   std::vector<GlyphSet::Typeface> typefaces;
-  if (library.handle != nullptr) {
-    for (const char* path : kFiles) {
-      GlyphSet::Typeface typeface;
-      std::error_code error;
-      if (std::filesystem::exists(path, error) && load(library.handle, path, typeface))
-        typefaces.push_back(std::move(typeface));
-    }
+  if (library.handle == nullptr) return typefaces;
+  for (const char* path : files) {
+    GlyphSet::Typeface typeface;
+    std::error_code error;
+    if (std::filesystem::exists(path, error) && load(library.handle, path, typeface))
+      typefaces.push_back(std::move(typeface));
   }
+  return typefaces;
+}
+
+std::vector<GlyphSet::Typeface> load_usual() {
+  std::vector<GlyphSet::Typeface> typefaces = load_all(kFiles);
   if (typefaces.size() < 2) {
     throw InputError("typefaces",
                      "too few are installed to letter plates with: apt-get install fonts-opendin "
                      "fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-extra");
   }
+  return typefaces;
+}
+
+std::vector<GlyphSet::Typeface> draw(std::uint64_t seed, int count) {
+  TARSIER_REQUIRE(count >= 1 && count <= 10000, "{} typefaces", count);
+  std::vector<GlyphSet::Typeface> typefaces;
+  for (int i = 0; i < count; ++i) {
+    Rng rng = Rng(seed).fork(static_cast<std::uint64_t>(i));
+    typefaces.push_back(stroke_typeface("drawn " + std::to_string(i), rng));
+  }
+  return typefaces;
+}
+
+}  // namespace
+
+GlyphSet::GlyphSet(std::vector<Typeface> typefaces) : typefaces_(std::move(typefaces)) {
+  for (std::size_t i = 0; i < typefaces_.size(); ++i)
+    shared_.insert(shared_.end(), static_cast<std::size_t>(std::max(0, typefaces_[i].share)),
+                   static_cast<int>(i));
+}
+
+int GlyphSet::pick(Rng& rng) const {
+  TARSIER_REQUIRE(!shared_.empty(), "there are no typefaces");
+  return shared_[static_cast<std::size_t>(rng.integer(0, static_cast<int>(shared_.size()) - 1))];
+}
+
+std::shared_ptr<const GlyphSet> load_glyphs() {
+  return std::make_shared<const GlyphSet>(load_usual());
+}
+
+std::shared_ptr<const GlyphSet> load_many_glyphs(std::uint64_t seed, int drawn) {
+  // Shares of ten: three, two, five.
+  constexpr double kPicks = 10000;
+  std::vector<GlyphSet::Typeface> typefaces;
+  const auto add = [&](std::vector<GlyphSet::Typeface> some, double tenths) {
+    for (GlyphSet::Typeface& typeface : some) {
+      typeface.share =
+          std::max(1, cvRound(kPicks * tenths / 10 / static_cast<double>(some.size())));
+      typefaces.push_back(std::move(typeface));
+    }
+  };
+  add(load_usual(), 3);
+  add(load_all(kMoreFiles), 2);
+  add(draw(seed, drawn), 5);
   return std::make_shared<const GlyphSet>(std::move(typefaces));
+}
+
+std::shared_ptr<const GlyphSet> draw_glyphs(std::uint64_t seed, int drawn) {
+  return std::make_shared<const GlyphSet>(draw(seed, drawn));
 }
 
 }  // namespace tarsier::synth

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/rng.h"
+
 #include <opencv2/core.hpp>
 
 #include <array>
@@ -23,13 +25,17 @@ class GlyphSet {
     std::string name;
     std::array<std::array<cv::Mat, kPlateSymbols.size()>, kWeights> masks;
     double digit_aspect = 0.6;  // widest digit's width by the capital's height
+    int share = 1;              // how often it is picked, relative to the others
   };
 
-  explicit GlyphSet(std::vector<Typeface> typefaces) : typefaces_(std::move(typefaces)) {}
+  explicit GlyphSet(std::vector<Typeface> typefaces);
   [[nodiscard]] const std::vector<Typeface>& typefaces() const { return typefaces_; }
+  // A random typeface's number.
+  [[nodiscard]] int pick(Rng& rng) const;
 
  private:
   std::vector<Typeface> typefaces_;
+  std::vector<int> shared_;  // each typeface's number as often as its share
 };
 
 }  // namespace tarsier::synth

@@ -99,7 +99,7 @@ cv::Mat letter_of(const GlyphSet& glyphs, const PlateLook& look, char symbol) {
 
 double small_text(const PlatePainter& p, const std::string& text, double x, double y, double height,
                   const Color& color, double stretch) {
-  const int typeface = p.rng.integer(0, static_cast<int>(p.glyphs.typefaces().size()) - 1);
+  const int typeface = p.glyphs.pick(p.rng);
   double width = 0;
   std::vector<double> widths;
   for (const char c : text) {
@@ -157,7 +157,9 @@ void euro_band(const PlatePainter& p, const PlateLook& look, bool left) {
 
 void separator(const PlatePainter& p, const PlateLook& look, PlateSeparator kind, double x,
                double y, double room) {
-  const double radius = std::clamp(room * 0.36, 4.0, look.cap * 0.2);
+  const double radius = look.emblem > 0
+                            ? std::min(look.emblem * look.cap * 0.5, std::max(4.0, room * 0.48))
+                            : std::clamp(room * 0.36, 4.0, look.cap * 0.2);
   const auto dash = [&] {
     const double half = std::clamp(room * 0.28, 3.0, 11.0);
     cv::rectangle(p.image, cv::Rect(p.at(x - half, y - 4), p.at(x + half, y + 4)), look.ink,

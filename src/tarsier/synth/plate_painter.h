@@ -42,6 +42,16 @@ struct PlateLook {
   int typeface = 0;
   int weight = 2;
   double slant = 0;
+  // In the wild.
+  bool slogan_above = false;
+  bool slogan_below = false;
+  bool stacked = false;        // two small letters one above the other beside the text
+  double relief = 0;           // mm by which the lit and the dark edge of characters stand out
+  double relief_from = 0;      // where the light comes from, rad
+  double relief_strength = 0;  // 0..1
+  double worn = 0;             // share of the paint that is gone where most of it is
+  double emblem = 0;           // size of what stands between groups, shares of the cap height
+  double lattice = 0;          // grey levels of a pattern in the ground
 };
 
 struct PlatePainter {
@@ -85,5 +95,15 @@ void dirt(const PlatePainter& p, const PlateLook& look);
 // A frame that laps over the plate's edge, with the dealer's name.
 void dealer_frame(const PlatePainter& p, const PlateLook& look);
 void us_ornaments(const PlatePainter& p, const PlateLook& look);
+
+// plate_wear.cpp: what the look is in the wild, and how it is painted.
+// `slogans`: may have lines of small text.
+void make_wild(PlateLook& look, bool slogans, Rng& rng);
+void wear(cv::Mat& mask, double strength, Rng& rng);
+void relief(const PlatePainter& p, const PlateLook& look, const cv::Mat& mask, cv::Point corner);
+void lattice(const PlatePainter& p, const PlateLook& look);
+void slogans(const PlatePainter& p, const PlateLook& look);
+// Two small letters centred at (x, y), mm; returns their width.
+double stacked_letters(const PlatePainter& p, const PlateLook& look, double x, double y);
 
 }  // namespace tarsier::synth

@@ -114,7 +114,7 @@ void vary_colors(PlateLook& look, PlateKind kind, Rng& rng) {
 
 void vary(PlateLook& look, PlateKind kind, const GlyphSet& glyphs, Rng& rng) {
   vary_colors(look, kind, rng);
-  look.typeface = rng.integer(0, static_cast<int>(glyphs.typefaces().size()) - 1);
+  look.typeface = glyphs.pick(rng);
   look.weight =
       std::clamp(static_cast<int>(std::lround(rng.normal(1.8, 1.1))), 0, GlyphSet::kWeights - 1);
   look.cap *= rng.uniform(0.92, 1.08);
@@ -215,11 +215,13 @@ void letter(const PlatePainter& p, const PlateLook& look, const Line& line, doub
     cv::Mat mask;
     cv::resize(source, mask, size, 0, 0, cv::INTER_AREA);
     mask = slanted(mask, look.slant);
+    if (look.worn > 0) wear(mask, look.worn, p.rng);
     const cv::Point corner = p.at(cell.left, y - look.cap / 2);
     if (embossed && p.s > 0.5) {
       blend(p.image, mask * 0.5, corner + cv::Point(-1, -1), Color::all(255));
       blend(p.image, mask * 0.35, corner + cv::Point(1, 1), Color::all(60));
     }
+    if (look.relief > 0) relief(p, look, mask, corner);
     blend(p.image, mask, corner, look.ink);
     face.symbols.push_back(
         {cell.symbol,
@@ -261,7 +263,11 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
   const std::vector<std::string> rows =
       plate_text(options.kind, options.text, options.any_text, rng);
   PlateLook look = standard_look(options.kind, static_cast<int>(rows.size()));
+  const bool wild = options.random_style && options.wild;
   if (options.random_style) vary(look, options.kind, glyphs, rng);
+  // American and Brazilian plates have their lines above and below anyway.
+  const bool lined = options.kind == PlateKind::kUs || options.kind == PlateKind::kBrazil;
+  if (wild) make_wild(look, rows.size() == 1 && !lined, rng);
   if (options.infrared) in_infrared(look, rng);
   const double s = static_cast<double>(options.px_per_mm);
   PlateFace face;
@@ -270,6 +276,7 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
   paint_ground(face.image, look);
   const PlatePainter p{face.image, s, glyphs, rng};
   const bool random = options.random_style;
+  if (look.lattice > 0) lattice(p, look);
   euro_band(p, look, true);
   euro_band(p, look, false);
   if (options.kind == PlateKind::kUs && random && !options.infrared) us_ornaments(p, look);
@@ -287,7 +294,10 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
     cv::rectangle(face.image, cv::Rect(0, 0, face.image.cols, face.image.rows), look.ink,
                   std::max(1, p.px(look.border)));
   }
-  const PlateSeparator between = choose_separator(options.kind, random, rng);
+  slogans(p, look);
+  PlateSeparator between = choose_separator(options.kind, random, rng);
+  if (wild && rng.uniform() < (options.kind == PlateKind::kBrazil ? 0.5 : 0.1))
+    between = PlateSeparator::kDot;
   const bool embossed = random && rng.uniform() < 0.4;
   const double margin = options.kind == PlateKind::kUs ? 10 : 14;
   for (std::size_t row = 0; row < rows.size(); ++row) {
@@ -313,6 +323,12 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
         from += room;
       else
         until -= room;
+    }
+    if (look.stacked && rows.size() == 1) {
+      if (rng.uniform() < 0.6)
+        from += stacked_letters(p, look, from + look.cap * 0.18, y) + look.gap;
+      else
+        until -= stacked_letters(p, look, until - look.cap * 0.18, y) + look.gap;
     }
     const Line line = lay_out(rows[row], look, glyphs, from, until);
     for (const Line::Gap& gap : line.gaps) separator(p, look, between, gap.x, y, gap.room);

@@ -6,6 +6,7 @@
 #include <opencv2/core.hpp>
 
 #include <array>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -21,6 +22,14 @@ class GlyphSet;
 // Sans Narrow Bold, FreeSans Bold, Roadgeek, DejaVu Sans Condensed Bold ..). Throws InputError that
 // names the Debian packages when fewer than two are there.
 [[nodiscard]] std::shared_ptr<const GlyphSet> load_glyphs();
+
+// What a reader of any plate learns from: those typefaces, others that are installed, and as many
+// as `drawn` that are made up from `seed` (stroke_typeface.h). Of the plates lettered with them
+// three of ten have the typefaces of load_glyphs() and five made-up ones. Other seeds are typefaces
+// that nobody has learnt. Throws as load_glyphs() does.
+[[nodiscard]] std::shared_ptr<const GlyphSet> load_many_glyphs(std::uint64_t seed, int drawn = 200);
+// `drawn` made-up typefaces alone: needs none that are installed.
+[[nodiscard]] std::shared_ptr<const GlyphSet> draw_glyphs(std::uint64_t seed, int drawn);
 
 enum class PlateKind {
   kSpain,        // 520 x 110 mm, DDDD LLL
@@ -40,6 +49,8 @@ struct PlateFaceOptions {
                              // them learns no grammar
   bool random_style = true;  // typeface, stroke, colours, spacing, seals, rivets, dirt vary; false:
                              // the kind's standard look
+  bool wild = false;         // .. and what is met in the wild: slogans and towns above and below,
+                             // stacked letters, frames over the edge, relief, worn paint
   bool infrared = false;     // grey: bright plate, dark characters, seals and band fade
 };
 

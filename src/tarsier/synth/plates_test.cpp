@@ -2,6 +2,7 @@
 #include "tarsier/synth/plates.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/synth/glyphs.h"
 #include "tarsier/synth/plate_texts.h"
 #include "tarsier/synth/street.h"
 
@@ -129,6 +130,56 @@ TEST_F(DrawnPlates, InfraredOnesAreGreyAndBright) {
   cv::split(face.image, channels);
   EXPECT_EQ(cv::norm(channels[0], channels[2], cv::NORM_INF), 0);
   EXPECT_GT(cv::mean(channels[0])[0], 110);
+}
+
+TEST(MadeUpTypefaces, HaveEverySymbolAtItsHeightAndTellThemApart) {
+  const auto glyphs = draw_glyphs(3, 25);
+  ASSERT_EQ(glyphs->typefaces().size(), 25U);
+  const auto shape_of = [](const cv::Mat& mask) {
+    cv::Mat small;
+    cv::resize(mask, small, {24, 32}, 0, 0, cv::INTER_AREA);
+    return small;
+  };
+  const std::set<std::string> alike{"0O", "1I", "0D", "DO", "OQ", "0Q", "8B", "VY", "UV"};
+  for (const GlyphSet::Typeface& typeface : glyphs->typefaces()) {
+    for (std::size_t i = 0; i < kPlateSymbols.size(); ++i) {
+      const cv::Mat& mask = typeface.masks[2][i];
+      EXPECT_NEAR(mask.rows, GlyphSet::kCapHeight, 12) << kPlateSymbols[i];
+      EXPECT_GT(cv::countNonZero(mask > 127), mask.total() / 6) << kPlateSymbols[i];
+      for (std::size_t k = i + 1; k < kPlateSymbols.size(); ++k) {
+        if (alike.contains({kPlateSymbols[i], kPlateSymbols[k]})) continue;
+        EXPECT_GT(cv::norm(shape_of(mask), shape_of(typeface.masks[2][k]), cv::NORM_L1),
+                  24 * 32 * 255 * 0.025)
+            << typeface.name << ": " << kPlateSymbols[i] << kPlateSymbols[k];
+      }
+    }
+  }
+}
+
+TEST(MadeUpTypefaces, AreOfTheirSeed) {
+  const auto one = draw_glyphs(5, 2);
+  const auto same = draw_glyphs(5, 2);
+  const auto other = draw_glyphs(6, 2);
+  const auto five = [](const auto& glyphs) { return glyphs->typefaces()[1].masks[0][5]; };
+  EXPECT_TRUE(is_same(five(one), five(same)));
+  EXPECT_FALSE(is_same(five(one), five(other)));
+}
+
+TEST(MadeUpTypefaces, LetterWildPlatesWhoseTruthIsTheText) {
+  const auto glyphs = draw_glyphs(1, 10);
+  Rng rng(4);
+  for (int i = 0; i < 60; ++i) {
+    PlateFaceOptions options;
+    options.kind = kKinds[i % 7];
+    options.wild = true;
+    const PlateFace face = render_plate_face(*glyphs, options, rng);
+    ASSERT_EQ(face.symbols.size(), face.text.size());
+    for (const PlateSymbol& symbol : face.symbols) {
+      EXPECT_GE(symbol.box.x, -1);  // leaning letters may lap over the edge
+      EXPECT_LT(symbol.box.x + symbol.box.width, static_cast<float>(face.image.cols) + 20);
+      EXPECT_GT(symbol.box.width, 2);
+    }
+  }
 }
 
 class Streets : public DrawnPlates {

@@ -183,7 +183,7 @@ void SceneOptions::check() const {
                   "focal length {} px of an image of {} px", focal_px, side);
   TARSIER_REQUIRE(trajectory >= Trajectory::kArc && trajectory <= Trajectory::kLine,
                   "trajectory {}", static_cast<int>(trajectory));
-  TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kNothing, "content {}",
+  TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kShiny, "content {}",
                   static_cast<int>(content));
 }
 
@@ -208,7 +208,8 @@ struct ReliefScene::Parts {
     const Content content = options.content;
     // A little finer than the pixels of a camera at its usual distance.
     const double texels = std::clamp(1.25 * focal / kDistance, 10.0, kMaxTexels);
-    if (content == Content::kRelief || content == Content::kRepeated) {
+    if (content == Content::kRelief || content == Content::kRepeated ||
+        content == Content::kPatchy || content == Content::kShiny) {
       field = HeightField(base.fork(kHeightStream));
     }
     if (content == Content::kRepeated) {
@@ -216,8 +217,11 @@ struct ReliefScene::Parts {
     } else if (content != Content::kNothing) {
       wall = Texture(kWallWidth, kWallHeight, texels, base.fork(kWallStream));
     }
-    if (content == Content::kRelief || content == Content::kBoxes) {
+    const bool has_fins = content == Content::kThin;
+    if (content == Content::kRelief || content == Content::kBoxes || content == Content::kRoom ||
+        has_fins) {
       place_boxes(base.fork(kBoxStream));
+      if (content == Content::kRoom) build_room();
       faces =
           Texture(kFaceCell * kFaceCells, kFaceCell * kFaceCells, texels, base.fork(kFaceStream));
     }
@@ -225,7 +229,7 @@ struct ReliefScene::Parts {
 
   // One in each field of a 4 x 3 board, so that they spread and hardly touch.
   void place_boxes(Rng rng) {
-    const bool on_plane = options.content == Content::kBoxes;
+    const bool on_plane = options.content != Content::kRelief;
     const double pitch_x = on_plane ? 2.1 : 2.7;
     const double pitch_y = on_plane ? 2.1 : 2.5;
     for (int i = 0; i < kBoxes; ++i) {
@@ -233,6 +237,7 @@ struct ReliefScene::Parts {
       box.x = (i % 4 - 1.5 + rng.uniform(-0.2, 0.2)) * pitch_x;
       box.y = (i / 4 - 1.0 + rng.uniform(-0.2, 0.2)) * pitch_y;
       for (double& half : box.half) half = rng.uniform(0.35, 0.8);
+      if (options.content == Content::kThin) box.half[1] *= 0.08;
       // Smaller than a cell of the faces' texture.
       box.top = on_plane ? rng.uniform(0.6, 2.6) : field.height(box.x, box.y) + rng.uniform(0.4, 1);
       const double turn = rng.uniform(-45, 45) * kRadians;
@@ -241,6 +246,23 @@ struct ReliefScene::Parts {
       for (int c = 0; c < 3; ++c) box.tint[c] = static_cast<float>(rng.uniform(0.72, 1.08));
       boxes.push_back(box);
     }
+  }
+
+  // Walls to the left and the right, a floor below.
+  void build_room() {
+    const auto add = [&](double x, double y, double half_x, double half_y, double top) {
+      Box box;
+      box.x = x;
+      box.y = y;
+      box.half[0] = half_x;
+      box.half[1] = half_y;
+      box.top = top;
+      box.tint = {1, 1, 1};
+      boxes.push_back(box);
+    };
+    add(-4.8, 0, 0.6, 5, 3.5);
+    add(4.8, 0, 0.6, 5, 3.5);
+    add(0, -3.6, 5, 0.6, 3.5);
   }
 
   [[nodiscard]] const geometry::Rigid3& pose_of(int index) const {
@@ -304,6 +326,23 @@ struct ReliefScene::Parts {
     return hit;
   }
 
+  // Squares of 1.5 units without texture, of kPatchy.
+  [[nodiscard]] bool is_bare(const Eigen::Vector3d& at) const {
+    if (options.content != Content::kPatchy) return false;
+    const int column = floor_of(at[0] / 1.5);
+    const int row = floor_of(at[1] / 1.5);
+    return wrapped(column + 2 * row, 3) == 0;
+  }
+
+  // Of the sun, after Phong, "Illumination for computer generated pictures", CACM 1975.
+  [[nodiscard]] static cv::Vec3f highlight(const Eigen::Vector3d& normal,
+                                           const Eigen::Vector3d& direction) {
+    const Eigen::Vector3d mirrored = 2 * normal.dot(kSun) * normal - kSun;
+    const double cosine = std::max(0.0, -mirrored.dot(direction.normalized()));
+    const auto level = static_cast<float>(150 * std::pow(cosine, 12));
+    return {level, level, level};
+  }
+
   [[nodiscard]] cv::Vec3f colour(const View& view, const Eigen::Vector3d& direction,
                                  const Hit& hit) const {
     if (!hit.is_any) return kSky;
@@ -320,9 +359,10 @@ struct ReliefScene::Parts {
       const Eigen::Vector3d at = view.center + hit.t * direction;
       const cv::Vec2d slope = field.slope(at[0], at[1]);
       const Eigen::Vector3d normal = Eigen::Vector3d(-slope[0], -slope[1], 1).normalized();
-      if (options.content == Content::kNothing) return light(normal) * kBare;
-      return light(normal) *
-             wall.at(at[0] + kWallWidth / 2, at[1] + kWallHeight / 2, footprint(normal));
+      if (options.content == Content::kNothing || is_bare(at)) return light(normal) * kBare;
+      const cv::Vec3f matt = light(normal) * wall.at(at[0] + kWallWidth / 2,
+                                                     at[1] + kWallHeight / 2, footprint(normal));
+      return options.content == Content::kShiny ? matt + highlight(normal, direction) : matt;
     }
     const auto number = static_cast<std::size_t>(hit.box);
     const Box& box = boxes[number];

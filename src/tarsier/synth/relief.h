@@ -32,6 +32,10 @@ enum class Content {
   kPlane,     // a flat wall
   kRepeated,  // the bumpy wall, with one tile of 1.6 units all over
   kNothing,   // a flat wall of one colour
+  kRoom,      // a niche: a wall, two side walls, a floor, and boxes on the wall
+  kThin,      // fins of a few hundredths of a unit standing on a plane
+  kPatchy,    // the bumpy wall, a third of it in squares of one colour
+  kShiny,     // the bumpy wall with highlights that move with the camera
 };
 
 struct SceneOptions {
@@ -47,7 +51,7 @@ struct SceneOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(32, 8192)},
             {"size.height", size.height, range(32, 8192)},
-            {"images", images, range(1, 1000), "--images", "images to render"},
+            {"images", images, range(1, 100'000), "--images", "images to render"},
             {"noise", noise, range(0, 64), "--noise", "grey levels"},
             {"pure_rotation", pure_rotation, "--pure-rotation", "the camera only turns"}};
   }

@@ -24,7 +24,8 @@ SceneOptions small(Content content = Content::kRelief, Trajectory trajectory = T
 bool is_same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
 
 TEST(ReliefScene, DepthAndPosesFitTheImages) {
-  for (const Content content : {Content::kRelief, Content::kBoxes, Content::kPlane}) {
+  for (const Content content : {Content::kRelief, Content::kBoxes, Content::kPlane, Content::kRoom,
+                                Content::kThin, Content::kPatchy}) {
     for (const Trajectory trajectory : {Trajectory::kArc, Trajectory::kRing, Trajectory::kLine}) {
       const ReliefScene scene(small(content, trajectory));
       cv::Mat a;
@@ -80,6 +81,35 @@ TEST(ReliefScene, ACameraThatOnlyTurnsStaysAtItsPlace) {
     EXPECT_GT(geometry::angle_of(scene.pose(i).rotation * scene.pose(0).rotation.transpose()),
               0.05);
   }
+}
+
+TEST(ReliefScene, ARoomHasAFloorAndFinsAreThin) {
+  const ReliefScene room(small(Content::kRoom));
+  const ReliefScene boxes(small(Content::kBoxes));
+  // Below the middle the floor is nearer than the wall.
+  EXPECT_LT(*room.depth(2, {120, 175}), *boxes.depth(2, {120, 175}) - 1);
+  const auto nearer = [](const ReliefScene& scene) {
+    int count = 0;
+    for (int v = 0; v < 180; v += 2)
+      for (int u = 0; u < 240; u += 2)
+        count += *scene.depth(2, cv::Point2d(u, v)) < *scene.depth(2, {0, 0}) - 0.5 ? 1 : 0;
+    return count;
+  };
+  const int fins = nearer(ReliefScene(small(Content::kThin)));
+  EXPECT_GT(fins, 10);
+  EXPECT_LT(2 * fins, nearer(boxes));
+}
+
+TEST(ReliefScene, PatchesAreBareAndHighlightsAreBright) {
+  const cv::Mat matt = ReliefScene(small()).render(2);
+  const cv::Mat shiny = ReliefScene(small(Content::kShiny)).render(2);
+  const cv::Mat patchy = ReliefScene(small(Content::kPatchy)).render(2);
+  EXPECT_FALSE(is_same(matt, shiny));
+  cv::Mat edges;
+  cv::Laplacian(patchy, edges, CV_16S);
+  cv::Mat flat;
+  cv::inRange(edges, cv::Scalar::all(-2), cv::Scalar::all(2), flat);
+  EXPECT_GT(cv::countNonZero(flat), 240 * 180 / 5);
 }
 
 TEST(ReliefScene, NothingIsOneColour) {

@@ -9,6 +9,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <mutex>
 
 namespace tarsier::synth {
 namespace {
@@ -409,9 +411,33 @@ std::vector<std::string> Drive::texts() const {
 
 // --- single scenes ---
 
+namespace {
+
+std::shared_ptr<const GlyphSet> usual_glyphs() {
+  static const std::shared_ptr<const GlyphSet> glyphs = load_glyphs();
+  return glyphs;
+}
+
+// Those of the last seed are kept.
+std::shared_ptr<const GlyphSet> made_up_glyphs(std::uint64_t seed) {
+  constexpr int kTypefaces = 60;
+  static std::mutex mutex;
+  static std::uint64_t last = 0;
+  static std::shared_ptr<const GlyphSet> glyphs;
+  const std::scoped_lock lock(mutex);
+  if (glyphs == nullptr || last != seed) {
+    glyphs = draw_glyphs(seed, kTypefaces);
+    last = seed;
+  }
+  return glyphs;
+}
+
+}  // namespace
+
 StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
   options.check();
-  static const std::shared_ptr<const GlyphSet> glyphs = load_glyphs();
+  const std::shared_ptr<const GlyphSet> glyphs =
+      options.wild ? made_up_glyphs(options.seed) : usual_glyphs();
   Rng rng = Rng(options.seed).fork(number + 1000);
   const Camera camera(options.size);
   const cv::Mat background = draw_background(camera, options.light, rng);
@@ -423,7 +449,8 @@ StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
   for (int i = 0; i < count; ++i) {
     const PlateKind kind = options.kinds[static_cast<std::size_t>(
         rng.integer(0, static_cast<int>(options.kinds.size()) - 1))];
-    sprites.push_back(draw_car(*glyphs, options.light, kind, any_text(kind, rng), rng));
+    sprites.push_back(
+        draw_car(*glyphs, options.light, kind, any_text(kind, rng), rng, options.wild));
     Pose pose;
     pose.z = nearest * std::pow(2.9, rng.uniform());
     const double reach = pose.z * options.size.width / camera.focal / 2 - 1.1;

@@ -24,6 +24,8 @@ struct StreetOptions {
   cv::Size size{1280, 720};
   StreetLight light = StreetLight::kDay;
   std::vector<PlateKind> kinds{PlateKind::kSpain};
+  bool wild = false;  // of render_car(): plates of PlateFaceOptions::wild, in 60 typefaces that are
+                      // made up from the seed
   std::uint64_t seed = 1;
   double seconds = 60;  // of a drive
   int cars = 6;         // of a drive in all

@@ -41,6 +41,7 @@ struct MarkersFlags {
   std::string smooth = "one-euro";
   std::string csv;
   OnEventFlags on_event;
+  PublishFlags publish;
   planar::MarkerTrackerOptions tracker;
 };
 
@@ -116,10 +117,8 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   DebugFolder debug(context.debug_dir);
   options.debug = debug.sink();
   ArSession session(tracker, std::move(options));
-  std::optional<CsvTable> table;
-  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   bool found = false;
-  OnEvent on_event(flags.on_event, context);
+  OnEvent on_event(flags.on_event, context, flags.publish, http_access(flags.run));
   PresenceEvents events(on_event, "marker");
   RunHooks hooks;
   hooks.title = "markers";
@@ -131,10 +130,7 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
       has_told = true;
     }
     if (on_event) events.frame(frame, to_json(session.result()).at("markers"));
-    for (const planar::TrackedMarker& posed : session.result().markers) {
-      found = true;
-      if (table) table->add(row_of(frame, posed));
-    }
+    found = found || !session.result().markers.empty();
     if (frame.still && !context.json && !context.quiet) {
       const std::size_t count = session.result().markers.size();
       print_text(fmt::format("{}: {} {}", frame.name, count, count == 1 ? "marker" : "markers"));
@@ -142,6 +138,13 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
         print_text(line_of(posed));
       print_text("\n");
     }
+  };
+  hooks.table = {flags.csv, kColumns};
+  hooks.rows = [&](const Frame& frame) {
+    std::vector<std::string> rows;
+    for (const planar::TrackedMarker& posed : session.result().markers)
+      rows.push_back(row_of(frame, posed));
+    return rows;
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
     line.update(to_json(session.result()));
@@ -170,6 +173,7 @@ void add_flags(Command& verb, MarkersFlags& flags) {
   verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, id, place (m), rotation vector, error, corners");
   add_on_event_flags(verb, flags.on_event, "when a marker appears or is lost");
+  add_publish_flags(verb, flags.publish, "marker");
   const auto drawing = [](Flag& flag) { flag.group("What is drawn"); };
   Flag& draw = verb.add_option("--draw", flags.draw, "none, ids, axes or cube");
   drawing(draw.check(one_of({"none", "ids", "axes", "cube"})).show_default());

@@ -9,7 +9,6 @@
 #include <fmt/format.h>
 
 #include "framework/bind.h"
-#include "framework/csv_table.h"
 #include "framework/on_event.h"
 #include "framework/run_session.h"
 #include "framework/stopwatch.h"
@@ -96,6 +95,7 @@ struct FollowFlags {
   std::string csv;
   std::string draw = "box";
   OnEventFlags on_event;
+  PublishFlags publish;
   planar::TargetTrackerOptions tracker;
 };
 
@@ -139,13 +139,11 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
       log_warning("{}: a poor target (rating {:.2f}): see `ar target-train --draw`",
                   flags.targets[i], rating);
   }
-  std::optional<CsvTable> table;
-  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   DebugFolder debug(context.debug_dir);
   options.debug = debug.sink();
   TargetSession session(tracker, options);
   bool found = false;
-  OnEvent on_event(flags.on_event, context);
+  OnEvent on_event(flags.on_event, context, flags.publish, http_access(flags.run));
   PresenceEvents events(on_event, "target");
   RunHooks hooks;
   hooks.title = "targets";
@@ -154,8 +152,6 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
     const planar::TargetResult& result = session.result();
     found = found || !result.seen.empty();
     if (on_event) events.frame(frame, to_json(result).at("markers"));
-    for (const planar::image_targets::TrackedTarget& seen : result.seen)
-      if (table) table->add(row_of(frame, seen));
     if (frame.still && !context.json && !context.quiet) {
       print_text(frame.name + ":");
       for (const planar::image_targets::TrackedTarget& seen : result.seen) {
@@ -165,6 +161,13 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
       }
       print_text(result.seen.empty() ? " none\n" : "\n");
     }
+  };
+  hooks.table = {flags.csv, kColumns};
+  hooks.rows = [&](const Frame& frame) {
+    std::vector<std::string> rows;
+    for (const planar::image_targets::TrackedTarget& seen : session.result().seen)
+      rows.push_back(row_of(frame, seen));
+    return rows;
   };
   hooks.describe = [&](const View&, Json& line) { line.update(to_json(session.result())); };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
@@ -197,6 +200,7 @@ void add_track_flags(Command& verb, FollowFlags& flags) {
   verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, id, confidence, corners, place (m), error");
   add_on_event_flags(verb, flags.on_event, "when a target appears or is lost");
+  add_publish_flags(verb, flags.publish, "target");
   bind_all(verb, flags.tracker.track, "Videos and cameras");
 }
 

@@ -15,8 +15,9 @@ void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
   bind_field(verb, flags.fit, flags.fit.starts);
   add_min_face_flag(verb, flags.min_face);
   verb.add_option("--face-detector", flags.detector,
-                  "detector of `landmarks train` that finds the faces, or `cascades`: those of "
-                  "opencv-data [face-detector.json, which ships]");
+                  "detector of `landmarks train` that finds the faces, `own`: face-detector.json, "
+                  "which ships, or `cascades`: those of opencv-data [own, and beside it the one "
+                  "that scripts/get-model.sh face-detector installs]");
   verb.add_flag("!--strict", flags.thorough,
                 "only faces that the frontal detector is sure of: faster where there are none");
 }

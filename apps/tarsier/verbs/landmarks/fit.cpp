@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include "framework/bind.h"
-#include "framework/csv_table.h"
 #include "framework/run_session.h"
 #include "ui/face/landmark_session.h"
 #include "verbs/landmarks/engine.h"
@@ -13,9 +12,9 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -55,19 +54,15 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   flags.tracker.check();
   default_to_headless(flags.run);
   face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks, flags.tracker);
-  std::optional<CsvTable> csv;
-  if (!flags.csv.empty()) csv.emplace(flags.csv, columns(tracker.model().points()));
+  RunHooks hooks;
+  hooks.table = {flags.csv, columns(tracker.model().points())};
   DebugFolder debug(context.debug_dir);
   LandmarkSession session(std::move(tracker), debug.sink());
   bool found = false;
-  RunHooks hooks;
   hooks.title = "landmarks";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    for (const face::landmarks::TrackedFace& face : session.result().faces) {
-      found = true;
-      if (csv) csv->add(row_of(frame, face));
-    }
+    found = found || !session.result().faces.empty();
     if (frame.still && !context.json && !context.quiet) {
       print_text(fmt::format("{}: {} {}", frame.name, session.result().faces.size(),
                              session.result().faces.size() == 1 ? "face" : "faces"));
@@ -77,6 +72,12 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
       }
       print_text("\n");
     }
+  };
+  hooks.rows = [&](const Frame& frame) {
+    std::vector<std::string> rows;
+    for (const face::landmarks::TrackedFace& face : session.result().faces)
+      rows.push_back(row_of(frame, face));
+    return rows;
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
     line.update(to_json(session.result()));

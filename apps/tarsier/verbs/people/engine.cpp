@@ -2,6 +2,7 @@
 #include "verbs/people/engine.h"
 
 #include "tarsier/core/stop.h"
+#include "tarsier/face/onnx/own_networks.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/plate/tracking/time_text.h"
 
@@ -12,8 +13,11 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <filesystem>
+#include <map>
 #include <pwd.h>
 #include <string_view>
+#include <system_error>
 #include <unistd.h>
 #include <utility>
 
@@ -35,6 +39,8 @@ void add_face_flags(Command& verb, PeopleFlags& flags) {
   group(add_min_face_flag(verb, flags.min_face));
   group(verb.add_flag("!--strict", flags.thorough,
                       "only faces that the frontal detector is sure of: faster"));
+  group(verb.add_option("--detector-model", flags.detector_model,
+                        "ONNX file of the YuNet family that finds faces, in place of ours"));
   add_template_flags(verb, flags);
 }
 
@@ -45,9 +51,38 @@ void add_template_flags(Command& verb, PeopleFlags& flags) {
                         "face-embedding), auto: what the gallery has, of a new one deep where it "
                         "is installed")
             .show_default());
+  group(verb.add_option("--embedding", flags.embedding,
+                        "ONNX file of your own that makes the deep templates (package "
+                        "tarsier-onnx)"));
   group(verb.add_option("--background", flags.background,
                         "what is known of faces in general; none: nothing "
-                        "[people-background.json, which ships]"));
+                        "[people-background.json, which ships; of --embedding face.onnx "
+                        "face.people.json]"));
+}
+
+std::string background_of(const PeopleFlags& flags) {
+  if (!flags.background.empty() || flags.embedding.empty()) return flags.background;
+  std::filesystem::path beside = flags.embedding;
+  beside.replace_extension(".people.json");
+  std::error_code error;
+  return std::filesystem::is_regular_file(beside, error) ? beside.string() : std::string();
+}
+
+face::SharedNetwork own_network(const PeopleFlags& flags) {
+  if (flags.embedding.empty()) return nullptr;
+  // A verb asks in several places.
+  static std::map<std::string, face::SharedNetwork> read;
+  face::SharedNetwork& network = read[flags.embedding];
+  if (!network) network = face::onnx::load_embedding(flags.embedding);
+  return network;
+}
+
+face::TemplateKind template_kind(const PeopleFlags& flags) {
+  const face::TemplateKind kind = face::parse_template_kind(flags.templates);
+  if (flags.embedding.empty()) return kind;
+  if (kind == face::TemplateKind::kClassic)
+    throw UsageError("--embedding or --template classic, not both");
+  return face::TemplateKind::kDeep;
 }
 
 face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
@@ -55,14 +90,17 @@ face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
   options.eyes = face::people::parse_eye_method(flags.eyes);
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
+  if (!flags.detector_model.empty())
+    options.finder.own = face::onnx::load_box_detector(flags.detector_model);
   return options;
 }
 
 face::IdentifierOptions identifier_options(const PeopleFlags& flags) {
   face::IdentifierOptions options;
   options.gallery = flags.gallery;
-  options.background = flags.background;
-  options.templates = face::parse_template_kind(flags.templates);
+  options.background = background_of(flags);
+  options.templates = template_kind(flags);
+  options.network = own_network(flags);
   options.reading = reading_options(flags);
   return options;
 }
@@ -95,13 +133,13 @@ std::optional<face::recognition::Background> find_background(const PeopleFlags& 
 face::recognition::Background find_deep_background(const PeopleFlags& flags) {
   if (flags.background == kNoBackground)
     throw UsageError("--background none: deep templates need their background");
-  return face::load_deep_background(ModelStore::find(), flags.background);
+  return face::load_deep_background(ModelStore::find(), background_of(flags), own_network(flags));
 }
 
 std::optional<face::recognition::Background> background_to_enroll(face::people::Gallery& gallery,
                                                                   const PeopleFlags& flags) {
-  face::settle_templates(gallery, face::parse_template_kind(flags.templates), ModelStore::find(),
-                         true);
+  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), true,
+                         own_network(flags));
   if (face::has_deep_templates(gallery)) return find_deep_background(flags);
   return find_background(flags);
 }
@@ -116,11 +154,12 @@ std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gall
                                                               const PeopleFlags& flags,
                                                               Context& context,
                                                               face::people::Learn learn) {
-  face::settle_templates(gallery, face::parse_template_kind(flags.templates), ModelStore::find(),
-                         false);
+  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), false,
+                         own_network(flags));
   const auto background = learn == face::people::Learn::kNow && !face::has_deep_templates(gallery)
                               ? find_background(flags)
-                              : face::background_for(gallery, ModelStore::find(), flags.background);
+                              : face::background_for(gallery, ModelStore::find(),
+                                                     background_of(flags), own_network(flags));
   auto model = load_model(gallery, background ? &*background : nullptr, context, learn);
   if (!model) return std::nullopt;
   return std::move(model->recognizer);

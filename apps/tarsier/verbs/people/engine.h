@@ -25,6 +25,8 @@ struct PeopleFlags {
   std::string eyes = "landmarks";
   std::string templates = "auto";  // classic, deep
   std::string background;          // empty: the one that ships; "none": nothing is known
+  std::string embedding;           // ONNX file of the user's own, for deep templates; or empty
+  std::string detector_model;      // ONNX file that finds faces; or empty
   double min_face = 0;             // px, smallest face that is looked for; 0: the usual
   bool thorough = true;
 };
@@ -34,7 +36,13 @@ void add_face_flags(Command& verb, PeopleFlags& flags);
 // Those of them that say what faces are compared by.
 void add_template_flags(Command& verb, PeopleFlags& flags);
 
-// Throws UsageError for an unknown way to find eyes.
+// The network of --embedding, read once; null: none is named. Throws UsageError, ModelError.
+[[nodiscard]] face::SharedNetwork own_network(const PeopleFlags& flags);
+// --background; of --embedding the file beside it, where there is one and none is named.
+[[nodiscard]] std::string background_of(const PeopleFlags& flags);
+// What --template, --embedding say together; throws UsageError.
+[[nodiscard]] face::TemplateKind template_kind(const PeopleFlags& flags);
+// Throws UsageError for an unknown way to find eyes, ModelError for --detector-model.
 [[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags);
 // All that the flags say.
 [[nodiscard]] face::IdentifierOptions identifier_options(const PeopleFlags& flags);

@@ -149,8 +149,9 @@ ExitStatus enroll(EnrollFlags& flags, Context& context) {
   face::people::check_name(flags.name);
   face::people::check_note(flags.note);
   // Nothing is written where what is asked for is not there.
-  if (face::parse_template_kind(flags.people.templates) == face::TemplateKind::kDeep)
-    static_cast<void>(face::load_deep_network(ModelStore::find()));
+  if (template_kind(flags.people) == face::TemplateKind::kDeep)
+    static_cast<void>(face::load_deep_network(ModelStore::find(), own_network(flags.people)));
+  if (!flags.people.embedding.empty()) static_cast<void>(find_deep_background(flags.people));
   flags.collect.check_quality = !flags.any_quality;
   return Enrolment(flags, context)();
 }

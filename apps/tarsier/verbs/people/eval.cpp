@@ -184,7 +184,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
       throw UsageError(fmt::format("--algorithm: {}", error.what()));
     }
   }
-  const face::TemplateKind kind = face::parse_template_kind(flags.people.templates);
+  const face::TemplateKind kind = template_kind(flags.people);
   if (algorithms.empty() && kind != face::TemplateKind::kDeep)
     algorithms = {Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph, Algorithm::kDefault};
   if (flags.algorithms.empty() &&
@@ -196,8 +196,10 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   // alone.
   std::optional<face::recognition::Background> deep_background;
   if (deep)
-    deep_background = algorithms.size() == 1 ? find_deep_background(flags.people)
-                                             : face::load_deep_background(ModelStore::find());
+    deep_background =
+        algorithms.size() == 1
+            ? find_deep_background(flags.people)
+            : face::load_deep_background(ModelStore::find(), {}, own_network(flags.people));
   // As a gallery is trained: with what ships, unless another or none was asked for. Images that
   // were cut in another way are not like those that it was learnt from: like `people train --raw`,
   // they go without unless one is named.

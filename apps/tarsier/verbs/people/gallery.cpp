@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "verbs/people/engine.h"
+#include "verbs/people/images.h"
 #include "verbs/people/people.h"
 #include <cstdio>
 #include <memory>
@@ -21,31 +22,37 @@ struct GalleryFlags {
   std::string keep;
   std::string name;
   std::string faces_of;
+  std::string draw;
   int group = 0;
   bool yes = false;
   std::string output;
 };
 
-ExitStatus list_faces(face::people::Gallery& gallery, const std::string& name,
+ExitStatus list_faces(face::people::Gallery& gallery, const GalleryFlags& flags,
                       const Context& context) {
+  const std::string& name = flags.faces_of;
   const auto person = gallery.find(name);
   if (!person)
     throw InputError(
         gallery.path(),
         fmt::format("nobody is enrolled as '{}': `people list` lists them", printable(name)));
-  gallery.each_face(person->id, false, [&](face::people::StoredFace&& face) {
+  FaceSheet sheet(flags.draw);
+  gallery.each_face(person->id, sheet.is_drawn(), [&](face::people::StoredFace&& face) {
+    nlohmann::ordered_json line = {{"face", face.id},
+                                   {"name", name},
+                                   {"time", time_text(face.time)},
+                                   {"quality", rounded(face.quality, 3)},
+                                   {"source", face.source}};
+    sheet.add(face.crop, face.id, line);
     if (context.json) {
-      print_json({{"face", face.id},
-                  {"name", name},
-                  {"time", time_text(face.time)},
-                  {"quality", rounded(face.quality, 3)},
-                  {"source", face.source}});
+      print_json(line);
     } else {
       print_text(fmt::format("{:>6}  {}  quality {:.2f}  {}\n", face.id,
                              time_text(face.time).substr(0, 19), face.quality,
                              printable(face.source)));
     }
   });
+  sheet.write();
   return person->faces > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
@@ -91,7 +98,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     }
     return sightings.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
   }
-  if (!flags.faces_of.empty()) return list_faces(gallery, flags.faces_of, context);
+  if (!flags.faces_of.empty()) return list_faces(gallery, flags, context);
   const auto people = gallery.people();
   for (const face::people::Person& person : people) {
     if (context.json) {
@@ -238,9 +245,11 @@ ExitStatus export_people(const GalleryFlags& flags, Context& context) {
 void add_list_flags(Command& verb, GalleryFlags& flags) {
   add_gallery_flag(verb, flags.people);
   Flag& sightings = verb.add_flag("--sightings", flags.sightings, "who was seen, newest first");
-  verb.add_option("--faces", flags.faces_of,
-                  "the enrolled faces of this person, with their numbers")
-      .excludes(sightings);
+  Flag& faces = verb.add_option("--faces", flags.faces_of,
+                                "the enrolled faces of this person, with their numbers");
+  faces.excludes(sightings);
+  verb.add_option("--draw", flags.draw, "image to write: these faces, each with its number")
+      .needs(faces);
   verb.add_option("--limit", flags.limit, "of the sightings the newest so many; 0: all")
       .check(at_least(0))
       .show_default();

@@ -9,6 +9,7 @@
 
 #include "framework/bind.h"
 #include "verbs/people/engine.h"
+#include "verbs/people/images.h"
 #include "verbs/people/people.h"
 #include <algorithm>
 #include <cstdint>
@@ -26,8 +27,8 @@ struct GroupFlags {
 // The directions that faces of this gallery are compared in, enrolled or not.
 face::recognition::Background directions_of(face::people::Gallery& gallery,
                                             const PeopleFlags& flags) {
-  const auto kind = face::parse_template_kind(flags.templates);
-  face::settle_templates(gallery, kind, ModelStore::find(), true);
+  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), true,
+                         own_network(flags));
   if (face::has_deep_templates(gallery)) return find_deep_background(flags);
   auto background = find_background(flags);
   if (!background || background->basis.rows() == 0)
@@ -90,18 +91,26 @@ void draw_groups(face::people::Gallery& gallery,
   write_image(path, sheet);
 }
 
-void print_sighting(const face::people::Sighting& sighting, const Context& context) {
-  if (context.json) {
-    print_json({{"id", sighting.id},
-                {"group", sighting.group},
-                {"time", time_text(sighting.time)},
-                {"source", sighting.source},
-                {"quality", rounded(sighting.quality, 3)}});
-  } else {
-    print_text(fmt::format("{:>6}  {}  quality {:.2f}  {}\n", sighting.id,
-                           time_text(sighting.time).substr(0, 19), sighting.quality,
-                           printable(sighting.source)));
+void list_sightings(face::people::Gallery& gallery, const GroupsFlags& flags,
+                    const Context& context) {
+  FaceSheet sheet(flags.draw);
+  for (const auto& sighting : gallery.group_sightings(flags.group)) {
+    nlohmann::ordered_json line = {{"id", sighting.id},
+                                   {"group", sighting.group},
+                                   {"time", time_text(sighting.time)},
+                                   {"source", sighting.source},
+                                   {"quality", rounded(sighting.quality, 3)}};
+    const auto face = sheet.is_drawn() ? gallery.sighting_face(sighting.id) : std::nullopt;
+    sheet.add(face ? face->crop : cv::Mat(), sighting.id, line);
+    if (context.json) {
+      print_json(line);
+    } else {
+      print_text(fmt::format("{:>6}  {}  quality {:.2f}  {}\n", sighting.id,
+                             time_text(sighting.time).substr(0, 19), sighting.quality,
+                             printable(sighting.source)));
+    }
   }
+  sheet.write();
 }
 
 ExitStatus list_groups(const GroupsFlags& flags, const Context& context) {
@@ -113,26 +122,25 @@ ExitStatus list_groups(const GroupsFlags& flags, const Context& context) {
       throw InputError(
           gallery.path(),
           fmt::format("there is no group {}: `people groups` lists them", flags.group));
-    for (const auto& sighting : gallery.group_sightings(flags.group))
-      print_sighting(sighting, context);
-  } else {
-    std::erase_if(groups, [&](const auto& group) { return group.sightings < flags.least; });
-    for (const auto& group : groups) {
-      if (context.json) {
-        print_json({{"group", group.id},
-                    {"sightings", group.sightings},
-                    {"first", time_text(group.first_time)},
-                    {"last", time_text(group.last_time)}});
-      } else {
-        print_text(fmt::format("group {:<6} {:>5} {}  {} to {}\n", group.id, group.sightings,
-                               group.sightings == 1 ? "sighting " : "sightings",
-                               time_text(group.first_time).substr(0, 19),
-                               time_text(group.last_time).substr(0, 19)));
-      }
-    }
-    if (const auto waiting = gallery.ungrouped_count(); waiting > 0)
-      log_info("{} unknown faces are in no group yet: `people group` places them", waiting);
+    list_sightings(gallery, flags, context);
+    return ExitStatus::kDone;
   }
+  std::erase_if(groups, [&](const auto& group) { return group.sightings < flags.least; });
+  for (const auto& group : groups) {
+    if (context.json) {
+      print_json({{"group", group.id},
+                  {"sightings", group.sightings},
+                  {"first", time_text(group.first_time)},
+                  {"last", time_text(group.last_time)}});
+    } else {
+      print_text(fmt::format("group {:<6} {:>5} {}  {} to {}\n", group.id, group.sightings,
+                             group.sightings == 1 ? "sighting " : "sightings",
+                             time_text(group.first_time).substr(0, 19),
+                             time_text(group.last_time).substr(0, 19)));
+    }
+  }
+  if (const auto waiting = gallery.ungrouped_count(); waiting > 0)
+    log_info("{} unknown faces are in no group yet: `people group` places them", waiting);
   if (!flags.draw.empty() && !groups.empty()) draw_groups(gallery, groups, flags.draw);
   return groups.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
@@ -183,7 +191,9 @@ void add_groups_flags(Command& verb, GroupsFlags& flags) {
   verb.add_option("--least", flags.least, "only groups of so many sightings, at least")
       .check(at_least(1))
       .show_default();
-  verb.add_option("--draw", flags.draw, "image to write: the best faces of each, a row a group");
+  verb.add_option("--draw", flags.draw,
+                  "image to write: the best faces of each, a row a group; of one group all faces, "
+                  "each with its number");
 }
 
 void add_name_flags(Command& verb, NameFlags& flags) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/media/still_source.h"
 #include "tarsier/plate/tracking/time_text.h"
 
 #include <fmt/format.h>
@@ -11,12 +10,11 @@
 #include "ui/face/recognize_session.h"
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
+#include "verbs/people/recognition_events.h"
 #include "verbs/people/sightings.h"
 #include <chrono>
-#include <map>
 #include <optional>
 #include <string>
-#include <utility>
 
 namespace tarsier::cli {
 namespace {
@@ -28,53 +26,8 @@ struct IdentifyFlags {
   std::string model;
   bool raw = false;
   OnEventFlags on_event;
+  PublishFlags publish;
   std::string keep;
-};
-
-// Tells each new recognition once: of stills every known face, of videos a face when it is first
-// known, or known as somebody else.
-class Events {
- public:
-  explicit Events(OnEvent& on_event) : on_event_(on_event) {}
-
-  void frame(const Frame& frame, const std::vector<face::NamedFace>& faces) {
-    const std::string source = source_of(frame);
-    if (frame.still || source != source_) reported_.clear();
-    source_ = source;
-    for (const face::NamedFace& face : faces) {
-      if (face.name.label.empty()) continue;
-      const bool video = !frame.still && face.face.id > 0;
-      const std::string what = (face.name.known ? "+" : "-") + face.name.label;
-      if (video) {
-        Reported& reported = reported_[face.face.id];
-        reported.time = frame.time;
-        if (std::exchange(reported.what, what) == what) continue;
-      }
-      if (!face.name.known || !on_event_) continue;
-      nlohmann::ordered_json line = to_json(face);
-      if (frame.still) {
-        line["image"] = frame.name;
-      } else {
-        line["frame"] = frame.index;
-        line["time"] = frame.time;
-        line["source"] = masked(frame.name);
-      }
-      on_event_.post(line);
-    }
-    // A face that is out of sight for so long does not come back under its number.
-    std::erase_if(reported_,
-                  [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
-  }
-
- private:
-  static constexpr double kLost_s = 60;
-  struct Reported {
-    std::string what;
-    double time = 0;  // when it was last seen, s
-  };
-  OnEvent& on_event_;
-  std::map<int, Reported> reported_;
-  std::string source_;
 };
 
 ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
@@ -97,8 +50,8 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   if (keep) sightings.emplace(*gallery, keep->count());
   DebugFolder debug(context.debug_dir);
   RecognizeSession session(identifier, std::move(state), debug.sink());
-  OnEvent on_event(flags.on_event, context);
-  Events events(on_event);
+  OnEvent on_event(flags.on_event, context, flags.publish, http_access(flags.run));
+  RecognitionEvents events(on_event);
   bool known = false;
   RunHooks hooks;
   hooks.title = "people";
@@ -135,6 +88,7 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
   verb.add_flag("--raw", flags.raw, "images are cut faces already");
   bind_field(verb, flags.naming, flags.naming.false_accepts);
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
+  add_publish_flags(verb, flags.publish, "person");
   verb.add_option("--keep", flags.keep,
                   "write into the gallery who was seen, known or not, with the faces, and delete "
                   "what is older: 30d, 12h ..");

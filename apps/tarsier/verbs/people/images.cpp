@@ -2,8 +2,13 @@
 #include "verbs/people/images.h"
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/log.h"
 #include "tarsier/face/recognition/normalize.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/image_file.h"
 
+#include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -18,6 +23,19 @@ class Kept final : public DebugSink {
   }
   NamedImages images;
 };
+
+constexpr std::size_t kSheetMost = 800;  // faces: larger images are of no use
+constexpr int kSheetColumns = 8;
+const cv::Size kSheetFace(128, 160);  // px
+constexpr int kSheetLabel = 24;       // px, below a face
+const cv::Scalar kSheetGray(32, 32, 32);
+
+// The top left corner of a cell of a FaceSheet.
+cv::Point sheet_corner(std::size_t index) {
+  const int i = static_cast<int>(index);
+  return {i % kSheetColumns * kSheetFace.width,
+          i / kSheetColumns * (kSheetFace.height + kSheetLabel)};
+}
 
 double score_of(const face::recognition::Recognizer& model, const cv::Mat& input, int person) {
   for (const auto& one : face::recognition::identify(model, input))
@@ -94,6 +112,34 @@ cv::Mat evidence_image(const face::recognition::Recognizer& model, const cv::Mat
     }
   }
   return out;
+}
+
+void FaceSheet::add(const cv::Mat& crop, std::int64_t number, nlohmann::ordered_json& line) {
+  if (!is_drawn()) return;
+  if (cells_.size() == kSheetMost) {
+    ++left_out_;
+    return;
+  }
+  cv::Mat cell(kSheetFace.height + kSheetLabel, kSheetFace.width, CV_8UC3, kSheetGray);
+  if (!crop.empty()) {
+    image::draw::letterbox(crop, kSheetFace, kSheetGray).copyTo(cell(cv::Rect({0, 0}, kSheetFace)));
+  }
+  image::draw::put_text(cell, fmt::format("{}", number), {6, kSheetFace.height + 5},
+                        {.height_px = 11});
+  const cv::Point at = sheet_corner(cells_.size());
+  line["box"] = {at.x, at.y, kSheetFace.width, kSheetFace.height};
+  cells_.push_back(cell);
+}
+
+void FaceSheet::write() const {
+  if (!is_drawn() || cells_.empty()) return;
+  if (left_out_ > 0) log_warning("the first {} faces are drawn, {} are not", kSheetMost, left_out_);
+  const auto columns = static_cast<int>(std::min<std::size_t>(cells_.size(), kSheetColumns));
+  cv::Mat sheet(sheet_corner(cells_.size() - 1).y + cells_.front().rows, columns * kSheetFace.width,
+                CV_8UC3, kSheetGray);
+  for (std::size_t i = 0; i < cells_.size(); ++i)
+    cells_[i].copyTo(sheet(cv::Rect(sheet_corner(i), cells_[i].size())));
+  write_image(path_, sheet);
 }
 
 }  // namespace tarsier::cli

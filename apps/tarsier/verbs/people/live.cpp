@@ -4,10 +4,12 @@
 #include <fmt/format.h>
 
 #include "framework/bind.h"
+#include "framework/on_event.h"
 #include "framework/run_session.h"
 #include "ui/face/people_session.h"
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
+#include "verbs/people/recognition_events.h"
 #include "verbs/people/sightings.h"
 #include <chrono>
 #include <cmath>
@@ -23,6 +25,8 @@ struct LiveFlags {
   PeopleSessionOptions session;
   std::string algorithm;
   std::string keep;
+  OnEventFlags on_event;
+  PublishFlags publish;
 };
 
 ExitStatus live(LiveFlags& flags, Context& context) {
@@ -45,13 +49,16 @@ ExitStatus live(LiveFlags& flags, Context& context) {
                         flags.session, debug.sink());
   std::optional<SightingWriter> sightings;
   if (keep) sightings.emplace(session.gallery(), keep->count());
+  OnEvent on_event(flags.on_event, context, flags.publish, http_access(flags.run));
+  RecognitionEvents events(on_event);
   RunHooks hooks;
   hooks.title = "people";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     // While faces are collected or learned nobody is named yet.
-    if (sightings && session.mode() == PeopleMode::kRecognize)
-      sightings->frame(frame, session.faces(), now_ms());
+    if (session.mode() != PeopleMode::kRecognize) return;
+    events.frame(frame, session.faces());
+    if (sightings) sightings->frame(frame, session.faces(), now_ms());
   };
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     line["faces"] = nlohmann::ordered_json::array();
@@ -67,6 +74,7 @@ ExitStatus live(LiveFlags& flags, Context& context) {
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   if (sightings) sightings->finish();
+  on_event.finish();
   return status;
 }
 
@@ -80,6 +88,8 @@ void add_flags(Command& verb, LiveFlags& flags) {
   verb.add_option("--keep", flags.keep,
                   "write into the gallery who was seen, known or not, with the faces, and delete "
                   "what is older: 30d, 12h ..");
+  add_on_event_flags(verb, flags.on_event, "at each new recognition");
+  add_publish_flags(verb, flags.publish, "person");
   verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher, lbph or deep");
   bind_field(verb, flags.session, flags.session.max_faces);
   bind_field(verb, flags.session, flags.session.false_accepts);

@@ -17,6 +17,7 @@ void add_people(Command& app, Context& context) {
   add_people_show(area, context);
   add_people_eval(area, context);
   add_people_live(area, context);
+  add_people_liveness(area, context);
 }
 
 }  // namespace tarsier::cli

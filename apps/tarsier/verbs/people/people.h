@@ -16,5 +16,6 @@ void add_people_verify(Command& area, Context& context);
 void add_people_show(Command& area, Context& context);
 void add_people_eval(Command& area, Context& context);
 void add_people_live(Command& area, Context& context);
+void add_people_liveness(Command& area, Context& context);
 
 }  // namespace tarsier::cli

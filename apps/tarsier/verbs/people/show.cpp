@@ -131,7 +131,9 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     if (!flags.model.empty()) {
       model = face::recognition::read_recognizer(flags.model);
       if (model->options.algorithm == Algorithm::kDeep)
-        model->network = face::load_deep_network(ModelStore::find());
+        face::attach_network(*model,
+                             face::load_deep_network(ModelStore::find(), own_network(flags.people)),
+                             flags.model);
     } else {
       gallery = std::make_unique<face::people::Gallery>(face::open_gallery(flags.people.gallery));
       model = model_of_gallery(*gallery, flags.people, context);

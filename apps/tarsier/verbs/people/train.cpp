@@ -81,7 +81,7 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
 }
 
 bool deep(const TrainFlags& flags) {
-  return face::parse_template_kind(flags.people.templates) == face::TemplateKind::kDeep;
+  return template_kind(flags.people) == face::TemplateKind::kDeep;
 }
 
 ExitStatus train_background(const TrainFlags& flags, Context& context) {
@@ -91,7 +91,7 @@ ExitStatus train_background(const TrainFlags& flags, Context& context) {
   face::recognition::BackgroundOptions options;
   options.seed = context.seed;
   if (deep(flags)) {
-    options.network = face::load_deep_network(ModelStore::find());
+    options.network = face::load_deep_network(ModelStore::find(), own_network(flags.people));
     options.within_weight = 200;  // a gallery's own scatter says less than the network's training
   }
   face::recognition::Background background;
@@ -160,11 +160,14 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
   if (!flags.algorithm.empty()) {
     gallery.set_algorithm(face::recognition::name_of(algorithm_of(flags.algorithm)));
   } else if (deep(flags)) {
-    static_cast<void>(face::load_deep_network(ModelStore::find()));
-    gallery.set_algorithm("deep");
-  } else if (face::parse_template_kind(flags.people.templates) == face::TemplateKind::kClassic &&
+    const face::SharedNetwork own = own_network(flags.people);
+    static_cast<void>(face::load_deep_network(ModelStore::find(), own));
+    if (own) static_cast<void>(find_deep_background(flags.people));
+    face::choose_deep_templates(gallery, own);
+  } else if (template_kind(flags.people) == face::TemplateKind::kClassic &&
              face::has_deep_templates(gallery)) {
     gallery.set_algorithm("default");
+    gallery.set_network("");
   }
   const auto model = model_of_gallery(gallery, flags.people, context, face::people::Learn::kNow);
   if (!model) {
@@ -181,7 +184,7 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
 
 ExitStatus train(const TrainFlags& flags, Context& context) {
   if (deep(flags) && !flags.algorithm.empty() && flags.algorithm != "deep")
-    throw UsageError("--template deep or --algorithm, not both");
+    throw UsageError("--template deep (or --embedding) or --algorithm, not both");
   if (!flags.list.empty() && !flags.background_list.empty())
     throw UsageError("--list or --learn-background, not both");
   const bool listed = !flags.list.empty() || !flags.background_list.empty();

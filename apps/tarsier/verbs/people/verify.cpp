@@ -6,6 +6,8 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "framework/batch.h"
+#include "framework/input_schemes.h"
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
 #include <algorithm>
@@ -20,6 +22,7 @@ struct VerifyFlags {
   std::string name;
   std::vector<std::string> inputs;
   double rate = 0.01;
+  BatchFlags batch;
 };
 
 struct Verdict {
@@ -61,7 +64,13 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
   face::people::FaceReader reader = make_face_reader(flags.people);
   bool all = true;
   bool any = false;
-  const auto source = open_sources(flags.inputs);
+  std::unique_ptr<Batch> batch;
+  if (flags.batch.wanted()) {
+    batch =
+        std::make_unique<Batch>(flags.batch, BatchTable(), flags.inputs, input_schemes(), context);
+    context.is_batch = true;
+  }
+  const auto source = batch ? batch->open() : open_sources(flags.inputs);
   while (!source->ended()) {
     throw_if_stopped(context.stop);
     const auto frame = source->next(std::chrono::milliseconds(200), context.stop);
@@ -77,15 +86,16 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     }
     any = any || verdict;
     all = all && verdict && verdict->same;
+    nlohmann::ordered_json line = {{"image", frame->name}, {"name", flags.name}};
+    line["same"] = verdict && verdict->same;
+    line["faces"] = faces.size();
+    if (verdict) {
+      line["confidence"] = rounded(verdict->confidence, 4);
+      line["score"] = verdict->score;
+      line["threshold"] = verdict->threshold;
+    }
+    if (batch) batch->record(frame->index, line, {});
     if (context.json) {
-      nlohmann::ordered_json line = {{"image", frame->name}, {"name", flags.name}};
-      line["same"] = verdict && verdict->same;
-      line["faces"] = faces.size();
-      if (verdict) {
-        line["confidence"] = rounded(verdict->confidence, 4);
-        line["score"] = verdict->score;
-        line["threshold"] = verdict->threshold;
-      }
       print_json(line);
     } else if (!verdict) {
       print_text(fmt::format("{}: no face\n", printable(frame->name)));
@@ -96,6 +106,7 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
                              verdict->threshold));
     }
   }
+  if (batch) batch->finish();
   return any && all ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
@@ -106,6 +117,7 @@ void add_flags(Command& verb, VerifyFlags& flags) {
   verb.add_option("--far", flags.rate, "share of others who may pass")
       .check(range(1e-9, 0.999))
       .show_default();
+  add_batch_flags(verb, flags.batch);
   add_face_flags(verb, flags.people);
 }
 

@@ -44,6 +44,7 @@ struct SynthFlags {
   bool infrared = false;
   bool faces = false;
   bool plain = false;
+  bool wild = false;
   double noise = 2;
 };
 
@@ -61,6 +62,7 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   options.light = flags.infrared ? synth::StreetLight::kInfrared
                   : flags.night  ? synth::StreetLight::kNight
                                  : synth::StreetLight::kDay;
+  options.wild = flags.wild;
   options.kinds.clear();
   for (const std::string& name : flags.kinds) options.kinds.push_back(kinds().at(name));
   const fs::path folder = flags.output;
@@ -100,7 +102,7 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
 
 // Flat plates with a box for each character, as train-reader takes them.
 ExitStatus make_faces(const SynthFlags& flags, Context& context) {
-  const auto glyphs = synth::load_glyphs();
+  const auto glyphs = flags.wild ? synth::draw_glyphs(context.seed, 60) : synth::load_glyphs();
   const fs::path folder = flags.output;
   make_folder(folder);
   const Rng base(context.seed);
@@ -112,6 +114,7 @@ ExitStatus make_faces(const SynthFlags& flags, Context& context) {
     synth::PlateFaceOptions options;
     options.kind = kinds().at(kind);
     options.random_style = !flags.plain;
+    options.wild = flags.wild;
     options.infrared = flags.infrared;
     const synth::PlateFace face = synth::render_plate_face(*glyphs, options, rng);
     std::string symbols;
@@ -155,8 +158,11 @@ void add_flags(Command& verb, SynthFlags& flags) {
   Flag& night = verb.add_flag("--night", flags.night, "lamps glow, plates are lit");
   verb.add_flag("--infrared", flags.infrared, "grey: plates throw the light back").excludes(night);
   Flag& faces = verb.add_flag("--faces", flags.faces, "plates alone, with boxes of characters");
+  Flag& wild = verb.add_flag("--wild", flags.wild,
+                             "worn plates with slogans, in typefaces that are made up from --seed");
   verb.add_flag("--plain", flags.plain, "with --faces: the regulation's look, nothing random")
-      .needs(faces);
+      .needs(faces)
+      .excludes(wild);
 }
 
 }  // namespace

@@ -24,6 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::uint64_t kUnseen = 1000;  // from the seed of typefaces that are learnt
+
 struct TrainFlags {
   std::vector<std::string> inputs;
   std::vector<std::string> scenes;
@@ -35,11 +37,14 @@ struct TrainFlags {
   std::string terms;
   plate::TrainingOptions options;
   int calibration = 3000;
+  bool keep = false;
+  bool wild = false;
   double hold_out = 0;
   ClassicTrainFlags classic;
 };
 
-plate::ViewMaker view_maker(const std::vector<std::string>& folders) {
+plate::ViewMaker view_maker(const std::vector<std::string>& folders,
+                            std::shared_ptr<const synth::GlyphSet> glyphs) {
   plate::ViewMaker views;
   for (const std::string& folder : folders) {
     std::vector<plate::Scene> scenes = plate::read_scenes(folder, 1e6);
@@ -48,8 +53,12 @@ plate::ViewMaker view_maker(const std::vector<std::string>& folders) {
     log_info("{}: {} images, {} plates", folder, scenes.size(), plates);
     std::move(scenes.begin(), scenes.end(), std::back_inserter(views.scenes));
   }
-  views.glyphs = synth::load_glyphs();
+  views.glyphs = std::move(glyphs);
   return views;
+}
+
+std::shared_ptr<const synth::GlyphSet> glyphs_of(const TrainFlags& flags, std::uint64_t seed) {
+  return flags.wild ? synth::load_many_glyphs(seed) : synth::load_glyphs();
 }
 
 nlohmann::json provenance(const TrainFlags& flags, const Context& context) {
@@ -67,6 +76,7 @@ nlohmann::json provenance(const TrainFlags& flags, const Context& context) {
           {"scenes", names(flags.scenes)},
           {"inputs", names(flags.inputs)},
           {"drawn_plates", true},
+          {"wild", flags.wild},
           {"terms", flags.terms}};
 }
 
@@ -80,7 +90,8 @@ ExitStatus train_detector(TrainFlags& flags, Context& context) {
   flags.options.seed = context.seed;
   flags.options.check();
   flags.scenes = flags.inputs;
-  plate::ViewMaker views = view_maker(flags.inputs);
+  plate::ViewMaker views = view_maker(flags.inputs, glyphs_of(flags, context.seed));
+  views.wild = flags.wild;
   plate::DetectorModel model;
   model.detector = plate::train_detector(views, flags.options, *context.progress, context.stop);
   views.distractors = plate::find_distractors(views.scenes, model.detector);
@@ -113,7 +124,8 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     detector_model =
         plate::read_detector_model(models.path_or(flags.detector, "plate-detector.json"));
   }
-  const plate::ViewMaker views = view_maker(flags.scenes);
+  plate::ViewMaker views = view_maker(flags.scenes, glyphs_of(flags, context.seed));
+  views.wild = flags.wild;
   std::vector<plate::LabelledCrop> crops;
   for (const std::string& folder : flags.inputs) {
     auto more = plate::read_labelled_crops(folder);
@@ -129,8 +141,12 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   }
   plate::ReaderModel model;
   if (start) model.calibration = start->calibration;
-  model.line = plate::train_line_reader(views, split.train, flags.options, *context.progress,
-                                        context.stop, start ? &start->line : nullptr);
+  if (flags.keep) {
+    model.line = start->line;
+  } else {
+    model.line = plate::train_line_reader(views, split.train, flags.options, *context.progress,
+                                          context.stop, start ? &start->line : nullptr);
+  }
   nlohmann::json learnt_from = provenance(flags, context);
   if (start) learnt_from["from"] = fs::path(flags.from).filename().string();
   if (!split.test.empty()) {
@@ -144,6 +160,8 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     const plate::Recognizer recognizer(
         std::move(detector_model), model,
         plate::choose_countries(plate::read_countries(models.path("countries")), {}));
+    // Typefaces that were not learnt, as those are that it will meet.
+    views.glyphs = glyphs_of(flags, context.seed + kUnseen);
     model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
                                                context.seed + 99, *context.progress, context.stop);
   }
@@ -153,6 +171,9 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
 
 void add_shared(Command& verb, TrainFlags& flags) {
   verb.add_option("-o,--output", flags.output, "the model file").required();
+  verb.add_flag("--wild", flags.wild,
+                "drawn plates of any typeface (200 are made up from --seed), as worn and as badly "
+                "seen as they are met");
   verb.add_option("--terms", flags.terms, "of the data, kept in the file");
   verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
       .check(one_of({"default", "classic"}))
@@ -180,10 +201,13 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
       .type_name("");
   verb.add_option("--detector", flags.detector,
                   "model whose corners the confidence is fitted with; default: what ships");
-  verb.add_option(
+  Flag& from = verb.add_option(
       "--from", flags.from,
       "model to go on from (a file, or plate-reader: what ships), for one typeface more: some "
       "hundred steps and a few labelled plates are enough");
+  verb.add_flag("--confidence-only", flags.keep,
+                "learn no characters: only the confidence is fitted again")
+      .needs(from);
   bind_field(verb, flags.options, flags.options.line_steps);
   verb.add_option("--calibration", flags.calibration,
                   "drawn plates that the confidence is fitted to; 0: not fitted")

@@ -2,8 +2,10 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/appearance/edit.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_pose.h"
+#include "tarsier/face/head/liveness.h"
 #include "tarsier/face/shape/landmark_set.h"
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/media/atomic_file.h"
@@ -11,6 +13,7 @@
 #include "tarsier/synth/face/synth_face.h"
 
 #include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
 
 #include "framework/bind.h"
 #include "framework/size_flag.h"
@@ -22,6 +25,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <string>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -36,6 +40,8 @@ struct SynthFlags {
   int count = 20;
   int people = 0;
   bool video = false;
+  std::string challenge;  // "head", "photo"; empty: none
+  int tasks = 3;
   double yaw = 40;
   double pitch = 20;
   double roll = 15;
@@ -72,6 +78,80 @@ geometry::Rigid3 turning_pose(const SynthFlags& flags, double phase) {
           {0, 10, middle + swing * std::sin(kTurn * phase)}};
 }
 
+// --- a video of what `people liveness --fixed-order` asks of the same --seed ---
+
+constexpr double kActFps = 15;
+constexpr double kActLook = 1.5;  // s, into the camera
+constexpr double kActTask = 2.5;  // s, for each task, with the way back
+
+struct Act {
+  face::head::HeadAngles angles;
+  double open = 1;  // of the lids
+};
+
+// 0 to 1 and back, smooth, between `from` and `to`.
+double swell(double t, double from, double to) {
+  if (t <= from || t >= to) return 0;
+  return 0.5 - 0.5 * std::cos(2 * std::numbers::pi * (t - from) / (to - from));
+}
+
+Act act_at(const SynthFlags& flags, const std::vector<face::head::LivenessTask>& tasks,
+           double time) {
+  Act act;
+  act.angles = {1.5 * std::sin(1.1 * time), 1.5 * std::sin(0.8 * time + 1),
+                std::sin(0.6 * time + 2)};  // nobody keeps quite still
+  const double since = time - kActLook;
+  if (since < 0) return act;
+  const auto which = static_cast<std::size_t>(since / kActTask);
+  if (which >= tasks.size()) return act;
+  const double t = since - kActTask * static_cast<double>(which);
+  if (tasks[which] == face::head::LivenessTask::kBlink) {
+    // Who holds a photo nods it, so that the eyes look narrower.
+    if (flags.challenge == "photo")
+      act.angles.pitch_deg += flags.pitch * swell(t, 0.4, 1.6);
+    else
+      act.open = 1 - swell(t, 0.8, 1.3);
+  } else {
+    const double sign = tasks[which] == face::head::LivenessTask::kTurnLeft ? -1 : 1;
+    act.angles.yaw_deg += sign * flags.yaw * swell(t, 0.2, 2.2);
+  }
+  return act;
+}
+
+// The upper lids come down over the eyes.
+void close_eyes(const face::appearance::Synthesis& synthesis,
+                const face::appearance::AppearanceModel& model, cv::Mat& image,
+                const Eigen::Matrix2Xd& points, double open) {
+  constexpr int kLids[4][2] = {{37, 41}, {38, 40}, {43, 47}, {44, 46}};
+  Eigen::Matrix2Xd edited = points;
+  for (const auto& lid : kLids)
+    edited.col(lid[0]) = open * points.col(lid[0]) + (1 - open) * points.col(lid[1]);
+  face::appearance::draw_edited(synthesis, model, image, points, edited);
+}
+
+// The image as a print of it that is held at `distance` (mm), where it has the size of the face, and
+// turned.
+cv::Mat turned_print(const cv::Mat& image, const geometry::Camera& camera, double distance,
+                     const face::head::HeadAngles& angles) {
+  const Eigen::Matrix3d r = face::head::rotation_of_angles(angles);
+  Eigen::Matrix3d k;
+  k << camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1;
+  // Of a point of the print at (X, Y, 0): K (R (X, Y, 0) + t), X = (u - cx) distance / f.
+  Eigen::Matrix3d on_print;
+  on_print << distance / camera.fx, 0, -camera.cx * distance / camera.fx, 0, distance / camera.fy,
+      -camera.cy * distance / camera.fy, 0, 0, 1;
+  Eigen::Matrix3d place;
+  place << r.col(0), r.col(1), Eigen::Vector3d(0, 0, distance);
+  const Eigen::Matrix3d h = k * place * on_print;
+  cv::Mat map(3, 3, CV_64F);
+  for (int row = 0; row < 3; ++row)
+    for (int col = 0; col < 3; ++col) map.at<double>(row, col) = h(row, col);
+  cv::Mat out;
+  cv::warpPerspective(image, out, map, image.size(), cv::INTER_LINEAR, cv::BORDER_CONSTANT,
+                      cv::Scalar(70, 80, 75));
+  return out;
+}
+
 nlohmann::ordered_json truth_line(const std::string& image, const synth::FaceTruth& truth,
                                   const geometry::Camera& camera) {
   const face::head::HeadAngles angles =
@@ -91,6 +171,13 @@ nlohmann::ordered_json truth_line(const std::string& image, const synth::FaceTru
 }
 
 ExitStatus make_faces(SynthFlags& flags, Context& context) {
+  const bool acted = !flags.challenge.empty();
+  if (acted) {
+    flags.video = true;
+    flags.count = cvCeil(kActFps * (kActLook + kActTask * flags.tasks));
+  }
+  const auto tasks = acted ? face::head::draw_tasks(flags.tasks, context.seed)
+                           : std::vector<face::head::LivenessTask>();
   if (flags.near > flags.far)
     throw UsageError(fmt::format("--near {} is beyond --far {}", flags.near, flags.far));
   flags.scene.check();
@@ -104,6 +191,8 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
     throw ModelError(path,
                      fmt::format("has {} points, the head {}", model.points(), head.points()));
   const synth::FaceSynth faces(model, std::move(head));
+  const face::appearance::Synthesis synthesis(model);
+  cv::Mat print;
 
   const fs::path folder = flags.output;
   make_folder((folder / "images").string());
@@ -121,15 +210,27 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
     throw_if_stopped(context.stop);
     Rng rng = seeds.fork(static_cast<std::uint64_t>(i));
     const int who = i % people;
-    const geometry::Rigid3 pose = flags.video
-                                      ? turning_pose(flags, static_cast<double>(i) / flags.count)
-                                      : random_pose(flags, camera, rng);
+    const Act act = acted ? act_at(flags, tasks, i / kActFps) : Act();
+    const double distance = (flags.near + flags.far) / 2;
+    const bool photo = flags.challenge == "photo";
+    const geometry::Rigid3 pose =
+        acted ? geometry::Rigid3{face::head::rotation_of_angles(photo ? face::head::HeadAngles()
+                                                                      : act.angles),
+                                 {0, 10, distance}}
+        : flags.video ? turning_pose(flags, static_cast<double>(i) / flags.count)
+                      : random_pose(flags, camera, rng);
     // In a video only the noise changes.
     cv::Mat image;
     const synth::FacePerson person =
         faces.person(context.seed * 1000 + static_cast<std::uint64_t>(who), flags.spread);
     const std::uint64_t ground = flags.video ? context.seed : rng();
     const synth::FaceTruth truth = faces.draw(image, person, camera, pose, flags.scene, ground);
+    if (acted && !photo && act.open < 1)
+      close_eyes(synthesis, model, image, truth.points, act.open);
+    if (photo) {
+      if (print.empty()) print = image.clone();
+      image = turned_print(print, camera, distance, act.angles);
+    }
     const std::string name = fmt::format("images/{:04}.png", i);
     write_image((folder / name).string(), image);
     const nlohmann::ordered_json line = truth_line(name, truth, camera);
@@ -159,6 +260,12 @@ void add_flags(Command& verb, SynthFlags& flags) {
       .check(range(0, 100000))
       .show_default();
   verb.add_flag("--video", flags.video, "one head that turns, frame by frame");
+  verb.add_option("--challenge", flags.challenge,
+                  "instead a video (15 images a second) of what `people liveness --fixed-order` "
+                  "asks of the same --seed: by a head that turns and blinks, or by a photo of it "
+                  "that is turned")
+      .check(one_of({"head", "photo"}));
+  verb.add_option("--tasks", flags.tasks, "of --challenge").check(range(1, 20)).show_default();
   verb.add_option("--size", flags.size, "px").show_default();
   verb.add_option("--yaw", flags.yaw, "degrees, at most, either way")
       .check(range(0.0, 80.0))

@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 
 #include "framework/bind.h"
-#include "framework/csv_table.h"
 #include "framework/run_session.h"
 #include "ui/face/pose_session.h"
 #include "verbs/aam/engine.h"
@@ -112,23 +111,25 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
   DebugFolder debug(context.debug_dir);
   PoseSession session(face::PoseTracker(load_pose_models(options), options), std::move(drawing),
                       debug.sink());
-  std::optional<CsvTable> table;
-  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   bool found = false;
   RunHooks hooks;
   hooks.title = "pose";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    for (const face::PosedFace& face : session.faces()) {
-      found = found || face.pose.has_value();
-      if (table && face.pose) table->add(row_of(frame, face));
-    }
+    for (const face::PosedFace& face : session.faces()) found = found || face.pose.has_value();
     if (frame.still && !context.json && !context.quiet) {
       print_text(fmt::format("{}: {} {}", frame.name, session.faces().size(),
                              session.faces().size() == 1 ? "face" : "faces"));
       for (const face::PosedFace& face : session.faces()) print_text(line_of(face));
       print_text("\n");
     }
+  };
+  hooks.table = {flags.csv, kColumns};
+  hooks.rows = [&](const Frame& frame) {
+    std::vector<std::string> rows;
+    for (const face::PosedFace& face : session.faces())
+      if (face.pose) rows.push_back(row_of(frame, face));
+    return rows;
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
     line.update(to_json(session.result()));

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/log.h"
+#include "tarsier/face/onnx/module.h"
+#include "tarsier/face/pipelines/detector_model.h"
 #include "tarsier/face/pipelines/identifier.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/cameras.h"
 #include "tarsier/media/model_store.h"
 #include "tarsier/media/tls.h"
 #include "tarsier/mqtt/connection.h"
+#include "tarsier/mqtt/hub_postgres.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -388,6 +391,19 @@ void look_at_data(std::vector<Item>& items) {
                      deep ? "people train --template deep makes a gallery's templates of it"
                           : "deep templates know many more faces in the wild: "
                             "scripts/get-model.sh face-embedding (6 MB, MIT)"});
+    const std::string onnx = face::onnx::module_path();
+    items.push_back({"data", "own networks", onnx.empty() ? Finding::kNote : Finding::kOk,
+                     onnx.empty() ? "nothing here runs ONNX files" : onnx,
+                     onnx.empty() ? "for people --embedding FILE.onnx: the package tarsier-onnx"
+                                  : "people --embedding FILE.onnx; tarsier models info FILE.onnx "
+                                    "tells its SHA-256 and licence"});
+    const bool anchors = face::has_anchor_detector(store);
+    items.push_back({"data", "face detector", anchors ? Finding::kOk : Finding::kNote,
+                     anchors ? store.place_of(face::kAnchorDetectorFile)
+                             : "only the one that ships is installed",
+                     anchors ? "it works beside the one that ships"
+                             : "another beside it finds more faces with sunglasses, caps and "
+                               "beards: scripts/get-model.sh face-detector (190 kB, MIT)"});
   } catch (const Error& error) {
     items.push_back(
         {"data", "models", Finding::kProblem, error.what(), "mend or unset TARSIER_MODELS"});
@@ -419,6 +435,11 @@ void look_at_mqtt(std::vector<Item>& items) {
                    broker.empty() ? "cameras may publish to another machine's; for one here: sudo "
                                     "apt install mosquitto"
                                   : ""});
+  const std::string libpq = mqtt::libpq_version(reason);
+  items.push_back(
+      {"network", "PostgreSQL", libpq.empty() ? Finding::kNote : Finding::kOk,
+       libpq.empty() ? "libpq is not installed" : "libpq " + libpq,
+       libpq.empty() ? "for `tarsier hub --log postgresql://..`: sudo apt install libpq5" : ""});
 }
 
 // --- showing ---

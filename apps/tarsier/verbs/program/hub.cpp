@@ -35,8 +35,11 @@ void print_event(const std::string& node, const std::string& event, const Contex
     const auto at = object.find(name);
     return at != object.end() && at->is_string() ? printable(at->get<std::string>()) : "";
   };
+  // A plate's text, a person's name, a target's, or a marker's number.
+  std::string what = text("text") + text("label") + text("name");
+  if (what.empty() && object.contains("id")) what = object["id"].dump();
   print_text(fmt::format("{}  {:<16} {:<9} {:<10} {}\n", text("last_seen").substr(0, 19), node,
-                         text("state"), text("text"), text("source")));
+                         text("state"), what, text("source")));
 }
 
 ExitStatus run_hub(const HubFlags& flags, const Context& context) {
@@ -48,13 +51,13 @@ ExitStatus run_hub(const HubFlags& flags, const Context& context) {
     options.take = [&](const std::string& node, const std::string& event) {
       if (!context.quiet || context.json) print_event(node, event, context);
     };
-    mqtt::HubLog log(flags.log);
-    mqtt::run_hub(log, options, context.stop);
+    const auto log = mqtt::open_hub_log(flags.log);
+    mqtt::run_hub(*log, options, context.stop);
     return ExitStatus::kInterrupted;
   }
-  mqtt::HubLog log(flags.log, DatabaseAccess::kRead);
+  const auto log = mqtt::open_hub_log(flags.log, DatabaseAccess::kRead);
   bool found = false;
-  log.read([&](const std::string& node, const std::string& event) {
+  log->read([&](const std::string& node, const std::string& event) {
     throw_if_stopped(context.stop);
     print_event(node, event, context);
     found = true;
@@ -67,7 +70,9 @@ void add_flags(Command& verb, HubFlags& flags) {
   verb.add_option("ADDRESS", flags.address,
                   "mqtt://HOST[:PORT][/TOPIC], mqtts: by TLS; the events of TOPIC/+ are stored "
                   "[tarsier]");
-  verb.add_option("--log", flags.log, "SQLite file that each event is stored in once").required();
+  verb.add_option("--log", flags.log,
+                  "SQLite file that each event is stored in once, or postgresql://HOST/DATABASE")
+      .required();
   verb.add_flag("--list", flags.list, "show what is stored, and end; asks no broker");
   for (Flag* flag : add_mqtt_login_flags(verb, flags.login)) flag->group("Login");
 }

@@ -1,29 +1,30 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/face/recognition/deep.h"
+#include "tarsier/face/onnx/network_file.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/model_store.h"
 #include "tarsier/media/sha256.h"
-#include "tarsier/media/user_models.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "framework/cli.h"
 #include "framework/parse.h"
 #include "verbs/program/model_folder.h"
+#include "verbs/program/models_import.h"
 #include "verbs/program/models_install.h"
 #include <algorithm>
-#include <array>
 #include <cstdlib>
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
+#include <string>
 #include <system_error>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -103,10 +104,13 @@ ExitStatus list_models(const Context& context, const ModelsOptions& options) {
       print_text(fmt::format("{:<24} unusable: {}\n", printable(model.name), printable(problem)));
     }
   }
-  if (!context.json && options.folder.empty() && !ModelStore::find().has("face-embedding.json")) {
-    print_text(
-        "face-embedding           not installed: the network of deep face templates (people "
-        "--template deep)\n    to get it: scripts/get-model.sh face-embedding (6 MB, MIT)\n");
+  if (!context.json && options.folder.empty()) {
+    for (const Importable& model : kImportable) {
+      if (ModelStore::find().has(model.file)) continue;
+      print_text(
+          fmt::format("{:<24} not installed: {}\n    to get it: scripts/get-model.sh {} ({})\n",
+                      fs::path(model.file).stem().string(), model.what, model.name, model.terms));
+    }
   }
   return sound ? ExitStatus::kDone : ExitStatus::kBadModel;
 }
@@ -125,7 +129,49 @@ const ModelFile& model_named(const std::vector<ModelFile>& models, const std::st
                                meant.empty() ? "" : ", did you mean '" + meant + "'?"));
 }
 
+std::string shape_text(const std::vector<face::onnx::TensorForm>& forms) {
+  std::string text;
+  for (const face::onnx::TensorForm& form : forms) {
+    std::vector<std::string> sizes;
+    for (const std::int64_t size : form.shape)
+      sizes.push_back(size < 0 ? "?" : std::to_string(size));
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", form.name, fmt::join(sizes, "x"));
+  }
+  return text;
+}
+
+// A network of the user's own, for `people --embedding` and `--detector-model`. It is read, not run.
+ExitStatus show_own_network(const Context& context, const std::string& path) {
+  const face::onnx::NetworkFile file = face::onnx::read_network_file(path);
+  const face::onnx::InputForm form = face::onnx::read_input_form(path);
+  const std::string licence =
+      form.licence.empty() ? std::string(face::onnx::kUnknownLicence) : form.licence;
+  if (context.json) {
+    print_json(nlohmann::ordered_json{{"name", fs::path(path).filename().string()},
+                                      {"file", path},
+                                      {"type", "onnx"},
+                                      {"bytes", file.bytes.size()},
+                                      {"sha256", file.sha256},
+                                      {"licence", licence},
+                                      {"producer", file.producer},
+                                      {"inputs", shape_text(file.inputs)},
+                                      {"outputs", shape_text(file.outputs)},
+                                      {"layers", file.nodes},
+                                      {"parameters", file.parameters}});
+    return ExitStatus::kDone;
+  }
+  print_text(fmt::format(
+      "{}: onnx, {}\n  sha256  {}\n  licence {}\n  made by {}\n  takes   {}\n  gives   {}\n"
+      "  holds   {} layers, {} numbers\n",
+      printable(path), size_text(static_cast<std::int64_t>(file.bytes.size())), file.sha256,
+      printable(licence), printable(file.producer.empty() ? "not stated" : file.producer),
+      printable(shape_text(file.inputs)), printable(shape_text(file.outputs)), file.nodes,
+      file.parameters));
+  return ExitStatus::kDone;
+}
+
 ExitStatus show_model(const Context& context, const ModelsOptions& options) {
+  if (options.name.ends_with(".onnx")) return show_own_network(context, options.name);
   const ModelStore store = ModelStore::find(options.folder);
   const std::string& folder = store.folder();
   const std::vector<ModelFile> models = find_models(store);
@@ -208,85 +254,6 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
   return sound ? ExitStatus::kDone : ExitStatus::kBadModel;
 }
 
-// --- import ---
-
-struct ImportOptions {
-  std::string manifest;
-  std::string output;
-  bool any_weights = false;
-};
-
-// The files of the npm package @vladmandic/face-api that hold the face recognition network. Its
-// versions since 2020 carry the same bytes.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kKnownWeights{{
-    {"face_recognition_model-weights_manifest.json",
-     "cbaffa501b0b9275a12b63357a6843e7e30c054e1c9151e1a5f879b26e32986b"},
-    {"face_recognition_model.bin",
-     "b413e420d6840b2775fba32008db6f3cddb07d485967fb42cfcf379c16a8c589"},
-}};
-
-// Throws ModelError for a file that is not one of those.
-std::string checked_sum(const fs::path& path, bool any) {
-  const std::string sum = sha256_of_file(path.string());
-  const std::string name = path.filename().string();
-  const auto known = std::find_if(kKnownWeights.begin(), kKnownWeights.end(),
-                                  [&](const auto& entry) { return entry.first == name; });
-  if (any || (known != kKnownWeights.end() && known->second == sum)) return sum;
-  throw ModelError(
-      path.string(),
-      known == kKnownWeights.end()
-          ? "is no file of the face network that is known here (--any-weights takes others)"
-          : fmt::format("its SHA-256 is {}, not {}: damaged, or other weights "
-                        "(--any-weights takes them)",
-                        sum, known->second));
-}
-
-ExitStatus import_model(const Context& context, const ImportOptions& options) {
-  using namespace face::recognition;
-  const fs::path manifest = options.manifest;
-  std::string output = options.output;
-  if (output.empty()) {
-    const std::string folder = user_models_folder();
-    if (folder.empty()) throw UsageError("-o: where to write the model (there is no $HOME)");
-    output = (fs::path(folder) / "face-embedding.json").string();
-  }
-  json sums = {{manifest.filename().string(), checked_sum(manifest, options.any_weights)}};
-  for (const std::string& shard : shards_of_manifest(options.manifest))
-    sums[shard] = checked_sum(manifest.parent_path() / shard, options.any_weights);
-  const DeepWeights weights = read_weights_manifest(options.manifest);
-  const DeepNetwork network = build_deep_network(weights, options.manifest);
-  if (options.output.empty()) {
-    std::error_code error;
-    fs::create_directories(fs::path(output).parent_path(), error);
-    if (error) throw OutputError(fs::path(output).parent_path().string(), error.message());
-  }
-  const std::string terms =
-      options.any_weights ? "not stated" : "MIT (npm package @vladmandic/face-api)";
-  write_deep_weights(output, weights,
-                     {{"program", fmt::format("tarsier {}", version())},
-                      {"data", options.any_weights
-                                   ? manifest.filename().string()
-                                   : "face_recognition_model of the npm package "
-                                     "@vladmandic/face-api: the face network of dlib (Davis King)"},
-                      {"terms", terms},
-                      {"sha256", sums}});
-  const double millions = network.network.cost({3, kChipSize, kChipSize}) / 1e6;
-  if (context.json) {
-    print_json(json{{"output", output},
-                    {"type", "face-embedding"},
-                    {"numbers", network.outputs()},
-                    {"multiplications", millions * 1e6},
-                    {"terms", terms},
-                    {"sha256", sums}});
-  } else {
-    print_text(
-        fmt::format("face-embedding: {} numbers a face, {:.0f} million multiplications; "
-                    "terms: {} -> {}\n",
-                    network.outputs(), millions, terms, printable(output)));
-  }
-  return ExitStatus::kDone;
-}
-
 }  // namespace
 
 void add_models(Command& app, Context& context) {
@@ -306,29 +273,11 @@ void add_models(Command& app, Context& context) {
   add("list", "name, type, version, size, terms and use of each model, and how to do without it",
       list_models);
   add("info", "what a model is, what it was made from, and its card", show_model)
-      .add_option("NAME", options->name, "as `models list` shows it")
+      .add_option("NAME", options->name, "as `models list` shows it, or an ONNX file")
       .required();
   add("verify", "checks the files against models/SHA256SUMS", verify_models)
       .add_option("NAME", options->name, "only this one");
-  add_verb<ImportOptions>(
-      models, "import",
-      "makes the network of deep face templates from another program's file "
-      "(scripts/get-model.sh fetches it)",
-      context,
-      [](Command& verb, ImportOptions& flags) {
-        verb.add_option("MANIFEST", flags.manifest,
-                        "face_recognition_model-weights_manifest.json of the npm package "
-                        "@vladmandic/face-api; its shard lies beside it")
-            .required();
-        verb.add_option("-o,--output", flags.output,
-                        "model file (default: face-embedding.json in the user's models folder, "
-                        "~/.local/share/tarsier/models)");
-        verb.add_flag("--any-weights", flags.any_weights,
-                      "other weights of this form than those whose SHA-256 is known");
-      },
-      [](const ImportOptions& flags, Context& run_context) {
-        return import_model(run_context, flags);
-      });
+  add_models_import(models, context);
   add_models_install(models, context);
 }
 

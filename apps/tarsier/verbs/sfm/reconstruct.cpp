@@ -11,12 +11,15 @@
 #include "tarsier/sfm/scene/ply.h"
 #include "tarsier/sfm/view/render.h"
 
+#include "verbs/sfm/dense.h"
+#include "verbs/sfm/mesh.h"
 #include "verbs/sfm/online.h"
 #include "verbs/sfm/reconstruct_flags.h"
 #include "verbs/sfm/sfm.h"
 #include <algorithm>
 #include <exception>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
@@ -44,17 +47,6 @@ OnlineRun run_online(const ReconstructFlags& flags, const sfm::Reconstructor& re
     context.stop = {};
   }
   return online;
-}
-
-void expect_files(const std::vector<std::string>& inputs) {
-  for (const std::string& text : inputs) {
-    const SourceKind kind = classify_source(text);
-    if (kind != SourceKind::kFolder && kind != SourceKind::kGlob && kind != SourceKind::kList &&
-        kind != SourceKind::kImage && kind != SourceKind::kVideo) {
-      throw InputError(text,
-                       "expected images, a folder, @list.txt or a video; a camera with --online");
-    }
-  }
 }
 
 // The model while it grows, in COLMAP's text form, for those who watch; gone when it is done.
@@ -88,6 +80,33 @@ class GrowingFolder {
   bool warned_ = false;
 };
 
+// Depths and a cloud of the largest model, in dense/ of its folder.
+ExitStatus make_dense(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
+                      const sfm::ReconstructorResult& result, Context& context) {
+  const sfm::DenseReconstructor dense(options_of(flags.dense_flags, context));
+  std::map<std::string, std::string> files;
+  for (const sfm::ImageReport& image : result.pipeline.images) files[image.name] = image.path;
+  sfm::DenseJob job;
+  job.model = result.models().front();
+  job.path_of = [files](const std::string& name) { return files.at(name); };
+  job.folder = (fs::path(reconstructor.options().folder) / "dense").string();
+  return run_dense(dense, job, context);
+}
+
+// Of a folder that make_dense() filled.
+ExitStatus make_mesh(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
+                     Context& context) {
+  const fs::path folder = reconstructor.options().folder;
+  MeshFlags mesh;
+  mesh.output = (folder / "mesh.glb").string();
+  mesh.view = (folder / "mesh.png").string();
+  mesh.page = (folder / "mesh.html").string();
+  if (flags.options.turntable) mesh.turntable = (folder / "mesh.gif").string();
+  mesh.memory = flags.dense_flags.memory;
+  const sfm::Workspace workspace = sfm::Workspace::open((folder / "dense").string());
+  return run_mesh(mesh, options_of(mesh), {workspace, workspace.sparse()}, context);
+}
+
 ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   const sfm::Reconstructor reconstructor(options_of(flags, context));
   reconstructor.check_outputs();
@@ -105,12 +124,7 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
     hooks.show = [&](const sfm::Model& model) { growing.write(model); };
   }
   hooks.on_models = [&](const sfm::ReconstructorResult& result) {
-    if (context.json)
-      print_json(sfm::to_json(result));
-    else
-      print_text(sfm::summary_text(result.pipeline));
-    if (!result.models().empty() && result.not_placed.empty())
-      log_info("{}: look at view.html", reconstructor.options().folder);
+    print_models(result, reconstructor.options().folder, context);
   };
 
   OnlineRun online;
@@ -119,18 +133,53 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
     online = run_online(flags, reconstructor, context);
     sfm::require_two_images(online.inputs, flags.inputs.front());
     result = reconstructor.run_images(online.inputs, *context.progress, context.stop, hooks);
+  } else if (flags.inputs.empty()) {
+    const std::vector<sfm::Input> inputs =
+        sfm::inputs_of_database(reconstructor.pipeline().database);
+    result = reconstructor.run_images(inputs, *context.progress, context.stop, hooks);
   } else {
     expect_files(flags.inputs);
     result = reconstructor.run(flags.inputs, *context.progress, context.stop, hooks);
   }
-  if (!result.not_placed.empty()) throw Error(ExitStatus::kBadInput, result.not_placed);
-  if (result.interrupted()) return ExitStatus::kInterrupted;
+  const ExitStatus status = status_of(result);
+  if (status == ExitStatus::kInterrupted) return status;
   if (online.error) std::rethrow_exception(online.error);
   if (online.status != ExitStatus::kDone) return online.status;
-  return result.models().empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+  if (status != ExitStatus::kDone) return status;
+  if (!flags.dense && !flags.mesh) return ExitStatus::kDone;
+  const ExitStatus dense = make_dense(flags, reconstructor, result, context);
+  if (!flags.mesh || dense != ExitStatus::kDone) return dense;
+  return make_mesh(flags, reconstructor, context);
 }
 
 }  // namespace
+
+void expect_files(const std::vector<std::string>& inputs) {
+  for (const std::string& text : inputs) {
+    const SourceKind kind = classify_source(text);
+    if (kind != SourceKind::kFolder && kind != SourceKind::kGlob && kind != SourceKind::kList &&
+        kind != SourceKind::kImage && kind != SourceKind::kVideo) {
+      throw InputError(text,
+                       "expected images, a folder, @list.txt or a video; a camera with --online");
+    }
+  }
+}
+
+void print_models(const sfm::ReconstructorResult& result, const std::string& folder,
+                  const Context& context) {
+  if (context.json)
+    print_json(sfm::to_json(result));
+  else
+    print_text(sfm::summary_text(result.pipeline));
+  if (!result.models().empty() && result.not_placed.empty())
+    log_info("{}: look at view.html", folder);
+}
+
+ExitStatus status_of(const sfm::ReconstructorResult& result) {
+  if (!result.not_placed.empty()) throw Error(ExitStatus::kBadInput, result.not_placed);
+  if (result.interrupted()) return ExitStatus::kInterrupted;
+  return result.models().empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
 
 void add_sfm_reconstruct(Command& sfm, Context& context) {
   add_debug_flag(

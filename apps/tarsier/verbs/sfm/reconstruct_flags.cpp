@@ -7,6 +7,8 @@
 #include <fmt/format.h>
 
 #include "framework/bind.h"
+#include "verbs/sfm/sfm.h"
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -61,7 +63,22 @@ void complete_matching(const ReconstructFlags& flags, sfm::ReconstructorOptions&
                       "or a file with two names a line",
                       flags.pairs));
   }
+  static const std::map<std::string, sfm::MapperChoice> mappers{
+      {"auto", sfm::MapperChoice::kAuto},
+      {"incremental", sfm::MapperChoice::kIncremental},
+      {"global", sfm::MapperChoice::kGlobal}};
+  options.mapper.choice = mappers.at(flags.mapper);
   options.flow = flags.matches == "flow";
+  if (!options.database.empty() && (options.flow || flags.online.online))
+    throw UsageError("--database: has its matches, --matches flow and --online have their own");
+  if (flags.inputs.empty()) {
+    if (options.database.empty()) throw UsageError("PHOTOS is required");
+    if (flags.dense || flags.mesh || flags.options.match_images || flags.align == "gps" ||
+        std::find(flags.exports.begin(), flags.exports.end(), "undistorted") != flags.exports.end())
+      throw UsageError(
+          "--dense, --mesh, --match-images, --align gps, --export undistorted: need the images, "
+          "not only --database");
+  }
   if (options.flow && flags.online.online)
     throw UsageError("--online: compares descriptors, --matches flow is not possible");
 }
@@ -74,38 +91,11 @@ void complete_placement(const ReconstructFlags& flags, sfm::ReconstructorOptions
     options.alignment = sfm::Alignment::kPositions;
     options.positions_file = flags.align;
   }
-  if (flags.distance_between.empty()) {
-    if (flags.distance != 0) throw UsageError("--distance needs --distance-between");
-    return;
-  }
-  if (!(flags.distance > 0 && std::isfinite(flags.distance)))
-    throw UsageError("--distance-between needs --distance, above 0");
-  if (flags.distance_between[0] == flags.distance_between[1])
-    throw UsageError("--distance-between: expected the names of two images");
-  options.distance =
-      sfm::KnownDistance{flags.distance_between[0], flags.distance_between[1], flags.distance};
+  set_scale(flags.scale, options);
 }
 
-}  // namespace
-
-sfm::ReconstructorOptions options_of(const ReconstructFlags& flags, const Context& context) {
-  sfm::ReconstructorOptions options = flags.options;
-  complete_lens(flags, options);
-  complete_matching(flags, options);
-  complete_placement(flags, options);
-  options.undistorted = !flags.exports.empty();
-  options.cache = !flags.no_cache;
-  options.pipeline.seed = context.seed;
-  return options;
-}
-
-void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
+void add_lens_flags(Command& verb, ReconstructFlags& flags) {
   sfm::PipelineOptions& pipeline = flags.options.pipeline;
-  verb.add_option("PHOTOS", flags.inputs,
-                  "folder, images, glob, @list.txt, or a video; with --online also a camera")
-      .required()
-      .type_name("");
-  verb.add_option("-o,--output", flags.options.folder, "folder for the model").required();
   const auto lens = [](Flag& flag) { flag.group("Lens"); };
   lens(verb.add_option("--camera", flags.camera, "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], px"));
   lens(verb.add_option("--camera-file", flags.camera_file,
@@ -116,6 +106,11 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   lens(bind_field(verb, pipeline, pipeline.ignore_exif));
   lens(verb.add_flag("--per-image-camera", flags.per_image_camera,
                      "a camera for each image, not one for all of a size"));
+}
+
+// `is_whole`: of a run that does all stages, which may also take matches from elsewhere.
+void add_match_flags(Command& verb, ReconstructFlags& flags, bool is_whole) {
+  sfm::PipelineOptions& pipeline = flags.options.pipeline;
   const auto match = [](Flag& flag) { flag.group("Features and matches"); };
   match(verb.add_option("--features", flags.features, "sift, orb, akaze")
             .check(one_of({"sift", "orb", "akaze"}))
@@ -128,29 +123,120 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
             .show_default());
   match(bind_field(verb, pipeline, pipeline.overlap));
   match(bind_field(verb, pipeline, pipeline.nearest));
-  match(verb.add_option("--matches", flags.matches,
-                        "sift: descriptors; flow: follow points from frame to frame")
-            .check(one_of({"sift", "flow"}))
-            .show_default());
+  if (is_whole) {
+    match(verb.add_option("--database", pipeline.database,
+                          "COLMAP's database: features, matches and lenses of the images by name"));
+    match(verb.add_option("--matches", flags.matches,
+                          "sift: descriptors; flow: follow points from frame to frame")
+              .check(one_of({"sift", "flow"}))
+              .show_default());
+  }
   bind_all(verb, pipeline.matching, "Features and matches");
   bind_all(verb, pipeline.two_view, "Features and matches");
-  bind_all(verb, pipeline.mapper, "Mapping");
+}
+
+void add_mapping_flags(Command& verb, ReconstructFlags& flags) {
+  verb.add_option("--mapper", flags.mapper,
+                  "incremental: image by image; global: all at once; auto: global for large sets")
+      .group("Mapping")
+      .check(one_of({"auto", "incremental", "global"}))
+      .show_default();
+  bind_all(verb, flags.options.pipeline.mapper, "Mapping");
+}
+
+void add_placement_flags(Command& verb, ReconstructFlags& flags) {
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_option("--align", flags.align,
                       "name,x,y,z lines with where images were taken; or gps: from EXIF"));
-  out(verb.add_option("--distance", flags.distance,
-                      "between two cameras, in any unit: the model's from then on [none]"));
-  out(verb.add_option("--distance-between", flags.distance_between, "their images' names")
-          .expected(2));
-  out(verb.add_option("--export", flags.exports, "undistorted: images and model for dense tools")
-          .check(one_of({"undistorted"})));
-  out(verb.add_flag("--turntable", flags.options.turntable, "turntable.gif: the cloud, turning"));
+  add_scale_flags(verb, flags.scale, "Result");
+  out(verb.add_option("--export", flags.exports,
+                      "undistorted: images and model for dense tools; binary: COLMAP's binary "
+                      "model; database: COLMAP's database.db with features and matches")
+          .check(one_of({"undistorted", "binary", "database"})));
+}
+
+void add_turntable_flag(Command& verb, ReconstructFlags& flags, const char* help) {
+  verb.add_flag("--turntable", flags.options.turntable, help).group("Result");
+}
+
+void add_cache_flags(Command& verb, ReconstructFlags& flags) {
+  sfm::PipelineOptions& pipeline = flags.options.pipeline;
+  verb.add_flag("--no-cache", flags.no_cache, "keep nothing for a second run").group("Result");
+  bind_field(verb, pipeline, pipeline.checkpoint_s).group("Result");
+}
+
+// All but what the model is made of.
+sfm::ReconstructorOptions result_options(const ReconstructFlags& flags) {
+  sfm::ReconstructorOptions options = flags.options;
+  complete_placement(flags, options);
+  const auto asked = [&](const char* what) {
+    return std::find(flags.exports.begin(), flags.exports.end(), what) != flags.exports.end();
+  };
+  options.undistorted = asked("undistorted");
+  options.binary = asked("binary");
+  options.database = asked("database");
+  options.cache = !flags.no_cache;
+  options.names_files = !is_in_studio();
+  return options;
+}
+
+}  // namespace
+
+sfm::ReconstructorOptions options_of(const ReconstructFlags& flags, const Context& context) {
+  sfm::ReconstructorOptions options = result_options(flags);
+  complete_lens(flags, options);
+  complete_matching(flags, options);
+  options.pipeline.seed = context.seed;
+  return options;
+}
+
+sfm::ReconstructorOptions map_options_of(const ReconstructFlags& flags) {
+  return result_options(flags);
+}
+
+void add_plan_flags(Command& verb, ReconstructFlags& flags) {
+  verb.add_option("PHOTOS", flags.inputs, "folder, images, glob, @list.txt, or a video")
+      .required()
+      .type_name("");
+  verb.add_option("-o,--output", flags.options.folder, "folder that all shards work in").required();
+  add_lens_flags(verb, flags);
+  add_match_flags(verb, flags, false);
+  add_mapping_flags(verb, flags);
+  bind_all(verb, flags.options.keyframes, "Videos");
+}
+
+void add_map_flags(Command& verb, ReconstructFlags& flags) {
+  verb.add_option("-o,--output", flags.options.folder, "folder for the model").required();
+  add_placement_flags(verb, flags);
+  add_turntable_flag(verb, flags, "turntable.gif: the cloud, turning");
+  add_cache_flags(verb, flags);
+}
+
+void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
+  verb.add_option("PHOTOS", flags.inputs,
+                  "folder, images, glob, @list.txt, or a video; with --online also a camera; none: "
+                  "all of --database, which needs no images")
+      .type_name("");
+  verb.add_option("-o,--output", flags.options.folder, "folder for the model").required();
+  add_lens_flags(verb, flags);
+  add_match_flags(verb, flags, true);
+  add_mapping_flags(verb, flags);
+  add_placement_flags(verb, flags);
+  const auto out = [](Flag& flag) { flag.group("Result"); };
+  out(verb.add_flag("--dense", flags.dense,
+                    "dense/: depth maps and a dense cloud, as sfm dense makes them"));
+  out(verb.add_flag(
+      "--mesh", flags.mesh,
+      "mesh.glb, mesh.png, mesh.html: a textured surface, as sfm mesh makes it; does --dense"));
+  out(verb.add_option("--dense-quality", flags.dense_flags.quality, "draft, normal, high")
+          .check(one_of({"draft", "normal", "high"}))
+          .show_default());
+  add_turntable_flag(verb, flags, "turntable.gif: the cloud, turning; mesh.gif");
   out(verb.add_flag("--match-images", flags.options.match_images,
                     "matches/: each pair, kept green, removed red"));
   out(verb.add_flag("--growing", flags.growing,
                     "growing/: the model so far, each second at most, until it is done"));
-  out(verb.add_flag("--no-cache", flags.no_cache, "keep nothing for a second run"));
-  out(bind_field(verb, pipeline, pipeline.checkpoint_s));
+  add_cache_flags(verb, flags);
   bind_all(verb, flags.options.keyframes, "Videos");
   add_online_flags(verb, flags.online);
 }

@@ -3,11 +3,17 @@
 
 #include "tarsier/core/log.h"
 #include "tarsier/media/archive.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/dense/dense_evaluation.h"
+#include "tarsier/sfm/dense/workspace.h"
 #include "tarsier/sfm/mapper/evaluation.h"
 #include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>
 
+#include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -17,9 +23,45 @@ namespace {
 struct EvalFlags {
   std::string model;
   std::string truth;
+  bool dense = false;
+  std::string errors;
 };
 
+ExitStatus evaluate_dense(const EvalFlags& flags, const Context& context) {
+  const sfm::Workspace truth = sfm::Workspace::open(flags.truth);
+  const sfm::Workspace model = sfm::Workspace::open(flags.model);
+  const auto show = [&](const std::string& name, const cv::Mat& image) {
+    const std::filesystem::path path = std::filesystem::path(flags.errors) / (name + ".png");
+    make_folder(path.parent_path().string());
+    write_image(path.string(), image);
+  };
+  const sfm::DenseScores scores =
+      flags.errors.empty()
+          ? sfm::evaluate_dense(truth, model, {}, *context.progress, context.stop)
+          : sfm::evaluate_dense(truth, model, show, *context.progress, context.stop);
+  if (context.json) {
+    print_json(sfm::to_json(scores));
+    return ExitStatus::kDone;
+  }
+  std::string text;
+  for (const auto& image : scores.images) {
+    text += fmt::format("{:<20} depth error {:.3f} %, within 1 % {:.1f} %, known {:.1f} %\n",
+                        image.name, 100 * image.median, 100 * image.within_one, 100 * image.known);
+  }
+  text += fmt::format("median depth error {:.4f} %\n", 100 * scores.depth_median);
+  for (const auto& cloud : scores.cloud) {
+    text += fmt::format(
+        "within {:.2f} % of the extent ({:.4g}): accuracy {:.1f} %, completeness {:.1f} %, F1 "
+        "{:.3f}\n",
+        100 * cloud.threshold, scores.extent * cloud.threshold, 100 * cloud.accuracy,
+        100 * cloud.completeness, cloud.f1);
+  }
+  print_text(text);
+  return ExitStatus::kDone;
+}
+
 ExitStatus evaluate(const EvalFlags& flags, const Context& context) {
+  if (flags.dense) return evaluate_dense(flags, context);
   const sfm::Model model = sfm::read_colmap(flags.model);
   const sfm::PoseScores scores =
       sfm::evaluate_poses(model, sfm::read_pose_truth(flags.truth), flags.model);
@@ -43,14 +85,23 @@ void add_eval_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("--truth,--gt", flags.truth,
                   "lines of JSON {\"name\",\"R\",\"C\"}, or a folder like MODEL")
       .required();
+  Flag& dense =
+      verb.add_flag("--dense", flags.dense,
+                    "MODEL is a folder of sfm dense, and the truth is truth/ of sfm synth --depth");
+  verb.add_option("--errors", flags.errors, "folder for images of the depths' errors").needs(dense);
 }
 
 }  // namespace
+
+bool is_in_studio() { return std::getenv("TARSIER_STUDIO") != nullptr; }
 
 void add_sfm(Command& app, Context& context) {
   Command& sfm = app.add_subcommand("sfm", "images to camera poses and a point cloud");
   sfm.require_subcommand(1);
   add_sfm_reconstruct(sfm, context);
+  add_sfm_shards(sfm, context);
+  add_sfm_dense(sfm, context);
+  add_sfm_mesh(sfm, context);
   add_sfm_synth(sfm, context);
   add_verb<EvalFlags>(sfm, "eval", "compares a model's poses with the truth", context,
                       add_eval_flags, evaluate);

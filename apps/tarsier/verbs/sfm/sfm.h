@@ -5,7 +5,14 @@
 
 namespace tarsier::cli {
 
+void add_sfm_dense(Command& sfm, Context& context);
+void add_sfm_mesh(Command& sfm, Context& context);
 void add_sfm_reconstruct(Command& sfm, Context& context);
+void add_sfm_shards(Command& sfm, Context& context);
 void add_sfm_synth(Command& sfm, Context& context);
+
+// Whether the studio started this program (TARSIER_STUDIO): its users name files by reference alone, so
+// no file says where others lie, and none is believed that does.
+[[nodiscard]] bool is_in_studio();
 
 }  // namespace tarsier::cli

@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/synth/observed_site.h"
 #include "tarsier/synth/relief.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "framework/bind.h"
 #include "framework/size_flag.h"
 #include "verbs/sfm/sfm.h"
+#include "verbs/sfm/synth_truth.h"
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -25,17 +30,28 @@ struct SynthFlags {
   std::string size = "1024x768";
   std::string trajectory = "arc";
   std::string content = "relief";
+  bool depth = false;
+  bool observations = false;
+  synth::SiteOptions site;
   synth::SceneOptions scene;
 };
 
 const std::map<std::string, synth::Trajectory> kTrajectories{{"arc", synth::Trajectory::kArc},
                                                              {"ring", synth::Trajectory::kRing},
                                                              {"line", synth::Trajectory::kLine}};
-const std::map<std::string, synth::Content> kContents{{"relief", synth::Content::kRelief},
-                                                      {"boxes", synth::Content::kBoxes},
-                                                      {"plane", synth::Content::kPlane},
-                                                      {"repeated", synth::Content::kRepeated},
-                                                      {"nothing", synth::Content::kNothing}};
+const std::map<std::string, synth::Content> kContents{
+    {"relief", synth::Content::kRelief},   {"boxes", synth::Content::kBoxes},
+    {"plane", synth::Content::kPlane},     {"repeated", synth::Content::kRepeated},
+    {"nothing", synth::Content::kNothing}, {"room", synth::Content::kRoom},
+    {"thin", synth::Content::kThin},       {"patchy", synth::Content::kPatchy},
+    {"shiny", synth::Content::kShiny}};
+
+// Of scenes that are observed and not drawn.
+const std::map<std::string, synth::SiteKind> kSites{{"ring", synth::SiteKind::kRing},
+                                                    {"grid", synth::SiteKind::kGrid},
+                                                    {"walk", synth::SiteKind::kWalk},
+                                                    {"city", synth::SiteKind::kCity},
+                                                    {"symmetric", synth::SiteKind::kSymmetric}};
 
 template <typename Map>
 std::vector<std::string> names_of(const Map& map) {
@@ -44,8 +60,61 @@ std::vector<std::string> names_of(const Map& map) {
   return names;
 }
 
+nlohmann::ordered_json truth_line(const std::string& name, const geometry::Rigid3& pose) {
+  nlohmann::ordered_json line{{"name", name}, {"R", geometry::row_major(pose.rotation)}};
+  const Eigen::Vector3d center = pose.center();
+  line["C"] = {center[0], center[1], center[2]};
+  return line;
+}
+
+// COLMAP's database with what the images would show, without images.
+ExitStatus make_observations(SynthFlags& flags, Context& context) {
+  const auto kind = kSites.find(flags.trajectory);
+  if (kind == kSites.end() || flags.depth) {
+    throw UsageError(fmt::format("--observations: of --trajectory {}, and without --depth",
+                                 fmt::join(names_of(kSites), ", ")));
+  }
+  flags.site.kind = kind->second;
+  flags.site.seed = context.seed;
+  flags.site.images = flags.scene.images;
+  flags.site.check();
+  const fs::path folder = flags.output;
+  make_folder(folder.string());
+  const synth::ObservedSite site = [&] {
+    const EndOnSignals at_once;
+    return synth::make_observed_site(flags.site);
+  }();
+  geometry::write_camera_file((folder / "camera.yaml").string(), site.camera);
+  sfm::ColmapDatabase database;
+  database.cameras.push_back({site.camera, true});
+  std::string truth;
+  for (std::size_t i = 0; i < site.poses.size(); ++i) {
+    sfm::ColmapDatabase::DatabaseImage image;
+    image.name = fmt::format("{:06}.jpg", i);
+    image.features.points = site.features[i];
+    image.features.sizes.assign(site.features[i].size(), 5.F);
+    const nlohmann::ordered_json line = truth_line(image.name, site.poses[i]);
+    truth += line.dump() + "\n";
+    if (context.json) print_json(line);
+    database.images.push_back(std::move(image));
+  }
+  for (const auto& pair : site.pairs) {
+    sfm::ColmapDatabase::DatabasePair known;
+    known.first = pair.first;
+    known.second = pair.second;
+    for (const auto& [first, second] : pair.matches) known.matches.push_back({first, second});
+    database.pairs.push_back(std::move(known));
+  }
+  sfm::write_colmap_database((folder / "database.db").string(), database);
+  write_file_atomically((folder / "truth.jsonl").string(), truth);
+  return ExitStatus::kDone;
+}
+
 // Images of a drawn scene, camera.yaml, and truth.jsonl for `sfm eval`.
 ExitStatus make_scene(SynthFlags& flags, Context& context) {
+  if (flags.observations) return make_observations(flags, context);
+  if (!kTrajectories.contains(flags.trajectory))
+    throw UsageError(fmt::format("--trajectory {}: needs --observations", flags.trajectory));
   flags.scene.size = parse_size(flags.size, 32, 8192);
   flags.scene.seed = context.seed;
   flags.scene.trajectory = kTrajectories.at(flags.trajectory);
@@ -64,16 +133,14 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
     throw_if_stopped(context.stop);
     const std::string name = fmt::format("{:04}.jpg", i);
     write_image((folder / "images" / name).string(), scene.render(i, context.stop), 95);
-    const geometry::Rigid3 pose = scene.pose(i);
-    nlohmann::ordered_json line{{"name", name}, {"R", geometry::row_major(pose.rotation)}};
-    const Eigen::Vector3d center = pose.center();
-    line["C"] = {center[0], center[1], center[2]};
+    const nlohmann::ordered_json line = truth_line(name, scene.pose(i));
     truth += line.dump() + "\n";
     if (context.json) print_json(line);
     context.progress->advance();
   }
   context.progress->end();
   write_file_atomically((folder / "truth.jsonl").string(), truth);
+  if (flags.depth) write_depth_truth((folder / "truth").string(), scene, context);
   return ExitStatus::kDone;
 }
 
@@ -82,14 +149,20 @@ void add_flags(Command& verb, SynthFlags& flags) {
   bind_field(verb, flags.scene, flags.scene.images);
   verb.add_option("--size", flags.size, "px").show_default();
   verb.add_option("--trajectory", flags.trajectory, "of the camera")
-      .check(one_of(names_of(kTrajectories)))
+      .check(one_of({"arc", "ring", "line", "grid", "walk", "city", "symmetric"}))
       .show_default();
   verb.add_option("--content", flags.content, "what there is to see")
       .check(one_of(names_of(kContents)))
       .show_default();
   bind_field(verb, flags.scene, flags.scene.noise);
+  verb.add_flag("--depth", flags.depth,
+                "truth/: exact cameras, points and depth maps, as sfm dense has them");
   verb.add_option("--focal", flags.scene.focal_px, "px; 0: the larger side").show_default();
   bind_field(verb, flags.scene, flags.scene.pure_rotation);
+  verb.add_flag("--observations", flags.observations,
+                "database.db with features and matches instead of images, for sfm reconstruct "
+                "--database; of --trajectory ring, grid, walk, city, symmetric");
+  bind_all(verb, flags.site, "Observations");
 }
 
 }  // namespace
@@ -97,7 +170,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
 void add_sfm_synth(Command& sfm, Context& context) {
   add_verb<SynthFlags>(sfm, "synth",
                        "draws images of a scene with known cameras: "
-                       "images/, camera.yaml, truth.jsonl",
+                       "images/, camera.yaml, truth.jsonl; or only what they would show",
                        context, add_flags, make_scene);
 }
 

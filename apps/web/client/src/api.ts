@@ -228,6 +228,7 @@ export interface RunResult {
   error: string;
   ms: number;
   command: string;
+  files: { name: string; bytes: number; base64: string }[];
 }
 
 export interface OpenApi {

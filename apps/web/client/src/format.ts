@@ -47,9 +47,9 @@ export function timeText(value: string | number | null | undefined): string {
 
 export const capital = (text: string): string => text.charAt(0).toUpperCase() + text.slice(1);
 
-// What a session calls its action: "Pencil sketch".
+// What a session calls its action: "Pencil sketch". Its further keys, "(left arrow)", are the window's.
 export const actionTitle = (action: { name: string; help: string }): string =>
-  capital(action.help || action.name.replaceAll('-', ' '));
+  capital(action.help.replace(/ \([^)]*arrow[^)]*\)$/, '') || action.name.replaceAll('-', ' '));
 
 const units: Record<string, string> = {
   ms: 'ms',

@@ -6,6 +6,7 @@ import {
   adviceFor,
   correctionOf,
   correctionText,
+  drawnFaceOf,
   groupOf,
   nameProblem,
   namedOf,
@@ -331,6 +332,27 @@ test('people: groups and corrections', () => {
   assert.equal(correctionText({ ...one, what: 'undo', undoes: 2 }), 'undid 2');
   assert.equal(correctionText({ ...one, what: 'something new' }), 'something new');
   assert.equal(correctionOf({ what: 'name' }), null);
+});
+
+test('faces on a sheet: enrolled ones and those that were seen', () => {
+  const enrolled = {
+    face: 7,
+    name: 'Ann',
+    time: 't',
+    quality: 0.8,
+    source: 'a.jpg',
+    box: [128, 0, 128, 160],
+  };
+  assert.deepEqual(drawnFaceOf(enrolled), {
+    id: 7,
+    time: 't',
+    source: 'a.jpg',
+    quality: 0.8,
+    box: [128, 0, 128, 160],
+  });
+  assert.equal(drawnFaceOf({ id: 3, group: 1, quality: 0.5 })?.id, 3);
+  assert.equal(drawnFaceOf({ id: 3, group: 1, quality: 0.5 })?.box, null, 'no room on the sheet');
+  assert.equal(drawnFaceOf({ name: 'Ann', faces: 3 }), null);
 });
 
 test('annotate: names of points, how often Tab, the cross of the keyboard', () => {

@@ -17,6 +17,7 @@ import {
   wholeBox,
   type Box,
 } from '../src/pages/reconstruct/cut_box';
+import { hitOf, readGlb } from '../src/pages/reconstruct/glb';
 import { readPly, writePly } from '../src/pages/reconstruct/ply';
 import { benchColumns, benchRows } from '../src/pages/system/bench_table';
 import { compare, verdictOf } from '../src/pages/train/curves';
@@ -156,4 +157,74 @@ test('a verdict counts who is better', () => {
     'Of 2 figures the new model is better in 1, what ships in 0, equal in 1.',
   );
   assert.equal(verdictOf(compare({ faces: 1 }, { faces: 2 })), '');
+});
+
+// A .glb of one triangle, its parts as the program writes them.
+function glbOf(change: (json: Record<string, unknown>) => void = () => undefined): Uint8Array {
+  const binary = new Uint8Array(76);
+  binary.set(new Uint8Array(new Float32Array([0, 0, 0, 2, 0, 0, 0, 2, 0]).buffer), 0);
+  binary.set(new Uint8Array(new Float32Array([0, 0, 1, 0, 0, 1]).buffer), 36);
+  binary.set(new Uint8Array(new Uint32Array([0, 1, 2]).buffer), 60);
+  binary.set([1, 2, 3], 72);
+  const json: Record<string, unknown> = {
+    bufferViews: [
+      { buffer: 0, byteOffset: 0, byteLength: 36 },
+      { buffer: 0, byteOffset: 36, byteLength: 24 },
+      { buffer: 0, byteOffset: 60, byteLength: 12 },
+      { buffer: 0, byteOffset: 72, byteLength: 3 },
+    ],
+    accessors: [
+      { bufferView: 0, componentType: 5126, count: 3, type: 'VEC3' },
+      { bufferView: 1, componentType: 5126, count: 3, type: 'VEC2' },
+      { bufferView: 2, componentType: 5125, count: 3, type: 'SCALAR' },
+    ],
+    images: [{ mimeType: 'image/jpeg', bufferView: 3 }],
+    meshes: [{ primitives: [{ attributes: { POSITION: 0, TEXCOORD_0: 1 }, indices: 2 }] }],
+  };
+  change(json);
+  let text = JSON.stringify(json);
+  while (text.length % 4 !== 0) text += ' ';
+  const bytes = new Uint8Array(28 + text.length + binary.length);
+  const view = new DataView(bytes.buffer);
+  [0x46546c67, 2, bytes.length, text.length, 0x4e4f534a].forEach((v, i) => view.setUint32(4 * i, v, true));
+  bytes.set(new TextEncoder().encode(text), 20);
+  view.setUint32(20 + text.length, binary.length, true);
+  view.setUint32(24 + text.length, 0x004e4942, true);
+  bytes.set(binary, 28 + text.length);
+  return bytes;
+}
+
+test('a surface is read from a .glb file, and what is broken is refused', () => {
+  const surface = readGlb(glbOf());
+  assert.deepEqual([...surface.cloud.positions], [0, 0, 0, 2, 0, 0, 0, 2, 0]);
+  assert.deepEqual([...surface.faces], [0, 1, 2]);
+  assert.deepEqual([...surface.uvs!], [0, 0, 1, 0, 0, 1]);
+  assert.deepEqual([...surface.texture!.bytes], [1, 2, 3]);
+  assert.throws(() => readGlb(new Uint8Array(40)), /no binary glTF/);
+  assert.throws(() => readGlb(glbOf().subarray(0, 200)), /ends too early/);
+  assert.throws(() => readGlb(glbOf((json) => (json['meshes'] = []))), /no surface/);
+  const more = (json: Record<string, unknown>) => ((json['accessors'] as { count: number }[])[0]!.count = 4);
+  assert.throws(() => readGlb(glbOf(more)), /ends too early/);
+  const fewer = (json: Record<string, unknown>) => ((json['accessors'] as { count: number }[])[0]!.count = 2);
+  assert.throws(() => readGlb(glbOf(fewer)), /vertices that it lacks/);
+});
+
+test('a click meets the surface where it is nearest, within the box', () => {
+  const two = new Float32Array([0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0, -1, 2, 0, -1, 0, 2, -1]);
+  const both = Uint32Array.from([3, 4, 5, 0, 2, 1]);
+  assert.deepEqual(hitOf(two, both, [0.5, 0.5, 5], [0, 0, -2]), [0.5, 0.5, 0], 'from either side');
+  assert.deepEqual(
+    hitOf(two, both, [0.5, 0.5, 5], [0, 0, -2], (_x, _y, z) => z < -0.5),
+    [0.5, 0.5, -1],
+  );
+  assert.equal(hitOf(two, both, [1.5, 1.5, 5], [0, 0, -1]), null, 'beside it');
+  assert.equal(hitOf(two, both, [0.5, 0.5, 5], [0, 0, 1]), null, 'behind the eye');
+});
+
+test('of a large cloud every so many points are read', () => {
+  const ply =
+    'ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nend_header\n';
+  const bytes = new TextEncoder().encode(ply + [0, 1, 2, 3, 4].map((n) => `${n} 0 0`).join('\n') + '\n');
+  assert.deepEqual([...readPly(bytes, 3).positions], [0, 0, 0, 2, 0, 0, 4, 0, 0]);
+  assert.equal(readPly(bytes, 5).count, 5);
 });

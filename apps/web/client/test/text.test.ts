@@ -48,6 +48,7 @@ test('figures with their units, actions with their titles', () => {
   assert.equal(withUnit('faces'), 'faces');
   assert.equal(actionTitle({ name: 'go-on', help: 'it is right, go on' }), 'It is right, go on');
   assert.equal(actionTitle({ name: 'go-on', help: '' }), 'Go on');
+  assert.equal(actionTitle({ name: 'next', help: 'next patch (right arrow, space)' }), 'Next patch');
 });
 
 test('the token of a link', () => {

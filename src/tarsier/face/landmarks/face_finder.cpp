@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/face_finder.h"
 
-#include "tarsier/core/boxes.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
+#include "tarsier/face/landmarks/face_places.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/media/archive.h"
 
@@ -14,7 +14,6 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <tuple>
 #include <utility>
 
 namespace tarsier::face::landmarks {
@@ -94,7 +93,6 @@ constexpr int kLargeWidth = 320;
 constexpr double kCascadeScore = 0.9;
 constexpr double kLooseScore = 0.5;
 constexpr double kLargeShare = 0.1;
-
 FaceDetectorOptions less_strict(FaceDetectorOptions options) {
   options.neighbors = std::max(1, options.neighbors - 1);
   options.step = 1.05;
@@ -106,38 +104,6 @@ std::optional<FaceDetector> detector_if_there(const FaceDetectorOptions& options
   return FaceDetector(options);
 }
 
-struct Scored {
-  Candidate candidate;
-  double score = 0;
-};
-
-// Sure ones first, then the better ones, then the larger; those that overlap an earlier one go.
-// Returned largest first.
-std::vector<Candidate> merged(std::vector<Scored> all) {
-  std::stable_sort(all.begin(), all.end(), [](const Scored& a, const Scored& b) {
-    return std::tuple(!a.candidate.sure, -a.score, -a.candidate.box.area()) <
-           std::tuple(!b.candidate.sure, -b.score, -b.candidate.box.area());
-  });
-  std::vector<Candidate> kept;
-  for (const Scored& one : all) {
-    const cv::Rect2d& box = one.candidate.box;
-    const auto known = std::find_if(kept.begin(), kept.end(), [&](const Candidate& better) {
-      const double common = (better.box & box).area();
-      return intersection_over_union(better.box, box) > 0.35 ||
-             common > 0.75 * std::min(better.box.area(), box.area());
-    });
-    if (known == kept.end()) {
-      kept.push_back(one.candidate);
-    } else {  // two detectors found it
-      known->score = std::max(known->score, one.candidate.score);
-    }
-  }
-  std::stable_sort(kept.begin(), kept.end(), [](const Candidate& a, const Candidate& b) {
-    return a.box.area() > b.box.area();
-  });
-  return kept;
-}
-
 }  // namespace
 
 struct FaceFinder::Impl {
@@ -145,6 +111,8 @@ struct FaceFinder::Impl {
   std::optional<FaceDetector> strict;  // or
   std::optional<HogFinder> trained;    // or
   std::shared_ptr<const FaceNetworks> networks;
+  std::shared_ptr<const AnchorDetector> anchors;  // beside the networks, or null
+  AnchorWorkspace anchor_workspace;
   std::optional<FaceDetector> large;  // beside the networks, where the cascade's file is there
   FaceSearchWorkspace workspace;
   // The other cascades, made when they are first needed; nothing where the file is missing.
@@ -154,8 +122,11 @@ struct FaceFinder::Impl {
   cv::Mat flipped;
   std::optional<BoxModel> box;
   std::int64_t hog_pixels = 0;
+  std::int64_t anchor_pixels = 0;
 
   void load();
+  // What the user's own network sees in a part of the image.
+  void search_own(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found) const;
   [[nodiscard]] double window() const;
   [[nodiscard]] double min_face(cv::Size image) const;
   void search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
@@ -164,6 +135,10 @@ struct FaceFinder::Impl {
   // Beside the networks, in the whole image: the cascade, and where nobody is surely seen its
   // less strict relatives, all of them or the next one.
   void search_large(const cv::Mat& gray, bool thorough, bool all, std::vector<Scored>& found);
+  // Beside the networks, in the whole image: all views, or the next one. Returns the places of all.
+  [[nodiscard]] std::vector<Place> search_anchored(const cv::Mat& gray, bool all,
+                                                   std::vector<Scored> found);
+  std::size_t anchor_turn = 0;  // of the views, for videos
   // Less strict search number 0 .. kSearches - 1.
   static constexpr std::size_t kSearches = 4;
   void search_loosely(const cv::Mat& gray, const SearchTile& tile, std::size_t which,
@@ -182,6 +157,16 @@ void FaceFinder::Impl::load() {
   others.push_back(detector_if_there(loose));
   loose.cascade = "haarcascade_profileface.xml";
   others.push_back(detector_if_there(loose));
+}
+
+void FaceFinder::Impl::search_own(const cv::Mat& gray, const SearchTile& tile,
+                                  std::vector<Scored>& found) const {
+  constexpr double kSure = 0.6;
+  const cv::Point2d corner(tile.area.tl());
+  for (const ScoredFace& face : options.own->find(gray(tile.area))) {
+    if (face.box.width >= tile.min_face)
+      found.push_back({{face.box + corner, face.score >= kSure, face.score}, face.score});
+  }
 }
 
 double FaceFinder::Impl::window() const {
@@ -273,11 +258,45 @@ void FaceFinder::Impl::search_large(const cv::Mat& gray, bool thorough, bool all
   }
 }
 
+std::vector<Place> FaceFinder::Impl::search_anchored(const cv::Mat& gray, bool all,
+                                                     std::vector<Scored> found) {
+  if (!anchors) return places_of(std::move(found));
+  const double smallest = min_face(gray.size());
+  const std::size_t first = all ? 0 : anchor_turn++ % kAnchorViews.size();
+  const std::size_t count = all ? kAnchorViews.size() : 1;
+  for (std::size_t view = first; view < first + count; ++view) {
+    const auto [side, mirrored] = kAnchorViews[view];
+    cv::Mat seen = gray;
+    if (mirrored) {
+      cv::flip(gray, flipped, 1);
+      seen = flipped;
+    }
+    AnchorSearchOptions search;
+    search.side = side;
+    search.threshold = kAnchorUnseen;
+    for (const ScoredFace& face : search_anchors(seen, *anchors, search, anchor_workspace)) {
+      cv::Rect2d square = cascade_square(face.box);
+      if (mirrored) square.x = gray.cols - square.x - square.width;
+      // Boxes of the others are better starts for points: they come first.
+      constexpr double kBehindOthers = -1;
+      if (square.width >= smallest)
+        found.push_back(
+            {{square, false, face.score}, face.score + kBehindOthers, static_cast<int>(view)});
+    }
+    anchor_pixels += static_cast<std::int64_t>(side) * side;
+  }
+  std::vector<Place> places = places_of(std::move(found));
+  judge(places, all, std::max(gray.cols, gray.rows));
+  return places;
+}
+
 std::vector<Candidate> FaceFinder::Impl::find(const cv::Mat& gray, bool thorough) {
   require_gray(gray);
   const double smallest = min_face(gray.size());
   std::vector<Scored> found;
-  if (trained) {
+  if (options.own) {
+    search_own(gray, {cv::Rect(0, 0, gray.cols, gray.rows), smallest, 0}, found);
+  } else if (trained) {
     const SearchPlan plan = plan_search(gray.size(), smallest, window(), kHogStill * window());
     search_tile(gray, plan.whole, thorough, found);
     for (const SearchTile& tile : plan.tiles) search_tile(gray, tile, thorough, found);
@@ -285,12 +304,16 @@ std::vector<Candidate> FaceFinder::Impl::find(const cv::Mat& gray, bool thorough
     search_tile(gray, {cv::Rect(0, 0, gray.cols, gray.rows), smallest, 0}, thorough, found);
     search_large(gray, thorough, true, found);
   }
-  return merged(std::move(found));
+  std::vector<Candidate> candidates =
+      candidates_of(trained || options.own ? places_of(std::move(found))
+                                           : search_anchored(gray, true, std::move(found)));
+  if (!thorough) std::erase_if(candidates, [](const Candidate& one) { return !one.sure; });
+  return candidates;
 }
 
 FaceFinder::FaceFinder(const FaceFinderOptions& options) : impl_(std::make_unique<Impl>()) {
   impl_->options = options;
-  impl_->strict.emplace(options.detector);
+  if (!options.own) impl_->strict.emplace(options.detector);
 }
 FaceFinder::FaceFinder(const HogDetector& detector, const FaceFinderOptions& options)
     : impl_(std::make_unique<Impl>()) {
@@ -300,13 +323,15 @@ FaceFinder::FaceFinder(const HogDetector& detector, const FaceFinderOptions& opt
   impl_->box = detector.box;
 }
 FaceFinder::FaceFinder(std::shared_ptr<const FaceNetworks> networks,
-                       const FaceFinderOptions& options)
+                       const FaceFinderOptions& options,
+                       std::shared_ptr<const AnchorDetector> anchors)
     : impl_(std::make_unique<Impl>()) {
   TARSIER_REQUIRE(networks != nullptr, "no networks");
   options.detector.check();
   networks->require();
   impl_->options = options;
   impl_->networks = std::move(networks);
+  impl_->anchors = std::move(anchors);
   impl_->large = detector_if_there({.max_width = kLargeWidth});
 }
 FaceFinder::~FaceFinder() = default;
@@ -318,7 +343,7 @@ const std::optional<BoxModel>& FaceFinder::box_model() const { return impl_->box
 double FaceFinder::min_face(cv::Size image) const { return impl_->min_face(image); }
 
 std::int64_t FaceFinder::pixels() const {
-  std::int64_t sum = impl_->workspace.pixels + impl_->hog_pixels;
+  std::int64_t sum = impl_->workspace.pixels + impl_->hog_pixels + impl_->anchor_pixels;
   if (impl_->strict) sum += impl_->strict->pixels();
   if (impl_->large) sum += impl_->large->pixels();
   for (const auto& other : impl_->others) {
@@ -328,6 +353,8 @@ std::int64_t FaceFinder::pixels() const {
 }
 
 SearchPlan FaceFinder::plan(cv::Size image) const {
+  if (impl_->options.own)  // the network sees the whole image at once
+    return {{cv::Rect({0, 0}, image), impl_->min_face(image), 0}, {}};
   const double window = impl_->window();
   return plan_search(image, impl_->min_face(image), window,
                      (impl_->trained ? kHogTile : kTile) * window);
@@ -348,16 +375,19 @@ std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile
   inside.area &= cv::Rect(0, 0, gray.cols, gray.rows);
   if (inside.area.empty()) return {};
   std::vector<Scored> found;
-  if (my.strict && my.options.thorough) {
+  if (my.options.own) {
+    my.search_own(gray, inside, found);
+  } else if (my.strict && my.options.thorough) {
     my.search_strict(gray, inside, found);
     my.search_loosely(gray, inside, my.turn++ % Impl::kSearches, found);
   } else {
     my.search_tile(gray, inside, my.options.thorough, found);
     if (inside.area.size() == gray.size()) {
       my.search_large(gray, my.options.thorough, false, found);
+      return candidates_of(my.search_anchored(gray, false, std::move(found)));
     }
   }
-  return merged(std::move(found));
+  return candidates_of(places_of(std::move(found)));
 }
 
 nlohmann::json to_json(const BoxModel& model) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/face/detect/anchor_detector.h"
+#include "tarsier/face/detect/box_detector.h"
 #include "tarsier/face/detect/detector.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/detect/search_plan.h"
@@ -57,19 +59,24 @@ struct FaceFinderOptions {
   // Look less strictly, too: below the detector's threshold, or with other cascades (one for
   // profiles) everywhere.
   bool thorough = true;
+  // In place of all others; or null. What it scores 0.6 and more is sure.
+  std::shared_ptr<const BoxDetector> own;
 };
 
-// Faces of any size in images of any size, by one of three detectors: the networks of
+// Faces of any size in images of any size, by one of four detectors: the networks of
 // face/face_networks.h with OpenCV's frontal cascade beside them for large faces (a tenth of the
 // image's smaller side and more, searched at 320 px), a detector of one's own (hog_detector.h),
-// or OpenCV's cascades alone. What the strict and the less strict search see is put together: of
+// a network of one's own (FaceFinderOptions::own), or OpenCV's cascades alone. What the strict and the less strict search see is put together: of
 // boxes that overlap a sure one stays, so that one found face never hides another. Not thread-safe.
 class FaceFinder {
  public:
   // The cascades. Throws ModelError where they are missing (Debian: opencv-data).
   explicit FaceFinder(const FaceFinderOptions& options = {});
   FaceFinder(const HogDetector& detector, const FaceFinderOptions& options);
-  FaceFinder(std::shared_ptr<const FaceNetworks> networks, const FaceFinderOptions& options);
+  // `anchors`, which may be null, look beside the networks for large faces in the whole image, at
+  // several sizes; what both see is judged by both.
+  FaceFinder(std::shared_ptr<const FaceNetworks> networks, const FaceFinderOptions& options,
+             std::shared_ptr<const AnchorDetector> anchors = nullptr);
   ~FaceFinder();
   FaceFinder(FaceFinder&&) noexcept;
   FaceFinder& operator=(FaceFinder&&) noexcept;

@@ -9,10 +9,16 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace tarsier::face::people {
 namespace {
+
+// Of the points, where the detector's score is no probability: of any face, and of one that it is not
+// sure of.
+constexpr double kMinPoints = 0.4;
+constexpr double kMinUnsure = 0.5;
 
 // A detector's box around a face whose eyes are known.
 cv::Rect2d box_of_eyes(const Eyes& eyes) {
@@ -36,6 +42,18 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face, const 
 
 }  // namespace
 
+double trust_in(double detection, double points) {
+  constexpr double kLeast = 0.02;  // a detector is never more certain than this, either way
+  constexpr double kMost = 0.99;
+  constexpr double kOfDetector = 0.65;
+  constexpr double kOfPoints = 8.4;
+  // Even odds would be at -4.4. False faces, and faces whose points are wrong, harm the people
+  // they are enrolled with: a face must be four times as likely as not.
+  constexpr double kBias = -5.8;
+  const double p = std::clamp(detection, kLeast, kMost);
+  return 1 / (1 + std::exp(-(kOfDetector * std::log(p / (1 - p)) + kOfPoints * points + kBias)));
+}
+
 void FaceReaderOptions::check() const {
   check_fields(*this);
   cut.check();
@@ -44,6 +62,7 @@ void FaceReaderOptions::check() const {
 
 struct FaceReader::Impl {
   std::shared_ptr<const landmarks::LandmarkModel> model;
+  bool judged;  // the detector's scores are probabilities: see landmarks::FaceFinder, `anchors`
   landmarks::FaceFinder finder;
   std::optional<EyeDetector> eyes;
   landmarks::FitWorkspace workspace;
@@ -52,20 +71,23 @@ struct FaceReader::Impl {
 
 FaceReader::FaceReader(const FaceReaderOptions& options,
                        std::shared_ptr<const landmarks::LandmarkModel> model,
-                       std::shared_ptr<const FaceNetworks> networks)
+                       std::shared_ptr<const FaceNetworks> networks,
+                       std::shared_ptr<const AnchorDetector> anchors)
     : options_(options) {
   options_.check();
   if (options_.eyes == EyeMethod::kLandmarks) {
     TARSIER_REQUIRE(model != nullptr && model->points() == 68,
                     "a landmark model of 68 points is needed");
   }
-  impl_ = std::make_unique<Impl>(
-      Impl{std::move(model),
-           networks ? landmarks::FaceFinder(std::move(networks), options_.finder)
-                    : landmarks::FaceFinder(options_.finder),
-           {},
-           {},
-           {}});
+  const bool judged = networks != nullptr && anchors != nullptr;
+  impl_ = std::make_unique<Impl>(Impl{
+      std::move(model),
+      judged,
+      networks ? landmarks::FaceFinder(std::move(networks), options_.finder, std::move(anchors))
+               : landmarks::FaceFinder(options_.finder),
+      {},
+      {},
+      {}});
   if (options_.eyes != EyeMethod::kLandmarks) impl_->eyes.emplace(options_.eyes);
 }
 FaceReader::~FaceReader() = default;
@@ -86,14 +108,18 @@ std::vector<Face> FaceReader::read(const cv::Mat& gray, DebugSink* debug) {
   without_eyes_ = 0;
   std::vector<Face> faces;
   if (options_.eyes == EyeMethod::kLandmarks) {
-    for (auto& found : landmarks::find_faces(*impl_->model, {}, gray, impl_->finder,
-                                             impl_->workspace, options_.min_score)) {
+    for (auto& found :
+         landmarks::find_faces(*impl_->model, {}, gray, impl_->finder, impl_->workspace,
+                               impl_->judged ? options_.min_score : kMinUnsure)) {
       Face face;
       face.box = found.box;
       face.points = std::move(found.fit.points);
       face.score = found.fit.score;
       face.eyes = eyes_of_points(face.points);
-      if (face.eyes.distance() < 2 || face.score < options_.min_sure) continue;
+      const bool trusted = impl_->judged
+                               ? trust_in(found.detection, face.score) >= options_.min_trust
+                               : face.score >= kMinPoints;
+      if (face.eyes.distance() < 2 || !trusted) continue;
       faces.push_back(std::move(face));
     }
   } else {

@@ -29,16 +29,23 @@ struct Face {
   Quality quality;
 };
 
+// How likely something is a face, 0..1, of which the detector is as certain as `detection` says and
+// whose points fit as `points` says (both 0..1): a logistic regression over faces68 as it is and
+// disguised (sunglasses, caps, beards, hands: of those the points' score is low), and images without
+// faces.
+[[nodiscard]] double trust_in(double detection, double points);
+
 struct FaceReaderOptions {
   EyeMethod eyes = EyeMethod::kLandmarks;
   CutOptions cut;
   landmarks::FaceFinderOptions finder;
-  double min_score = 0.5;  // of the points of a face that only the less strict search saw
-  double min_sure = 0.4;   // of the points of any face
+  // Both count only where the finder has the detector that users can install:
+  double min_score = 0.35;  // of the points of a face that only the less strict search saw
+  double min_trust = 0.5;   // of any face, see trust_in(): how likely it is one
   landmarks::TrackerOptions tracker;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"min_score", min_score, range(0, 1)}, {"min_sure", min_sure, range(0, 1)}};
+    return {{"min_score", min_score, range(0, 1)}, {"min_trust", min_trust, range(0, 1)}};
   }
   void check() const;
 };
@@ -49,10 +56,11 @@ class FaceReader {
  public:
   // `model` (68 points): needed for EyeMethod::kLandmarks only. Throws ModelError where cascades
   // are missing, std::invalid_argument for a model of other points.
-  // `networks` find the faces; null: the cascades.
+  // `networks` find the faces; null: the cascades. `anchors`: see landmarks::FaceFinder.
   FaceReader(const FaceReaderOptions& options,
              std::shared_ptr<const landmarks::LandmarkModel> model,
-             std::shared_ptr<const FaceNetworks> networks = nullptr);
+             std::shared_ptr<const FaceNetworks> networks = nullptr,
+             std::shared_ptr<const AnchorDetector> anchors = nullptr);
   ~FaceReader();
   FaceReader(FaceReader&&) noexcept;
   FaceReader& operator=(FaceReader&&) noexcept;

@@ -29,6 +29,21 @@ TEST(FaceReaderTest, ALandmarkModelIsNeededForLandmarks) {
   EXPECT_THROW(FaceReader({}, nullptr), std::invalid_argument);
 }
 
+TEST(FaceReaderTest, DetectorAndPointsTogetherSayWhetherItIsAFace) {
+  // Points that fit well need no certain detector, and of a covered face a certain detector is
+  // enough with points that fit half; neither is without the other.
+  EXPECT_GT(trust_in(0.9, 0.7), 0.7);
+  EXPECT_GT(trust_in(0.1, 0.9), 0.5);
+  EXPECT_GT(trust_in(0.99, 0.4), 0.5);
+  EXPECT_LT(trust_in(0.5, 0.4), 0.5);
+  EXPECT_LT(trust_in(1, 0), 0.5);
+  EXPECT_LT(trust_in(0, 0.6), 0.5);
+  for (double p = 0; p < 1; p += 0.1) {
+    EXPECT_LE(trust_in(p, 0.4), trust_in(p + 0.1, 0.4));
+    EXPECT_LT(trust_in(0.9, p), trust_in(0.9, p + 0.1));
+  }
+}
+
 TEST(FaceReaderTest, NothingIsFoundWhereNothingIs) {
   FaceReaderOptions options;
   options.eyes = EyeMethod::kSplits;

@@ -632,23 +632,37 @@ std::vector<std::int64_t> Gallery::without_template(std::int64_t space) {
   return out;
 }
 
-std::string Gallery::algorithm() {
-  Statement row(database_, "SELECT value FROM setting WHERE name = 'algorithm'");
-  return row.step() ? row.text(0) : "default";
+std::string Gallery::setting(const char* name) {
+  Statement row(database_, "SELECT value FROM setting WHERE name = ?");
+  row.bind(1, std::string_view(name));
+  return row.step() ? row.text(0) : std::string();
 }
 
-void Gallery::set_algorithm(std::string_view name) {
-  if (algorithm() == name) return;
+void Gallery::set_setting(const char* name, std::string_view value) {
+  if (setting(name) == value) return;
   Transaction transaction(database_);
   {
-    Statement insert(database_,
-                     "INSERT OR REPLACE INTO setting(name, value) VALUES('algorithm', ?)");
-    insert.bind(1, name);
+    Statement insert(database_, "INSERT OR REPLACE INTO setting(name, value) VALUES(?, ?)");
+    insert.bind(1, std::string_view(name));
+    insert.bind(2, value);
     (void)insert.step();
   }
   drop_model();
   changed();
   transaction.commit();
 }
+
+std::string Gallery::algorithm() {
+  const std::string name = setting("algorithm");
+  return name.empty() ? "default" : name;
+}
+
+void Gallery::set_algorithm(std::string_view name) {
+  if (algorithm() != name) set_setting("algorithm", name);
+}
+
+std::string Gallery::network() { return setting("network"); }
+
+void Gallery::set_network(std::string_view network) { set_setting("network", network); }
 
 }  // namespace tarsier::face::people

@@ -214,6 +214,9 @@ class Gallery {
   // "default" where nothing was set.
   [[nodiscard]] std::string algorithm();
   void set_algorithm(std::string_view name);
+  // The network of the user's own that makes the templates, "SHA256 NAME" of its file; empty: none.
+  [[nodiscard]] std::string network();
+  void set_network(std::string_view network);
 
   // Returns its id. `name` empty: like nobody. 0, and nothing is stored, where nobody has that name
   // (any more). `face` may be null: it is not kept.
@@ -297,6 +300,8 @@ class Gallery {
   [[nodiscard]] const std::string& path() const { return database_.path(); }
 
  private:
+  [[nodiscard]] std::string setting(const char* name);  // empty: not set
+  void set_setting(const char* name, std::string_view value);
   void changed();
   void drop_model();
   [[nodiscard]] StoredFace face_at(const Statement& row, bool crops);

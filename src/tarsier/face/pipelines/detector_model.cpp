@@ -9,8 +9,11 @@ namespace tarsier::face {
 namespace {
 
 constexpr const char* kShipped = "face-detector.json";
+constexpr const char* kOwn = "own";
 
 }  // namespace
+
+bool has_anchor_detector(const ModelStore& models) { return models.has(kAnchorDetectorFile); }
 
 DetectorModel::DetectorModel(const landmarks::FaceFinderOptions& options) : options_(options) {
   options_.detector.check();
@@ -19,14 +22,19 @@ DetectorModel::DetectorModel(const landmarks::FaceFinderOptions& options) : opti
 DetectorModel DetectorModel::load(const ModelStore& models, const std::string& which,
                                   const landmarks::FaceFinderOptions& options) {
   DetectorModel model(options);
-  if (which == "cascades") return model;
-  if (which.empty() && !models.has(kShipped)) {
+  if (which == "cascades" || options.own) return model;
+  const bool shipped = which.empty() || which == kOwn;
+  if (shipped && !models.has(kShipped)) {
     log_warning("{}: not there; faces are found by the cascades of opencv-data instead",
                 models.place_of(kShipped));
     return model;
   }
-  const std::string path = models.path_or(which, kShipped);
-  if (which.empty() || read_any_archive(path).type == kFaceNetworksType) {
+  const std::string path = models.path_or(shipped ? "" : which, kShipped);
+  if (which.empty() && has_anchor_detector(models)) {
+    model.anchors_ = std::make_shared<const AnchorDetector>(
+        read_anchor_detector(models.path(kAnchorDetectorFile)));
+  }
+  if (shipped || read_any_archive(path).type == kFaceNetworksType) {
     model.networks_ = std::make_shared<const FaceNetworks>(read_face_networks(path));
   } else {
     model.hog_ = std::make_shared<const landmarks::HogDetector>(landmarks::read_hog_detector(path));
@@ -35,7 +43,7 @@ DetectorModel DetectorModel::load(const ModelStore& models, const std::string& w
 }
 
 landmarks::FaceFinder DetectorModel::make_finder() const {
-  if (networks_ != nullptr) return {networks_, options_};
+  if (networks_ != nullptr) return {networks_, options_, anchors_};
   if (hog_ != nullptr) return {*hog_, options_};
   return landmarks::FaceFinder(options_);
 }

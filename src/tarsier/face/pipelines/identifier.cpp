@@ -10,6 +10,9 @@
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/media/still_source.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -26,6 +29,20 @@ constexpr const char* kDeepBackground = "people-deep.json";
 constexpr const char* kDeepNetwork = "face-embedding.json";
 constexpr std::string_view kDeepAlgorithm = "deep";
 constexpr std::string_view kNoBackground = "none";
+
+// What a gallery keeps of its network, "SHA256 NAME"; empty: it is the installed one.
+std::string identity_of(const SharedNetwork& own) {
+  return own ? own->sha256 + " " + own->name : std::string();
+}
+std::string_view sum_of(std::string_view identity) {
+  return identity.substr(0, identity.find(' '));
+}
+// "face.onnx (SHA-256 0123456789ab..)"
+std::string named_as(std::string_view identity) {
+  const std::size_t space = std::min(identity.find(' '), identity.size());
+  return fmt::format("{} (SHA-256 {}..)", identity.substr(std::min(space + 1, identity.size())),
+                     identity.substr(0, std::min<std::size_t>(space, 12)));
+}
 
 }  // namespace
 
@@ -50,7 +67,7 @@ FaceReaderModel FaceReaderModel::load(const ModelStore& models, people::FaceRead
 }
 
 people::FaceReader FaceReaderModel::make_reader() const {
-  return {options_, landmarks_, detector_.networks()};
+  return {options_, landmarks_, detector_.networks(), detector_.anchors()};
 }
 
 TemplateKind parse_template_kind(std::string_view name) {
@@ -65,7 +82,8 @@ bool has_deep_templates(const ModelStore& models) { return models.has(kDeepNetwo
 
 bool has_deep_templates(people::Gallery& gallery) { return gallery.algorithm() == kDeepAlgorithm; }
 
-std::shared_ptr<const recognition::DeepNetwork> load_deep_network(const ModelStore& models) {
+SharedNetwork load_deep_network(const ModelStore& models, const SharedNetwork& own) {
+  if (own) return own;
   if (!models.has(kDeepNetwork)) {
     throw ModelError(kDeepNetwork,
                      "is not installed: scripts/get-model.sh face-embedding gets it (6 MB, MIT), "
@@ -75,24 +93,61 @@ std::shared_ptr<const recognition::DeepNetwork> load_deep_network(const ModelSto
       recognition::read_deep_network(models.path(kDeepNetwork)));
 }
 
-recognition::Background load_deep_background(const ModelStore& models, const std::string& which) {
-  std::shared_ptr<const recognition::DeepNetwork> network = load_deep_network(models);
+recognition::Background load_deep_background(const ModelStore& models, const std::string& which,
+                                             const SharedNetwork& own) {
+  SharedNetwork network = load_deep_network(models, own);
+  if (own && which.empty())
+    throw ModelError(own->name,
+                     "is not calibrated: `people train --learn-background LIST --embedding FILE -o "
+                     "B.json` learns how strangers score, --background B.json names it");
   const std::string path = models.path_or(which, kDeepBackground);
   recognition::Background background = recognition::read_background(path);
   if (background.of_network != network->fingerprint ||
       background.mean.size() != network->outputs()) {
     throw ModelError(path, background.of_network == 0
                                ? "is not of deep templates"
-                               : "is of another network than " + models.place_of(kDeepNetwork));
+                               : "is of another network than " +
+                                     (own ? own->name : models.place_of(kDeepNetwork)));
   }
   background.network = std::move(network);
   return background;
 }
 
+void attach_network(recognition::Recognizer& model, SharedNetwork network,
+                    const std::string& path) {
+  const bool same = model.of_network == 0 || model.of_network == network->fingerprint;
+  if (!same || model.mean.size() != network->outputs())
+    throw ModelError(path, "was trained with another network" +
+                               (network->name.empty() ? std::string() : " than " + network->name));
+  model.network = std::move(network);
+}
+
+void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own) {
+  gallery.set_algorithm(kDeepAlgorithm);
+  gallery.set_network(identity_of(own));
+}
+
 void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
-                      bool choose) {
+                      bool choose, const SharedNetwork& own) {
   const bool deep = has_deep_templates(gallery);
   if (gallery.face_count_up_to(1) > 0) {
+    const std::string network = deep ? gallery.network() : std::string();
+    if (own && network != identity_of(own)) {
+      if (sum_of(network) != own->sha256)
+        throw InputError(gallery.path(),
+                         fmt::format("its templates are {}, not of {}: `people train --embedding "
+                                     "FILE` makes them again",
+                                     !deep             ? "classic"
+                                     : network.empty() ? "of the installed network"
+                                                       : "of " + named_as(network),
+                                     own->name));
+      return;  // the same file under another name
+    }
+    if (!own && !network.empty() && kind != TemplateKind::kClassic)
+      throw InputError(gallery.path(),
+                       fmt::format("its templates are of {}: --embedding names that file, `people "
+                                   "train --template deep or classic` makes others",
+                                   named_as(network)));
     if (kind == TemplateKind::kDeep && !deep)
       throw InputError(gallery.path(),
                        "its templates are classic, and one gallery keeps one kind: `people train "
@@ -104,6 +159,11 @@ void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelSt
     return;
   }
   if (!choose) return;
+  if (own || kind == TemplateKind::kDeep) {
+    choose_deep_templates(gallery, own);
+    return;
+  }
+  gallery.set_network("");
   const bool wanted =
       kind == TemplateKind::kDeep || (kind == TemplateKind::kAuto && has_deep_templates(models));
   if (wanted != deep)
@@ -124,11 +184,12 @@ std::optional<recognition::Background> load_background(const ModelStore& models,
 
 std::optional<recognition::Background> background_for(people::Gallery& gallery,
                                                       const ModelStore& models,
-                                                      const std::string& which) {
+                                                      const std::string& which,
+                                                      const SharedNetwork& own) {
   const std::int64_t faces = gallery.face_count_up_to(people::kLearnedWhole + 1);
   if (has_deep_templates(gallery)) {
     if (faces == 0) return std::nullopt;
-    return load_deep_background(models, which);
+    return load_deep_background(models, which, own);
   }
   const bool learned = gallery.model_generation() == gallery.generation();
   if (which.empty() && (faces == 0 || (faces <= people::kLearnedWhole && learned)))
@@ -207,6 +268,8 @@ void IdentifierOptions::check() const {
   TARSIER_REQUIRE(!write_gallery || recognizer.empty(), "write_gallery and a recognizer");
   TARSIER_REQUIRE(!enroll || recognizer.empty(), "enroll and a recognizer");
   TARSIER_REQUIRE(!algorithm || enroll, "an algorithm goes with enroll");
+  TARSIER_REQUIRE(!network || templates != TemplateKind::kClassic,
+                  "a network goes with deep templates");
   reading.check();
   naming.check();
 }
@@ -273,11 +336,12 @@ Identifier Identifier::load(const ModelStore& models, const IdentifierOptions& o
   // A wrong path is reported before anything is written, also where the file is needed only at the
   // end.
   if (!options.background.empty()) static_cast<void>(load_background(models, options.background));
-  if (options.templates == TemplateKind::kDeep) static_cast<void>(load_deep_network(models));
+  if (options.templates == TemplateKind::kDeep)
+    static_cast<void>(load_deep_network(models, options.network));
   if (!options.recognizer.empty()) {
     recognition::Recognizer model = recognition::read_recognizer(options.recognizer);
     if (model.options.algorithm == recognition::Algorithm::kDeep)
-      model.network = load_deep_network(models);
+      attach_network(model, load_deep_network(models, options.network), options.recognizer);
     identifier.model_ = std::make_shared<const recognition::Recognizer>(std::move(model));
   }
   identifier.reader_.emplace(FaceReaderModel::load(models, options.reading));
@@ -299,12 +363,13 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   if (options_.algorithm)
     opened->gallery.set_algorithm(recognition::name_of(*options_.algorithm));
   else
-    settle_templates(opened->gallery, options_.templates, models_, options_.enroll);
+    settle_templates(opened->gallery, options_.templates, models_, options_.enroll,
+                     options_.network);
   opened->background = options_.enroll && has_deep_templates(opened->gallery)
-                           ? load_deep_background(models_, options_.background)
-                       : options_.enroll
-                           ? load_background(models_, options_.background)
-                           : background_for(opened->gallery, models_, options_.background);
+                           ? load_deep_background(models_, options_.background, options_.network)
+                       : options_.enroll ? load_background(models_, options_.background)
+                                         : background_for(opened->gallery, models_,
+                                                          options_.background, options_.network);
   const recognition::Background* background = opened->background ? &*opened->background : nullptr;
   std::optional<people::GalleryModel> model;
   try {

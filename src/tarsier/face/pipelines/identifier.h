@@ -61,15 +61,26 @@ enum class TemplateKind {
 [[nodiscard]] bool has_deep_templates(const ModelStore& models);
 // It, and its background: `which` or people-deep.json of the store. Throws ModelError, which says
 // how to get what is missing.
-[[nodiscard]] std::shared_ptr<const recognition::DeepNetwork> load_deep_network(
-    const ModelStore& models);
+// `own`, which may be null, is a network of the user's own (face/onnx) in its place; its background
+// must be named.
+using SharedNetwork = std::shared_ptr<const recognition::DeepNetwork>;
+[[nodiscard]] SharedNetwork load_deep_network(const ModelStore& models,
+                                              const SharedNetwork& own = nullptr);
 [[nodiscard]] recognition::Background load_deep_background(const ModelStore& models,
-                                                           const std::string& which = {});
+                                                           const std::string& which = {},
+                                                           const SharedNetwork& own = nullptr);
+// Gives a recogniser of a file (`path`) its network. Throws ModelError where it was trained with
+// another one.
+void attach_network(recognition::Recognizer& model, SharedNetwork network, const std::string& path);
 [[nodiscard]] bool has_deep_templates(people::Gallery& gallery);
-// A gallery keeps templates of one kind. Throws InputError where `kind` is another than it has and
-// there are faces. With `choose` the kind of one without faces is set.
+// A gallery keeps templates of one kind and of one network. Throws InputError where `kind` or the
+// network is another than it has and there are faces: a gallery that was made with a network of the
+// user's own needs this one. With `choose` the kind of one without faces is set.
 void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
-                      bool choose);
+                      bool choose, const SharedNetwork& own = nullptr);
+// Deep templates from now on: of `own`, or of the installed network. Others are made again from the
+// crops when a model is next asked for.
+void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
 
 // What is known of faces in general. `which`: a file; "none": nothing; empty:
 // people-background.json of the store, and nothing, with a warning, where that is missing. Throws
@@ -79,9 +90,9 @@ void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelSt
 // The same where a model of the gallery needs it: nothing is learned yet, or it changed, or it is
 // a large one. A file that is named is read in any case: it must be right. Deep templates always
 // need theirs.
-[[nodiscard]] std::optional<recognition::Background> background_for(people::Gallery& gallery,
-                                                                    const ModelStore& models,
-                                                                    const std::string& which = {});
+[[nodiscard]] std::optional<recognition::Background> background_for(
+    people::Gallery& gallery, const ModelStore& models, const std::string& which = {},
+    const SharedNetwork& own = nullptr);
 // Opened to be written where it can be, else to be read. Throws InputError.
 [[nodiscard]] people::Gallery open_gallery(const std::string& path);
 // The model of a gallery; what is due is learned. A gallery that cannot be written is still used.
@@ -137,6 +148,7 @@ struct IdentifierOptions {
   bool enroll = false;
   std::optional<recognition::Algorithm> algorithm;  // of the gallery from now on; with `enroll`
   TemplateKind templates = TemplateKind::kAuto;     // see settle_templates(); without `algorithm`
+  SharedNetwork network;   // of the user's own, for deep templates; or null
   std::string recognizer;  // file of `people train -o`, in place of the gallery; empty: none
   std::string background;  // see load_background()
   people::FaceReaderOptions reading;

@@ -2,6 +2,7 @@
 #include "tarsier/face/pipelines/landmark_tracker.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/detect/testing_anchors.h"
 #include "tarsier/face/landmarks/faces_json.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
@@ -10,6 +11,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -169,6 +171,42 @@ TEST(FaceDetectorModel, IsThatOfTheStoreElseTheCascades) {
       nullptr);
   EXPECT_THROW(static_cast<void>(DetectorModel::load(models(), models().path("head.json"))),
                ModelError);
+}
+
+TEST(FaceDetectorModel, TakesTheInstalledOneBesideIt) {
+  const TemporaryFolder folder;
+  const std::string installed = folder.path() + "/face-anchors.json";
+  fs::copy(models().path("face-detector.json"), folder.path() + "/face-detector.json");
+  write_anchor_detector(installed, bright_anchors(), {});
+  const ModelStore store(folder.path());
+  EXPECT_TRUE(has_anchor_detector(store));
+  EXPECT_NE(DetectorModel::load(store).anchors(), nullptr);
+  EXPECT_NE(DetectorModel::load(store, "own").networks(), nullptr);
+  EXPECT_EQ(DetectorModel::load(store, "own").anchors(), nullptr);
+  EXPECT_EQ(DetectorModel::load(store, "cascades").anchors(), nullptr);
+
+  // What all its views agree on is sure; in a video one of them looks, and nothing is.
+  cv::Mat image(416, 416, CV_8UC1, cv::Scalar(0));
+  image(cv::Rect(160, 96, 64, 64)) = 255;
+  landmarks::FaceFinder both = DetectorModel::load(store).make_finder();
+  landmarks::FaceFinder own = DetectorModel::load(store, "own").make_finder();
+  EXPECT_TRUE(own.find(image).empty());
+  const std::vector<landmarks::Candidate> candidates = both.find(image);
+  ASSERT_FALSE(candidates.empty());
+  EXPECT_TRUE(candidates.front().sure);
+  EXPECT_GT(candidates.front().score, 0.9);
+  const auto inside = [](const landmarks::Candidate& candidate) {
+    const cv::Point2d middle = 0.5 * (candidate.box.tl() + candidate.box.br());
+    return cv::norm(middle - cv::Point2d(192, 128)) < 110;
+  };
+  EXPECT_TRUE(std::any_of(candidates.begin(), candidates.end(), inside));
+  const std::vector<landmarks::Candidate> one =
+      both.find_in(image, {cv::Rect(0, 0, 416, 416), 40, 0});
+  ASSERT_FALSE(one.empty());
+  for (const landmarks::Candidate& candidate : one) EXPECT_FALSE(candidate.sure);
+
+  fs::resize_file(installed, 100);
+  EXPECT_THROW(static_cast<void>(DetectorModel::load(store)), ModelError);
 }
 
 }  // namespace

@@ -30,8 +30,8 @@ constexpr int kVersion = 1;
 constexpr std::int64_t kMaxNumbers = 20'000;
 
 Eigen::RowVectorXf described(const cv::Mat& face, const BackgroundOptions& options) {
-  const std::vector<float> values = options.network ? embed(*options.network, chip_of_crop(face))
-                                                    : describe(face, options.descriptor);
+  const std::vector<float> values =
+      options.network ? embed_crop(*options.network, face) : describe(face, options.descriptor);
   return Eigen::Map<const Eigen::RowVectorXf>(values.data(),
                                               static_cast<Eigen::Index>(values.size()));
 }

@@ -40,9 +40,8 @@ void require_directions(const Background& background) {
 std::vector<float> coordinates_of(const Background& background, const cv::Mat& face,
                                   const DescriptorOptions& descriptor) {
   require_directions(background);
-  const std::vector<float> values = background.network
-                                        ? embed(*background.network, chip_of_crop(face))
-                                        : describe(face, descriptor);
+  const std::vector<float> values =
+      background.network ? embed_crop(*background.network, face) : describe(face, descriptor);
   const Rows out = coordinates_of_rows(
       background,
       Eigen::Map<const Rows>(values.data(), 1, static_cast<Eigen::Index>(values.size())));

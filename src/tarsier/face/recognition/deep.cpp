@@ -11,8 +11,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
-#include <map>
 #include <stdexcept>
 #include <string_view>
 
@@ -23,65 +21,9 @@ namespace {
 constexpr std::array<float, 3> kMeanRgb{122.782F, 117.001F, 104.298F};
 constexpr int kMaxOutputs = 1024;
 
-class Tensors {
- public:
-  Tensors(const DeepWeights& weights, std::string path) : path_(std::move(path)) {
-    for (const DeepTensor& tensor : weights) by_name_.emplace(tensor.name, &tensor);
-    if (by_name_.size() != weights.size())
-      throw ModelError(path_, "two tensors have the same name");
-  }
-
-  // Its numbers and shape; `dimensions` of them.
-  [[nodiscard]] std::vector<float> take(const std::string& name, std::size_t dimensions,
-                                        std::vector<std::int64_t>& shape) {
-    const auto found = by_name_.find(name);
-    if (found == by_name_.end()) throw ModelError(path_, fmt::format("'{}' is missing", name));
-    const DeepTensor& tensor = *found->second;
-    shape = tensor.shape;
-    if (shape.size() != dimensions)
-      throw ModelError(
-          path_, fmt::format("'{}' has {} dimensions, not {}", name, shape.size(), dimensions));
-    std::size_t count = 1;
-    for (const std::int64_t size : shape) {
-      if (size < 1 || size > 4096) throw ModelError(path_, fmt::format("'{}': its size", name));
-      count *= static_cast<std::size_t>(size);
-      if (count > 100'000'000) throw ModelError(path_, fmt::format("'{}' is too large", name));
-    }
-    std::vector<float> out = tensor.values;
-    if (!tensor.levels.empty()) {
-      out.resize(tensor.levels.size());
-      for (std::size_t i = 0; i < out.size(); ++i)
-        out[i] = static_cast<float>(tensor.scale * tensor.levels[i] + tensor.min);
-    }
-    if (out.size() != count)
-      throw ModelError(path_, fmt::format("'{}' has {} numbers, not {}", name, out.size(), count));
-    for (const float value : out)
-      if (!std::isfinite(value)) throw ModelError(path_, fmt::format("'{}' is not finite", name));
-    ++taken_;
-    return out;
-  }
-
-  [[nodiscard]] bool has(const std::string& name) const { return by_name_.contains(name); }
-  [[nodiscard]] bool all_taken() const { return taken_ == by_name_.size(); }
-  [[nodiscard]] const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-  std::map<std::string, const DeepTensor*> by_name_;
-  std::size_t taken_ = 0;
-};
-
-std::vector<float> vector_of(Tensors& tensors, const std::string& name, int length) {
-  std::vector<std::int64_t> shape;
-  std::vector<float> values = tensors.take(name, 1, shape);
-  if (shape[0] != length)
-    throw ModelError(tensors.path(),
-                     fmt::format("'{}' has {} numbers, not {}", name, shape[0], length));
-  return values;
-}
-
 // The convolution and the scale after it as one: s (w x + b) + t = (s w) x + (s b + t).
-linalg::Layer layer_of(Tensors& tensors, const std::string& prefix, int stride, bool relu) {
+linalg::Layer layer_of(linalg::TensorReader& tensors, const std::string& prefix, int stride,
+                       bool relu) {
   std::vector<std::int64_t> shape;
   const std::vector<float> filters = tensors.take(prefix + "/conv/filters", 4, shape);
   if (shape[0] != shape[1] || shape[0] > 7 || shape[0] % 2 == 0)
@@ -92,9 +34,9 @@ linalg::Layer layer_of(Tensors& tensors, const std::string& prefix, int stride, 
                                             kernel, kernel, relu);
   layer.stride = stride;
   if (stride > 1) layer.pad_x = layer.pad_y = 0;
-  const std::vector<float> bias = vector_of(tensors, prefix + "/conv/bias", layer.out);
-  const std::vector<float> scale = vector_of(tensors, prefix + "/scale/weights", layer.out);
-  const std::vector<float> shift = vector_of(tensors, prefix + "/scale/biases", layer.out);
+  const std::vector<float> bias = tensors.take_vector(prefix + "/conv/bias", layer.out);
+  const std::vector<float> scale = tensors.take_vector(prefix + "/scale/weights", layer.out);
+  const std::vector<float> shift = tensors.take_vector(prefix + "/scale/biases", layer.out);
   const auto out = static_cast<std::size_t>(layer.out);
   const auto in = static_cast<std::size_t>(layer.in);
   const auto window = static_cast<std::size_t>(kernel) * static_cast<std::size_t>(kernel);
@@ -130,7 +72,7 @@ std::int64_t fingerprint_of(const linalg::ResidualNetwork& network) {
 DeepNetwork build_deep_network(const DeepWeights& weights, const std::string& path) {
   constexpr std::string_view kStem = "/conv/filters";
   constexpr std::string_view kBlock = "/conv1/conv/filters";
-  Tensors tensors(weights, path);
+  linalg::TensorReader tensors(weights, path);
   DeepNetwork out;
   bool stem = false;
   for (const DeepTensor& tensor : weights) {
@@ -178,10 +120,13 @@ cv::Mat chip_of_crop(const cv::Mat& crop) {
   constexpr double kEyeX = 0.27;     // where the cut has them
   constexpr double kEyeY = 0.34;
   constexpr double kAspect = 1.25;  // height / width of the cut
-  cv::Mat source = crop;
+  cv::Mat source;                   // never the crop's own pixels: others go on with them
   const double scale = kChipEyes / ((1 - 2 * kEyeX) * crop.cols);
   const double scale_y = scale * kAspect * crop.cols / crop.rows;  // heads that were cut otherwise
-  if (scale < 0.6) cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);
+  if (scale < 0.6)
+    cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);
+  else
+    source = crop;
   // Centres of pixels at integers.
   const double left = kEyeX * crop.cols - 0.5;
   const double line = kEyeY * crop.rows - 0.5;
@@ -197,6 +142,7 @@ cv::Mat chip_of_crop(const cv::Mat& crop) {
 std::vector<float> embed(const DeepNetwork& network, const cv::Mat& chip) {
   TARSIER_REQUIRE(chip.type() == CV_8UC3 && chip.cols == kChipSize && chip.rows == kChipSize,
                   "a chip is CV_8UC3 of {} x {} px", kChipSize, kChipSize);
+  TARSIER_REQUIRE(network.embedder == nullptr, "an embedder takes faces, not chips");
   constexpr std::size_t kPlane = static_cast<std::size_t>(kChipSize) * kChipSize;
   thread_local std::vector<float> planes;  // megabytes that each face would ask for
   thread_local linalg::ResidualWorkspace workspace;
@@ -210,6 +156,10 @@ std::vector<float> embed(const DeepNetwork& network, const cv::Mat& chip) {
             (static_cast<float>(row[3 * x + 2 - static_cast<int>(c)]) - kMeanRgb[c]) / 255.0F;
   }
   return linalg::run(network.network, planes.data(), {3, kChipSize, kChipSize}, workspace);
+}
+
+std::vector<float> embed_crop(const DeepNetwork& network, const cv::Mat& crop) {
+  return network.embedder ? network.embedder->embed(crop) : embed(network, chip_of_crop(crop));
 }
 
 }  // namespace tarsier::face::recognition

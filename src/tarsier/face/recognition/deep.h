@@ -2,10 +2,12 @@
 #pragma once
 
 #include "tarsier/linalg/residual.h"
+#include "tarsier/linalg/tensors.h"
 
 #include <opencv2/core/mat.hpp>
 
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
@@ -20,22 +22,28 @@ namespace tarsier::face::recognition {
 inline constexpr int kChipSize = 150;
 inline constexpr double kChipEyes = 53;  // px between the centres of the eyes
 
-// Weights as the files hold them: `shape` with the last index fastest; one byte a number, each
-// scale * level + min, or numbers as they are.
-struct DeepTensor {
-  std::string name;
-  std::vector<std::int64_t> shape;
-  std::vector<std::uint8_t> levels;  // or
-  std::vector<float> values;
-  double scale = 1;
-  double min = 0;
+using DeepTensor = linalg::NamedTensor;
+using DeepWeights = linalg::NamedTensors;
+using linalg::read_weights_manifest;
+using linalg::shards_of_manifest;
+
+// What a network of the user's own makes of a face: code that runs elsewhere (face/onnx).
+class FaceEmbedder {
+ public:
+  virtual ~FaceEmbedder() = default;
+  // The numbers of a face that is cut as people/eyes.h cuts it, CV_8UC1 of any size. Any number of
+  // threads may call it. Throws ModelError where the network fails.
+  [[nodiscard]] virtual std::vector<float> embed(const cv::Mat& crop) const = 0;
+  [[nodiscard]] virtual int outputs() const = 0;
 };
-using DeepWeights = std::vector<DeepTensor>;
 
 struct DeepNetwork {
   linalg::ResidualNetwork network;
+  std::shared_ptr<const FaceEmbedder> embedder;  // in place of `network`; or null
+  std::string name;                              // of an embedder's file; else empty
+  std::string sha256;                            // of this file, hexadecimal; else empty
   std::int64_t fingerprint = 0;  // > 0; of the weights: what two networks make does not compare
-  [[nodiscard]] int outputs() const { return network.outputs(); }
+  [[nodiscard]] int outputs() const { return embedder ? embedder->outputs() : network.outputs(); }
 };
 
 // Builds the network from tensors named as face-api does, in their order:
@@ -45,12 +53,6 @@ struct DeepNetwork {
 // conv, then y = weight * x + bias for each channel. Throws ModelError(path) for what does not make
 // a network that takes a chip.
 [[nodiscard]] DeepNetwork build_deep_network(const DeepWeights& weights, const std::string& path);
-
-// Reads a weights manifest of tensorflow.js and its shards, which lie beside it. Throws
-// ModelError, InputError.
-[[nodiscard]] DeepWeights read_weights_manifest(const std::string& manifest);
-// The shards that a manifest names: file names, no paths. Throws ModelError.
-[[nodiscard]] std::vector<std::string> shards_of_manifest(const std::string& manifest);
 
 // Files of type "face-embedding". Throw ModelError(path), OutputError.
 void write_deep_weights(const std::string& path, const DeepWeights& weights,
@@ -65,5 +67,9 @@ void write_deep_weights(const std::string& path, const DeepWeights& weights,
 // The network's numbers for a chip, CV_8UC3 (BGR) of kChipSize x kChipSize. Not of a stated length.
 // Any number of threads may call it. Throws std::invalid_argument.
 [[nodiscard]] std::vector<float> embed(const DeepNetwork& network, const cv::Mat& chip);
+
+// The numbers of a face that is cut as people/eyes.h cuts it (CV_8UC1): of its chip, or the
+// embedder's.
+[[nodiscard]] std::vector<float> embed_crop(const DeepNetwork& network, const cv::Mat& crop);
 
 }  // namespace tarsier::face::recognition

@@ -261,8 +261,10 @@ TEST(Deep, TheChipOfACutHasItsEyesWhereTheNetworkLearnedThem) {
       const cv::Point center(cvRound(x * size.width - 0.5), cvRound(0.34 * size.height - 0.5));
       cv::circle(crop, center, size.width / 25, cv::Scalar(0), cv::FILLED);
     }
+    const cv::Mat before = crop.clone();
     const cv::Mat chip = chip_of_crop(crop);
     ASSERT_EQ(chip.type(), CV_8UC3);
+    EXPECT_EQ(cv::norm(crop, before), 0) << "the crop is somebody else's";
     for (const double x : {75 - kChipEyes / 2, 75 + kChipEyes / 2}) {
       cv::Point2d sum;
       double weight = 0;

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/face/recognition/deep.h"
 
 #include <opencv2/imgproc.hpp>
@@ -18,7 +19,7 @@ std::vector<float> features_of(const cv::Mat& face, const RecognizerOptions& opt
   if (options.algorithm == Algorithm::kDefault) return describe(face, options.descriptor);
   if (options.algorithm == Algorithm::kDeep) {
     TARSIER_REQUIRE(network != nullptr, "no network for deep templates");
-    return embed(*network, chip_of_crop(face));
+    return embed_crop(*network, face);
   }
   cv::Mat sized = face;
   if (options.size.area() > 0 && face.size() != options.size)
@@ -60,6 +61,40 @@ Rows person_sums(const Rows& rows, const std::vector<int>& labels, int count) {
   for (Eigen::Index i = 0; i < rows.rows(); ++i)
     sums.row(labels[static_cast<std::size_t>(i)]) += rows.row(i);
   return sums;
+}
+
+std::vector<double> template_weights(const Rows& rows, const std::vector<int>& labels, int count) {
+  constexpr double kShare = 0.5;  // of the median, below which a template is left out
+  constexpr std::size_t kFew = 3;
+  constexpr int kPasses = 2;
+  std::vector<std::vector<std::size_t>> of_person(static_cast<std::size_t>(count));
+  std::vector<double> weights(labels.size(), 0.0);
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    if (labels[i] < 0) continue;
+    weights[i] = 1;
+    if (!rows.row(static_cast<Eigen::Index>(i)).isZero(0))
+      of_person[static_cast<std::size_t>(labels[i])].push_back(i);
+  }
+  for (const std::vector<std::size_t>& own : of_person) {
+    if (own.size() < kFew) continue;
+    for (int pass = 0; pass < kPasses; ++pass) {
+      Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(rows.cols());
+      for (const std::size_t i : own)
+        sum += weights[i] * rows.row(static_cast<Eigen::Index>(i)).cast<double>();
+      std::vector<double> alike;
+      for (const std::size_t i : own) {
+        const Eigen::RowVectorXd row = rows.row(static_cast<Eigen::Index>(i)).cast<double>();
+        const Eigen::RowVectorXd others = sum - weights[i] * row;
+        const double length = row.norm() * others.norm();
+        alike.push_back(length > 1e-12 ? row.dot(others) / length : 0);
+      }
+      const double median = upper_median(alike);
+      if (median <= 0) break;  // they have nothing in common: nobody can be left out
+      for (std::size_t k = 0; k < own.size(); ++k)
+        weights[own[k]] = alike[k] >= kShare * median ? 1 : 0;
+    }
+  }
+  return weights;
 }
 
 }  // namespace tarsier::face::recognition

@@ -24,4 +24,12 @@ void scale_rows(Rows& rows, const Eigen::VectorXd& square, const Eigen::VectorXd
 // The sums of the rows of each label 0..count-1.
 [[nodiscard]] Rows person_sums(const Rows& rows, const std::vector<int>& labels, int count);
 
+// What each template counts for among those of its person: 1, or 0 for one that is hardly like the
+// others, as a face of somebody else is that was enrolled by mistake. With c the cosine of a
+// template to the sum of the person's others, those count whose c is at least half the person's
+// median; c is then found again with the sum of those alone. People with one or two templates keep
+// them; rows of zeros say nothing and keep theirs; negative labels are nobody's: 0.
+[[nodiscard]] std::vector<double> template_weights(const Rows& rows, const std::vector<int>& labels,
+                                                   int count);
+
 }  // namespace tarsier::face::recognition

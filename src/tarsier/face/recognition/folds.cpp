@@ -17,15 +17,15 @@ constexpr double kNothing = -std::numeric_limits<double>::infinity();
 
 // The score of each person from scores of single images, as identify() has it.
 std::vector<double> person_scores(const std::vector<double>& scores, const std::vector<int>& people,
-                                  const std::vector<bool>& in_gallery,
+                                  const std::vector<double>& weights,
                                   const std::vector<double>& mean_scale, double mean_weight) {
   std::vector<double> best(mean_scale.size(), kNothing);
   std::vector<double> total(mean_scale.size(), 0.0);
   for (std::size_t i = 0; i < scores.size(); ++i) {
-    if (!in_gallery[i]) continue;
+    if (weights[i] <= 0) continue;
     const auto p = static_cast<std::size_t>(people[i]);
     best[p] = std::max(best[p], scores[i]);
-    total[p] += scores[i];
+    total[p] += weights[i] * scores[i];
   }
   for (std::size_t p = 0; p < best.size(); ++p)
     if (best[p] > kNothing)
@@ -163,6 +163,12 @@ void Folds::score(int fold, ScoreSample& sample) const {
   Rows kept = templates;
   for (std::size_t i = 0; i < faces; ++i)
     if (!in_gallery[i]) kept.row(static_cast<Eigen::Index>(i)).setZero();
+  std::vector<double> weights(faces, 1.0);
+  if (is_whitened(algorithm)) weights = template_weights(kept, people, person_count);
+  for (std::size_t i = 0; i < faces; ++i) {
+    if (!in_gallery[i]) weights[i] = 0;
+    kept.row(static_cast<Eigen::Index>(i)) *= static_cast<float>(weights[i]);
+  }
   const Rows sums = person_sums(kept, people, person_count);
   std::vector<double> mean_scale(static_cast<std::size_t>(person_count), 0.0);
   for (std::size_t p = 0; p < mean_scale.size(); ++p) {
@@ -173,7 +179,7 @@ void Folds::score(int fold, ScoreSample& sample) const {
     const auto i = static_cast<std::size_t>(probes[k]);
     const float* row = similar.data() + static_cast<Eigen::Index>(k) * images;
     const std::vector<double> scores(row, row + images);
-    const auto by_person = person_scores(scores, people, in_gallery, mean_scale, mean_weight);
+    const auto by_person = person_scores(scores, people, weights, mean_scale, mean_weight);
     if (stranger[i]) {
       sample.stranger.push_back(*std::max_element(by_person.begin(), by_person.end()));
       sample.stranger_person.push_back(people[i]);

@@ -118,8 +118,14 @@ int Recognizer::template_length() const {
 
 void Recognizer::refresh() {
   mean_scale.assign(labels.size(), 0.0);
+  weights.assign(people.size(), 1.0);
   if (templates.rows() == 0) return;
-  const Rows sums = person_sums(templates, people, static_cast<int>(labels.size()));
+  const int count = static_cast<int>(labels.size());
+  if (is_whitened(options.algorithm)) weights = template_weights(templates, people, count);
+  const Eigen::VectorXf factors =
+      Eigen::Map<const Eigen::VectorXd>(weights.data(), static_cast<Eigen::Index>(weights.size()))
+          .cast<float>();
+  const Rows sums = person_sums(factors.asDiagonal() * templates, people, count);
   for (std::size_t p = 0; p < labels.size(); ++p) {
     const double length = sums.row(static_cast<Eigen::Index>(p)).cast<double>().norm();
     mean_scale[p] = length > 1e-9 ? 1 / length : 0;
@@ -277,8 +283,12 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
   std::vector<PersonScore> out(model.labels.size());
   for (std::size_t p = 0; p < out.size(); ++p)
     out[p] = {static_cast<int>(p), -std::numeric_limits<double>::infinity(), -1};
+  const bool weighted = is_whitened(model.options.algorithm);
+  TARSIER_REQUIRE(!weighted || model.weights.size() == scores.size(),
+                  "the model was changed: refresh() it");
   for (std::size_t i = 0; i < scores.size(); ++i) {
     auto& entry = out[static_cast<std::size_t>(model.people[i])];
+    if (weighted && model.weights[i] <= 0) continue;
     if (entry.nearest < 0 || scores[i] > entry.score) {
       entry.score = scores[i];
       entry.nearest = static_cast<int>(i);
@@ -290,7 +300,7 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
     TARSIER_REQUIRE(model.mean_scale.size() == out.size(), "the model was changed: refresh() it");
     std::vector<double> totals(out.size(), 0.0);
     for (std::size_t i = 0; i < scores.size(); ++i)
-      totals[static_cast<std::size_t>(model.people[i])] += scores[i];
+      totals[static_cast<std::size_t>(model.people[i])] += model.weights[i] * scores[i];
     for (std::size_t p = 0; p < out.size(); ++p) {
       const double to_mean = totals[p] * model.mean_scale[p];
       out[p].score =

@@ -88,7 +88,12 @@ struct Recognizer {
   // kDeep: makes the numbers of a face. It is no part of files: whoever reads one puts it here.
   // Functions that take a face throw std::invalid_argument without it.
   std::shared_ptr<const DeepNetwork> network;
-  // Derived, see refresh(): 1 / length of the sum of each person's templates (0: of no length).
+  // kDeep: fingerprint of the network that it was trained with; 0: not known (older files).
+  std::int64_t of_network = 0;
+  // Derived, see refresh(): what each template counts for (template_weights() of features.h; the
+  // classical recognisers: 1), and 1 / length of the weighted sum of each person's templates (0: of
+  // no length).
+  std::vector<double> weights;
   std::vector<double> mean_scale;
 
   void refresh();  // after changes of `templates` and `people` by hand

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/packed_rows.h"
 #include "tarsier/face/recognition/recognizer.h"
 #include "tarsier/media/archive.h"
@@ -116,6 +117,9 @@ Recognizer from_payload(const json& payload, const std::string& path) {
   const auto people = unpack<std::int32_t>(member(payload, "people", path), path, "people",
                                            {model.templates.rows()});
   model.people.assign(people.values.begin(), people.values.end());
+  if (payload.contains("network"))
+    model.of_network =
+        integer_member(payload, "network", path, 0, std::numeric_limits<std::int64_t>::max());
   if (payload.contains("calibration"))
     model.calibration = calibration_from_json(payload["calibration"], path);
   model.check();
@@ -139,6 +143,9 @@ json to_payload(const Recognizer& model) {
   payload["people"] =
       pack(PackedArray<std::int32_t>{{static_cast<std::int64_t>(model.people.size())},
                                      {model.people.begin(), model.people.end()}});
+  if (const std::int64_t network = model.network ? model.network->fingerprint : model.of_network;
+      network != 0)
+    payload["network"] = network;
   if (model.calibration) payload["calibration"] = to_json(*model.calibration);
   return payload;
 }

@@ -2,6 +2,7 @@
 #include "tarsier/face/recognition/recognizer.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/recognition/features.h"
 #include "tarsier/face/recognition/testing_faces.h"
 
 #include <gmock/gmock.h>
@@ -187,6 +188,36 @@ TEST(Default, PoolingImagesIsNoWorseThanOne) {
   const auto together = identify_template(model, pooled(model, templates)).front();
   EXPECT_EQ(together.person, 0);
   EXPECT_GT(together.score, single);
+}
+
+TEST(TemplateWeights, LeaveOutWhatIsHardlyLikeTheOthers) {
+  // Of person 0 the third row is somebody else's; person 1 has two rows only; -1 is nobody's.
+  Rows rows(9, 3);
+  rows << 1, 0.1F, 0,  //
+      1, -0.1F, 0.1F,  //
+      0, 0.1F, 1,      //
+      0.9F, 0, -0.1F,  //
+      0, 1, 0,         //
+      0, 0, 1,         //
+      0, 0, 0,         //
+      1, 1, 1,         //
+      0.8F, 0.1F, 0;
+  const std::vector<int> people{0, 0, 0, 0, 1, 1, 0, -1, 0};
+  EXPECT_EQ(template_weights(rows, people, 2), (std::vector<double>{1, 1, 0, 1, 1, 1, 1, 0, 1}));
+  EXPECT_TRUE(template_weights(Rows(0, 3), {}, 0).empty());
+}
+
+TEST(TemplateWeights, AStrangerAmongAPersonsImagesIsNotTakenForThePerson) {
+  const SyntheticFaces set = synthetic_faces(6, 6, 0, 1);
+  Recognizer model = trained(set, Algorithm::kDefault);
+  const cv::Mat& stranger = set.faces.back();
+  add_face(model, stranger, set.labels.front());  // under another's name
+  EXPECT_EQ(model.weights.back(), 0);
+  EXPECT_EQ(std::count(model.weights.begin(), model.weights.end(), 0.0), 1);
+  EXPECT_EQ(accuracy(model, synthetic_faces(6, 5, 0, 2)), 1.0);
+  const auto people = identify(model, stranger);
+  EXPECT_EQ(model.labels[static_cast<std::size_t>(people.front().person)], set.labels.back());
+  EXPECT_LT(people[1].score, 0.5 * people[0].score);
 }
 
 TEST(Default, AFlatFaceIsNobody) {

@@ -33,15 +33,18 @@ nlohmann::ordered_json reading_json(const Reading& reading) {
                           {"confidence", rounded(candidate.confidence, 1e4)},
                           {"country", candidate.country}});
   }
-  return {{"text", reading.text},
-          {"confidence", rounded(reading.confidence, 1e4)},
-          {"plate", rounded(reading.plate, 1e4)},
-          {"country", reading.country},
-          {"rows", reading.rows},
-          {"box", {reading.box.x, reading.box.y, reading.box.width, reading.box.height}},
-          {"corners", corners_json(reading.corners)},
-          {"characters", std::move(characters)},
-          {"candidates", std::move(candidates)}};
+  nlohmann::ordered_json line{
+      {"text", reading.text},
+      {"confidence", rounded(reading.confidence, 1e4)},
+      {"plate", rounded(reading.plate, 1e4)},
+      {"country", reading.country},
+      {"rows", reading.rows},
+      {"box", {reading.box.x, reading.box.y, reading.box.width, reading.box.height}},
+      {"corners", corners_json(reading.corners)},
+      {"characters", std::move(characters)},
+      {"candidates", std::move(candidates)}};
+  if (!reading.unfit.empty()) line["unfit"] = reading.unfit;
+  return line;
 }
 
 }  // namespace tarsier::plate

@@ -2,6 +2,8 @@
 #include "tarsier/plate/networks/recognizer.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/plate/networks/looks.h"
+#include "tarsier/plate/networks/rivals.h"
 #include "tarsier/plate/text/ctc.h"
 
 #include <opencv2/core/utility.hpp>
@@ -9,15 +11,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <numeric>
 
 namespace tarsier::plate {
 namespace {
 
 constexpr float kSamePlate = 0.4F;  // share of the smaller box that two finds have in common
-constexpr float kRival = 0.6F;      // .. and from which only one of them is reported
 constexpr int kMaxRivals = 3;
+constexpr double kUnfit =
+    6;  // nats by which a text of no layout has to be likelier, and what it costs
+constexpr double kHope = 1;         // evidence that more looks may add to a first one
 constexpr double kWordPenalty = 3;  // nats against a text without a digit: mostly it is a sign
 
 cv::Mat gray_of(const cv::Mat& image) {
@@ -29,13 +32,8 @@ cv::Mat gray_of(const cv::Mat& image) {
   return gray;
 }
 
-// Where in the canvas of width `width` the output column lies, 0..1 of the text's quad.
-float along(int column, int width) {
-  const float x = (static_cast<float>(column) + 0.5F) * kColumn - 0.5F;
-  return (x - kLineMargin) / static_cast<float>(width - 2 * kLineMargin);
-}
-
-// The lines of a plate: one row, or the upper and the lower of two.
+// What the network sees of a plate: one row, or the upper and the lower of two. Several looks at it
+// are pooled in the columns of the first.
 struct Lines {
   struct Line {
     Quad quad;
@@ -44,73 +42,80 @@ struct Lines {
   };
   std::vector<Line> lines;
   cv::Mat probabilities;
+  bool two_rows = false;
 };
 
-Lines read_lines(const cv::Mat& gray, const Quad& text, bool two_rows,
-                 const linalg::Network& network, linalg::Workspace& workspace) {
-  Lines result;
-  if (!two_rows) {
-    result.probabilities = read_line(gray, text, kLineWidth, network, workspace);
-    result.lines.push_back({text, kLineWidth, result.probabilities.rows});
-    return result;
-  }
-  const Quad rows[2] = {part_of(text, 0, 1, 0, 0.47F), part_of(text, 0, 1, 0.53F, 1)};
-  cv::Mat gap(1, kClasses, CV_32F, cv::Scalar(0));
-  gap.at<float>(0, kBlank) = 1;
-  for (const Quad& row : rows) {
-    const cv::Mat part = read_line(gray, row, kHalfWidth, network, workspace);
-    if (!result.probabilities.empty()) result.probabilities.push_back(gap);
-    result.probabilities.push_back(part);
-    result.lines.push_back({row, kHalfWidth, part.rows});
+// Wider for what the aligner has cut off, lower and higher where it has taken too much or too little.
+constexpr Look kMoreLooks[] = {{1.05F, 1.14F}, {1.0F, 0.92F}, {1.12F, 1.0F}, {0.98F, 0.78F}};
+
+// The parts of a plate that are read as one line each.
+std::vector<Lines::Line> parts_of(const Quad& text, bool two_rows) {
+  if (!two_rows) return {{text, kLineWidth, kLineWidth / kColumn}};
+  return {{part_of(text, 0, 1, 0, 0.47F), kHalfWidth, kHalfWidth / kColumn},
+          {part_of(text, 0, 1, 0.53F, 1), kHalfWidth, kHalfWidth / kColumn}};
+}
+
+// The same lines by what all looks see.
+Lines pooled(const cv::Mat& gray, const Lines& first, const linalg::Network& network,
+             linalg::Workspace& workspace) {
+  Lines result = first;
+  result.probabilities = first.probabilities.clone();
+  int start = 0;
+  for (const Lines::Line& line : first.lines) {
+    const cv::Range columns(start, start + line.columns);
+    PooledLine pool(line.width);
+    pool.add(first.probabilities.rowRange(columns), {});
+    for (const Look& look : kMoreLooks) {
+      const Quad quad = seen_by(line.quad, look);
+      if (is_convex(quad, 10))
+        pool.add(read_line(gray, quad, line.width, network, workspace), look);
+    }
+    pool.mean().copyTo(result.probabilities.rowRange(columns));
+    start += line.columns + 1;
   }
   return result;
 }
 
-// One look at a plate, and the texts that it gave.
+Lines read_lines(const cv::Mat& gray, const Quad& text, bool two_rows,
+                 const linalg::Network& network, linalg::Workspace& workspace) {
+  Lines result;
+  result.two_rows = two_rows;
+  result.lines = parts_of(text, two_rows);
+  cv::Mat gap(1, kClasses, CV_32F, cv::Scalar(0));
+  gap.at<float>(0, kBlank) = 1;
+  for (const Lines::Line& line : result.lines) {
+    if (!result.probabilities.empty()) result.probabilities.push_back(gap);
+    result.probabilities.push_back(read_line(gray, line.quad, line.width, network, workspace));
+  }
+  return result;
+}
+
+// One look at a plate or several pooled, and the texts that it gave.
 struct Attempt {
   Lines lines;
   std::vector<Decoded> texts;
-  bool two_rows = false;
 };
 
 double score_of(const Attempt& attempt) {
   return attempt.texts.empty() ? -1e30 : attempt.texts.front().log_score;
 }
 
-bool is_sure(const Attempt& attempt) {
-  if (attempt.texts.empty()) return false;
-  const Decoded& best = attempt.texts.front();
-  return best.posterior > 0.97 &&
-         *std::min_element(best.confidences.begin(), best.confidences.end()) > 0.95;
+double min_confidence(const Decoded& text) {
+  return *std::min_element(text.confidences.begin(), text.confidences.end());
 }
 
-// Makes the texts' probabilities the mean of all looks', and returns the look whose best text is
-// the best of all (its texts in the new order).
-std::size_t merge(std::vector<Attempt>& attempts) {
-  if (attempts.size() == 1) return 0;
-  std::map<std::string, double> sum;
-  for (const Attempt& attempt : attempts)
-    for (const Decoded& text : attempt.texts)
-      sum[text.text] += text.posterior / static_cast<double>(attempts.size());
-  std::size_t chosen = 0;
-  double best = -1;
-  for (std::size_t i = 0; i < attempts.size(); ++i) {
-    std::vector<Decoded>& texts = attempts[i].texts;
-    double own = 0;
-    for (Decoded& text : texts) {
-      // Among looks that agree, the one that is surest of the text shows its characters.
-      own = std::max(own, sum[text.text] + 1e-3 * text.posterior);
-      text.posterior = sum[text.text];
-    }
-    std::stable_sort(texts.begin(), texts.end(),
-                     [](const Decoded& a, const Decoded& b) { return a.posterior > b.posterior; });
-    if (own > best) {
-      best = own;
-      chosen = i;
-    }
-  }
-  return chosen;
+bool is_sure(const Decoded& text) { return text.posterior > 0.97 && min_confidence(text) > 0.95; }
+
+CalibrationFeatures features_of(const Decoded& text, const Alignment& alignment) {
+  return calibration_features(text.posterior, min_confidence(text), alignment.score,
+                              mean_height(alignment.text));
 }
+
+double logit_of(const Calibration& calibration, const CalibrationFeatures& features) {
+  return std::inner_product(features.begin(), features.end(), calibration.weights.begin(), 0.0);
+}
+
+double probability_of(double logit) { return 1 / (1 + std::exp(-logit)); }
 
 // The quad of the characters' columns first..last of all lines' columns.
 Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
@@ -133,44 +138,6 @@ linalg::Workspace& kept_workspace(std::size_t network) {
   return workspaces[network];
 }
 
-double logit(double p) {
-  p = std::clamp(p, 1e-4, 1 - 1e-4);
-  return std::log(p / (1 - p));
-}
-
-double log_confidence(const Reading& reading) {
-  return std::log(std::max(reading.confidence, 1e-5));
-}
-
-// Of rivals for one place one stays: what is most certainly a whole plate and reads well. Half a
-// plate may read as well as the whole one, but the aligner knows it is not.
-std::vector<Reading> without_rivals(std::vector<Reading> readings) {
-  const auto key = [&](std::size_t i) {
-    return log_confidence(readings[i]) + 0.5 * logit(std::min(readings[i].plate, 0.998));
-  };
-  std::vector<std::size_t> order(readings.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return key(a) > key(b); });
-  std::vector<std::size_t> chosen;
-  for (const std::size_t i : order) {
-    const auto rival = std::find_if(chosen.begin(), chosen.end(), [&](std::size_t other) {
-      return box_cover(readings[other].corners, readings[i].corners) > kRival;
-    });
-    if (rival == chosen.end()) {
-      chosen.push_back(i);
-    } else if (readings[i].text == readings[*rival].text &&
-               readings[i].box.area() < readings[*rival].box.area()) {
-      *rival = i;  // what reads the same in a tighter box is the plate itself
-    }
-  }
-  std::vector<Reading> kept;
-  for (const std::size_t i : chosen) kept.push_back(std::move(readings[i]));
-  std::stable_sort(kept.begin(), kept.end(),
-                   [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });
-  return kept;
-}
-
 }  // namespace
 
 void RecognizerOptions::check() const {
@@ -178,12 +145,21 @@ void RecognizerOptions::check() const {
   detector.check();
 }
 
-std::array<double, 5> calibration_features(double posterior, double min_character,
-                                           double plate_score, double height_px) {
+CalibrationFeatures calibration_features(double posterior, double min_character, double plate_score,
+                                         double height_px) {
   const auto safe_log = [](double p) { return std::log(std::clamp(p, 1e-6, 1.0)); };
   const double score = std::clamp(plate_score, 1e-4, 1 - 1e-4);
-  return {safe_log(posterior), safe_log(min_character), std::log(score / (1 - score)),
-          std::log(std::max(4.0, height_px) / 20), 1.0};
+  const auto sure = [](double p) {
+    p = std::clamp(p, 1e-5, 1 - 1e-5);
+    return std::log(p / (1 - p));
+  };
+  return {safe_log(posterior),
+          safe_log(min_character),
+          std::log(score / (1 - score)),
+          std::log(std::max(4.0, height_px) / 20),
+          1.0,
+          sure(posterior),
+          sure(min_character)};
 }
 
 Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice countries,
@@ -191,10 +167,12 @@ Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice
     : detector_(std::move(detector)),
       reader_(std::move(reader)),
       decoders_{Decoder(weighed_by_form(countries, PlateForm::kLong), decoding),
+                Decoder(weighed_by_form(countries, PlateForm::kMiddle), decoding),
                 Decoder(weighed_by_form(countries, PlateForm::kBetween), decoding),
                 Decoder(weighed_by_form(countries, PlateForm::kShort), decoding)},
-      decoder_(std::move(countries), decoding),
+      decoder_(countries, decoding),
       options_(options) {
+  if (!countries.free_text) any_text_.emplace(CountryChoice{{}, true}, decoding);
   options_.check();
 }
 
@@ -268,7 +246,7 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
     for (const Find& find : kept) {
       ++number;
       debug->image(
-          "line-" + std::to_string(number),
+          fmt::format("line-{}", number),
           sample(gray, find.alignment.text, line_quad(kLineWidth), {kLineWidth, kLineHeight}));
     }
   }
@@ -277,61 +255,67 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
 
 Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
                               linalg::Workspace& workspace, bool once,
-                              std::array<double, 5>* given) const {
+                              CalibrationFeatures* given) const {
   Reading reading;
   reading.plate = static_cast<double>(alignment.score);
   reading.corners = alignment.plate;
   reading.box = bounding_box(alignment.plate, gray.size());
-  std::vector<Attempt> attempts;
   const PlateForm form = plate_form(mean_width(alignment.plate) / mean_height(alignment.plate));
-  const auto attempt = [&](const Quad& text, bool two_rows) {
-    Attempt one;
-    one.two_rows = two_rows;
-    one.lines = read_lines(gray, text, two_rows, reader_.line, workspace);
-    const Decoder& decoder = two_rows ? decoder_ : decoders_[static_cast<std::size_t>(form)];
-    one.texts = decoder.decode(one.lines.probabilities);
-    attempts.push_back(std::move(one));
+  const auto attempt = [&](Lines lines) {
+    const Decoder& decoder = lines.two_rows ? decoder_ : decoders_[static_cast<std::size_t>(form)];
+    std::vector<Decoded> texts = decoder.decode(lines.probabilities);
+    return Attempt{std::move(lines), std::move(texts)};
   };
-  attempt(alignment.text, alignment.two_rows > 0.5F);
+  const auto look = [&](bool two_rows) {
+    return attempt(read_lines(gray, alignment.text, two_rows, reader_.line, workspace));
+  };
+  Attempt chosen = look(alignment.two_rows > 0.5F);
   if (alignment.two_rows > 0.1F && alignment.two_rows < 0.9F) {
-    attempt(alignment.text, alignment.two_rows <= 0.5F);
-    if (score_of(attempts[1]) > score_of(attempts[0])) std::swap(attempts[0], attempts[1]);
-    attempts.pop_back();
+    Attempt other = look(alignment.two_rows <= 0.5F);
+    if (score_of(other) > score_of(chosen)) chosen = std::move(other);
   }
-  // Where it is not sure of what is certainly a plate, it looks again, a little wider and a little
-  // narrower.
-  if (!once && alignment.score > 0.8F && !is_sure(attempts[0])) {
-    const bool rows = attempts[0].two_rows;
-    for (const auto& [along_text, across] : {std::pair{1.05F, 1.14F}, std::pair{1.0F, 0.92F}}) {
-      const Quad other = grow(alignment.text, along_text, across);
-      if (is_convex(other, 10)) attempt(other, rows);
-    }
+  // Does what is lettered there look like a plate of the countries that were asked for? The first
+  // look says it: the mean of several is never as far from a text that does not fit.
+  Decoded any;
+  if (any_text_) {
+    any.acoustic = chosen.texts.empty() ? -1e30 : chosen.texts.front().acoustic + kUnfit;
+    const std::vector<Decoded> free = any_text_->decode(chosen.lines.probabilities);
+    if (!free.empty() && free.front().acoustic > any.acoustic) any = free.front();
+    reading.unfit = any.text;
   }
-  const Attempt& chosen = attempts[merge(attempts)];
+  // Where it is not sure of what is certainly a plate, it looks again: not at lettering that reads
+  // so badly that it will not be reported.
+  const auto is_worth_more = [&](const Decoded& text) {
+    const double confidence =
+        probability_of(logit_of(reader_.calibration, features_of(text, alignment)));
+    const double evidence = std::log(confidence) + logit(reading.plate);
+    return !is_sure(text) && evidence > options_.min_evidence - kHope;
+  };
+  if (!once && reading.unfit.empty() && alignment.score > 0.8F &&
+      (chosen.texts.empty() || is_worth_more(chosen.texts.front())))
+    chosen = attempt(pooled(gray, chosen.lines, reader_.line, workspace));
   const Lines& lines = chosen.lines;
   const std::vector<Decoded>& texts = chosen.texts;
-  reading.rows = chosen.two_rows ? 2 : 1;
+  reading.rows = lines.two_rows ? 2 : 1;
   if (texts.empty()) return reading;
   const Decoded& best = texts.front();
   reading.text = best.text;
   reading.country = best.country;
-  double least = 1;
   for (std::size_t i = 0; i < best.text.size(); ++i) {
     Character character;
     character.symbol = best.text[i];
     character.confidence = best.confidences[i];
     character.corners = character_quad(lines, best.columns[i]);
-    least = std::min(least, character.confidence);
     reading.characters.push_back(character);
   }
-  const auto features =
-      calibration_features(best.posterior, least, alignment.score, mean_height(alignment.text));
+  // How well it reads is how well what is lettered there does: it chooses among rivals.
+  const Decoded& lettered = reading.unfit.empty() ? best : any;
+  const CalibrationFeatures features = features_of(lettered, alignment);
   if (given != nullptr) *given = features;
-  double logit = 0;
-  for (std::size_t i = 0; i < features.size(); ++i)
-    logit += features[i] * reader_.calibration.weights[i];
-  if (best.text.find_first_of("0123456789") == std::string::npos) logit -= kWordPenalty;
-  reading.confidence = 1 / (1 + std::exp(-logit));
+  double odds = logit_of(reader_.calibration, features);
+  if (best.text.find_first_of("0123456789") == std::string::npos) odds -= kWordPenalty;
+  if (!reading.unfit.empty()) odds = std::min(odds, 0.0) - kUnfit;
+  reading.confidence = probability_of(odds);
   // The rest is shared out among the others as the decoder weighs them.
   const double others = std::max(1e-9, 1 - best.posterior);
   for (std::size_t i = 0; i < texts.size(); ++i) {
@@ -361,6 +345,7 @@ std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Ti
     cv::parallel_for_(all, read_some);
   else
     read_some(all);
+  readings = without_slogans(readings);
   std::erase_if(readings, [&](const Reading& reading) {
     return log_confidence(reading) + logit(reading.plate) < options_.min_evidence;
   });
@@ -429,7 +414,7 @@ std::optional<TextCrop> Recognizer::cut_text(const cv::Mat& image, const Quad& c
 }
 
 Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,
-                            std::array<double, 5>* features) const {
+                            CalibrationFeatures* features) const {
   const cv::Mat gray = gray_of(image);
   const Alignment alignment = align_at(gray, corners);
   return read_text(gray, alignment, kept_workspace(2), false, features);

@@ -19,9 +19,11 @@ namespace tarsier::plate {
 
 // Turns what is known of a reading into the chance that its whole text is right: logistic
 // regression on log posterior, log of the least sure character, logit of the aligner, log of the
-// plate's height in px, and a constant.
+// plate's height in px, a constant, and the logits of posterior and least sure character (which
+// tell a posterior of 0.99 from one of 0.9999; models of before have no weight for them).
+using CalibrationFeatures = std::array<double, 7>;
 struct Calibration {
-  std::array<double, 5> weights{1.0, 1.0, 0.0, 0.0, 0.0};
+  CalibrationFeatures weights{1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0};
 };
 
 struct DetectorModel {
@@ -47,7 +49,7 @@ struct RecognizerOptions {
   float min_plate = 0.9F;  // the aligner's score of what is taken for a plate
   // Least ln(confidence) + logit(plate) of what is reported: a place that hardly looks like a plate is
   // one only if it reads well, a sure plate also where it reads badly.
-  double min_evidence = -1.5;
+  double min_evidence = 1.5;
   int refinements = 2;    // passes of the aligner
   bool parallel = false;  // plates and large maps on OpenCV's threads; changes no result
 
@@ -69,8 +71,8 @@ struct TextCrop {
 };
 
 // What calibration is fitted to.
-[[nodiscard]] std::array<double, 5> calibration_features(double posterior, double min_character,
-                                                         double plate_score, double height_px);
+[[nodiscard]] CalibrationFeatures calibration_features(double posterior, double min_character,
+                                                       double plate_score, double height_px);
 
 // Plates of an image by the three networks. Const: any number of threads may use it.
 class Recognizer {
@@ -86,7 +88,7 @@ class Recognizer {
   // Reads the plate at known corners (a crop, a labelled plate). `features`, if given, becomes what
   // its confidence was worked out from.
   [[nodiscard]] Reading read_at(const cv::Mat& image, const Quad& corners,
-                                std::array<double, 5>* features = nullptr) const;
+                                CalibrationFeatures* features = nullptr) const;
 
   // Where the characters of `text` (symbols of kAlphabet) lie in the plate at these corners, by the
   // best alignment of that text with what the network sees, however badly it reads it: the boxes
@@ -105,14 +107,15 @@ class Recognizer {
   [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers) const;
   [[nodiscard]] Reading read_text(const cv::Mat& gray, const Alignment& alignment,
                                   linalg::Workspace& workspace, bool once,
-                                  std::array<double, 5>* features = nullptr) const;
+                                  CalibrationFeatures* features = nullptr) const;
 
   [[nodiscard]] Alignment align_at(const cv::Mat& gray, const Quad& corners) const;
 
   DetectorModel detector_;
   ReaderModel reader_;
-  std::array<Decoder, 3> decoders_;  // by PlateForm, for plates of one row
+  std::array<Decoder, 4> decoders_;  // by PlateForm, for plates of one row
   Decoder decoder_;                  // for those of two
+  std::optional<Decoder> any_text_;  // where the countries' layouts alone are allowed
   RecognizerOptions options_;
 };
 

@@ -56,6 +56,11 @@ ReaderModel read_reader_model(const std::string& path) {
   const PackedArray<double> weights =
       unpack<double>(member(archive.payload, "calibration", path), path, "calibration", {5});
   std::copy(weights.values.begin(), weights.values.end(), model.calibration.weights.begin());
+  if (archive.payload.contains("calibration_logits")) {
+    const PackedArray<double> logits =
+        unpack<double>(archive.payload["calibration_logits"], path, "calibration_logits", {2});
+    std::copy(logits.values.begin(), logits.values.end(), model.calibration.weights.begin() + 5);
+  }
   return model;
 }
 
@@ -65,11 +70,11 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
   archive.type = "plate-reader";
   archive.version = kVersion;
   archive.provenance = provenance;
+  const CalibrationFeatures& weights = model.calibration.weights;
   archive.payload = {
       {"line", linalg::network_to_json(model.line)},
-      {"calibration",
-       pack(PackedArray<double>{
-           {5}, {model.calibration.weights.begin(), model.calibration.weights.end()}})}};
+      {"calibration", pack(PackedArray<double>{{5}, {weights.begin(), weights.begin() + 5}})},
+      {"calibration_logits", pack(PackedArray<double>{{2}, {weights.begin() + 5, weights.end()}})}};
   write_archive(path, archive);
 }
 

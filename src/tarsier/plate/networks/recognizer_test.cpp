@@ -150,6 +150,27 @@ TEST_F(Images, ThreadsChangeNothing) {
     EXPECT_EQ(reading_json(one[i]), reading_json(many[i]));
 }
 
+TEST_F(Images, APlateOfAnotherCountryThanAskedForIsNoticed) {
+  cv::Mat image = wall({640, 480});
+  put(image, "4725BKZ", {200, 200}, 200);
+  const auto of = [](const std::string& country) {
+    return Recognizer(
+        read_detector_model((kModels / "plate-detector.json").string()),
+        read_reader_model((kModels / "plate-reader.json").string()),
+        choose_countries(read_countries((kModels / "countries").string()), {country}));
+  };
+  const std::vector<Reading> right = of("es").read(image);
+  ASSERT_EQ(right.size(), 1U);
+  EXPECT_EQ(right[0].unfit, "");
+  EXPECT_FALSE(reading_json(right[0]).contains("unfit"));
+  const std::vector<Reading> wrong = of("br").read(image);
+  ASSERT_EQ(wrong.size(), 1U);
+  EXPECT_EQ(wrong[0].unfit, "4725BKZ");
+  EXPECT_LT(wrong[0].confidence, 0.1);
+  EXPECT_EQ(reading_json(wrong[0])["unfit"], "4725BKZ");
+  EXPECT_EQ(recognizer().read(image).at(0).unfit, "");
+}
+
 TEST_F(Images, JsonHasTheAgreedForm) {
   cv::Mat image = wall({640, 480});
   put(image, "4725BKZ", {200, 200}, 200);

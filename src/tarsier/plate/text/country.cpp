@@ -401,17 +401,35 @@ CountryChoice choose_countries(const std::vector<Country>& countries,
 }
 
 PlateForm plate_form(double aspect) {
-  if (aspect > 2.7) return PlateForm::kLong;
+  if (aspect > 3.7) return PlateForm::kLong;
+  if (aspect > 2.7) return PlateForm::kMiddle;
   return aspect < 2.3 ? PlateForm::kShort : PlateForm::kBetween;
 }
 
 CountryChoice weighed_by_form(CountryChoice choice, PlateForm form) {
-  constexpr double kRare = 0.1;  // American plates on European cars and the like
+  constexpr double kRare = 0.1;       // American plates on European cars and the like
+  constexpr double kFitting = 2.5;    // few plates but those of 3:1 look like that
+  constexpr double kFarAside = 0.04;  // one of 4.7:1 seen from 55 degrees and more aside
   constexpr double kNever = 0.01;
   for (Layout& layout : choice.layouts) {
     if (layout.aspect <= 0) continue;
-    if (form == PlateForm::kLong && layout.aspect < 2.4) layout.prior *= kNever;
-    if (form == PlateForm::kShort && layout.aspect > 4) layout.prior *= kRare;
+    const bool is_short = layout.aspect < 2.4;
+    const bool is_long = layout.aspect > 4;
+    switch (form) {
+      case PlateForm::kLong:
+        if (!is_long) layout.prior *= is_short ? kNever : kRare;
+        break;
+      case PlateForm::kMiddle:
+        if (is_short) layout.prior *= kNever;
+        if (!is_short && !is_long) layout.prior *= kFitting;
+        break;
+      case PlateForm::kBetween:
+        if (is_long) layout.prior *= kFarAside;
+        break;
+      case PlateForm::kShort:
+        if (is_long) layout.prior *= kFarAside;
+        break;
+    }
   }
   return choice;
 }

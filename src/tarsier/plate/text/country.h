@@ -62,8 +62,9 @@ struct CountryChoice {
 
 // The same layouts, those less likely that a plate of one row with this form does not have.
 enum class PlateForm {
-  kLong,     // wider than 2.7 times its height: not a plate of the size 2:1
-  kBetween,  // may be either, seen from the side
+  kLong,    // wider than 3.7 times its height: neither a plate of 2:1 nor one of 3:1
+  kMiddle,  // wider than 2.7 times: not one of 2:1; one of 4.7:1 only where it is seen from the side
+  kBetween,  // one of 2:1 or 3:1, hardly one of 4.7:1
   kShort     // narrower than 2.3 times its height: hardly one of 4.7:1
 };
 [[nodiscard]] PlateForm plate_form(double aspect);

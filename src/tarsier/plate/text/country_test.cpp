@@ -253,11 +253,13 @@ TEST_F(FolderOfCountries, ABadFileIsAnErrorThatNamesIt) {
 
 TEST(PlateFormTest, APlateOfAnotherFormIsLessLikelyToBeTheCountrys) {
   CountryChoice choice;
-  for (const char* text : {"aspect 2\ncars 100\nLLLDDD\n", "aspect 4.7\nLLLDDD\n", "LLLDDD\n"}) {
+  for (const char* text : {"aspect 2\ncars 100\nLLLDDD\n", "aspect 4.7\nLLLDDD\n", "LLLDDD\n",
+                           "aspect 3.1\nLLLDDD\n"}) {
     const Country country = parse_country(text, "xx.txt");
     choice.layouts.push_back(country.layouts.at(0));
   }
   EXPECT_EQ(plate_form(4.5), PlateForm::kLong);
+  EXPECT_EQ(plate_form(3.1), PlateForm::kMiddle);
   EXPECT_EQ(plate_form(2.5), PlateForm::kBetween);
   EXPECT_EQ(plate_form(1.9), PlateForm::kShort);
   const auto priors = [&](PlateForm form) {
@@ -266,11 +268,19 @@ TEST(PlateFormTest, APlateOfAnotherFormIsLessLikelyToBeTheCountrys) {
       result.push_back(layout.prior);
     return result;
   };
-  const std::vector<double> as_given = priors(PlateForm::kBetween);
-  EXPECT_EQ(as_given, (std::vector<double>{10, 1, 1}));
+  const std::vector<double> between = priors(PlateForm::kBetween);
+  EXPECT_EQ(between[0], 10);
+  EXPECT_LT(between[1], between[2]);
+  EXPECT_EQ(between[3], 1);
   const std::vector<double> seen_long = priors(PlateForm::kLong);
   EXPECT_LT(seen_long[0], seen_long[1]);
+  EXPECT_LT(seen_long[3], seen_long[1]);
   EXPECT_EQ(seen_long[2], 1);
+  const std::vector<double> seen_middle = priors(PlateForm::kMiddle);
+  EXPECT_LT(seen_middle[0], seen_middle[1]);
+  EXPECT_LT(seen_middle[1], seen_middle[3]);
+  EXPECT_EQ(seen_middle[1], 1);
+  EXPECT_EQ(seen_middle[2], 1);
   const std::vector<double> seen_short = priors(PlateForm::kShort);
   EXPECT_LT(seen_short[1], seen_short[2]);
   EXPECT_EQ(seen_short[0], 10);

@@ -50,6 +50,9 @@ struct Reading {
   int rows = 1;  // of characters
   std::vector<Character> characters;
   std::vector<Candidate> candidates;  // best first, texts differ
+  // What is lettered there, where no text of the countries that were asked for comes near it; empty
+  // where one does, and where all countries are allowed.
+  std::string unfit;
 };
 
 }  // namespace tarsier::plate

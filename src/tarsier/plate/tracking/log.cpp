@@ -4,17 +4,14 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
-#include "tarsier/media/archive.h"
 #include "tarsier/media/frame_source.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/plate/text/csv.h"
 #include "tarsier/plate/text/text.h"
 #include "tarsier/plate/tracking/source_clock.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <limits>
 
@@ -89,19 +86,6 @@ CREATE INDEX plate_correction_by_text ON plate_correction(text);
 // Of the rows `c` of plate_correction those that count.
 constexpr const char* kLast = "c.id = (SELECT max(id) FROM plate_correction WHERE plate = c.plate)";
 
-constexpr std::size_t kGram = 3;
-constexpr std::size_t kMaxText = 64;  // characters that pieces are made of
-
-std::vector<std::string> grams_of(const std::string& text) {
-  const std::string folded = fold_symbols(std::string_view(text).substr(0, kMaxText)) + '$';
-  std::vector<std::string> grams;
-  for (std::size_t k = 0; k == 0 || k + kGram <= folded.size(); ++k)
-    grams.push_back(folded.substr(k, kGram));
-  std::sort(grams.begin(), grams.end());
-  grams.erase(std::unique(grams.begin(), grams.end()), grams.end());
-  return grams;
-}
-
 std::int64_t number_of(Moment moment) { return moment.time_since_epoch().count(); }
 
 // Years 1970 to 9999, whatever the file says.
@@ -110,104 +94,14 @@ Moment moment_of(std::int64_t number) {
   return Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(number, 0, kEnd)));
 }
 
-int whole(std::int64_t number) {
-  return static_cast<int>(std::clamp<std::int64_t>(number, std::numeric_limits<int>::min(),
-                                                   std::numeric_limits<int>::max()));
-}
-
-// Edits between a pattern and a text; those of '*' and '?' are free. More than one is two.
-int pattern_edits(std::string_view pattern, std::string_view text) {
-  std::vector<int> row(text.size() + 1);
-  for (std::size_t j = 0; j < row.size(); ++j) row[j] = static_cast<int>(j);
-  for (const char c : pattern) {
-    int diagonal = row[0];
-    row[0] += c == '*' ? 0 : 1;
-    for (std::size_t j = 1; j < row.size(); ++j) {
-      const int above = row[j];
-      if (c == '*') {
-        row[j] = std::min(above, row[j - 1]);
-      } else {
-        const bool same = c == '?' || c == text[j - 1];
-        row[j] = std::min({diagonal + (same ? 0 : 1), above + 1, row[j - 1] + 1});
-      }
-      diagonal = above;
-    }
-  }
-  return row.back();
-}
-
-// Without edits: '*' goes on from the latest one where the rest does not fit.
-bool fits(std::string_view pattern, std::string_view text) {
-  std::size_t p = 0;
-  std::size_t t = 0;
-  std::size_t star = std::string_view::npos;
-  std::size_t resume = 0;
-  while (t < text.size()) {
-    if (p < pattern.size() && pattern[p] == '*') {
-      star = p++;
-      resume = t;
-    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == text[t])) {
-      ++p;
-      ++t;
-    } else if (star != std::string_view::npos) {
-      p = star + 1;
-      t = ++resume;
-    } else {
-      return false;
-    }
-  }
-  while (p < pattern.size() && pattern[p] == '*') ++p;
-  return p == pattern.size();
-}
-
-// The parts of a folded pattern without wildcards; one that ends the pattern ends in '$'.
-std::vector<std::string> literals_of(const std::string& pattern) {
-  std::vector<std::string> parts(1);
-  for (const char c : fold_symbols(pattern) + '$') {
-    if (c != '*' && c != '?') {
-      parts.back() += c;
-    } else if (!parts.back().empty()) {
-      parts.emplace_back();
-    }
-  }
-  std::erase_if(parts, [](const std::string& part) { return part.empty() || part == "$"; });
-  return parts;
-}
-
-// A piece of two characters at the end of a text begins no gram with its end mark.
-bool is_piece(std::string_view piece) {
-  return piece.size() >= kGram || (piece.size() == 2 && piece.back() != '$');
-}
-
-// Pieces that do not overlap, of three characters where there are such, the longer first.
-std::vector<std::string> pieces_of(const std::string& pattern) {
-  std::vector<std::string> pieces;
-  for (const std::string& part : literals_of(pattern)) {
-    std::size_t at = 0;
-    for (; at + kGram <= part.size(); at += kGram) pieces.push_back(part.substr(at, kGram));
-    if (is_piece(part.substr(at))) pieces.push_back(part.substr(at));
-  }
-  std::stable_sort(pieces.begin(), pieces.end(),
-                   [](const std::string& a, const std::string& b) { return a.size() > b.size(); });
-  return pieces;
-}
-
-// One edit spoils one of two pieces: of one long part two short ones are made.
-std::vector<std::string> halves_of(const std::string& pattern) {
-  std::vector<std::string> pieces = pieces_of(pattern);
-  if (pieces.size() >= 2) return {pieces[0], pieces[1]};
-  for (const std::string& part : literals_of(pattern)) {
-    if (part.size() < 4) continue;
-    const std::string first = part.substr(0, 2);
-    const std::string second = part.substr(2, kGram);
-    if (is_piece(second)) return {first, second};
-  }
-  return {};
-}
-
 std::string after(std::string text) {  // the first text that does not begin with this one
   ++text.back();
   return text;
+}
+
+int whole(std::int64_t number) {
+  return static_cast<int>(std::clamp<std::int64_t>(number, std::numeric_limits<int>::min(),
+                                                   std::numeric_limits<int>::max()));
 }
 
 LoggedPlate plate_at(const Statement& row) {
@@ -281,41 +175,7 @@ void give_room_back(Database& database, std::int64_t deleted, const ForgetOption
   database.run("PRAGMA wal_checkpoint(TRUNCATE)");
 }
 
-nlohmann::ordered_json list_of(const std::string& text, const std::string& what,
-                               const std::string& path) {
-  try {
-    return parse_json(text, path, {64'000'000, 8, 2'000'000});
-  } catch (const InputError&) {
-    throw InputError(path, what + " are no JSON");
-  }
-}
-
 }  // namespace
-
-std::string plate_pattern(std::string_view text, std::string_view what) {
-  std::string pattern;
-  for (const char c : text) {
-    if (c == ' ' || c == '-') continue;
-    const char upper = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
-    if (class_of(upper) < 0 && upper != '*' && upper != '?') {
-      throw UsageError(
-          fmt::format("{} '{}': letters, digits, '*' (any characters) and '?' (any "
-                      "one) are expected",
-                      what, printable(text)));
-    }
-    pattern += upper;
-  }
-  if (pattern.empty() || pattern.size() > 64) {
-    throw UsageError(
-        fmt::format("{} '{}': one to 64 characters are expected", what, printable(text)));
-  }
-  return pattern;
-}
-
-bool matches(std::string_view pattern, std::string_view text, bool near) {
-  if (!near) return fits(pattern, text);
-  return pattern_edits(fold_symbols(pattern), fold_symbols(text)) <= 1;
-}
 
 void ForgetOptions::check() const {
   TARSIER_REQUIRE(batch >= 1 && batch <= 100'000, "{} entries at a time", batch);
@@ -778,77 +638,6 @@ std::int64_t PlateLog::forget(Moment now, std::chrono::milliseconds age,
   }
   if (deleted > 0) give_room_back(database_, deleted, options);
   return deleted;
-}
-
-namespace {
-
-std::string_view name_of(LoggedPlate::State state) {
-  switch (state) {
-    case LoggedPlate::State::kClosed:
-      return "closed";
-    case LoggedPlate::State::kOpen:
-      return "open";
-    case LoggedPlate::State::kInterrupted:
-      break;
-  }
-  return "interrupted";
-}
-
-}  // namespace
-
-nlohmann::ordered_json logged_json(const LoggedPlate& plate, const std::string& path) {
-  const std::string what = fmt::format("entry {}: its ", plate.id);
-  nlohmann::ordered_json object{
-      {"id", plate.id},
-      {"text", plate.text},
-      {"confidence", std::round(plate.confidence * 1e4) / 1e4},
-      {"country",
-       plate.country.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(plate.country)},
-      {"source", plate.source},
-      {"first_time", moment_text(plate.first_time)},
-      {"last_time", moment_text(plate.last_time)},
-      {"frames", plate.frames},
-      {"box", {plate.box.x, plate.box.y, plate.box.width, plate.box.height}},
-      {"candidates", list_of(plate.candidates, what + "candidates", path)},
-      {"readings", list_of(plate.readings, what + "readings", path)},
-      {"crop", plate.has_crop},
-      {"state", name_of(plate.state)},
-      {"correction", nullptr}};
-  if (plate.correction) {
-    object["correction"] = {{"text", plate.correction->text},
-                            {"author", plate.correction->author},
-                            {"time", moment_text(plate.correction->time)}};
-  }
-  if (!plate.synchronized) object["clock"] = "unsynchronized";
-  return object;
-}
-
-nlohmann::ordered_json history_json(const PlateHistory& history, const PlateEvent& event) {
-  const auto seen = [&](Moment moment) {
-    return history.visits == 0 ? nlohmann::ordered_json()
-                               : nlohmann::ordered_json(moment_text(moment));
-  };
-  return {{"seen_before", history.visits},
-          {"first_time", seen(history.first_time)},
-          {"last_time", seen(history.last_time)},
-          {"dwell", static_cast<double>((event.last_seen - event.first_seen).count()) / 1000}};
-}
-
-std::string logged_csv_header() {
-  return csv_line({"id", "first_time", "last_time", "source", "text", "confidence", "country",
-                   "frames", "x", "y", "w", "h", "state", "corrected", "author", "corrected_time"});
-}
-
-std::string logged_csv_line(const LoggedPlate& plate) {
-  return csv_line({fmt::format("{}", plate.id), moment_text(plate.first_time),
-                   moment_text(plate.last_time), plate.source, plate.text,
-                   fmt::format("{:.4f}", plate.confidence), plate.country,
-                   fmt::format("{}", plate.frames), fmt::format("{}", plate.box.x),
-                   fmt::format("{}", plate.box.y), fmt::format("{}", plate.box.width),
-                   fmt::format("{}", plate.box.height), std::string(name_of(plate.state)),
-                   plate.correction ? plate.correction->text : "",
-                   plate.correction ? plate.correction->author : "",
-                   plate.correction ? moment_text(plate.correction->time) : ""});
 }
 
 }  // namespace tarsier::plate

@@ -3,6 +3,7 @@
 
 #include "tarsier/media/sqlite.h"
 #include "tarsier/plate/tracking/event.h"
+#include "tarsier/plate/tracking/plate_pattern.h"
 #include "tarsier/plate/tracking/time_text.h"
 
 #include <chrono>
@@ -53,13 +54,6 @@ struct LogFilter {
   std::string source;           // as it was logged; empty: any
   std::int64_t limit = 0;       // the newest so many; 0: all
 };
-
-// A pattern as people type it ("b-12?4*"), for LogFilter::text. Throws UsageError naming `what`
-// for what no plate can hold.
-[[nodiscard]] std::string plate_pattern(std::string_view text, std::string_view what = "--text");
-
-// Whether a text matches a pattern of LogFilter.
-[[nodiscard]] bool matches(std::string_view pattern, std::string_view text, bool near);
 
 // What a log knows of a text before a moment.
 struct PlateHistory {

@@ -8,12 +8,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 namespace tarsier::plate {
 namespace {
 
-constexpr int kFeatures = 5;
-using Features = std::array<double, kFeatures>;
+using Features = CalibrationFeatures;
+constexpr int kFeatures = static_cast<int>(std::tuple_size_v<Features>);
 
 // Newton's method for logistic regression with a ridge that keeps separable data finite.
 Calibration fit(const std::vector<Features>& rows, const std::vector<int>& labels) {
@@ -64,6 +65,9 @@ Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views
         options.drawn = 1;
         options.none = 0;
         options.centred = true;
+        // Half of them as most plates are, half as bad as they are met.
+        options.wild = views.wild && i % 2 == 0;
+        options.lawful = views.wild && !options.wild;
         const double width = 40 * std::pow(6.0, rng.uniform());
         options.min_width = width;
         options.max_width = width * 1.02;
@@ -76,6 +80,9 @@ Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views
         const Reading reading =
             recognizer.read_at(view.gray, plate.plate, &rows[static_cast<std::size_t>(i)]);
         if (reading.text.empty()) continue;
+        // Ordinary plates are too easy to learn the two logits from.
+        if (!views.wild)
+          rows[static_cast<std::size_t>(i)][5] = rows[static_cast<std::size_t>(i)][6] = 0;
         labels[static_cast<std::size_t>(i)] = reading.text == text ? 1 : 0;
       }
     });

@@ -172,6 +172,7 @@ bool drawn_line(const ViewMaker& views, Rng& rng, cv::Mat& canvas, std::vector<f
   options.drawn = 1;
   options.none = 0;
   options.centred = true;
+  options.wild = views.wild;
   // From barely readable to large.
   const double width =
       rng.uniform() < 0.75 ? 55 * std::pow(2.6, rng.uniform()) : 140 * std::pow(2.0, rng.uniform());
@@ -289,6 +290,7 @@ void run_training(linalg::Network& network, int steps, double rate, std::uint64_
 void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
                            std::vector<float>& input, std::vector<float>& target) {
   ViewOptions options;
+  options.wild = views.wild;
   options.min_width = kPlateLow * 0.9;
   options.max_width = kPlateHigh * 1.1;
   const View view = views.make(options, rng);
@@ -301,6 +303,7 @@ void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shap
 void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
                           std::vector<float>& input, std::vector<float>& target) {
   ViewOptions options;
+  options.wild = views.wild;
   options.size = {220, 150};
   options.min_width = 40;
   options.max_width = 130;

@@ -134,8 +134,17 @@ void draw_surroundings(cv::Mat& view, const Quad& quad, Rng& rng) {
   }
 }
 
-synth::PlateKind random_kind(Rng& rng) {
+synth::PlateKind random_kind(Rng& rng, bool wild) {
   const double k = rng.uniform();
+  if (wild) {
+    // Countries that nobody counted: no kind rules.
+    if (k < 0.15) return synth::PlateKind::kSpain;
+    if (k < 0.19) return synth::PlateKind::kSpainSquare;
+    if (k < 0.22) return synth::PlateKind::kSpainMoto;
+    if (k < 0.57) return synth::PlateKind::kEurope;
+    if (k < 0.87) return synth::PlateKind::kUs;
+    return synth::PlateKind::kBrazil;
+  }
   if (k < 0.20) return synth::PlateKind::kSpain;
   if (k < 0.23) return synth::PlateKind::kSpainOld;
   if (k < 0.28) return synth::PlateKind::kSpainSquare;
@@ -175,8 +184,10 @@ void light(cv::Mat& face, Rng& rng) {
 
 void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs, Rng& rng) {
   synth::PlateFaceOptions face_options;
-  face_options.kind = random_kind(rng);
-  face_options.any_text = true;
+  const bool wild = options.wild && rng.uniform() < 0.7;
+  face_options.kind = random_kind(rng, wild);
+  face_options.wild = wild;
+  face_options.any_text = !options.lawful;
   face_options.random_style = rng.uniform() < 0.95;
   face_options.infrared = rng.uniform() < 0.08;
   const double width = log_uniform(options.min_width, options.max_width, rng);
@@ -292,6 +303,32 @@ void weather(cv::Mat& gray, double strength, Rng& rng) {
   }
 }
 
+void wild_weather(cv::Mat& gray, Rng& rng) {
+  const auto chance = [&](double p) { return rng.uniform() < p; };
+  if (chance(0.12)) {  // another size and back
+    const double scale = rng.uniform(0.45, 0.85);
+    const cv::Size size = gray.size();
+    cv::Mat small;
+    cv::resize(gray, small, {}, scale, scale, chance(0.5) ? cv::INTER_AREA : cv::INTER_LINEAR);
+    cv::resize(small, gray, size, 0, 0, chance(0.6) ? cv::INTER_CUBIC : cv::INTER_LINEAR);
+  }
+  if (chance(0.15)) {  // sharpening
+    cv::Mat soft;
+    const double sigma = rng.uniform(0.8, 2.2);
+    cv::GaussianBlur(gray, soft, {}, sigma);
+    const double amount = rng.uniform(0.4, 2);
+    cv::addWeighted(gray, 1 + amount, soft, -amount, 0, gray);
+  }
+  if (chance(0.1)) {  // a dark corner, haze
+    const double gain = rng.uniform(0.12, 0.5);
+    gray.convertTo(gray, -1, gain, rng.uniform(0, 255 * (1 - gain)));
+  }
+  if (chance(0.15)) {
+    const auto bytes = encode_image(".jpg", gray, "a view", rng.integer(8, 30));
+    cv::extractChannel(decode_image(bytes, "a view"), gray, 0);
+  }
+}
+
 View ViewMaker::make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const {
   TARSIER_REQUIRE(!distractors.empty(), "there are no distractors");
   const Distractor& chosen = distractors[static_cast<std::size_t>(
@@ -365,6 +402,7 @@ View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
     if (!options.centred && rng.uniform() < 0.3) paste(view, options, *glyphs, rng);
   }
   weather(view.gray, 1.0, rng);
+  if (options.wild) wild_weather(view.gray, rng);
   return view;
 }
 

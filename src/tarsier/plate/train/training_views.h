@@ -77,6 +77,8 @@ struct ViewOptions {
   double yaw_deg = 60;  // of drawn plates at most
   double roll_deg = 20;
   bool centred = false;  // the plate near the view's middle
+  bool lawful = false;  // the drawn plate's text is of its kind's layouts, never groups of anything
+  bool wild = false;    // the drawn plate and the camera as bad as they are met
 };
 
 // Something in an image that a detector took for a plate.
@@ -89,6 +91,7 @@ struct ViewMaker {
   std::vector<Scene> scenes;
   std::shared_ptr<const synth::GlyphSet> glyphs;
   std::vector<Distractor> distractors;  // see find_distractors()
+  bool wild = false;                    // what is learnt from is ViewOptions::wild
 
   [[nodiscard]] View make(const ViewOptions& options, Rng& rng) const;
   // A distractor in the middle of a view; `quad` becomes where. There must be one.
@@ -97,5 +100,8 @@ struct ViewMaker {
 
 // What a camera does to a grey image: blur, motion, shadow, tone, noise, JPEG.
 void weather(cv::Mat& gray, double strength, Rng& rng);
+// What cheap cameras and recorders do then: sharpening, another size and back, strong compression,
+// hardly any contrast.
+void wild_weather(cv::Mat& gray, Rng& rng);
 
 }  // namespace tarsier::plate

@@ -27,6 +27,8 @@ constexpr double kMinDamping = 1e-12;
 constexpr double kMaxDamping = 1e12;
 constexpr double kMinGain = 1e-3;
 constexpr int kDensePoses = 300;
+constexpr int kFewPoses = 80;       // up to which a dense system is faster in any case
+constexpr double kThinShare = 0.2;  // of all blocks, below which a sparse system is faster
 
 using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
 using Matrix2x6 = Eigen::Matrix<double, 2, 6>;
@@ -237,8 +239,11 @@ class Solver {
       for (const int row : rows) known[at(row)] = -1;
     }
     numbers_.resize(offset);
+    const double all = 0.5 * variables_ * (variables_ + 1.0);
+    const bool is_thin =
+        poses_ > kFewPoses && static_cast<double>(blocks_.size()) < kThinShare * all;
     is_sparse_ = options_.system == CameraSystem::kSparse ||
-                 (options_.system == CameraSystem::kAutomatic && poses_ > kDensePoses);
+                 (options_.system == CameraSystem::kAutomatic && (poses_ > kDensePoses || is_thin));
   }
 
   // --- a step ---

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/sfm/mapper/packed_file.h"
+#include "tarsier/sfm/mapper/packed_records.h"
 
 #include <filesystem>
 #include <string_view>
@@ -29,23 +30,7 @@ std::optional<Features> Cache::features(const std::string& key) const {
   if (folder_.empty()) return std::nullopt;
   try {
     PackedReader reader(path_of(key, ".features"), kMaxBytes);
-    Features features;
-    features.points = reader.get_all<cv::Point2f>();
-    features.sizes = reader.get_all<float>();
-    features.colors = reader.get_all<cv::Vec3b>();
-    const auto rows = reader.get<std::int32_t>();
-    const auto columns = reader.get<std::int32_t>();
-    const std::vector<std::uint8_t> bytes = reader.get_all<std::uint8_t>();
-    const std::size_t count = features.points.size();
-    if (features.sizes.size() != count || features.colors.size() != count ||
-        rows != static_cast<std::int32_t>(count) || columns < 0 || columns > 4096 ||
-        bytes.size() != count * static_cast<std::size_t>(columns)) {
-      return std::nullopt;
-    }
-    if (count > 0)
-      features.descriptors =
-          cv::Mat(rows, columns, CV_8UC1, const_cast<std::uint8_t*>(bytes.data())).clone();
-    return features;
+    return get_features(reader);
   } catch (const Damaged&) {
   } catch (const InputError&) {
   }
@@ -55,17 +40,7 @@ std::optional<Features> Cache::features(const std::string& key) const {
 void Cache::store(const std::string& key, const Features& features) const {
   if (folder_.empty()) return;
   PackedWriter writer;
-  writer.put(features.points);
-  writer.put(features.sizes);
-  writer.put(features.colors);
-  writer.put(static_cast<std::int32_t>(features.points.size()));
-  writer.put(static_cast<std::int32_t>(features.descriptors.cols));
-  std::vector<std::uint8_t> bytes;
-  for (int r = 0; r < features.descriptors.rows; ++r) {
-    const std::uint8_t* row = features.descriptors.ptr(r);
-    bytes.insert(bytes.end(), row, row + features.descriptors.cols);
-  }
-  writer.put(bytes);
+  put(writer, features);
   writer.write(path_of(key, ".features"));
 }
 
@@ -79,11 +54,7 @@ Cache::Pairs Cache::pairs(const std::string& key) const {
       const std::string other = reader.get_text();
       PairEntry& entry = pairs[other];
       entry.matches = reader.get<std::int32_t>();
-      entry.view.inliers = reader.get_all<Match>();
-      entry.view.homography_inliers = reader.get<std::int32_t>();
-      entry.view.second_from_first = geometry::unpacked(reader.get<std::array<double, 12>>());
-      entry.view.in_front = reader.get<std::int32_t>();
-      entry.view.median_angle = reader.get<double>();
+      entry.view = get_two_view(reader);
     }
     return pairs;
   } catch (const Damaged&) {
@@ -99,11 +70,7 @@ void Cache::store(const std::string& key, const Pairs& pairs) const {
   for (const auto& [other, entry] : pairs) {
     writer.put(other);
     writer.put(static_cast<std::int32_t>(entry.matches));
-    writer.put(entry.view.inliers);
-    writer.put(static_cast<std::int32_t>(entry.view.homography_inliers));
-    writer.put(geometry::packed(entry.view.second_from_first));
-    writer.put(static_cast<std::int32_t>(entry.view.in_front));
-    writer.put(entry.view.median_angle);
+    put(writer, entry.view);
   }
   writer.write(path_of(key, ".pairs"));
 }

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/mapper/packed_file.h"
+#include "tarsier/sfm/mapper/packed_records.h"
 
 #include <algorithm>
 #include <array>
@@ -19,34 +20,16 @@ constexpr std::int32_t kVersion = 1;  // of what follows
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-// Number by number: structs have gaps between theirs, and what is in those differs.
 void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
   writer.put(static_cast<std::uint64_t>(cameras.size()));
-  for (const geometry::Camera& c : cameras) {
-    writer.put(std::array<std::int32_t, 3>{c.width, c.height, static_cast<std::int32_t>(c.lens)});
-    writer.put(std::array<double, 5>{c.fx, c.fy, c.cx, c.cy, c.rms});
-    writer.put(c.distortion);
-  }
+  for (const geometry::Camera& camera : cameras) put(writer, camera);
 }
 
 std::vector<geometry::Camera> get_cameras(PackedReader& reader) {
   const auto count = reader.get<std::uint64_t>();
   std::vector<geometry::Camera> cameras;
-  for (std::uint64_t k = 0; k < count; ++k) {  // ends with the file
-    geometry::Camera c;
-    const auto whole = reader.get<std::array<std::int32_t, 3>>();
-    c.width = whole[0];
-    c.height = whole[1];
-    c.lens = static_cast<geometry::Lens>(whole[2]);
-    const auto numbers = reader.get<std::array<double, 5>>();
-    c.fx = numbers[0];
-    c.fy = numbers[1];
-    c.cx = numbers[2];
-    c.cy = numbers[3];
-    c.rms = numbers[4];
-    c.distortion = reader.get<std::array<double, 8>>();
-    cameras.push_back(c);
-  }
+  for (std::uint64_t k = 0; k < count; ++k)  // ends with the file
+    cameras.push_back(get_camera(reader));
   return cameras;
 }
 

@@ -17,6 +17,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxFileBytes = 512'000'000;
+constexpr int kFewImages = 60;
 constexpr double kGuessedFocal = 1.2;  // of the larger side
 
 // The given camera for an image of this size: scaled where the form is the same.
@@ -69,15 +70,17 @@ bool is_guess(const Lens& lens) { return std::string_view(lens.from) == "guess";
 
 }  // namespace
 
+std::string features_key(const std::string& sha256, const FeatureOptions& f) {
+  return cache_key(fmt::format("{} features-2 {} {} {} {}", sha256, static_cast<int>(f.kind),
+                               f.max_count, f.max_pixels, f.contrast));
+}
+
 cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
                          ImageFeatures& image_features) {
   const std::string bytes = read_file(input.path, kMaxFileBytes);
   Sha256 sum;
   sum.add(bytes);
-  const FeatureOptions& f = options.features;
-  image_features.key =
-      cache_key(fmt::format("{} features {} {} {} {}", sum.hex(), static_cast<int>(f.kind),
-                            f.max_count, f.max_pixels, f.contrast));
+  image_features.key = features_key(sum.hex(), options.features);
   const Exif exif = parse_exif(bytes);
   const std::span<const std::uint8_t> data(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            bytes.size());
@@ -102,7 +105,7 @@ bool find_image_features(const cv::Mat& image, const PipelineOptions& options, c
 
 std::string pairs_key(const ImageFeatures& image_features, const PipelineOptions& options) {
   const TwoViewOptions& two_view = options.two_view;
-  return cache_key(fmt::format("{} {} pairs {} {} {}", image_features.key,
+  return cache_key(fmt::format("{} {} pairs-2 {} {} {}", image_features.key,
                                camera_text(image_features.lens), options.matching.ratio,
                                two_view.threshold_px, two_view.min_inliers) +
                    std::to_string(two_view.seed));
@@ -113,11 +116,55 @@ std::string partner_key(const ImageFeatures& image_features) {
 }
 
 TwoView verify_image_pair(const ImageFeatures& first, const ImageFeatures& second,
-                          const std::vector<Match>& matches, const PipelineOptions& options) {
+                          const std::vector<Match>& matches, const PipelineOptions& options,
+                          const std::vector<float>& ratios) {
   TwoViewOptions how = options.two_view;
   how.known_focal = !is_guess(first.lens) && !is_guess(second.lens);
   return verify_pair(first.features.points, second.features.points, matches, first.lens.camera,
-                     second.lens.camera, how);
+                     second.lens.camera, how, ratios);
+}
+
+void compare_images(const ImageFeatures& first, const ImageFeatures& second,
+                    const PipelineOptions& options, Pair& pair, std::vector<Match>* found) {
+  std::vector<float> ratios;
+  std::vector<Match> matches =
+      match_features(first.features.descriptors, second.features.descriptors, options.features.kind,
+                     options.matching, &ratios);
+  pair.matches = static_cast<int>(matches.size());
+  pair.view = verify_image_pair(first, second, matches, options, ratios);
+  if (found != nullptr) *found = std::move(matches);
+}
+
+PipelineOptions seeded(PipelineOptions options) {
+  options.mapper.seed = options.two_view.seed = options.seed;
+  return options;
+}
+
+PairChoice pair_choice(const PipelineOptions& options, int images) {
+  if (options.pairs != PairChoice::kAuto) return options.pairs;
+  return images <= kFewImages ? PairChoice::kExhaustive : PairChoice::kRetrieval;
+}
+
+std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
+                                    const DescriptorSource& descriptors,
+                                    const PipelineOptions& options) {
+  const auto count = static_cast<int>(names.size());
+  switch (pair_choice(options, count)) {
+    case PairChoice::kSequential:
+      return sequential_pairs(count, options.overlap);
+    case PairChoice::kList:
+      return read_pairs_list(options.pairs_file, names);
+    case PairChoice::kRetrieval: {
+      RetrievalOptions retrieval;
+      retrieval.nearest = options.nearest;
+      retrieval.seed = options.seed;
+      return Retrieval(count, descriptors, options.features.kind, retrieval).pairs();
+    }
+    case PairChoice::kAuto:
+    case PairChoice::kExhaustive:
+      break;
+  }
+  return exhaustive_pairs(count);
 }
 
 void ImageSet::add(const ImageFeatures& image_features, const std::string& name) {

@@ -2,11 +2,13 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/cache.h"
+#include "tarsier/sfm/mapper/pairs.h"
 #include "tarsier/sfm/mapper/pipeline.h"
 
 #include <map>
 #include <string>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 // The steps of one image and of one pair, for the pipeline of all images (pipeline.h) and
@@ -29,6 +31,9 @@ struct ImageFeatures {
   Features features;
 };
 
+// ImageFeatures::key of a file with this SHA-256.
+[[nodiscard]] std::string features_key(const std::string& sha256, const FeatureOptions& options);
+
 // Reads the file; fills all of `image_features` but its index and its features. Throws InputError.
 [[nodiscard]] cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
                                        ImageFeatures& image_features);
@@ -44,7 +49,34 @@ bool find_image_features(const cv::Mat& image, const PipelineOptions& options, c
 
 [[nodiscard]] TwoView verify_image_pair(const ImageFeatures& first, const ImageFeatures& second,
                                         const std::vector<Match>& matches,
-                                        const PipelineOptions& options);
+                                        const PipelineOptions& options,
+                                        const std::vector<float>& ratios = {});
+
+// Matches the descriptors of the two images that `pair` names and verifies what was found: fills its number of
+// matches and its view. `found`, where not null, becomes all matches.
+void compare_images(const ImageFeatures& first, const ImageFeatures& second,
+                    const PipelineOptions& options, Pair& pair,
+                    std::vector<Match>* found = nullptr);
+
+// The options with their seed in all of their parts.
+[[nodiscard]] PipelineOptions seeded(PipelineOptions options);
+
+// What PairChoice::kAuto stands for with so many images; other choices as they are.
+[[nodiscard]] PairChoice pair_choice(const PipelineOptions& options, int images);
+
+// The images to compare, by their indices: the smaller one first, sorted, each pair once. `names` are those of the
+// images that could be read; `descriptors` is asked for them where images are found by what they show
+// (Retrieval). Throws InputError (pairs_file).
+[[nodiscard]] std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
+                                                  const DescriptorSource& descriptors,
+                                                  const PipelineOptions& options);
+
+// All that the mapper needs to know of its images.
+struct MatchedImages {
+  std::vector<ImageFeatures> images;                  // that could be read, as the inputs
+  std::vector<std::pair<int, std::string>> left_out;  // inputs that could not, and why
+  std::vector<Pair> pairs;                            // verified, sorted; of indices into `images`
+};
 
 // The images of a model to be, and their cameras: one for those of a size and lens, or one
 // each.

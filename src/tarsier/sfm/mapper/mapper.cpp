@@ -4,8 +4,12 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/sfm/global/view_graph.h"
+#include "tarsier/sfm/mapper/global_start.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
+#include "tarsier/sfm/mapper/repeated_structure.h"
+#include "tarsier/sfm/mapper/trust.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
@@ -29,6 +33,8 @@ constexpr int kFirstPairsTried = 20;
 constexpr int kSmall = 10;       // images of a model that is cheap to adjust as a whole
 constexpr double kRough = 1e-3;  // of an adjustment while the model still changes
 constexpr double kFine = 1e-5;
+constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
+const std::string kRefusal = "global mapping refused: ";  // before the reason
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -73,23 +79,6 @@ void add_all(IncrementalMapper& mapper, const std::vector<bool>& used, bool thor
   }
 }
 
-// Which images hang together by verified pairs that are left.
-class Components {
- public:
-  explicit Components(std::size_t count) : parents_(count) {
-    std::iota(parents_.begin(), parents_.end(), 0);
-  }
-  int root(int image) {
-    while (parents_[at(image)] != image)
-      image = parents_[at(image)] = parents_[at(parents_[at(image)])];
-    return image;
-  }
-  void join(int a, int b) { parents_[at(root(a))] = root(b); }
-
- private:
-  std::vector<int> parents_;
-};
-
 class Mapping {
  public:
   Mapping(const MapperInput& input, const MapperOptions& options, Progress& progress,
@@ -111,8 +100,13 @@ class Mapping {
 
   Reconstruction run() {
     progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
-    if (hooks_.from && !hooks_.watch && fits(*hooks_.from, cameras_, images_, pairs_.size()))
+    evidence_ = check_evidence(cameras_, images_, pairs_);
+    if (hooks_.from && !hooks_.watch && fits(*hooks_.from, cameras_, images_, pairs_.size())) {
       resume(*hooks_.from);
+    } else {
+      for (std::size_t k = 0; k < pairs_.size(); ++k)
+        if (evidence_[k].is_refused()) bad_start_[k] = static_cast<std::uint8_t>(Doubt::kEvidence);
+    }
     try {
       while (!done_) {
         if (!mapper_ && !begin_model()) break;
@@ -144,7 +138,8 @@ class Mapping {
   }
 
   [[nodiscard]] bool is_left(const Pair& pair) const {
-    return !pair.view.inliers.empty() && !used_[at(pair.first)] && !used_[at(pair.second)];
+    return !pair.view.inliers.empty() && !used_[at(pair.first)] && !used_[at(pair.second)] &&
+           bad_start_[static_cast<std::size_t>(&pair - pairs_.data())] <= kBadStart;
   }
 
   // A model with the features of one component: what can join is in it, and a folder of many small
@@ -177,9 +172,67 @@ class Mapping {
     }
   }
 
+  // Maps a component of what is left globally, if one is large enough and that is not refused.
+  bool begin_globally(Components& components) {
+    std::map<int, std::vector<std::size_t>> pairs_of;  // of each component
+    std::map<int, int> sizes;
+    for (std::size_t k = 0; k < pairs_.size(); ++k)
+      if (is_left(pairs_[k]) && bad_start_[k] == 0)
+        pairs_of[components.root(pairs_[k].first)].push_back(k);
+    for (std::size_t i = 0; i < images_.size(); ++i) ++sizes[components.root(static_cast<int>(i))];
+    std::vector<std::pair<int, int>> order;
+    for (const auto& [root, all] : pairs_of) order.emplace_back(-sizes[root], root);
+    std::sort(order.begin(), order.end());
+    for (const auto& [size, root] : order) {
+      if (options_.choice == MapperChoice::kAuto && -size < options_.auto_global) return false;
+      make_mapper(components, root);
+      std::vector<const Pair*> chosen;
+      for (const std::size_t k : pairs_of[root]) chosen.push_back(&pairs_[k]);
+      const GlobalStart start =
+          start_globally(cameras_, mapper_->model().images, chosen, options_, stop_);
+      result_.log.insert(result_.log.end(), start.log.begin(), start.log.end());
+      if (start.refusal.empty()) {
+        for (std::size_t k = 0; k < chosen.size(); ++k)
+          if (start.doubts[k] != Doubt::kNone)
+            bad_start_[pairs_of[root][k]] = static_cast<std::uint8_t>(start.doubts[k]);
+        const auto first = std::find_if(start.model.images.begin(), start.model.images.end(),
+                                        [](const Image& image) { return image.registered; });
+        Components kept = this->components();
+        make_mapper(kept, kept.root(static_cast<int>(first - start.model.images.begin())));
+        mapper_->resume(start.model);
+        begin_growing();
+        return true;
+      }
+      mapper_.reset();
+      result_.log.push_back(kRefusal + start.refusal);
+      if (options_.choice == MapperChoice::kAuto) return false;
+      for (const std::size_t k : pairs_of[root]) bad_start_[k] = kBadStart;
+      for (std::size_t i = 0; i < images_.size(); ++i)
+        if (components.root(static_cast<int>(i)) == root)
+          result_.outcomes[i].reason = kRefusal + start.refusal;
+    }
+    return false;
+  }
+
+  void begin_growing() {
+    progress_.advance(mapper_->registered());
+    failed_.clear();
+    adjusted_at_ = mapper_->registered();
+    stage_ = round_ = 0;
+  }
+
   // Finds a start among what is left; false: there is none.
   bool begin_model() {
     Components components = this->components();
+    if (options_.choice != MapperChoice::kIncremental) {
+      try {
+        if (begin_globally(components)) return true;
+      } catch (const Interrupted&) {
+        mapper_.reset();
+        throw;
+      }
+      if (options_.choice == MapperChoice::kGlobal) return false;
+    }
     std::vector<std::pair<double, std::size_t>> starts;
     for (std::size_t k = 0; k < pairs_.size(); ++k) {
       if (!is_left(pairs_[k])) continue;
@@ -210,13 +263,10 @@ class Mapping {
           started ? "good" : why));
       tell_troubles();
       if (started) {
-        progress_.advance(2);
-        failed_.clear();
-        adjusted_at_ = mapper_->registered();
-        stage_ = round_ = 0;
+        begin_growing();
         return true;
       }
-      bad_start_[starts[k].second] = 1;
+      bad_start_[starts[k].second] = kBadStart;
     }
     mapper_.reset();
     return false;
@@ -387,7 +437,13 @@ class Mapping {
     });
     result_.models.clear();
     for (Sized& sized : models) result_.models.push_back(std::move(sized.model));
-    if (result_.models.empty()) result_.no_model = why_no_initial_pair(pairs_, images_, options_);
+    if (result_.models.empty()) result_.no_model = why_no_model();
+    report_refused();
+    std::vector<std::vector<double>> trust;  // of each model's images
+    for (const Model& model : result_.models) {
+      trust.push_back(trust_of(model, pairs_, refused_by_evidence()));
+      result_.trust.push_back(model_trust(model, trust.back()));
+    }
     const std::vector<const Pair*> best = best_pairs(pairs_, images_.size());
     for (std::size_t i = 0; i < images_.size(); ++i) {
       Outcome& outcome = result_.outcomes[i];
@@ -395,6 +451,7 @@ class Mapping {
         if (!result_.models[m].images[i].registered) continue;
         outcome.registered = true;
         outcome.model = static_cast<int>(m);
+        outcome.trust = trust[m][i];
         outcome.reason.clear();
       }
       if (outcome.registered || !outcome.reason.empty()) continue;
@@ -402,6 +459,45 @@ class Mapping {
                            ? "the work was interrupted before it was tried"
                            : why_not_registered(best[i], images_, static_cast<int>(i));
     }
+  }
+
+  [[nodiscard]] std::vector<std::uint8_t> refused_by_evidence() const {
+    std::vector<std::uint8_t> refused(pairs_.size(), 0);
+    for (std::size_t k = 0; k < pairs_.size(); ++k)
+      refused[k] = bad_start_[k] == static_cast<std::uint8_t>(Doubt::kEvidence) ? 1 : 0;
+    return refused;
+  }
+
+  void report_refused() {
+    for (std::size_t k = 0; k < pairs_.size(); ++k) {
+      if (bad_start_[k] <= kBadStart) continue;
+      RefusedPair refused{pairs_[k].first, pairs_[k].second,
+                          static_cast<int>(pairs_[k].view.inliers.size()), ""};
+      switch (static_cast<Doubt>(bad_start_[k])) {
+        case Doubt::kCycles:
+          refused.reason = "no cycle of three pairs that it is in closes";
+          break;
+        case Doubt::kRotation:
+          refused.reason = "its rotation contradicts that of the other pairs";
+          break;
+        default:
+          refused.reason = fmt::format(
+              "of {:.0f} features that tell places apart and should be in both, {} are: the images "
+              "look alike, but show different places",
+              evidence_[k].expected, evidence_[k].found);
+      }
+      result_.refused.push_back(std::move(refused));
+    }
+  }
+
+  [[nodiscard]] std::string why_no_model() const {
+    if (options_.choice == MapperChoice::kGlobal) {
+      const auto refused =
+          std::find_if(result_.log.begin(), result_.log.end(),
+                       [](const std::string& line) { return line.starts_with(kRefusal); });
+      if (refused != result_.log.end()) return *refused;
+    }
+    return why_no_initial_pair(pairs_, images_, options_);
   }
 
   using Clock = std::chrono::steady_clock;
@@ -420,8 +516,9 @@ class Mapping {
   const std::stop_token& stop_;
   const MapperHooks& hooks_;
   Reconstruction result_;
-  std::vector<bool> used_;               // images in finished models
-  std::vector<std::uint8_t> bad_start_;  // pairs
+  std::vector<bool> used_;  // images in finished models
+  std::vector<PairEvidence> evidence_;
+  std::vector<std::uint8_t> bad_start_;  // of each pair: kBadStart, or a Doubt
   bool done_ = false;
   bool in_between_ = false;  // no state that another process could go on from
   std::optional<IncrementalMapper> mapper_;

@@ -14,11 +14,19 @@
 #include <string>
 #include <vector>
 
-// Incremental reconstruction: a first pair, then one image after the other (Schonberger and
-// Frahm, CVPR 2016, describe the order of the steps well).
+// Reconstruction of matched images: incremental, a first pair, then one image after the other (Schonberger and
+// Frahm, CVPR 2016, describe the order of the steps well); or global, all of them at once (global_start.h).
 namespace tarsier::sfm {
 
+enum class MapperChoice {
+  kIncremental,  // a first pair, then one image after the other
+  kGlobal,       // all images at once (global_start.h), then what is left one after the other
+  kAuto,  // global for sets of auto_global images and more, incremental for others and where that is refused
+};
+
 struct MapperOptions {
+  MapperChoice choice = MapperChoice::kIncremental;
+  int auto_global = 250;           // images that hang together
   double reprojection_px = 2.0;    // an observation farther off is dropped
   double min_angle_deg = 1.5;      // a point needs two rays that differ by this
   double first_angle_deg = 4;      // of the first pair, at the median
@@ -38,7 +46,8 @@ struct MapperOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"reprojection_px", reprojection_px, range(0.1, 50), "--reprojection-px",
+    return {{"auto_global", auto_global, range(3, 1'000'000)},
+            {"reprojection_px", reprojection_px, range(0.1, 50), "--reprojection-px",
              "px; an observation farther off is dropped"},
             {"min_angle_deg", min_angle_deg, range(0.01, 30), "--min-angle",
              "between a point's rays, degrees"},
@@ -56,10 +65,26 @@ struct MapperOptions {
   void check() const { check_fields(*this); }
 };
 
+// Why a verified pair is not used.
+enum class Doubt : std::uint8_t {
+  kNone = 0,
+  kEvidence = 2,  // it lacks what the two should have in common (repeated_structure.h)
+  kCycles = 3,    // no cycle of three pairs that it is in closes (global_start.h)
+  kRotation = 4,  // its rotation contradicts that of all others (global_start.h)
+};
+
+struct RefusedPair {
+  int first = 0;  // images
+  int second = 0;
+  int inliers = 0;
+  std::string reason;
+};
+
 // What became of an image.
 struct Outcome {
   bool registered = false;
   int model = -1;      // which, 0 is the largest
+  double trust = 0;    // trust.h
   std::string reason;  // why not: "12 of 40 points agree on a pose, 16 are needed"; or ""
 };
 
@@ -68,9 +93,11 @@ struct Reconstruction {
   std::vector<Model> models;
   std::vector<Outcome> outcomes;  // of each image
   std::vector<std::string> log;   // what was done, and what went wrong, line by line
-  std::string no_model;           // why there is none, where there is none
-  bool interrupted = false;       // these are the models so far
-  int resumed = 0;                // images that a checkpoint had in models
+  std::vector<double> trust;      // of each model
+  std::vector<RefusedPair> refused;
+  std::string no_model;      // why there is none, where there is none
+  bool interrupted = false;  // these are the models so far
+  int resumed = 0;           // images that a checkpoint had in models
 };
 
 // Sees a model while it grows: "grown-003-before" and "grown-003-after" around each adjustment (of

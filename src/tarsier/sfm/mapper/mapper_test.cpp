@@ -235,7 +235,7 @@ TEST(Reconstruct, TwoScenesGiveTwoModels) {
 }
 
 TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<MapperState> states;
   MapperHooks hooks;
   hooks.keep_every_s = 0;
@@ -287,7 +287,7 @@ TEST(Checkpoints, OfOtherImagesAreIgnored) {
 // Stopped within each adjustment: the models so far are there, and the checkpoint of that moment
 // leads to the same end.
 TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   const Reconstruction whole = run(given, {});
   int adjustments = 0;
   {
@@ -330,7 +330,7 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
 
 // Who watches sees more and more images, and the result is the same.
 TEST(Mapper, ShowsTheModelThatGrows) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<int> registered;
   MapperHooks hooks;
   hooks.show_every_s = 0;

@@ -36,9 +36,11 @@ struct MatchOptions {
 [[nodiscard]] std::vector<double> norms_of(const cv::Mat& descriptors, FeatureKind kind);
 
 // Mutual nearest neighbours that pass the ratio test in both directions, by `first`. Exact: all
-// distances are computed, as one matrix product of the descriptors (bits as +-1), in blocks that
-// stay in the cache. Throws std::invalid_argument where the kinds differ.
+// distances are computed (find_nearest() of nearest.h). `ratios`, where not null, becomes the ratio of the
+// two best squared distances of each match (of bits: of the distances), 0..1. Throws std::invalid_argument
+// where the kinds differ.
 [[nodiscard]] std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second,
-                                                FeatureKind kind, const MatchOptions& options);
+                                                FeatureKind kind, const MatchOptions& options,
+                                                std::vector<float>* ratios = nullptr);
 
 }  // namespace tarsier::sfm

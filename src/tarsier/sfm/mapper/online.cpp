@@ -144,11 +144,7 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
         pair.matches = entry->second.matches;
         pair.view = entry->second.view;
       } else {
-        const std::vector<Match> matches =
-            match_features(other.features.descriptors, latest.features.descriptors,
-                           options.features.kind, options.matching);
-        pair.matches = static_cast<int>(matches.size());
-        pair.view = verify_image_pair(other, latest, matches, options);
+        compare_images(other, latest, options, pair);
         fresh[at(k)] = 1;
       }
       done[at(k)] = 1;

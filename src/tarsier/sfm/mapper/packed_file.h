@@ -41,9 +41,11 @@ class PackedWriter {
   }
   void put(const std::string& text) { put(std::vector<char>(text.begin(), text.end())); }
 
-  // Throws OutputError.
-  void write(const std::string& path) const {
-    write_file_atomically(path, std::string(kPackedMagic) + sha256_of(bytes_) + bytes_);
+  // Returns the SHA-256 of what was put. Throws OutputError.
+  std::string write(const std::string& path) const {
+    std::string sum = sha256_of(bytes_);
+    write_file_atomically(path, std::string(kPackedMagic) + sum + bytes_);
+    return sum;
   }
 
  private:
@@ -67,6 +69,12 @@ class PackedReader {
     if (sha256_of(left_) != std::string_view(file_).substr(kPackedMagic.size(), 64))
       throw Damaged();
   }
+
+  // The SHA-256 of what was put.
+  [[nodiscard]] std::string_view sum() const {
+    return std::string_view(file_).substr(kPackedMagic.size(), 64);
+  }
+  [[nodiscard]] bool is_at_end() const { return left_.empty(); }
 
   template <typename T>
   T get() {

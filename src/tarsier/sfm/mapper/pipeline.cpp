@@ -7,9 +7,9 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/image_features.h"
-#include "tarsier/sfm/mapper/pairs.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -19,13 +19,12 @@
 #include <chrono>
 #include <cstdint>
 #include <ctime>
+#include <map>
 #include <mutex>
 #include <span>
 
 namespace tarsier::sfm {
 namespace {
-
-constexpr int kFewImages = 60;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -83,6 +82,89 @@ std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& st
   return cache_key(text);
 }
 
+// What COLMAP's database knows of the images.
+class KnownFeatures {
+ public:
+  explicit KnownFeatures(const std::string& path)
+      : database_(read_colmap_database(path)), sum_(sha256_of_file(path)), path_(path) {
+    for (std::size_t i = 0; i < database_.images.size(); ++i)
+      index_[database_.images[i].name] = static_cast<int>(i);
+  }
+
+  // Throws InputError where it does not know the image, or another one under its name. An empty
+  // image: there is no file, and all is as the database says.
+  void fill(const Input& input, const cv::Mat& image, ImageFeatures& features,
+            const PipelineOptions& options) {
+    const auto found = index_.find(input.name);
+    if (found == index_.end())
+      throw InputError(input.path.empty() ? input.name : input.path,
+                       fmt::format("{} has no image of this name", path_));
+    auto& known = database_.images[at(found->second)];
+    const auto& camera = database_.cameras[at(known.camera)];
+    if (image.empty()) {
+      features.size = {camera.camera.width, camera.camera.height};
+      if (options.camera) features.lens = {*options.camera, "given"};
+    } else if (camera.camera.width != image.cols || camera.camera.height != image.rows)
+      throw InputError(
+          input.path, fmt::format("{}x{} px, but in {} it has {}x{}", image.cols, image.rows, path_,
+                                  camera.camera.width, camera.camera.height));
+    if (camera.camera.lens != geometry::Lens::kPinhole)
+      throw InputError(path_, fmt::format("a {} lens: reconstruction takes pinhole ones",
+                                          geometry::name_of(camera.camera.lens)));
+    if (!options.camera)
+      features.lens = {camera.camera, camera.is_focal_known ? "database" : "guess"};
+    features.features = std::move(known.features);
+    if (image.empty())
+      features.features.colors.assign(features.features.points.size(), cv::Vec3b::all(128));
+    else
+      add_colors(image, features.features);
+    features.key = cache_key(fmt::format("{} database {}", features.key, sum_));
+    taken_[found->second] = static_cast<int>(taken_.size());
+  }
+
+  // Those of images that were filled, in their order.
+  [[nodiscard]] std::vector<Pair> pairs() {
+    std::vector<Pair> result;
+    for (auto& known : database_.pairs) {
+      const auto first = taken_.find(known.first);
+      const auto second = taken_.find(known.second);
+      if (first == taken_.end() || second == taken_.end()) continue;
+      Pair pair;
+      pair.first = first->second;
+      pair.second = second->second;
+      pair.matches = static_cast<int>(known.matches.size());
+      if (pair.first > pair.second) {
+        std::swap(pair.first, pair.second);
+        for (Match& match : known.matches) std::swap(match.first, match.second);
+      }
+      pair.view.inliers = std::move(known.matches);  // until they are verified
+      result.push_back(std::move(pair));
+    }
+    std::sort(result.begin(), result.end(), [](const Pair& a, const Pair& b) {
+      return std::pair(a.first, a.second) < std::pair(b.first, b.second);
+    });
+    return result;
+  }
+
+ private:
+  static void add_colors(const cv::Mat& image, Features& features) {
+    features.colors.clear();
+    for (const cv::Point2f& p : features.points) {
+      const int x = std::clamp(cvRound(p.x), 0, image.cols - 1);
+      const int y = std::clamp(cvRound(p.y), 0, image.rows - 1);
+      features.colors.push_back(image.channels() == 3
+                                    ? image.at<cv::Vec3b>(y, x)
+                                    : cv::Vec3b::all(image.at<std::uint8_t>(y, x)));
+    }
+  }
+
+  ColmapDatabase database_;
+  std::string sum_;
+  std::string path_;
+  std::map<std::string, int> index_;
+  std::map<int, int> taken_;  // of the database's images: which one it is here
+};
+
 // Features of all images that can be read, one after the other: each uses all threads.
 std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
                                              const PipelineOptions& options, const Cache& cache,
@@ -94,14 +176,21 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
   std::optional<FlowResult> tracks;
   if (options.flow) tracks = cache.flow(flow_name);
   const bool is_known = tracks.has_value();
+  std::optional<KnownFeatures> known;
+  if (!options.database.empty()) known.emplace(options.database);
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     throw_if_stopped(stop);
     ImageReport& report = result.images[i];
     ImageFeatures image_features;
     image_features.input = static_cast<int>(i);
     try {
-      const cv::Mat image = read_input_image(inputs[i], options, image_features);
-      if (options.flow) {
+      TARSIER_REQUIRE(known || !inputs[i].path.empty(), "image {} without a file", inputs[i].name);
+      const cv::Mat image =
+          inputs[i].path.empty() ? cv::Mat() : read_input_image(inputs[i], options, image_features);
+      if (known) {
+        known->fill(inputs[i], image, image_features, options);
+        ++result.from_cache;
+      } else if (options.flow) {
         // A sequence has one size.
         if (!images.empty() && image.size() != images.front().size)
           throw InputError(
@@ -124,6 +213,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
     }
     progress.advance();
   }
+  if (known) result.pairs = known->pairs();
   if (options.flow) {
     if (!is_known) {
       tracks = tracker.finish();
@@ -149,32 +239,79 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
   return images;
 }
 
-std::vector<std::pair<int, int>> choose_pairs(const std::vector<ImageFeatures>& images,
-                                              const std::vector<std::string>& names,
-                                              const PipelineOptions& options) {
-  const auto count = static_cast<int>(images.size());
-  PairChoice choice = options.pairs;
-  if (choice == PairChoice::kAuto)
-    choice = count <= kFewImages ? PairChoice::kExhaustive : PairChoice::kRetrieval;
-  switch (choice) {
-    case PairChoice::kSequential:
-      return sequential_pairs(count, options.overlap);
-    case PairChoice::kList:
-      return read_pairs_list(options.pairs_file, names);
-    case PairChoice::kRetrieval: {
-      RetrievalOptions retrieval;
-      retrieval.nearest = options.nearest;
-      retrieval.seed = options.seed;
-      return Retrieval(
-                 count, [&](int i) { return images[at(i)].features.descriptors; },
-                 options.features.kind, retrieval)
-          .pairs();
-    }
-    case PairChoice::kAuto:
-    case PairChoice::kExhaustive:
-      break;
+// What another program found (PipelineHooks::matched).
+std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, PipelineResult& result) {
+  MatchedImages matched;
+  hooks.matched(matched);
+  for (const ImageFeatures& image : matched.images) {
+    ImageReport& report = result.images[at(image.input)];
+    report.read = true;
+    report.features = static_cast<int>(image.features.points.size());
   }
-  return exhaustive_pairs(count);
+  for (auto& [input, reason] : matched.left_out)
+    result.images[at(input)].outcome.reason = std::move(reason);
+  result.pairs = std::move(matched.pairs);
+  return std::move(matched.images);
+}
+
+// Compares the images of all pairs of `result`. Those of one image are kept together as soon as all of them are
+// done. `has_matches`: the pairs have matches already, which are verified.
+void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images,
+                 bool has_matches, const PipelineOptions& options, const Cache& cache,
+                 const PipelineHooks& hooks, Progress& progress, const std::stop_token& stop,
+                 PipelineResult& result) {
+  std::mutex on_pair_mutex;
+  std::atomic<int> from_cache{0};
+  for (std::size_t start = 0; start < result.pairs.size();) {
+    std::size_t end = start;
+    while (end < result.pairs.size() && result.pairs[end].first == result.pairs[start].first) ++end;
+    const int first = result.pairs[start].first;
+    const bool use_cache = !hooks.on_pair;
+    const std::string key = pairs_key(images[at(first)], options);
+    Cache::Pairs kept = use_cache ? cache.pairs(key) : Cache::Pairs{};
+    std::atomic<bool> fresh{false};
+    const auto work = [&](const cv::Range& range) {
+      for (int k = range.start; k < range.end; ++k) {
+        if (stop.stop_requested()) return;
+        Pair& pair = result.pairs[start + at(k)];
+        if (const auto entry = kept.find(partner_key(images[at(pair.second)]));
+            entry != kept.end()) {
+          pair.matches = entry->second.matches;
+          pair.view = entry->second.view;  // instead of what was followed, if anything
+          ++from_cache;
+        } else {
+          const ImageFeatures& a = images[at(pair.first)];
+          const ImageFeatures& b = images[at(pair.second)];
+          std::vector<Match> matches;
+          if (has_matches) {
+            matches = std::move(pair.view.inliers);
+            pair.matches = static_cast<int>(matches.size());
+            pair.view = verify_image_pair(a, b, matches, options);
+          } else {
+            compare_images(a, b, options, pair, &matches);
+          }
+          fresh = true;
+          if (hooks.on_pair) {
+            const std::lock_guard lock(on_pair_mutex);
+            hooks.on_pair({inputs[at(a.input)], inputs[at(b.input)], a.features.points,
+                           b.features.points, matches, pair.view});
+          }
+        }
+        progress.advance();
+      }
+    };
+    cv::parallel_for_(cv::Range(0, static_cast<int>(end - start)), work);
+    throw_if_stopped(stop);
+    if (fresh && use_cache) {
+      for (std::size_t k = start; k < end; ++k) {
+        const Pair& pair = result.pairs[k];
+        kept[partner_key(images[at(pair.second)])] = {pair.matches, pair.view};
+      }
+      cache.store(key, kept);
+    }
+    start = end;
+  }
+  result.from_cache += from_cache;
 }
 
 // All that the mapper's work depends on.
@@ -183,11 +320,11 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const std::vector<Pair>& pairs, const PipelineOptions& options) {
   const MapperOptions& m = options.mapper;
   Sha256 sum;
-  sum.add(fmt::format("mapper {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
-                      m.reprojection_px, m.min_angle_deg, m.first_angle_deg, m.first_inliers,
-                      m.pose_inliers, m.pose_inlier_share, m.pose_px, m.min_views, m.min_images,
-                      m.extend_px, m.extend_similarity, m.refine_focal, m.refine_center,
-                      m.refine_distortion, m.seed, options.flow,
+  sum.add(fmt::format("mapper {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+                      static_cast<int>(m.choice), m.auto_global, m.reprojection_px, m.min_angle_deg,
+                      m.first_angle_deg, m.first_inliers, m.pose_inliers, m.pose_inlier_share,
+                      m.pose_px, m.min_views, m.min_images, m.extend_px, m.extend_similarity,
+                      m.refine_focal, m.refine_center, m.refine_distortion, m.seed, options.flow,
                       static_cast<int>(options.features.kind), options.shared_camera));
   for (std::size_t k = 0; k < images.size(); ++k) {
     sum.add(
@@ -212,6 +349,7 @@ void PipelineOptions::check() const {
   matching.check();
   two_view.check();
   mapper.check();
+  TARSIER_REQUIRE(database.empty() || !flow, "a database and points that are followed");
   TARSIER_REQUIRE(pairs != PairChoice::kList || !pairs_file.empty(), "no list of pairs");
   if (camera) {
     geometry::Camera sized = *camera;
@@ -224,21 +362,27 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                             Progress& progress, const std::stop_token& stop,
                             const PipelineHooks& hooks) {
   given.check();
-  PipelineOptions options = given;
-  options.mapper.seed = options.two_view.seed = options.seed;
+  PipelineOptions options = seeded(given);
   PipelineResult result;
   for (const Input& input : inputs) {
     ImageReport report;
     report.name = input.name;
+    report.path = input.path;
     result.images.push_back(std::move(report));
   }
   const Cache cache(options.cache_folder);
   Stages stages(result, progress);
 
-  stages.begin("features", static_cast<std::int64_t>(inputs.size()), "images");
-  std::vector<ImageFeatures> images =
-      find_all_features(inputs, options, cache, progress, stop, result);
-  stages.end();
+  std::vector<ImageFeatures> images;
+  if (hooks.matched) {
+    stages.start("load");
+    images = load_all(hooks, result);
+    stages.note();
+  } else {
+    stages.begin("features", static_cast<std::int64_t>(inputs.size()), "images");
+    images = find_all_features(inputs, options, cache, progress, stop, result);
+    stages.end();
+  }
 
   ImageSet image_set(options);
   std::vector<std::string> names;
@@ -249,84 +393,42 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   }
   options.mapper = image_set.mapper_options();
 
-  stages.begin("pairs", 1, "steps");
-  if (!options.flow) {
-    for (const auto& [first, second] : choose_pairs(images, names, options)) {
-      Pair pair;
-      pair.first = std::min(first, second);
-      pair.second = std::max(first, second);
-      result.pairs.push_back(std::move(pair));
+  if (!hooks.matched) {
+    stages.begin("pairs", 1, "steps");
+    const bool has_matches = options.flow || !options.database.empty();
+    if (!has_matches) {
+      const auto descriptors = [&](int i) { return images[at(i)].features.descriptors; };
+      for (const auto& [first, second] : choose_pairs(names, descriptors, options)) {
+        Pair pair;
+        pair.first = first;
+        pair.second = second;
+        result.pairs.push_back(std::move(pair));
+      }
     }
-    std::sort(result.pairs.begin(), result.pairs.end(), [](const Pair& a, const Pair& b) {
-      return std::pair(a.first, a.second) < std::pair(b.first, b.second);
-    });
+    progress.advance();
+    stages.end();
+    stages.begin("match", static_cast<std::int64_t>(result.pairs.size()), "pairs");
+    compare_all(inputs, images, has_matches, options, cache, hooks, progress, stop, result);
+    stages.end();
   }
-  progress.advance();
-  stages.end();
-
-  // The pairs of one image are kept together as soon as all of them are done.
-  stages.begin("match", static_cast<std::int64_t>(result.pairs.size()), "pairs");
   result.compared = static_cast<int>(result.pairs.size());
-  std::mutex on_pair_mutex;
-  std::atomic<int> from_cache{0};
-  for (std::size_t start = 0; start < result.pairs.size();) {
-    std::size_t end = start;
-    while (end < result.pairs.size() && result.pairs[end].first == result.pairs[start].first) ++end;
-    const int first = result.pairs[start].first;
-    const bool use_cache = !hooks.on_pair;
-    const std::string key = pairs_key(images[at(first)], options);
-    Cache::Pairs kept = use_cache ? cache.pairs(key) : Cache::Pairs{};
-    std::atomic<bool> fresh{false};
-    const auto work = [&](const cv::Range& range) {
-      for (int k = range.start; k < range.end; ++k) {
-        if (stop.stop_requested()) return;
-        Pair& pair = result.pairs[start + at(k)];
-        if (const auto entry = kept.find(partner_key(images[at(pair.second)]));
-            entry != kept.end()) {
-          pair.matches = entry->second.matches;
-          pair.view = entry->second.view;  // instead of what was followed, if anything
-          ++from_cache;
-        } else {
-          const ImageFeatures& a = images[at(pair.first)];
-          const ImageFeatures& b = images[at(pair.second)];
-          const std::vector<Match> matches =
-              options.flow ? std::move(pair.view.inliers)
-                           : match_features(a.features.descriptors, b.features.descriptors,
-                                            options.features.kind, options.matching);
-          pair.matches = static_cast<int>(matches.size());
-          pair.view = verify_image_pair(a, b, matches, options);
-          fresh = true;
-          if (hooks.on_pair) {
-            const std::lock_guard lock(on_pair_mutex);
-            hooks.on_pair({inputs[at(a.input)], inputs[at(b.input)], a.features.points,
-                           b.features.points, matches, pair.view});
-          }
-        }
-        progress.advance();
-      }
-    };
-    cv::parallel_for_(cv::Range(0, static_cast<int>(end - start)), work);
-    throw_if_stopped(stop);
-    if (fresh && use_cache) {
-      for (std::size_t k = start; k < end; ++k) {
-        const Pair& pair = result.pairs[k];
-        kept[partner_key(images[at(pair.second)])] = {pair.matches, pair.view};
-      }
-      cache.store(key, kept);
-    }
-    start = end;
-  }
-  result.from_cache += from_cache;
   result.verified =
       static_cast<int>(std::count_if(result.pairs.begin(), result.pairs.end(),
                                      [](const Pair& pair) { return !pair.view.inliers.empty(); }));
-  stages.end();
 
+  if (hooks.on_matched) hooks.on_matched(images, inputs, result.pairs);
   std::vector<std::vector<cv::Vec3b>> colors;
   std::vector<cv::Mat> descriptors;
   for (ImageFeatures& image_features : images) {
     colors.push_back(std::move(image_features.features.colors));
     if (!options.flow) descriptors.push_back(image_features.features.descriptors);
+  }
+  // A database may have none of some images: then nothing is extended.
+  if (std::any_of(images.begin(), images.end(), [](const ImageFeatures& image) {
+        return static_cast<std::size_t>(image.features.descriptors.rows) !=
+               image.features.points.size();
+      })) {
+    descriptors.clear();
   }
   stages.start("reconstruct");
   MapperHooks mapping;

@@ -17,6 +17,9 @@
 // From images to models: reading, features, pairs, matching, verification, mapping.
 namespace tarsier::sfm {
 
+struct ImageFeatures;  // image_features.h
+struct MatchedImages;
+
 enum class PairChoice {
   kAuto,        // exhaustive up to 60 images, retrieval beyond
   kExhaustive,  // all with all
@@ -32,9 +35,12 @@ struct PipelineOptions {
   MapperOptions mapper;
   PairChoice pairs = PairChoice::kAuto;
   std::string pairs_file;  // of kList: two names a line
-  int overlap = 10;        // of kSequential
-  int nearest = 12;        // of kRetrieval
-  bool flow = false;       // follow points through a sequence instead of matching descriptors
+  // COLMAP's database (colmap_database.h) that features, matches and, where `camera` is not given,
+  // lenses are taken from; images are those of `inputs`, whose names it has. Empty: none.
+  std::string database;
+  int overlap = 10;   // of kSequential
+  int nearest = 12;   // of kRetrieval
+  bool flow = false;  // follow points through a sequence instead of matching descriptors
   // What the lens is. Given: used as it is unless the mapper is set to refine it. Not given: from
   // EXIF, else 1.2 times the larger side, and refined.
   std::optional<geometry::Camera> camera;
@@ -61,7 +67,7 @@ struct PipelineOptions {
 // One image that should take part.
 struct Input {
   std::string name;  // in the model
-  std::string path;  // of the file
+  std::string path;  // of the file; "": there is none, the database knows all
 };
 
 struct StageTime {
@@ -72,6 +78,7 @@ struct StageTime {
 
 struct ImageReport {
   std::string name;
+  std::string path;  // of the file
   bool read = false;
   std::string focal_from;  // "given", "EXIF", "guess"
   int features = 0;
@@ -87,6 +94,7 @@ struct PipelineResult {
   int from_cache = 0;  // features and pairs that were there from an earlier run
   int resumed = 0;     // images that were in models when the mapper went on from a checkpoint
   std::vector<StageTime> stages;
+  bool names_files = true;  // report_json() says where each image lies
 };
 
 // Two images that were compared: all their matches, and what verification made of them.
@@ -105,6 +113,13 @@ struct PipelineHooks {
   // Sees each pair; from any thread, but never two at a time. May be empty; if not, matches are
   // worked out again even where they are in the cache.
   std::function<void(const ComparedPair&)> on_pair;
+  // Sees all features and verified pairs before the mapping; may be empty.
+  std::function<void(const std::vector<ImageFeatures>&, const std::vector<Input>&,
+                     const std::vector<Pair>&)>
+      on_matched;
+  // Fills in what was found before, in other runs: then nothing is looked for in the images, and only the mapper
+  // runs. What it throws goes through. May be empty.
+  std::function<void(MatchedImages&)> matched;
   // When stopped while mapping, the models so far are the result (Reconstruction::interrupted).
   bool partial = false;
 };

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::sfm {
@@ -61,14 +62,20 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
   std::vector<std::vector<int>> shown;
   for (const Model& model : built.models) {
     models.push_back(model_json(model));
+    if (models.size() <= built.trust.size())
+      models.back()["trust"] = rounded(built.trust[models.size() - 1], 1e3);
     shown.push_back(points_shown(model));
   }
   Json images = Json::array();
   std::size_t index = 0;  // among those that could be read
   for (const ImageReport& report : result.images) {
-    Json entry{{"name", report.name}, {"registered", report.outcome.registered}};
+    Json entry{{"name", report.name}};
+    if (result.names_files && !report.path.empty())
+      entry["file"] = std::filesystem::absolute(report.path).string();
+    entry["registered"] = report.outcome.registered;
     if (report.outcome.registered) {
       entry["model"] = report.outcome.model;
+      entry["trust"] = rounded(report.outcome.trust, 1e3);
       entry["points"] = shown[static_cast<std::size_t>(report.outcome.model)][index];
     } else {
       entry["reason"] = report.outcome.reason;
@@ -81,6 +88,16 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
     }
     images.push_back(std::move(entry));
   }
+  Json refused = Json::array();
+  std::vector<std::string> names;  // of those that could be read
+  for (const ImageReport& report : result.images)
+    if (report.read) names.push_back(report.name);
+  for (const RefusedPair& pair : built.refused)
+    refused.push_back({{"images",
+                        {names[static_cast<std::size_t>(pair.first)],
+                         names[static_cast<std::size_t>(pair.second)]}},
+                       {"inliers", pair.inliers},
+                       {"reason", pair.reason}});
   Json stages = Json::array();
   for (const StageTime& stage : result.stages)
     stages.push_back({{"name", stage.name},
@@ -88,7 +105,10 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
                       {"cpu_seconds", rounded(stage.cpu_seconds, 1e3)}});
   Json report{{"models", std::move(models)},
               {"photographs", std::move(images)},
-              {"pairs", {{"compared", result.compared}, {"verified", result.verified}}},
+              {"pairs",
+               {{"compared", result.compared},
+                {"verified", result.verified},
+                {"refused", std::move(refused)}}},
               {"from_cache", result.from_cache},
               {"stages", std::move(stages)},
               {"log", built.log}};
@@ -109,8 +129,13 @@ std::string summary_text(const PipelineResult& result) {
         "{:.2f} px\n",
         m, statistics.registered, result.images.size(), built.models[m].points.size(),
         statistics.mean_track, statistics.reprojection_px);
+    if (m < built.trust.size() && built.trust[m] < 0.5)
+      text += fmt::format("model {}: little speaks for it (trust {:.2f}): see report.json\n", m,
+                          built.trust[m]);
   }
   if (built.models.empty()) text += "no model: " + built.no_model + "\n";
+  if (!built.refused.empty())
+    text += fmt::format("{} pairs were refused (report.json says why)\n", built.refused.size());
   for (const ImageReport& report : result.images)
     if (!report.outcome.registered)
       text += fmt::format("missing: {}: {}\n", report.name, report.outcome.reason);

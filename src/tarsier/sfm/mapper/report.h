@@ -10,7 +10,7 @@
 namespace tarsier::sfm {
 
 // report.json: "models" (images, points, observations, mean_track, reprojection_px, cameras),
-// "photographs" (name, registered, model, features, points, reason), "pairs", "stages", "log";
+// "photographs" (name, file, registered, model, features, points, reason), "pairs", "stages", "log";
 // "partial": true where the work was interrupted, "resumed": images of a checkpoint.
 [[nodiscard]] nlohmann::ordered_json report_json(const PipelineResult& result);
 

@@ -34,12 +34,14 @@ struct TwoView {
   double median_angle = 0;             // radians, between the rays of those
 };
 
-// Essential matrix by the five-point method (Nister, PAMI 2004) and homography, both by MAGSAC++
-// (Barath et al., CVPR 2020) as OpenCV has it, seeded. Matches must fit the features.
+// The essential matrix, or the fundamental matrix where the focal length is a guess, and the
+// homography of the matches (robust_two_view.h), seeded. Matches must fit the features. `ratios`: of
+// each match as of match_features(), so that the surest are tried first; empty: not known.
 [[nodiscard]] TwoView verify_pair(const std::vector<cv::Point2f>& first,
                                   const std::vector<cv::Point2f>& second,
                                   const std::vector<Match>& matches, const geometry::Camera& camera,
-                                  const geometry::Camera& other, const TwoViewOptions& options);
+                                  const geometry::Camera& other, const TwoViewOptions& options,
+                                  const std::vector<float>& ratios = {});
 
 // Pixels without the lens's distortion, as a pinhole of the same matrix would see them.
 [[nodiscard]] std::vector<cv::Point2d> undistorted(const std::vector<cv::Point2f>& pixels,

@@ -8,6 +8,8 @@
 #include "tarsier/media/frame_source.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/still_source.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>
 
@@ -92,6 +94,20 @@ std::vector<Input> find_inputs(const std::vector<std::string>& sources,
 
 std::string key_frame_path(const std::string& folder, const Keyframe& frame) {
   return (fs::path(folder) / fmt::format("frame-{:06}.png", frame.index)).string();
+}
+
+std::vector<Input> inputs_of_database(const std::string& path) {
+  std::vector<Input> inputs;
+  for (const ColmapDatabase::DatabaseImage& image : read_colmap_database(path).images)
+    inputs.push_back({image.name, ""});
+  return inputs;
+}
+
+void require_names(const std::vector<Input>& inputs) {
+  for (const Input& input : inputs) {
+    if (const std::string trouble = trouble_of_name(input.name); !trouble.empty())
+      throw InputError(printable(input.path), trouble + ": rename it");
+  }
 }
 
 void require_two_images(const std::vector<Input>& inputs, const std::string& source) {

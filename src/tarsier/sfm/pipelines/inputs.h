@@ -24,6 +24,12 @@ namespace tarsier::sfm {
 // The file of a key frame of a video or camera: frame-000012.png.
 [[nodiscard]] std::string key_frame_path(const std::string& folder, const Keyframe& frame);
 
+// All images of COLMAP's database, without files. Throws InputError.
+[[nodiscard]] std::vector<Input> inputs_of_database(const std::string& path);
+
+// Throws InputError for a name that no model's file can hold.
+void require_names(const std::vector<Input>& inputs);
+
 // Throws InputError that names `source` where there are fewer than two.
 void require_two_images(const std::vector<Input>& inputs, const std::string& source);
 

@@ -77,6 +77,8 @@ Placement::Aligned align(Model& model, const PlacementOptions& options, const Po
 void PlacementOptions::check() const {
   TARSIER_REQUIRE(alignment != Alignment::kPositions || !positions_file.empty(),
                   "no file of positions");
+  TARSIER_REQUIRE(!distance || !markers, "a known distance and markers: one of them is expected");
+  if (markers) markers->check();
   if (!distance) return;
   TARSIER_REQUIRE(distance->distance > 0 && std::isfinite(distance->distance),
                   "a distance of {}: expected above 0", distance->distance);
@@ -92,6 +94,7 @@ nlohmann::ordered_json to_json(const Placement& placement) {
                        {"mean_residual", placement.aligned->mean_residual}};
   }
   if (placement.scale) json["scale"] = *placement.scale;
+  if (placement.markers) json["markers"] = to_json(*placement.markers);
   return json;
 }
 
@@ -160,19 +163,27 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
 }
 
 Placement place(Model& model, const PlacementOptions& options, const Positions& known,
-                std::uint64_t seed) {
+                std::uint64_t seed, const std::optional<MarkerScale>& markers) {
   options.check();
+  TARSIER_REQUIRE(markers.has_value() == options.markers.has_value(), "markers: {} measured",
+                  markers ? "were" : "were not");
   Placement placement;
+  placement.markers = markers;
   std::vector<const Image*> ends;
   if (options.distance) ends = ends_of(model, *options.distance);
   if (options.alignment != Alignment::kNone) placement.aligned = align(model, options, known, seed);
+  geometry::Sim3 similarity;
   if (options.distance) {
-    geometry::Sim3 similarity;
     similarity.scale =
         options.distance->distance / (ends[0]->pose.center() - ends[1]->pose.center()).norm();
-    transform(model, similarity);
-    placement.scale = similarity.scale;
+  } else if (markers) {
+    // The markers were measured in the model as it was.
+    similarity.scale = markers->scale / (placement.aligned ? placement.aligned->scale : 1);
+  } else {
+    return placement;
   }
+  transform(model, similarity);
+  placement.scale = similarity.scale;
   return placement;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/pipelines/marker_scale.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>
@@ -37,8 +38,10 @@ struct KnownDistance {
 struct PlacementOptions {
   Alignment alignment = Alignment::kNone;
   std::string positions_file;  // of kPositions, see read_positions_csv()
+  // What tells the unit, if anything does; not both.
   std::optional<KnownDistance> distance;
-  [[nodiscard]] bool any() const { return alignment != Alignment::kNone || distance.has_value(); }
+  std::optional<KnownMarkers> markers;
+  [[nodiscard]] bool any() const { return alignment != Alignment::kNone || distance || markers; }
   void check() const;  // throws std::invalid_argument that names the value
 };
 
@@ -50,9 +53,11 @@ struct Placement {
     double mean_residual = 0;  // distance of camera and position, units of the positions
   };
   std::optional<Aligned> aligned;
-  std::optional<double> scale;  // by the known distance
+  std::optional<double> scale;  // by the known distance or the markers
+  std::optional<MarkerScale> markers;
 };
-// {"aligned": {"photographs", "scale", "mean_residual"}, "scale"}, what there is of it.
+// {"aligned": {"photographs", "scale", "mean_residual"}, "scale", "markers": to_json(MarkerScale)},
+// what there is of it.
 [[nodiscard]] nlohmann::ordered_json to_json(const Placement& placement);
 
 // The positions of EXIF, of those images that have one. Throws Interrupted; an image that cannot be
@@ -66,9 +71,11 @@ struct Placement {
 [[nodiscard]] Positions positions_of(const PlacementOptions& options, const Positions& known,
                                      const std::vector<Input>& inputs, const std::stop_token& stop);
 
-// Brings the model to the positions (robust_similarity()), then to the known distance. Throws Error
-// where the images that joined do not tell scale or place; the model is then as it was.
+// Brings the model to the positions (robust_similarity()), then to the known distance, or to what
+// marker_scale() found, which is needed where options.markers are. Throws Error where the images that
+// joined do not tell scale or place; the model is then as it was.
 [[nodiscard]] Placement place(Model& model, const PlacementOptions& options, const Positions& known,
-                              std::uint64_t seed);
+                              std::uint64_t seed,
+                              const std::optional<MarkerScale>& markers = std::nullopt);
 
 }  // namespace tarsier::sfm

@@ -91,6 +91,29 @@ TEST(Placement, GivesTheModelAKnownDistance) {
   EXPECT_EQ(to_json(placement)["scale"], *placement.scale);
 }
 
+TEST(Placement, MarkersGiveTheUnitWhereverTheModelIsMoved) {
+  const Model original = synthetic_model();
+  PlacementOptions options;
+  options.markers = KnownMarkers{0.05, [](const cv::Mat&) { return std::vector<SeenMarker>(); }};
+  MarkerScale measured;
+  measured.scale = 0.25;
+  const auto distance = [](const Model& model) {
+    return (model.images[0].pose.center() - model.images[2].pose.center()).norm();
+  };
+  Model model = original;
+  const Placement placement = place(model, options, {}, 1, measured);
+  EXPECT_DOUBLE_EQ(placement.scale.value_or(0), 0.25);
+  EXPECT_NEAR(distance(model), 0.25 * distance(original), 1e-9);
+  EXPECT_EQ(to_json(placement)["markers"]["markers"], 0);
+
+  // Positions tell the place, the markers the unit.
+  model = original;
+  options.alignment = Alignment::kGps;
+  (void)place(model, options, moved_positions(original, some_similarity()), 1, measured);
+  EXPECT_NEAR(distance(model), 0.25 * distance(original), 1e-9);
+  EXPECT_THROW((void)place(model, options, {}, 1), std::invalid_argument);  // nothing was measured
+}
+
 TEST(Placement, ThatIsNotToldLeavesTheModel) {
   const Model before = synthetic_model();
   Model model = before;

@@ -7,6 +7,8 @@
 #include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/mapper/pairs.h"
 #include "tarsier/sfm/mapper/report.h"
 #include "tarsier/sfm/pipelines/inputs.h"
@@ -14,12 +16,16 @@
 #include "tarsier/sfm/pipelines/results.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/colmap_binary.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 namespace tarsier::sfm {
 namespace {
@@ -38,6 +44,33 @@ void write_match_image(const fs::path& folder, const ComparedPair& pair) {
   write_image((folder / name).string(), draw_matches(pair));
 }
 
+void write_database(const std::string& path, const std::vector<ImageFeatures>& images,
+                    const std::vector<Input>& inputs, const std::vector<Pair>& pairs) {
+  ColmapDatabase database;
+  std::map<std::array<double, 6>, int> cameras;
+  for (const ImageFeatures& image : images) {
+    const geometry::Camera& c = image.lens.camera;
+    const std::array<double, 6> key{static_cast<double>(c.width),
+                                    static_cast<double>(c.height),
+                                    c.fx,
+                                    c.fy,
+                                    c.cx,
+                                    c.distortion[0]};
+    const auto [entry, fresh] = cameras.emplace(key, static_cast<int>(database.cameras.size()));
+    if (fresh) database.cameras.push_back({c, std::string_view(image.lens.from) != "guess"});
+    ColmapDatabase::DatabaseImage known;
+    known.name = inputs[static_cast<std::size_t>(image.input)].name;
+    known.camera = entry->second;
+    known.features = image.features;
+    if (known.features.descriptors.cols != 128) known.features.descriptors.release();  // of bits
+    database.images.push_back(std::move(known));
+  }
+  for (const Pair& pair : pairs)
+    if (!pair.view.inliers.empty())
+      database.pairs.push_back({pair.first, pair.second, pair.view.inliers, pair.view});
+  write_colmap_database(path, database);
+}
+
 }  // namespace
 
 void ReconstructorOptions::check() const {
@@ -47,8 +80,9 @@ void ReconstructorOptions::check() const {
   TARSIER_REQUIRE(!pipeline.camera || pipeline.camera->lens == geometry::Lens::kPinhole,
                   "a {} lens: reconstruction takes pinhole ones, undistort the images before",
                   geometry::name_of(pipeline.camera->lens));
-  TARSIER_REQUIRE(!folder.empty() || !(undistorted || turntable || match_images),
-                  "further files need a folder");
+  TARSIER_REQUIRE(
+      !folder.empty() || !(undistorted || binary || database || turntable || match_images),
+      "further files need a folder");
 }
 
 void use_features(PipelineOptions& options, FeatureKind kind) {
@@ -89,11 +123,10 @@ void Reconstructor::check_outputs() const {
 
 // What would otherwise show when all the work is done.
 void Reconstructor::check_inputs(const std::vector<Input>& inputs) const {
+  require_names(inputs);
   std::vector<std::string> names;
   for (const Input& input : inputs) {
     names.push_back(input.name);
-    if (const std::string trouble = trouble_of_name(input.name); !trouble.empty())
-      throw InputError(printable(input.path), trouble + ": rename it");
     if (options_.undistorted && !is_image_path(input.name)) {
       throw InputError(input.path,
                        "undistorted images are written under their names, and of this ending none "
@@ -121,12 +154,14 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   check_outputs();
   require_two_images(inputs, inputs.empty() ? "images" : inputs.front().path);
   check_inputs(inputs);
-  const Positions known = positions_of(options_.placement, positions_, inputs, stop);
+  const Surroundings around{inputs, positions_of(options_.placement, positions_, inputs, stop),
+                            progress, stop};
 
   PipelineHooks pipeline_hooks;
   pipeline_hooks.partial = true;
   pipeline_hooks.watch = hooks.watch;
   pipeline_hooks.show = hooks.show;
+  pipeline_hooks.matched = hooks.matched;
   if (options_.match_images) {
     const fs::path folder = fs::path(options_.folder) / "matches";
     make_folder(folder.string());
@@ -134,34 +169,54 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
       write_match_image(folder, pair);
     };
   }
+  if (options_.database) {
+    pipeline_hooks.on_matched = [&](const std::vector<ImageFeatures>& images,
+                                    const std::vector<Input>& of, const std::vector<Pair>& pairs) {
+      write_database((fs::path(options_.folder) / "database.db").string(), images, of, pairs);
+    };
+  }
   ReconstructorResult result;
   result.pipeline = run_pipeline(inputs, options_.pipeline, progress, stop, pipeline_hooks);
-  write_models(result, known);
+  result.pipeline.names_files = options_.names_files;
+  write_models(result, around);
   if (hooks.on_models) hooks.on_models(result);
   if (result.interrupted()) return result;
   for (std::size_t m = 0; m < result.models().size(); ++m) {
     const std::string folder = model_folder(options_.folder, static_cast<int>(m));
+    if (options_.binary) write_colmap_binary(folder, result.models()[m]);
     if (options_.turntable) write_turntable(folder, result.models()[m]);
     if (options_.undistorted) write_undistorted(folder, result.models()[m], inputs, progress, stop);
   }
   return result;
 }
 
-void Reconstructor::place_largest(ReconstructorResult& result, const Positions& known) const {
+void Reconstructor::place_largest(ReconstructorResult& result, const Surroundings& around) const {
+  Model& model = result.pipeline.reconstruction.models[0];
+  const auto path_of = [&](const std::string& name) {
+    const auto input = std::find_if(around.inputs.begin(), around.inputs.end(),
+                                    [&](const Input& each) { return each.name == name; });
+    return input == around.inputs.end() ? name : input->path;
+  };
   try {
-    result.placement = place(result.pipeline.reconstruction.models[0], options_.placement, known,
-                             options_.pipeline.seed);
+    std::optional<MarkerScale> markers;
+    if (options_.placement.markers)
+      markers =
+          marker_scale(model, path_of, *options_.placement.markers, around.progress, around.stop);
+    result.placement =
+        place(model, options_.placement, around.known, options_.pipeline.seed, markers);
+  } catch (const Interrupted&) {
+    throw;
   } catch (const Error& error) {
     result.not_placed = error.what();
   }
 }
 
-void Reconstructor::write_models(ReconstructorResult& result, const Positions& known) const {
+void Reconstructor::write_models(ReconstructorResult& result, const Surroundings& around) const {
   const std::vector<Model>& models = result.models();
   const std::string& folder = options_.folder;
   const bool is_placed = !models.empty() && options_.placement.any();
   if (folder.empty()) {
-    if (is_placed) place_largest(result, known);
+    if (is_placed) place_largest(result, around);
     return;
   }
   const auto earlier = earlier_run(folder);
@@ -179,7 +234,7 @@ void Reconstructor::write_models(ReconstructorResult& result, const Positions& k
   write_report(folder, result);
   if (!models.empty()) remove_old_models(folder, static_cast<int>(models.size()), earlier);
   if (is_placed) {
-    place_largest(result, known);
+    place_largest(result, around);
     if (result.not_placed.empty()) write_model(folder, models[0]);
     write_report(folder, result);
   }

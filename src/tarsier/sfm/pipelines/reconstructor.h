@@ -25,7 +25,10 @@ struct ReconstructorOptions {
   // pipeline.cache_folder is named, it is that one.
   bool cache = true;
   // Further files, which need a folder.
-  bool undistorted = false;   // undistorted/: images and model for dense reconstruction
+  bool names_files = true;   // report.json says where each image lies
+  bool undistorted = false;  // undistorted/: images and model for dense reconstruction
+  bool binary = false;  // cameras.bin, images.bin, points3D.bin: the model as COLMAP's binary files
+  bool database = false;      // database.db: features and matches as COLMAP has them
   bool turntable = false;     // turntable.gif: the cloud, turning
   bool match_images = false;  // matches/: each pair, matches that were kept green, removed red
   void check() const;         // throws std::invalid_argument that names the value
@@ -52,6 +55,8 @@ struct ReconstructorResult {
 struct ReconstructorHooks {
   WatchModel watch;                        // sees the growing model; may be empty
   std::function<void(const Model&)> show;  // from time to time (MapperHooks::show); may be empty
+  // Gives what was found in the images before (PipelineHooks::matched); may be empty.
+  std::function<void(MatchedImages&)> matched;
   // When the models and their views are written, before further files that take time; may be empty.
   std::function<void(const ReconstructorResult&)> on_models;
 };
@@ -101,8 +106,15 @@ class Reconstructor {
 
  private:
   void check_inputs(const std::vector<Input>& inputs) const;
-  void write_models(ReconstructorResult& result, const Positions& known) const;
-  void place_largest(ReconstructorResult& result, const Positions& known) const;
+  // What placing the largest model takes beside the options.
+  struct Surroundings {
+    const std::vector<Input>& inputs;
+    Positions known;
+    Progress& progress;
+    std::stop_token stop;
+  };
+  void write_models(ReconstructorResult& result, const Surroundings& around) const;
+  void place_largest(ReconstructorResult& result, const Surroundings& around) const;
 
   ReconstructorOptions options_;
   Positions positions_;  // of the file

@@ -106,6 +106,44 @@ std::optional<EarlierRun> earlier_run(const std::string& folder) {
   return run;
 }
 
+std::map<std::string, std::string> image_files(const std::string& folder, const std::string& images,
+                                               const std::vector<std::string>& names,
+                                               bool is_report_trusted) {
+  std::vector<fs::path> folders{images};
+  std::map<std::string, std::string> reported;
+  if (images.empty()) {
+    folders = {fs::path(folder) / "images", fs::path(folder) / "frames"};
+    const Json report = is_report_trusted ? read_report(folder) : Json();
+    const Json photos = report.is_object() ? report.value("photographs", Json()) : Json();
+    for (const Json& photo : photos.is_array() ? photos : Json::array()) {
+      if (!photo.is_object()) continue;
+      const Json name = photo.value("name", Json());
+      const Json file = photo.value("file", Json());
+      if (name.is_string() && file.is_string())
+        reported[name.get<std::string>()] = file.get<std::string>();
+    }
+  }
+  std::map<std::string, std::string> files;
+  std::error_code error;
+  for (const std::string& name : names) {
+    for (const fs::path& place : folders) {
+      if (files.count(name) == 0 && fs::is_regular_file(place / name, error))
+        files[name] = (place / name).string();
+    }
+    const auto found = reported.find(name);
+    if (files.count(name) == 0 && found != reported.end() &&
+        fs::is_regular_file(found->second, error))
+      files[name] = found->second;
+    if (files.count(name) == 0) {
+      throw InputError(printable(images.empty() ? folder : images),
+                       fmt::format("the image '{}' of the model is not there; name the folder of "
+                                   "the images with --images",
+                                   printable(name)));
+    }
+  }
+  return files;
+}
+
 std::string model_folder(const std::string& folder, int model) {
   return model == 0 ? folder : (fs::path(folder) / fmt::format("model-{}", model)).string();
 }

@@ -3,9 +3,11 @@
 
 #include "tarsier/sfm/scene/model.h"
 
+#include <map>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
+#include <vector>
 
 // What `sfm reconstruct` leaves in its folder, from one run to the next.
 namespace tarsier::sfm {
@@ -18,6 +20,14 @@ struct EarlierRun {
 };
 // Nothing where there is no report.json that this program wrote.
 [[nodiscard]] std::optional<EarlierRun> earlier_run(const std::string& folder);
+
+// Where the images of a model in `folder` are, by name. `images` is their folder; empty: folder/images
+// and folder/frames are looked into, then the files that report.json names, unless it is not to be
+// trusted: it may name any file of this machine. Throws InputError for the first image that is nowhere.
+[[nodiscard]] std::map<std::string, std::string> image_files(const std::string& folder,
+                                                             const std::string& images,
+                                                             const std::vector<std::string>& names,
+                                                             bool is_report_trusted = true);
 
 // The folder of a model: 0 is `folder` itself, the others are model-1, ...
 [[nodiscard]] std::string model_folder(const std::string& folder, int model);

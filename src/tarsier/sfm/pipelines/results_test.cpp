@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/pipelines/results.h"
 
+#include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/scene/colmap.h"
@@ -52,6 +53,22 @@ TEST_F(Results, OfAnEarlierRunAreKnownByTheReport) {
   // Of an older program: its log was called otherwise.
   write("report.json", R"({"models":[{}],"photographs":[],"stages":[],"story":[]})");
   EXPECT_TRUE(earlier_run(folder_));
+}
+
+TEST_F(Results, ImagesAreFoundInTheirFolderOrByTheReport) {
+  write("elsewhere/a.jpg", "a");
+  write("images/b.jpg", "b");
+  write("report.json", R"({"photographs":[{"name":"a.jpg","file":")" + folder_ +
+                           R"(/elsewhere/a.jpg"},{"name":"c.jpg"},7]})");
+  const auto files = image_files(folder_, "", {"a.jpg", "b.jpg"});
+  EXPECT_EQ(files.at("a.jpg"), folder_ + "/elsewhere/a.jpg");
+  EXPECT_EQ(fs::path(files.at("b.jpg")), fs::path(folder_) / "images" / "b.jpg");
+  EXPECT_THROW((void)image_files(folder_, "", {"c.jpg"}), InputError);
+  // A report of a stranger may name any file.
+  EXPECT_THROW((void)image_files(folder_, "", {"a.jpg"}, false), InputError);
+  EXPECT_EQ(image_files(folder_, "", {"b.jpg"}, false), image_files(folder_, "", {"b.jpg"}));
+  // A folder that is named is the only one.
+  EXPECT_THROW((void)image_files(folder_, folder_ + "/elsewhere", {"b.jpg"}), InputError);
 }
 
 TEST_F(Results, ModelsOfAnEarlierRunGo) {

@@ -6,7 +6,8 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/words.h"
 #include "tarsier/geometry/colmap_camera.h"
-#include "tarsier/media/atomic_file.h"
+#include "tarsier/sfm/scene/buffered_file.h"
+#include "tarsier/sfm/scene/colmap_binary.h"
 
 #include <fmt/format.h>
 
@@ -37,38 +38,14 @@ constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
 constexpr std::int64_t kMaxPointId = std::numeric_limits<std::int64_t>::max();
 constexpr int kMaxIndex = std::numeric_limits<int>::max();
 
-// Text in pieces to a file that appears when all is written.
-class TextFile {
+class TextFile : public BufferedFile {
  public:
-  explicit TextFile(const std::string& path)
-      : path_(path), file_(path), stream_(file_.path(), std::ios::binary) {
-    if (!stream_) throw OutputError(path_, "cannot write");
-  }
+  using BufferedFile::BufferedFile;
   template <typename... Args>
   void add(fmt::format_string<Args...> format, Args&&... args) {
-    fmt::format_to(std::back_inserter(buffer_), format, std::forward<Args>(args)...);
-    if (buffer_.size() > 1'000'000) flush();
+    fmt::format_to(std::back_inserter(buffer()), format, std::forward<Args>(args)...);
+    flush_if_full();
   }
-  void commit() {
-    flush();
-    stream_.close();
-    check();
-    file_.commit();
-  }
-
- private:
-  void flush() {
-    stream_.write(buffer_.data(), static_cast<std::streamsize>(buffer_.size()));
-    check();
-    buffer_.clear();
-  }
-  void check() const {
-    if (!stream_) throw OutputError(path_, "cannot write (is the disk full?)");
-  }
-  std::string path_;
-  AtomicFile file_;
-  std::ofstream stream_;
-  std::string buffer_;
 };
 
 bool is_index(int index, std::size_t size) {
@@ -91,34 +68,6 @@ void check_image(const Image& image, const Model& model) {
   TARSIER_REQUIRE(geometry::is_rotation(image.pose.rotation), "the rotation of '{}' is none",
                   image.name);
   TARSIER_REQUIRE(image.pose.translation.allFinite(), "the translation of '{}'", image.name);
-}
-
-void check_model(const Model& model) {
-  std::size_t seen = 0;
-  std::set<std::string_view> names;
-  for (const Image& image : model.images) {
-    if (!image.registered) continue;
-    check_image(image, model);
-    TARSIER_REQUIRE(names.insert(image.name).second, "'{}' is there twice", image.name);
-    seen += image.points.size() -
-            static_cast<std::size_t>(std::count(image.points.begin(), image.points.end(), -1));
-  }
-  std::size_t tracked = 0;
-  for (std::size_t p = 0; p < model.points.size(); ++p) {
-    const Point& point = model.points[p];
-    TARSIER_REQUIRE(point.position.allFinite() && std::isfinite(point.error), "point {}", p);
-    TARSIER_REQUIRE(point.track.size() >= 2, "point {} is seen {} times", p, point.track.size());
-    for (const auto& [i, f] : point.track) {
-      TARSIER_REQUIRE(is_index(i, model.images.size()), "image {} of point {}", i, p);
-      const Image& image = model.images[static_cast<std::size_t>(i)];
-      TARSIER_REQUIRE(image.registered, "'{}' of point {}", image.name, p);
-      TARSIER_REQUIRE(is_index(f, image.features.size()), "feature {} of point {}", f, p);
-      TARSIER_REQUIRE(image.points[static_cast<std::size_t>(f)] == static_cast<int>(p),
-                      "feature {} of '{}', in the track of point {}", f, image.name, p);
-    }
-    tracked += point.track.size();
-  }
-  TARSIER_REQUIRE(tracked == seen, "{} features have points, tracks have {}", seen, tracked);
 }
 
 void write_images(const std::string& path, const Model& model, const std::vector<int>& camera_ids) {
@@ -423,6 +372,34 @@ class ModelReader {
 
 }  // namespace
 
+void check_model(const Model& model) {
+  std::size_t seen = 0;
+  std::set<std::string_view> names;
+  for (const Image& image : model.images) {
+    if (!image.registered) continue;
+    check_image(image, model);
+    TARSIER_REQUIRE(names.insert(image.name).second, "'{}' is there twice", image.name);
+    seen += image.points.size() -
+            static_cast<std::size_t>(std::count(image.points.begin(), image.points.end(), -1));
+  }
+  std::size_t tracked = 0;
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    const Point& point = model.points[p];
+    TARSIER_REQUIRE(point.position.allFinite() && std::isfinite(point.error), "point {}", p);
+    TARSIER_REQUIRE(point.track.size() >= 2, "point {} is seen {} times", p, point.track.size());
+    for (const auto& [i, f] : point.track) {
+      TARSIER_REQUIRE(is_index(i, model.images.size()), "image {} of point {}", i, p);
+      const Image& image = model.images[static_cast<std::size_t>(i)];
+      TARSIER_REQUIRE(image.registered, "'{}' of point {}", image.name, p);
+      TARSIER_REQUIRE(is_index(f, image.features.size()), "feature {} of point {}", f, p);
+      TARSIER_REQUIRE(image.points[static_cast<std::size_t>(f)] == static_cast<int>(p),
+                      "feature {} of '{}', in the track of point {}", f, image.name, p);
+    }
+    tracked += point.track.size();
+  }
+  TARSIER_REQUIRE(tracked == seen, "{} features have points, tracks have {}", seen, tracked);
+}
+
 void write_colmap(const std::string& folder, const Model& model) {
   check_model(model);
   std::vector<int> camera_ids(model.cameras.size(), 0);
@@ -446,9 +423,20 @@ void write_colmap(const std::string& folder, const Model& model) {
   write_points((fs::path(folder) / "points3D.txt").string(), model);
 }
 
-Model read_colmap(const std::string& folder) { return ModelReader(false).read(folder); }
+Model read_colmap(const std::string& folder) {
+  return is_colmap_binary(folder) ? read_colmap_binary(folder) : ModelReader(false).read(folder);
+}
 
-Model read_colmap_poses(const std::string& folder) { return ModelReader(true).read(folder); }
+Model read_colmap_poses(const std::string& folder) {
+  if (!is_colmap_binary(folder)) return ModelReader(true).read(folder);
+  Model model = read_colmap_binary(folder);
+  model.points.clear();
+  for (Image& image : model.images) {
+    image.features.clear();
+    image.points.clear();
+  }
+  return model;
+}
 
 std::string trouble_of_name(std::string_view name) {
   if (name.empty()) return "has no name";

@@ -20,7 +20,8 @@ namespace tarsier::sfm {
 // that its feature does not know of; numbers that are not finite).
 void write_colmap(const std::string& folder, const Model& model);
 
-// Reads it back, or what COLMAP itself wrote, in the order of the files; all images are
+// Reads it back, or what COLMAP itself wrote (where there are only binary files, those:
+// colmap_binary.h), in the order of the files; all images are
 // registered. Files of any size are read line by line; the model may have 1 million cameras and
 // images and 500 million features, a line 100 MB. Where COLMAP has two features of one
 // image in a track, the first stays; points seen in one image only are left out. Throws

@@ -14,7 +14,9 @@
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace tarsier::sfm {
@@ -23,6 +25,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "the page reads little endian numbers");
 
 constexpr double kWidest = 8;  // scales from the middle; positions have 16 bits for all of it
+constexpr int kMaxCloud = 400'000;
 
 // JSON that may stand within a script element: nothing in it can end that element.
 std::string json_in_script(const nlohmann::json& json) {
@@ -66,15 +69,28 @@ std::string counted(std::size_t number, std::string_view one, std::string_view m
   return fmt::format("{} {}", grouped(number), number == 1 ? one : many);
 }
 
-std::string viewer(const Model& model, const std::string& title, int max_points, bool whole) {
-  TARSIER_REQUIRE(max_points >= 1, "{}", max_points);
-  const Framing framing = frame_model(model);
-  const double scale = framing.scale();
+// The page's frame: x right, y up, in radii of what is seen.
+struct Frame {
+  Framing framing;
+  [[nodiscard]] Eigen::Vector3d of(const Eigen::Vector3d& world) const {
+    return framing.framed(world) / framing.scale();
+  }
+};
 
+template <typename T>
+std::string base64_of(const std::vector<T>& values) {
+  return base64(values.data(), values.size() * sizeof(T));
+}
+
+// Points in 16 bits a coordinate; at most `max_points`, spread evenly. `position(i)`: world,
+// `color(i)`: BGR.
+template <typename Position, typename Color>
+nlohmann::json cloud_json(std::size_t count, const Frame& frame, int max_points,
+                          const Position& position, const Color& color) {
   std::vector<std::size_t> order;
   double range = 1;
-  for (std::size_t i = 0; i < model.points.size(); ++i) {
-    const Eigen::Vector3d framed = framing.framed(model.points[i].position) / scale;
+  for (std::size_t i = 0; i < count; ++i) {
+    const Eigen::Vector3d framed = frame.of(position(i));
     const double widest = framed.cwiseAbs().maxCoeff();
     if (!(widest <= kWidest) || !framed.allFinite()) continue;
     range = std::max(range, widest);
@@ -85,23 +101,115 @@ std::string viewer(const Model& model, const std::string& title, int max_points,
   for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random() % i]);
   if (order.size() > static_cast<std::size_t>(max_points))
     order.resize(static_cast<std::size_t>(max_points));
-
   std::vector<std::uint16_t> positions;
   std::vector<std::uint8_t> colors;
   for (const std::size_t i : order) {
-    const Point& point = model.points[i];
-    const Eigen::Vector3d framed = framing.framed(point.position) / scale;
+    const Eigen::Vector3d framed = frame.of(position(i));
     for (int k = 0; k < 3; ++k) {
       positions.push_back(
           static_cast<std::uint16_t>(std::lround((framed[k] / range + 1) * 32767.5)));
-      colors.push_back(point.color[2 - k]);
+      colors.push_back(color(i)[2 - k]);
     }
   }
+  return {{"drawn", order.size()},
+          {"range", range},
+          {"positions", base64_of(positions)},
+          {"colors", base64_of(colors)}};
+}
+
+void check(const ViewerLayers& layers) {
+  TARSIER_REQUIRE(layers.cloud.colors.size() == layers.cloud.positions.size(),
+                  "{} colours of {} points", layers.cloud.colors.size(),
+                  layers.cloud.positions.size());
+  const ViewerSurface& surface = layers.surface;
+  TARSIER_REQUIRE(surface.colors.size() == surface.vertices.size(), "{} colours of {} vertices",
+                  surface.colors.size(), surface.vertices.size());
+  TARSIER_REQUIRE(surface.indices.size() % 3 == 0, "{} corners of faces", surface.indices.size());
+  TARSIER_REQUIRE(surface.texture.empty() || surface.uvs.size() == surface.vertices.size(),
+                  "{} places in the texture, of {} vertices", surface.uvs.size(),
+                  surface.vertices.size());
+  for (const std::uint32_t index : surface.indices)
+    TARSIER_REQUIRE(index < surface.vertices.size(), "vertex {} of {}", index,
+                    surface.vertices.size());
+}
+
+nlohmann::json surface_json(const ViewerSurface& surface, const Frame& frame) {
+  std::vector<float> positions;
+  std::vector<std::uint8_t> colors;
+  std::vector<bool> is_near;
+  for (std::size_t i = 0; i < surface.vertices.size(); ++i) {
+    const Eigen::Vector3d framed = frame.of(surface.vertices[i].cast<double>());
+    is_near.push_back(framed.allFinite() && framed.cwiseAbs().maxCoeff() <= kWidest);
+    for (int k = 0; k < 3; ++k) {
+      positions.push_back(is_near.back() ? static_cast<float>(framed[k]) : 0.F);
+      colors.push_back(surface.colors[i][2 - k]);
+    }
+  }
+  std::vector<std::uint32_t> indices;
+  for (std::size_t f = 0; f < surface.indices.size(); f += 3) {
+    const auto corners = std::span(surface.indices).subspan(f, 3);
+    if (std::all_of(corners.begin(), corners.end(), [&](std::uint32_t v) { return is_near[v]; }))
+      indices.insert(indices.end(), corners.begin(), corners.end());
+  }
+  nlohmann::json json{{"positions", base64_of(positions)},
+                      {"colors", base64_of(colors)},
+                      {"indices", base64_of(indices)}};
+  if (!surface.texture.empty()) {
+    std::vector<float> uvs;
+    for (const cv::Vec2f& uv : surface.uvs) uvs.insert(uvs.end(), {uv[0], uv[1]});
+    json["uvs"] = base64_of(uvs);
+    json["texture"] = base64(surface.texture.data(), surface.texture.size());
+  }
+  return json;
+}
+
+std::string layer_button(const char* layer, const char* label) {
+  return fmt::format(
+      "<button type=\"button\" class=\"tv-layer\" data-layer=\"{}\" "
+      "aria-pressed=\"false\">{}</button>",
+      layer, label);
+}
+
+// Six sliders: from and to of each axis.
+std::string cut_panel() {
+  std::string panel = "<div class=\"tv-cut\" hidden>";
+  for (const auto& [low, high] :
+       {std::pair("left", "right"), std::pair("below", "above"), std::pair("back", "front")}) {
+    for (const auto& [name, value] : {std::pair(low, 0), std::pair(high, 1000)}) {
+      panel +=
+          fmt::format("<label>{}<input type=\"range\" min=\"0\" max=\"1000\" value=\"{}\"></label>",
+                      name, value);
+    }
+  }
+  return panel + "</div>";
+}
+
+std::string viewer(const Model& model, const std::string& title, const ViewerLayers& layers,
+                   int max_points, bool whole) {
+  TARSIER_REQUIRE(max_points >= 1, "{}", max_points);
+  check(layers);
+  const Frame frame{frame_model(model)};
+  const Framing& framing = frame.framing;
+  const double scale = framing.scale();
+  nlohmann::json data = cloud_json(
+      model.points.size(), frame, max_points,
+      [&](std::size_t i) { return model.points[i].position; },
+      [&](std::size_t i) { return model.points[i].color; });
+  const bool has_cloud = !layers.cloud.positions.empty();
+  const bool has_surface = !layers.surface.indices.empty();
+  if (has_cloud) {
+    data["cloud"] = cloud_json(
+        layers.cloud.positions.size(), frame, kMaxCloud,
+        [&](std::size_t i) { return Eigen::Vector3d(layers.cloud.positions[i].cast<double>()); },
+        [&](std::size_t i) { return layers.cloud.colors[i]; });
+  }
+  if (has_surface) data["mesh"] = surface_json(layers.surface, frame);
+  const auto shown = data["drawn"].get<std::size_t>();
   std::vector<float> cameras;
   nlohmann::json names = nlohmann::json::array();
   for (const Pyramid& pyramid : camera_pyramids(model, framing)) {
     for (const Eigen::Vector3d& vertex : pyramid.vertices) {
-      const Eigen::Vector3d framed = framing.framed(vertex) / scale;
+      const Eigen::Vector3d framed = frame.of(vertex);
       for (int k = 0; k < 3; ++k) cameras.push_back(static_cast<float>(framed[k]));
     }
     names.push_back(model.images[static_cast<std::size_t>(pyramid.image)].name);
@@ -117,18 +225,19 @@ std::string viewer(const Model& model, const std::string& title, int max_points,
   if (registered != model.images.size())
     images = fmt::format("{} of {}", grouped(registered),
                          counted(model.images.size(), "image", "images"));
-  nlohmann::json data = {
-      {"drawn", order.size()},
-      {"range", range},
+  std::string more;
+  if (has_cloud)
+    more += " \u00b7 " + counted(layers.cloud.positions.size(), "dense point", "dense points");
+  if (has_surface) more += " \u00b7 " + counted(layers.surface.indices.size() / 3, "face", "faces");
+  data.update({
       {"radius", framing.radius / scale},
       {"height", framing.half_height / scale},
-      {"positions", base64(positions.data(), positions.size() * sizeof(positions[0]))},
-      {"colors", base64(colors.data(), colors.size())},
-      {"cameras", base64(cameras.data(), cameras.size() * sizeof(float))},
+      {"unit", scale},  // of the model, for one of the page
+      {"cameras", base64_of(cameras)},
       {"names", std::move(names)},
       {"listed", std::min<std::size_t>(registered, 2000)},
-      {"plainly", drawn(std::min<std::size_t>(order.size(), 15000))},
-  };
+      {"plainly", drawn(std::min<std::size_t>(shown, 15000))},
+  });
 
   std::string page;
   const std::string label = escaped_markup(title);
@@ -145,15 +254,23 @@ std::string viewer(const Model& model, const std::string& title, int max_points,
   // After the general height of a view.
   if (whole) page += "body>.tv{height:100vh;min-height:0}\n";
   page += "</style>\n<canvas tabindex=\"0\" aria-label=\"" + label + "\"></canvas>\n";
+  page += "<svg class=\"tv-over\" aria-hidden=\"true\"></svg>\n";
+  page += "<div class=\"tv-cams\"><div class=\"tv-bar\">";
+  if (has_cloud || has_surface) page += layer_button("points", "Points");
+  if (has_cloud) page += layer_button("cloud", "Dense");
+  if (has_surface) page += layer_button("mesh", "Surface");
   page +=
-      "<div class=\"tv-cams\"><div class=\"tv-bar\">"
+      "<button type=\"button\" class=\"tv-measure\" aria-pressed=\"false\">Measure</button>"
+      "<button type=\"button\" class=\"tv-slice\" aria-pressed=\"false\">Cut</button>"
       "<button type=\"button\" class=\"tv-list\" aria-pressed=\"false\">Names</button>"
       "<button type=\"button\" class=\"tv-show\" aria-pressed=\"true\">Cameras</button>"
-      "<button type=\"button\" class=\"tv-reset\">Reset</button></div><ol hidden></ol></div>\n";
+      "<button type=\"button\" class=\"tv-reset\">Reset</button></div>";
+  page += cut_panel();
+  page += "<output class=\"tv-length\" hidden></output><ol hidden></ol></div>\n";
   page += "<div class=\"tv-legend\"><b>" + label +
           "</b><span><span class=\"tv-drawn\" "
           "style=\"display:inline\">" +
-          drawn(order.size()) + "</span> \u00b7 " + images +
+          drawn(shown) + "</span> \u00b7 " + images + more +
           "</span>\n<span class=\"tv-keys\">drag: turn \u00b7 wheel: zoom \u00b7 shift-drag: move "
           "\u00b7 double click: reset</span><noscript><span>Needs JavaScript.</span></noscript>"
           "</div>\n<div class=\"tv-tip\" hidden></div>\n";
@@ -169,11 +286,16 @@ std::string viewer(const Model& model, const std::string& title, int max_points,
 }  // namespace
 
 std::string viewer_html(const Model& model, const std::string& title, int max_points) {
-  return viewer(model, title, max_points, true);
+  return viewer(model, title, {}, max_points, true);
+}
+
+std::string viewer_html(const Model& model, const std::string& title, const ViewerLayers& layers,
+                        int max_points) {
+  return viewer(model, title, layers, max_points, true);
 }
 
 std::string viewer_fragment(const Model& model, const std::string& title, int max_points) {
-  return viewer(model, title, max_points, false);
+  return viewer(model, title, {}, max_points, false);
 }
 
 }  // namespace tarsier::sfm

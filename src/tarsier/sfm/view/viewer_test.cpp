@@ -4,7 +4,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::sfm {
@@ -65,6 +68,56 @@ TEST(Viewer, IsOnePageThatNeedsNoNetwork) {
   EXPECT_THAT(page, Not(HasSubstr("url(")));
   EXPECT_THAT(page, HasSubstr("photo1.jpg"));
   EXPECT_THAT(page, Not(HasSubstr("photo2.jpg")));  // not registered
+}
+
+// Two faces between four points of the cloud's size.
+ViewerLayers sample_layers() {
+  ViewerLayers layers;
+  for (int i = 0; i < 10; ++i) {
+    layers.cloud.positions.emplace_back(0.1F * static_cast<float>(i), 0, 0);
+    layers.cloud.colors.emplace_back(1, 2, 3);
+  }
+  layers.surface.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1e6F, 0, 0}};
+  layers.surface.colors.assign(4, {1, 2, 3});
+  layers.surface.indices = {0, 1, 2, 0, 1, 3};
+  return layers;
+}
+
+TEST(Viewer, LayersHaveButtonsAndTheUnitOfTheModel) {
+  const Model model = sample_model(500);
+  const std::string plain = viewer_html(model, "x");
+  EXPECT_THAT(plain, Not(HasSubstr("data-layer")));
+  EXPECT_THAT(plain, HasSubstr("tv-measure"));
+
+  const std::string page = viewer_html(model, "x", sample_layers());
+  for (const char* layer : {"points", "cloud", "mesh"})
+    EXPECT_THAT(page, HasSubstr("data-layer=\"" + std::string(layer) + "\"")) << layer;
+  EXPECT_THAT(page, HasSubstr("10 dense points"));
+  EXPECT_THAT(page, HasSubstr("2 faces"));
+  const nlohmann::json data = data_of(page);
+  EXPECT_EQ(data["cloud"]["drawn"], 10);
+  EXPECT_FALSE(data["mesh"].contains("texture"));
+  // A face with a vertex far away is not drawn.
+  EXPECT_EQ(bytes_of(data["mesh"]["indices"]).size(), 3 * sizeof(std::uint32_t));
+  // What is measured on the page is in units of the model.
+  const std::string bytes = bytes_of(data["mesh"]["positions"]);
+  std::array<float, 6> at{};
+  std::memcpy(at.data(), bytes.data(), sizeof at);
+  const double side = std::hypot(at[3] - at[0], at[4] - at[1], at[5] - at[2]);
+  EXPECT_NEAR(side * data["unit"].get<double>(), 1, 1e-5);
+}
+
+TEST(Viewer, RefusesLayersThatDoNotFit) {
+  const Model model = sample_model(500);
+  ViewerLayers layers = sample_layers();
+  layers.surface.indices.back() = 4;
+  EXPECT_THROW((void)viewer_html(model, "", layers), std::invalid_argument);
+  layers = sample_layers();
+  layers.surface.texture = "bytes";  // without places in it
+  EXPECT_THROW((void)viewer_html(model, "", layers), std::invalid_argument);
+  layers = sample_layers();
+  layers.cloud.colors.pop_back();
+  EXPECT_THROW((void)viewer_html(model, "", layers), std::invalid_argument);
 }
 
 TEST(Viewer, HoldsThePoints) {

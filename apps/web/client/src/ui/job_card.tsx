@@ -79,11 +79,7 @@ export function JobCard(props: { job: Job; onChange?: () => void; files?: boolea
       )}
       <div class="row">
         {active && (
-          <AsyncButton
-            small
-            kind="danger"
-            run={() => act(() => api.cancelJob(job.id), 'The job was told to stop.')}
-          >
+          <AsyncButton small kind="danger" run={() => act(() => api.cancelJob(job.id), 'The job stops.')}>
             Cancel
           </AsyncButton>
         )}

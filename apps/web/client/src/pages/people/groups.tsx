@@ -5,36 +5,24 @@ import { timeText } from '../../format';
 import { useLoad } from '../../hooks';
 import { AsyncButton, Button, Confirm, Dialog, Select, Table, TextField } from '../../ui';
 import { attempt, toast } from '../../ui/toast';
-import { hasState } from '../shared/files';
-import { jobBlob, problemOfJob, settleJob } from '../shared/jobs';
+import { blobOfRun, hasState } from '../shared/files';
+import { correct } from './correct';
+import { FacesDialog } from './faces';
 import { correctionOf, correctionText, groupOf, nameProblem, type Correction, type Group } from './model';
 
-// One correction; its problem is thrown in the program's own words.
-export async function correct(verb: string, inputs: string[], flags: Flags = {}): Promise<void> {
-  const answer = await api.run(verb, inputs, flags);
-  if (answer.exit !== 0) throw new Error(answer.error || 'Nothing was changed.');
-}
-
-// The best faces of each group as one image. Its job is removed at once: nothing of it stays on the server.
+// The best faces of each group as one image.
 async function sheet(): Promise<Blob> {
-  const job = await settleJob({
-    verb: 'people groups',
-    inputs: [],
-    flags: { '--draw': 'out:groups.png' },
-    name: 'Groups of unknown faces',
-  });
-  try {
-    if (job.state !== 'done') throw new Error(problemOfJob(job));
-    return await jobBlob(job.id, 'groups.png');
-  } finally {
-    await api.removeJob(job.id).catch(() => undefined);
-  }
+  const answer = await api.run('people groups', [], { '--draw': 'out:groups.png' });
+  const image = blobOfRun(answer, 'groups.png');
+  if (!image) throw new Error(answer.error || 'There are no faces.');
+  return image;
 }
 
 export function Groups(props: { changes: number; onChange: () => void }) {
   const [image, setImage] = useState('');
   const [naming, setNaming] = useState<Group | null>(null);
   const [forgetting, setForgetting] = useState<Group | null>(null);
+  const [looking, setLooking] = useState<Group | null>(null);
   const groups = useLoad(async () => {
     if (!(await hasState('gallery'))) return [];
     const answer = await api.run('people groups');
@@ -91,7 +79,11 @@ export function Groups(props: { changes: number; onChange: () => void }) {
         hideCaption
         columns={[
           { name: 'Group', show: (one) => one.group, number: true },
-          { name: 'Seen', show: (one) => `${one.sightings} times`, number: true },
+          {
+            name: 'Seen',
+            show: (one) => (one.sightings === 1 ? 'once' : `${one.sightings} times`),
+            number: true,
+          },
           { name: 'Last', show: (one) => timeText(one.last) },
           {
             name: 'Change',
@@ -99,6 +91,9 @@ export function Groups(props: { changes: number; onChange: () => void }) {
               <div class="row">
                 <Button small aria-label={`Name group ${one.group}`} onClick={() => setNaming(one)}>
                   Name
+                </Button>
+                <Button small aria-label={`Faces of group ${one.group}`} onClick={() => setLooking(one)}>
+                  Faces
                 </Button>
                 <Button
                   small
@@ -122,6 +117,17 @@ export function Groups(props: { changes: number; onChange: () => void }) {
           others={rows.filter((one) => one.group !== naming.group)}
           change={change}
           onClose={() => setNaming(null)}
+        />
+      )}
+      {looking && (
+        <FacesDialog
+          whose={{ group: looking.group }}
+          names={[]}
+          onChange={() => {
+            setImage('');
+            props.onChange();
+          }}
+          onClose={() => setLooking(null)}
         />
       )}
       <Confirm

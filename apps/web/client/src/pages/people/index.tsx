@@ -19,7 +19,9 @@ import { attempt, toast } from '../../ui/toast';
 import { hasState, save } from '../shared/files';
 import { settleJob, useJob } from '../shared/jobs';
 import { Enrol } from './enrol';
-import { correct, Corrections, Groups } from './groups';
+import { FacesDialog } from './faces';
+import { correct } from './correct';
+import { Corrections, Groups } from './groups';
 import { Identify } from './identify';
 import { LivePeople } from './live_people';
 import { personOf, proofOf, sightingOf, type Person, type Proof } from './model';
@@ -65,6 +67,7 @@ export function People() {
 
 function Gallery(props: { people: Person[]; error: string; again: () => void; onAdd: () => void }) {
   const [forgetting, setForgetting] = useState<string | null>(null);
+  const [looking, setLooking] = useState<string | null>(null);
   const [proof, setProof] = useState<Proof | null>(null);
   const [exported, setExported] = useState<string>();
   const job = useJob(exported);
@@ -112,16 +115,21 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
             { name: 'Agreed', show: (one) => one.note || 'no note' },
             { name: 'Since', show: (one) => timeText(one.time) },
             {
-              name: 'Forget',
+              name: 'Change',
               show: (one) => (
-                <Button
-                  small
-                  kind="danger"
-                  aria-label={`Forget ${one.name}`}
-                  onClick={() => setForgetting(one.name)}
-                >
-                  Forget
-                </Button>
+                <div class="row">
+                  <Button small aria-label={`Faces of ${one.name}`} onClick={() => setLooking(one.name)}>
+                    Faces
+                  </Button>
+                  <Button
+                    small
+                    kind="danger"
+                    aria-label={`Forget ${one.name}`}
+                    onClick={() => setForgetting(one.name)}
+                  >
+                    Forget
+                  </Button>
+                </div>
               ),
             },
           ]}
@@ -229,6 +237,14 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
         </div>
       </section>
       <Corrections changes={changes} onChange={changed} />
+      {looking !== null && (
+        <FacesDialog
+          whose={{ person: looking }}
+          names={props.people.map((one) => one.name)}
+          onChange={changed}
+          onClose={() => setLooking(null)}
+        />
+      )}
       <Confirm
         title={`Forget ${forgetting ?? ''}?`}
         text="All faces, templates and sightings of this person are removed for good. Then all files of the workspace are searched for what was removed, and you see the proof."

@@ -78,6 +78,23 @@ export function groupOf(line: unknown): Group | null {
   return { group: v.group, sightings: v.sightings, last: word(v.last) };
 }
 
+// An enrolled face, or one that was seen, on a sheet of them.
+export interface DrawnFace {
+  id: number;
+  time: string;
+  source: string;
+  quality: number;
+  box: [number, number, number, number] | null; // in the sheet, px; null: it found no room there
+}
+
+export function drawnFaceOf(line: unknown): DrawnFace | null {
+  const v = fields(line);
+  const id = v?.face ?? v?.id;
+  if (!v || typeof id !== 'number' || typeof v.quality !== 'number') return null;
+  const box = Array.isArray(v.box) && v.box.length === 4 ? (v.box.map(count) as DrawnFace['box']) : null;
+  return { id, time: word(v.time), source: word(v.source), quality: v.quality, box };
+}
+
 export interface Correction {
   correction: number;
   time: string;

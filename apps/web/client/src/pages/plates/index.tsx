@@ -389,6 +389,7 @@ function Watch(props: { entries: WatchEntry[]; problem: string | undefined; onCh
         <Table
           caption="Plates that matter"
           hideCaption
+          stacks
           columns={[
             {
               name: 'Plate',

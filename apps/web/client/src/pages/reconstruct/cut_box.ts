@@ -1,5 +1,6 @@
 // A box that cuts a part out of a cloud. Its axes are those of the upright view: x to the right, y up, z to the viewer
 // of the first view. Pure.
+import type { Cloud } from './colmap';
 import { upOf, type Model } from './model';
 import { rotate, upright, type Vector } from './orbit';
 
@@ -14,10 +15,9 @@ export const axes = [
   { name: 'z', words: 'deep' },
 ] as const;
 
-// The positions of the cloud, turned so that up is up.
-export function uprightPositions(model: Model): Float32Array<ArrayBuffer> {
+// The positions of a cloud, turned so that up is up, as the model's cameras have it.
+export function uprightPositions(model: Model, { positions, count }: Cloud): Float32Array<ArrayBuffer> {
   const rotation = upright(upOf(model.photographs.values()));
-  const { positions, count } = model.cloud;
   const result = new Float32Array(3 * count);
   for (let i = 0; i < count; i++)
     result.set(rotate(rotation, [positions[3 * i]!, positions[3 * i + 1]!, positions[3 * i + 2]!]), 3 * i);

@@ -88,7 +88,7 @@ export function CutPanel(props: {
       <p class="numbers" aria-live="polite" data-inside={props.inside}>
         {props.inside} of {props.count} points are in the box.
       </p>
-      <Checkbox label="Show the points in the box alone" checked={props.only} onChange={props.onOnly} />
+      <Checkbox label="Show only what is in the box" checked={props.only} onChange={props.onOnly} />
       <div class="row">
         <Button disabled={props.inside === 0} onClick={props.onSave}>
           Download the points in the box (PLY)

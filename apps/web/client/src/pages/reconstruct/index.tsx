@@ -24,6 +24,14 @@ const offered = [
   '--export',
 ];
 
+// What is made of the images; each takes what stands above it along.
+const results = {
+  points: { label: 'cameras and points', flags: {} },
+  dense: { label: 'and a dense cloud', flags: { '--dense': true } },
+  surface: { label: 'and a surface with its texture', flags: { '--mesh': true } },
+} as const;
+type Results = keyof typeof results;
+
 async function reconstruct(input: string, flags: Flags, name: string): Promise<Job> {
   return api.startJob({
     verb: 'sfm reconstruct',
@@ -41,6 +49,8 @@ export function Reconstruct() {
   const [set, setSet] = useState<{ name: string; files: number } | null>(null);
   const [flags, setFlags] = useState<Flags>({});
   const [valid, setValid] = useState(true);
+  const [make, setMake] = useState<Results>('points');
+  const [quality, setQuality] = useState('normal');
   const [verb, setVerb] = useState<VerbHelp>();
   const [drawing, setDrawing] = useState(false);
   const growing = useAreaSession('sfm reconstruct');
@@ -57,7 +67,8 @@ export function Reconstruct() {
     if (route.peek().page === 'reconstruct') navigate(`/reconstruct?job=${encodeURIComponent(id)}`, true);
   };
   const start = async (input: string, name: string) => {
-    const started = await attempt(() => reconstruct(input, flags, name));
+    const extra = make === 'points' ? {} : { ...results[make].flags, '--dense-quality': quality };
+    const started = await attempt(() => reconstruct(input, { ...flags, ...extra }, name));
     if (started) {
       all.again();
       open(started.id);
@@ -146,6 +157,25 @@ export function Reconstruct() {
                 <SetImages set={set.name} most={60} />
               </details>
             </>
+          )}
+          <Select
+            label="Make"
+            value={make}
+            options={Object.entries(results).map(([value, { label }]) => ({ value, label }))}
+            onChange={(value) => setMake(value as Results)}
+            help="A dense cloud or a surface takes some minutes more."
+          />
+          {make !== 'points' && (
+            <Select
+              label="How finely"
+              value={quality}
+              options={[
+                { value: 'draft', label: 'draft: a quarter of the size, quickest' },
+                { value: 'normal', label: 'normal: half of the size' },
+                { value: 'high', label: 'high: every pixel, slowest' },
+              ]}
+              onChange={setQuality}
+            />
           )}
           {verb && (
             <details>

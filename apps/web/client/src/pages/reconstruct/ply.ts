@@ -21,8 +21,23 @@ const sizes: Record<string, number> = {
 };
 const maxHeader = 64 * 1024;
 
-/** The vertices of a PLY, ascii or binary little endian. Throws an Error with a plain line. */
-export function readPly(bytes: Uint8Array): Cloud {
+/** Points without tracks, numbered as they come. */
+export function cloudOf(positions: Float32Array, colours: Uint8Array): Cloud {
+  const count = positions.length / 3;
+  return {
+    count,
+    positions,
+    colours,
+    ids: Uint32Array.from({ length: count }, (_, i) => i),
+    errors: new Float32Array(count),
+    trackStart: new Uint32Array(count + 1),
+    tracks: new Uint32Array(0),
+  };
+}
+
+/** The vertices of a PLY, ascii or binary little endian; of more than `most` every second, or third .. one. Throws an
+ * Error with a plain line. */
+export function readPly(bytes: Uint8Array, most = Infinity): Cloud {
   const head = new TextDecoder('latin1').decode(bytes.subarray(0, Math.min(bytes.length, maxHeader)));
   const end = /end_header\r?\n/.exec(head);
   if (!head.startsWith('ply') || !end) throw new Error('This is no PLY file.');
@@ -75,25 +90,17 @@ export function readPly(bytes: Uint8Array): Cloud {
   } else {
     throw new Error('This PLY file is neither ascii nor binary little endian.');
   }
-  const positions = new Float32Array(3 * count);
-  const colours = new Uint8Array(3 * count);
-  for (let i = 0; i < count; i++) {
-    positions[3 * i] = read(i, 'x');
-    positions[3 * i + 1] = read(i, 'y');
-    positions[3 * i + 2] = read(i, 'z');
-    colours[3 * i] = read(i, 'red');
-    colours[3 * i + 1] = read(i, 'green');
-    colours[3 * i + 2] = read(i, 'blue');
-  }
-  return {
-    count,
-    positions,
-    colours,
-    ids: Uint32Array.from({ length: count }, (_, i) => i),
-    errors: new Float32Array(count),
-    trackStart: new Uint32Array(count + 1),
-    tracks: new Uint32Array(0),
-  };
+  const step = Math.max(1, Math.ceil(count / most));
+  const kept = Math.ceil(count / step);
+  const positions = new Float32Array(3 * kept);
+  const colours = new Uint8Array(3 * kept);
+  ['x', 'y', 'z'].forEach((name, axis) => {
+    for (let n = 0; n < kept; n++) positions[3 * n + axis] = read(n * step, name);
+  });
+  ['red', 'green', 'blue'].forEach((name, channel) => {
+    for (let n = 0; n < kept; n++) colours[3 * n + channel] = read(n * step, name);
+  });
+  return cloudOf(positions, colours);
 }
 
 function numberAt(view: DataView, at: number, type: string): number {

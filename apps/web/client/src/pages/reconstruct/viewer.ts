@@ -3,17 +3,23 @@ import {
   BufferAttribute,
   BufferGeometry,
   Color,
+  DoubleSide,
   LineBasicMaterial,
   LineSegments,
   Matrix4,
+  Mesh,
+  MeshBasicMaterial,
   PerspectiveCamera,
+  Plane,
   Points,
   PointsMaterial,
   Scene,
+  SRGBColorSpace,
+  Texture,
   Vector3,
   WebGLRenderer,
 } from 'three';
-import { boundsOf } from './colmap';
+import { boundsOf, type Cloud } from './colmap';
 import {
   alongAxis,
   edgesOf,
@@ -28,6 +34,7 @@ import {
   type Box,
   type Face,
 } from './cut_box';
+import { hitOf, type Surface } from './glb';
 import { frusta, upOf, type Model } from './model';
 import { eyeOf, keyed, moved, nearer, pick, rotate, turned, upright, type Orbit, type Vector } from './orbit';
 
@@ -38,15 +45,36 @@ const handleColour = 0x1f7a8c;
 const chosenColour = 0xd6246e;
 const slow = 60; // ms a frame, from which on a moving cloud is drawn with fewer points
 
-export interface Picked {
-  index: number;
+/** A place on what is shown. */
+export interface Place {
+  at: Vector; // in the model
+  index: number | null; // of the point; null: on a surface
 }
+
+/** What is shown beside the cameras: points, or a surface. */
+export interface Shape {
+  cloud: Cloud;
+  surface?: Surface;
+}
+
+// What lies within all six of them is drawn.
+const planesOf = (box: Box): Plane[] =>
+  faces.map(({ axis, face }) => {
+    const sign = face === 'low' ? 1 : -1;
+    const normal = new Vector3().setComponent(axis, sign);
+    return new Plane(normal, -sign * box[face][axis]!);
+  });
+
+// Of a rotation: its inverse.
+const transposed = (r: readonly number[]): number[] => [0, 3, 6, 1, 4, 7, 2, 5, 8].map((i) => r[i]!);
 
 export class CloudViewer {
   private renderer: WebGLRenderer;
   private scene = new Scene();
   private camera = new PerspectiveCamera(fieldOfView, 1, 0.01, 1000);
   private points: Points<BufferGeometry, PointsMaterial> | undefined;
+  private surface: Mesh<BufferGeometry, MeshBasicMaterial> | undefined;
+  private surfaceFaces: Uint32Array = new Uint32Array(0); // three vertices each
   private cameras: LineSegments<BufferGeometry, LineBasicMaterial> | undefined;
   private marks: LineSegments<BufferGeometry, LineBasicMaterial> | undefined;
   private positions = new Float32Array(0); // upright
@@ -71,10 +99,12 @@ export class CloudViewer {
   private travelled = 0;
   private observer: ResizeObserver;
   private release: (() => void)[] = [];
-  onPick: (index: number) => void = () => undefined;
+  onPick: (place: Place) => void = () => undefined;
   onFrame: (ms: number, drawn: number) => void = () => undefined;
   // A face of the cut box is dragged, or moved by keys, to this place on its axis.
   onFace: (face: Face, value: number) => void = () => undefined;
+  // The surface has its texture.
+  onTexture: () => void = () => undefined;
   // Which face keys move now.
   onChosen: (face: Face | null) => void = () => undefined;
 
@@ -86,6 +116,7 @@ export class CloudViewer {
       alpha: true,
       powerPreference: 'high-performance',
     });
+    this.renderer.localClippingEnabled = true;
     this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
@@ -129,17 +160,24 @@ export class CloudViewer {
     this.resize();
   }
 
-  // `positions`: uprightPositions(model).
-  show(model: Model, positions: Float32Array<ArrayBuffer>, pointSize: number): void {
+  // `positions`: upright, of the shape's cloud. What was shown before goes; the view stays.
+  show(
+    model: Model,
+    { cloud, surface }: Shape,
+    positions: Float32Array<ArrayBuffer>,
+    pointSize: number,
+  ): void {
+    const first = this.cameras === undefined;
     this.clear();
-    const { cloud } = model;
     this.rotation = upright(upOf(model.photographs.values()));
     this.positions = positions;
-    const bounds = boundsOf(this.positions);
-    this.radius = bounds.radius;
-    this.camera.near = bounds.radius / 1000;
-    this.camera.far = bounds.radius * 200;
+    if (surface) this.addSurface(surface);
+    else this.addPoints(cloud, pointSize);
+    if (first) this.addCameras(model);
+    this.ask();
+  }
 
+  private addPoints(cloud: Cloud, size: number): void {
     // Drawn in an order without a pattern, so that the first points alone show the whole.
     const order = Uint32Array.from({ length: cloud.count }, (_, i) => i);
     let seed = 1;
@@ -150,6 +188,46 @@ export class CloudViewer {
       order[i] = order[j]!;
       order[j] = held;
     }
+    const geometry = this.geometryOf(cloud);
+    this.order = order;
+    this.shown = cloud.count;
+    geometry.setIndex(new BufferAttribute(order.slice(), 1));
+    this.points = new Points(geometry, new PointsMaterial({ sizeAttenuation: false, vertexColors: true }));
+    this.points.frustumCulled = false;
+    this.scene.add(this.points);
+    this.setPointSize(size);
+  }
+
+  private addSurface({ cloud, faces, uvs, texture }: Surface): void {
+    const geometry = this.geometryOf(cloud);
+    geometry.setIndex(new BufferAttribute(faces, 1));
+    const material = new MeshBasicMaterial({ vertexColors: true, side: DoubleSide });
+    if (uvs && texture) {
+      geometry.setAttribute('uv', new BufferAttribute(uvs, 2));
+      // The colours of the vertices until the texture is decoded.
+      createImageBitmap(new Blob([texture.bytes], { type: texture.type })).then(
+        (bitmap) => {
+          if (this.surface?.material !== material) return bitmap.close();
+          material.map = new Texture(bitmap);
+          material.map.flipY = false;
+          material.map.colorSpace = SRGBColorSpace;
+          material.map.needsUpdate = true;
+          material.vertexColors = false;
+          material.needsUpdate = true;
+          this.onTexture();
+          this.ask();
+        },
+        () => undefined,
+      );
+    }
+    this.surfaceFaces = faces;
+    this.shown = faces.length / 3;
+    this.surface = new Mesh(geometry, material);
+    this.surface.frustumCulled = false;
+    this.scene.add(this.surface);
+  }
+
+  private geometryOf(cloud: Cloud): BufferGeometry {
     const geometry = new BufferGeometry();
     geometry.setAttribute('position', new BufferAttribute(this.positions, 3));
     const colours = new Float32Array(cloud.colours.length);
@@ -164,16 +242,16 @@ export class CloudViewer {
       colours.set([colour.r, colour.g, colour.b], 3 * i);
     }
     geometry.setAttribute('color', new BufferAttribute(colours, 3));
-    this.order = order;
-    this.shown = cloud.count;
-    geometry.setIndex(new BufferAttribute(order.slice(), 1));
-    this.points = new Points(
-      geometry,
-      new PointsMaterial({ size: pointSize, sizeAttenuation: false, vertexColors: true }),
-    );
-    this.points.frustumCulled = false;
-    this.scene.add(this.points);
+    return geometry;
+  }
 
+  // With the first view: from behind the cameras, a little above.
+  private addCameras(model: Model): void {
+    const bounds = boundsOf(this.positions);
+    this.radius = bounds.radius;
+    this.camera.near = bounds.radius / 1000;
+    this.camera.far = bounds.radius * 200;
+    this.camera.updateProjectionMatrix();
     const { lines } = frusta(model, 0.08 * bounds.radius);
     for (let i = 0; i < lines.length; i += 3) {
       lines.set(rotate(this.rotation, [lines[i]!, lines[i + 1]!, lines[i + 2]!]), i);
@@ -184,7 +262,6 @@ export class CloudViewer {
     this.cameras.frustumCulled = false;
     this.scene.add(this.cameras);
 
-    // From behind the cameras, a little above.
     let yaw = 0;
     if (lines.length >= 3) {
       let x = 0;
@@ -236,6 +313,13 @@ export class CloudViewer {
     } else {
       this.dragged = undefined;
       this.choose(null);
+    }
+    if (this.surface) {
+      const planes = this.box ? planesOf(this.box) : null;
+      // Other shaders are needed where planes come or go.
+      if ((planes === null) !== (this.surface.material.clippingPlanes === null))
+        this.surface.material.needsUpdate = true;
+      this.surface.material.clippingPlanes = planes;
     }
     const index = this.points?.geometry.getIndex();
     if (index && (before !== undefined || this.box !== undefined)) {
@@ -334,8 +418,8 @@ export class CloudViewer {
     return faceAt(this.cutBox, this.matrix(), box.width, box.height, x, y, reach);
   }
 
-  // The place on the axis of a face, from its handle, that a pointer means.
-  private placeOn(face: Face, at: Vector, event: PointerEvent): number | null {
+  // The line of sight of a pointer: the eye, and a direction of any length.
+  private sightOf(event: PointerEvent): { eye: Vector; ray: Vector } {
     const box = this.canvas.getBoundingClientRect();
     const to = new Vector3(
       (2 * (event.clientX - box.left)) / Math.max(1, box.width) - 1,
@@ -344,31 +428,45 @@ export class CloudViewer {
     );
     this.camera.updateMatrixWorld();
     const ray = to.unproject(this.camera).sub(this.camera.position);
-    const eye: Vector = [this.camera.position.x, this.camera.position.y, this.camera.position.z];
-    return alongAxis(at, face.axis, eye, [ray.x, ray.y, ray.z]);
+    const { x, y, z } = this.camera.position;
+    return { eye: [x, y, z], ray: [ray.x, ray.y, ray.z] };
   }
 
-  // Crosses at these points, and a line between two of them.
-  mark(indices: readonly number[]): void {
+  // The place on the axis of a face, from its handle, that a pointer means.
+  private placeOn(face: Face, at: Vector, event: PointerEvent): number | null {
+    const { eye, ray } = this.sightOf(event);
+    return alongAxis(at, face.axis, eye, ray);
+  }
+
+  // Where a click meets the surface; with a cut box that hides the rest, in the box.
+  private surfaceUnder(event: PointerEvent): Place | null {
+    const { eye, ray } = this.sightOf(event);
+    const { box } = this;
+    const hit = hitOf(
+      this.positions,
+      this.surfaceFaces,
+      eye,
+      ray,
+      box && ((...at) => at.every((v, axis) => v >= box.low[axis]! && v <= box.high[axis]!)),
+    );
+    return hit && { at: rotate(transposed(this.rotation), hit), index: null };
+  }
+
+  // Crosses at these places, and a line between two of them.
+  mark(places: readonly Place[]): void {
     if (this.marks) {
       this.scene.remove(this.marks);
       this.marks.geometry.dispose();
       this.marks.material.dispose();
       this.marks = undefined;
     }
-    if (indices.length > 0) {
+    if (places.length > 0) {
       const arm = 0.025 * this.orbit.distance;
       const all: number[] = [];
-      const at = (i: number): Vector => [
-        this.positions[3 * i]!,
-        this.positions[3 * i + 1]!,
-        this.positions[3 * i + 2]!,
-      ];
-      for (const i of indices) {
-        const [x, y, z] = at(i);
+      const seen = places.map((one) => rotate(this.rotation, one.at));
+      for (const [x, y, z] of seen)
         all.push(x - arm, y, z, x + arm, y, z, x, y - arm, z, x, y + arm, z, x, y, z - arm, x, y, z + arm);
-      }
-      if (indices.length === 2) all.push(...at(indices[0]!), ...at(indices[1]!));
+      if (seen.length === 2) all.push(...seen[0]!, ...seen[1]!);
       const geometry = new BufferGeometry();
       geometry.setAttribute('position', new BufferAttribute(new Float32Array(all), 3));
       this.marks = new LineSegments(geometry, new LineBasicMaterial({ color: 0xd6246e, depthTest: false }));
@@ -396,20 +494,24 @@ export class CloudViewer {
     cancelAnimationFrame(this.asked);
     clearTimeout(this.moving);
     this.clear();
+    this.cameras?.geometry.dispose();
+    this.cameras?.material.dispose();
     this.renderer.dispose();
   }
 
+  // What is shown goes, but for the cameras.
   private clear(): void {
     this.mark([]);
     this.cut(undefined, false);
-    for (const one of [this.points, this.cameras]) {
+    this.surface?.material.map?.dispose();
+    for (const one of [this.points, this.surface]) {
       if (!one) continue;
       this.scene.remove(one);
       one.geometry.dispose();
       one.material.dispose();
     }
     this.points = undefined;
-    this.cameras = undefined;
+    this.surface = undefined;
   }
 
   private look(orbit: Orbit): void {
@@ -443,7 +545,7 @@ export class CloudViewer {
     this.lastFrame = now;
     const all = this.shown;
     let drawn = all;
-    if (isMoving && this.frameMs > slow)
+    if (this.points && isMoving && this.frameMs > slow)
       drawn = Math.max(Math.min(all, 15000), Math.round((all * slow) / this.frameMs / 2));
     this.points?.geometry.setDrawRange(0, drawn);
     this.renderer.render(this.scene, this.camera);
@@ -517,6 +619,11 @@ export class CloudViewer {
     }
     const was = this.fingers.delete(event.pointerId);
     if (!was || this.travelled > 6 || event.button !== 0) return;
+    const place = this.surface ? this.surfaceUnder(event) : this.pointUnder(event);
+    if (place) this.onPick(place);
+  }
+
+  private pointUnder(event: PointerEvent): Place | null {
     const box = this.canvas.getBoundingClientRect();
     const reach = event.pointerType === 'touch' ? 22 : 9;
     const index = pick(
@@ -529,6 +636,11 @@ export class CloudViewer {
       reach,
       (i) => !this.box || isInside(this.positions, this.box, i),
     );
-    if (index >= 0) this.onPick(index);
+    return index < 0 ? null : this.placeOf(index);
+  }
+
+  private placeOf(index: number): Place {
+    const at = [0, 1, 2].map((axis) => this.positions[3 * index + axis]!) as Vector;
+    return { at: rotate(transposed(this.rotation), at), index };
   }
 }

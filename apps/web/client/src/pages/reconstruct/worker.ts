@@ -1,12 +1,18 @@
 // Runs in two places: the page imports it for its address, the worker made of that address does the reading.
+import type { Cloud } from './colmap';
+import { readGlb, type Surface } from './glb';
 import { modelOf, type Model } from './model';
+import { readPly } from './ply';
 
-interface Order {
-  cameras: string;
-  images: string;
-  points: string;
-}
-type Answer = { model: Model } | { error: string };
+// Where the files are that are to be read.
+type Order =
+  | { what: 'model'; files: [cameras: string, images: string, points: string] }
+  | { what: 'cloud'; files: [ply: string] }
+  | { what: 'surface'; files: [glb: string] };
+type Result = Model | Cloud | Surface;
+type Answer = { result: Result } | { error: string };
+
+const mostPoints = 2_000_000; // of a cloud: more are not worth their memory in a browser
 
 const scope = globalThis as unknown as {
   document?: unknown;
@@ -14,68 +20,71 @@ const scope = globalThis as unknown as {
   onmessage: ((event: MessageEvent<Order>) => void) | null;
 };
 
-async function textAt(address: string): Promise<string> {
+async function fileAt(address: string): Promise<Response> {
   const response = await fetch(address, { credentials: 'same-origin' });
   if (!response.ok) throw new Error(`The server answered ${response.status} for a file of the model.`);
-  return response.text();
+  return response;
 }
 
-async function read(order: Order): Promise<Model> {
-  const [cameras, images, points] = await Promise.all([
-    textAt(order.cameras),
-    textAt(order.images),
-    textAt(order.points),
-  ]);
-  return modelOf(cameras, images, points);
+async function read(order: Order): Promise<Result> {
+  const files = await Promise.all(order.files.map(fileAt));
+  if (order.what === 'model') {
+    const [cameras, images, points] = await Promise.all(files.map((one) => one.text()));
+    return modelOf(cameras!, images!, points!);
+  }
+  const bytes = new Uint8Array(await files[0]!.arrayBuffer());
+  return order.what === 'cloud' ? readPly(bytes, mostPoints) : readGlb(bytes);
+}
+
+// The memory of large arrays, which goes to the page without a copy.
+function buffersOf(result: Result): Transferable[] {
+  const cloud = 'cloud' in result ? result.cloud : result;
+  const arrays = [cloud.ids, cloud.positions, cloud.colours, cloud.errors, cloud.trackStart, cloud.tracks];
+  return arrays.map((one) => one.buffer as ArrayBuffer);
 }
 
 if (scope.document === undefined) {
   scope.onmessage = (event) => {
     read(event.data).then(
-      (model) => {
-        const c = model.cloud;
-        scope.postMessage({ model }, [
-          c.ids.buffer,
-          c.positions.buffer,
-          c.colours.buffer,
-          c.errors.buffer,
-          c.trackStart.buffer,
-          c.tracks.buffer,
-        ] as Transferable[]);
-      },
+      (result) => scope.postMessage({ result }, buffersOf(result)),
       (problem: unknown) =>
         scope.postMessage({ error: problem instanceof Error ? problem.message : String(problem) }),
     );
   };
 }
 
-// Reads a model beside the page. Where there are no workers of modules, in the page.
-export function readModel(order: Order, stop: AbortSignal): Promise<Model> {
+// Reads beside the page. Where there are no workers of modules, in the page.
+function readBeside(order: Order, stop: AbortSignal): Promise<Result> {
   let worker: Worker;
   try {
     worker = new Worker(import.meta.url, { type: 'module' });
   } catch {
     return read(order);
   }
-  return new Promise<Model>((resolve, reject) => {
+  return new Promise<Result>((resolve, reject) => {
     stop.addEventListener('abort', () => {
       worker.terminate();
       reject(new DOMException('stopped', 'AbortError'));
     });
     worker.onmessage = (event: MessageEvent<Answer>) => {
       worker.terminate();
-      if ('model' in event.data) resolve(event.data.model);
+      if ('result' in event.data) resolve(event.data.result);
       else reject(new Error(event.data.error));
     };
     worker.onerror = () => {
       worker.terminate();
       read(order).then(resolve, reject);
     };
-    const whole = (address: string) => new URL(address, location.href).href;
     worker.postMessage({
-      cameras: whole(order.cameras),
-      images: whole(order.images),
-      points: whole(order.points),
+      ...order,
+      files: order.files.map((address) => new URL(address, location.href).href),
     });
   });
 }
+
+export const readModel = (cameras: string, images: string, points: string, stop: AbortSignal) =>
+  readBeside({ what: 'model', files: [cameras, images, points] }, stop) as Promise<Model>;
+export const readCloud = (ply: string, stop: AbortSignal) =>
+  readBeside({ what: 'cloud', files: [ply] }, stop) as Promise<Cloud>;
+export const readSurface = (glb: string, stop: AbortSignal) =>
+  readBeside({ what: 'surface', files: [glb] }, stop) as Promise<Surface>;

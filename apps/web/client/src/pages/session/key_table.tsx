@@ -1,6 +1,7 @@
 // The keys of a session's actions, which the viewer may change.
 import { useLayoutEffect, useRef, useState } from 'preact/hooks';
 import type { Action } from '../../api';
+import { actionTitle } from '../../format';
 import { useSignalValue } from '../../hooks';
 import { keyOf, ownKeys, problemOfKey, setKeys, withKey, type OwnKeys } from '../../key_map';
 import { keyName, sessionKey } from '../../keys';
@@ -69,7 +70,7 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
         caption="Keys of the actions"
         hideCaption
         columns={[
-          { name: 'Action', show: (action: Action) => action.help || action.name },
+          { name: 'Action', show: (action: Action) => actionTitle(action) },
           {
             name: 'Key',
             show: (action) => {

@@ -1,5 +1,5 @@
 // Files that go to the server and come from it.
-import { api, call } from '../../api';
+import { api, call, type RunResult } from '../../api';
 import { jobBlob } from './jobs';
 
 // A name for a set that the server takes: letters, digits, - and _; with the time, so that it is new.
@@ -116,4 +116,11 @@ export async function stateFiles(): Promise<StateFile[]> {
 
 export async function hasState(name: string): Promise<boolean> {
   return (await stateFiles()).some((one) => one.name === name);
+}
+
+// A file that a run wrote, where it did; the server keeps nothing of it.
+export function blobOfRun(answer: RunResult, name: string): Blob | null {
+  const file = answer.files.find((one) => one.name === name);
+  if (!file) return null;
+  return new Blob([Uint8Array.from(atob(file.base64), (letter) => letter.charCodeAt(0))]);
 }

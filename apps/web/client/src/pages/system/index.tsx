@@ -1,6 +1,6 @@
 import { useState } from 'preact/hooks';
 import { api, type Json } from '../../api';
-import { bytesText, cellText, durationText, pixelsText } from '../../format';
+import { bytesText, capital, cellText, durationText, pixelsText, timeText } from '../../format';
 import { useEvery, useLoad } from '../../hooks';
 import { AsyncButton, attempt, Button, Confirm, Dialog, Notice, PageHead, Table, Tabs } from '../../ui';
 import { findingsOf } from '../home';
@@ -146,8 +146,7 @@ function Models() {
               </AsyncButton>
             ),
           },
-          { name: 'Type', show: (model) => model.type },
-          { name: 'Version', number: true, show: (model) => model.version },
+          { name: 'Type and version', show: (model) => `${model.type} ${model.version}` },
           { name: 'Size', number: true, show: (model) => bytesText(model.bytes) },
           {
             name: 'Whose',
@@ -155,7 +154,14 @@ function Models() {
               model.own ? (
                 <>
                   <span class="chip chip-info">your own</span>{' '}
-                  {model.sha256 && <span class="faint wrap">SHA-256 {model.sha256.slice(0, 12)}…</span>}
+                  {model.sha256 && <span class="faint wrap">SHA-256 {model.sha256.slice(0, 12)}…</span>}{' '}
+                  <Button
+                    small
+                    aria-label={`Back to what ships for ${model.name}`}
+                    onClick={() => setRemoved(model.name)}
+                  >
+                    Back to what ships
+                  </Button>
                 </>
               ) : (
                 'ships'
@@ -165,20 +171,7 @@ function Models() {
           { name: 'Used by', show: (model) => model.used_by },
           {
             name: 'State',
-            show: (model) => (
-              <>
-                {model.problem ? <span class="problem-text">{model.problem}</span> : 'ok'}
-                {model.own && (
-                  <Button
-                    small
-                    aria-label={`Back to what ships for ${model.name}`}
-                    onClick={() => setRemoved(model.name)}
-                  >
-                    Back to what ships
-                  </Button>
-                )}
-              </>
-            ),
+            show: (model) => (model.problem ? <span class="problem-text">{model.problem}</span> : 'ok'),
           },
         ]}
         rows={rows}
@@ -268,23 +261,34 @@ export function auditRows(answer: { [name: string]: Json }): { [name: string]: J
   );
 }
 
+const auditColumns: Record<string, string> = {
+  time: 'When',
+  event: 'What',
+  what: 'Of what',
+  count: 'How many',
+  address: 'From',
+  browser: 'Browser',
+  sign_in: 'Sign-in',
+};
+
+function auditCell(name: string, value: Json): string {
+  if (name === 'time' && typeof value === 'string') return timeText(value);
+  return value === null ? '' : cellText(value);
+}
+
 function Audit() {
   const audit = useLoad(api.audit);
   const rows = auditRows(audit.value ?? {}).reverse();
-  const names = [...new Set(rows.flatMap((row) => Object.keys(row)))];
+  const names = [...new Set([...Object.keys(auditColumns), ...rows.flatMap((row) => Object.keys(row))])];
   return (
     <>
       {audit.error && <Notice kind="problem">{audit.error}</Notice>}
       <Table
         caption="Who signed in, enrolled, forgot, exported; newest first. It holds no images and no features of faces."
-        columns={
-          names.length > 0
-            ? names.map((name) => ({
-                name,
-                show: (row: { [name: string]: Json }) => cellText(row[name] ?? null),
-              }))
-            : [{ name: 'Event', show: () => '' }]
-        }
+        columns={names.map((name) => ({
+          name: auditColumns[name] ?? capital(name.replaceAll('_', ' ')),
+          show: (row: { [name: string]: Json }) => auditCell(name, row[name] ?? null),
+        }))}
         rows={rows}
         keyOf={(_, index) => index}
         empty={audit.loading ? 'Loading' : 'Nothing yet.'}

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/people/recognition_events.h"
+
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/still_source.h"
+
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr double kLost_s =
+    60;  // out of sight, after which a face does not come back under its number
+
+// The face with a margin, cut from the image.
+cv::Mat crop_of(const cv::Mat& image, const cv::Rect2d& box) {
+  const cv::Rect2d around(box.x - 0.2 * box.width, box.y - 0.2 * box.height, 1.4 * box.width,
+                          1.4 * box.height);
+  return image(cv::Rect(around) & cv::Rect({}, image.size())).clone();
+}
+
+}  // namespace
+
+void RecognitionEvents::frame(const Frame& frame, const std::vector<face::NamedFace>& faces) {
+  const std::string source = source_of(frame);
+  if (frame.still || source != source_) reported_.clear();
+  source_ = source;
+  for (const face::NamedFace& face : faces) {
+    if (face.name.label.empty()) continue;
+    const bool video = !frame.still && face.face.id > 0;
+    const std::string what = (face.name.known ? "+" : "-") + face.name.label;
+    if (video) {
+      Reported& reported = reported_[face.face.id];
+      reported.time = frame.time;
+      if (std::exchange(reported.what, what) == what) continue;
+    }
+    if (!face.name.known || !on_event_) continue;
+    nlohmann::ordered_json line{{"event", "person"}};
+    line.update(to_json(face));
+    if (frame.still) {
+      line["image"] = frame.name;
+    } else {
+      line["frame"] = frame.index;
+      line["time"] = frame.time;
+      line["source"] = masked(frame.name);
+    }
+    on_event_.post(line, crop_of(frame.image, face.face.box));
+  }
+  // A face that is out of sight for so long does not come back under its number.
+  std::erase_if(reported_,
+                [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
+}
+
+}  // namespace tarsier::cli

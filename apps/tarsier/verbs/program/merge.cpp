@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+#include <fmt/format.h>
+
+#include "framework/cli.h"
+#include "framework/part_info.h"
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+struct MergeFlags {
+  std::vector<std::string> parts;
+  std::string output;
+};
+
+ExitStatus run_merge(const MergeFlags& flags, const Context& context) {
+  const MergeReport report = merge_parts(flags.parts, flags.output);
+  if (context.json) {
+    print_json({{"output", flags.output},
+                {"shards", report.shards},
+                {"inputs", report.inputs},
+                {"lines", report.lines},
+                {"skipped", report.skipped}});
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {} lines of {} images, from {} shards; {} could not be read\n",
+                           flags.output, report.lines, report.inputs, report.shards,
+                           report.skipped));
+  }
+  return report.lines > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+void add_flags(Command& verb, MergeFlags& flags) {
+  verb.add_option("PART", flags.parts, "files of --jsonl or --csv: all shards of one batch")
+      .required()
+      .type_name("");
+  verb.add_option("-o,--output", flags.output, "file to write").required();
+}
+
+}  // namespace
+
+void add_merge(Command& app, Context& context) {
+  add_verb<MergeFlags>(app, "merge",
+                       "makes one file of the parts that runs with --shard wrote, as one run "
+                       "would have written it",
+                       context, add_flags, run_merge);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/sfm/dense.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/dense/dense_reconstructor.h"
+#include "tarsier/sfm/pipelines/results.h"
+#include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/surface/surface_page.h"
+#include "tarsier/sfm/view/render.h"
+
+#include <fmt/format.h>
+
+#include "framework/bind.h"
+#include "verbs/sfm/memory_flag.h"
+#include "verbs/sfm/sfm.h"
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// --debug-dir: a PNG file for each stage of each image.
+class StageFolder final : public DebugSink {
+ public:
+  explicit StageFolder(std::string folder) : folder_(std::move(folder)) {
+    if (!folder_.empty()) make_folder(folder_);
+  }
+  void image(std::string_view name, const cv::Mat& image) override {
+    std::string file(name);
+    std::replace(file.begin(), file.end(), ' ', '-');
+    write_image((fs::path(folder_) / (file + ".png")).string(), image);
+  }
+  [[nodiscard]] bool is_watched() const override { return !folder_.empty(); }
+
+ private:
+  std::string folder_;
+};
+
+struct Flags {
+  std::string model;
+  std::string output;
+  std::string images;
+  DenseFlags dense;
+};
+
+// view.png, the cloud from where the cameras stood, of a large one every so many points; view.html,
+// the page.
+void write_views(const sfm::DenseJob& job, const sfm::DenseResult& result) {
+  constexpr std::size_t kMaxPoints = 1'500'000;
+  const std::vector<sfm::CloudPoint> cloud = sfm::read_cloud(result.cloud);
+  const std::size_t step = cloud.size() / kMaxPoints + 1;
+  sfm::Model model;
+  model.cameras = job.model.cameras;
+  for (const sfm::Image& image : job.model.images) {
+    if (!image.registered) continue;
+    model.images.emplace_back();
+    model.images.back().camera = image.camera;
+    model.images.back().registered = true;
+    model.images.back().pose = image.pose;
+  }
+  for (std::size_t i = 0; i < cloud.size(); i += step) {
+    sfm::Point point;
+    point.position = {cloud[i].position[0], cloud[i].position[1], cloud[i].position[2]};
+    point.color = cloud[i].color;
+    model.points.push_back(point);
+  }
+  write_image((fs::path(job.folder) / "view.png").string(), sfm::render_model(model, {}));
+  write_file_atomically(
+      (fs::path(job.folder) / "view.html").string(),
+      sfm::viewer_html(job.model, "Dense reconstruction", {sfm::viewer_cloud(result.cloud), {}}));
+}
+
+ExitStatus make_dense(const Flags& flags, Context& context) {
+  const sfm::DenseReconstructor reconstructor(options_of(flags.dense, context));
+  std::string folder = flags.model;
+  std::error_code ignored;
+  // Also what --export undistorted and COLMAP's image_undistorter write.
+  if (!fs::exists(fs::path(folder) / "cameras.txt", ignored) &&
+      fs::exists(fs::path(folder) / "sparse" / "cameras.txt", ignored))
+    folder = (fs::path(folder) / "sparse").string();
+  sfm::DenseJob job;
+  job.model = sfm::read_colmap(folder);
+  std::vector<std::string> names;
+  for (const sfm::Image& image : job.model.images) names.push_back(image.name);
+  const auto files = sfm::image_files(flags.model, flags.images, names, !is_in_studio());
+  job.path_of = [files](const std::string& name) { return files.at(name); };
+  job.folder = flags.output;
+  if (fs::weakly_canonical(flags.output, ignored) == fs::weakly_canonical(flags.model, ignored))
+    throw UsageError("-o: expected another folder than the model's");
+  return run_dense(reconstructor, job, context);
+}
+
+void add_flags(Command& verb, Flags& flags) {
+  verb.add_option("MODEL", flags.model,
+                  "folder of a model: of sfm reconstruct, or COLMAP's text files")
+      .required()
+      .type_name("");
+  verb.add_option("-o,--output", flags.output, "folder for depth maps and cloud").required();
+  verb.add_option("--images", flags.images, "folder of the model's images [as report.json says]");
+  verb.add_option("--quality", flags.dense.quality,
+                  "draft: a quarter of the size; normal: half; high: all")
+      .check(one_of({"draft", "normal", "high"}))
+      .show_default();
+  verb.add_option("--memory", flags.dense.memory, "images are looked at smaller to stay below")
+      .show_default();
+  verb.add_option("--views", flags.dense.views,
+                  "images that each image is compared with [as --quality says]")
+      .check(range(1, 16));
+  bind_field(verb, flags.dense.options, flags.dense.options.min_depth);
+  bind_field(verb, flags.dense.options, flags.dense.options.max_depth);
+  bind_all(verb, flags.dense.options.filter, "What is kept");
+  bind_all(verb, flags.dense.options.fusion, "What is kept");
+}
+
+}  // namespace
+
+sfm::DenseOptions options_of(const DenseFlags& flags, const Context& context) {
+  sfm::DenseOptions options = sfm::dense_options(sfm::dense_quality_named(flags.quality).value());
+  options.min_depth = flags.options.min_depth;
+  options.max_depth = flags.options.max_depth;
+  options.filter = flags.options.filter;
+  options.fusion = flags.options.fusion;
+  options.memory_gb = parse_memory(flags.memory);
+  if (flags.views) options.views.views = *flags.views;
+  if (options.min_depth > 0 && options.max_depth > 0 && options.min_depth >= options.max_depth)
+    throw UsageError("--min-depth: expected less than --max-depth");
+  options.seed = context.seed;
+  return options;
+}
+
+ExitStatus run_dense(const sfm::DenseReconstructor& reconstructor, const sfm::DenseJob& job,
+                     Context& context) {
+  StageFolder debug(context.debug_dir);
+  const sfm::DenseResult result = reconstructor.run(job, *context.progress, context.stop, &debug);
+  if (context.json)
+    print_json(sfm::to_json(result));
+  else
+    print_text(sfm::summary_text(result));
+  if (result.points > 0) write_views(job, result);
+  if (result.points == 0) {
+    log_warning(
+        "{}: no two depths agree, the cloud is empty (--min-views, --min-depth, --max-depth)",
+        result.cloud);
+    return ExitStatus::kNothingFound;
+  }
+  log_info("{}: the cloud; look at view.html", result.cloud);
+  return ExitStatus::kDone;
+}
+
+void add_sfm_dense(Command& sfm, Context& context) {
+  add_debug_flag(add_verb<Flags>(sfm, "dense", "depth maps and a dense cloud of a model", context,
+                                 add_flags, make_dense),
+                 context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+
+namespace tarsier::cli {
+
+// "2GB", "800MB", "1.5" (GB), as GB. Throws UsageError unless it is 250MB..1024GB.
+[[nodiscard]] double parse_memory(const std::string& text);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: MIT
+// A reconstruction by shards: plan, features, match, map.
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/sfm/mapper/report.h"
+#include "tarsier/sfm/pipelines/inputs.h"
+#include "tarsier/sfm/pipelines/plan.h"
+#include "tarsier/sfm/pipelines/shard_commands.h"
+#include "tarsier/sfm/pipelines/sharded_reconstructor.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "framework/part_info.h"
+#include "verbs/sfm/reconstruct_flags.h"
+#include "verbs/sfm/sfm.h"
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct PlanFlags {
+  ReconstructFlags reconstruct;
+  int shards = 1;
+  bool slurm = false;
+};
+
+ExitStatus make_plan(const PlanFlags& flags, Context& context) {
+  const sfm::ReconstructorOptions options = options_of(flags.reconstruct, context);
+  options.check();
+  const std::string folder = fs::absolute(options.folder).lexically_normal().string();
+  const std::vector<std::string>& sources = flags.reconstruct.inputs;
+  expect_files(sources);
+  const std::vector<sfm::Input> inputs =
+      sfm::find_inputs(sources, options.keyframes, (fs::path(folder) / "frames").string(),
+                       *context.progress, context.stop);
+  sfm::require_two_images(inputs, sources.front());
+  const sfm::Plan plan = sfm::write_plan(options.folder, inputs, options.pipeline, flags.shards,
+                                         *context.progress, context.stop);
+  const auto unreadable =
+      std::count_if(plan.images.begin(), plan.images.end(),
+                    [](const sfm::PlannedImage& image) { return image.sha256.empty(); });
+  sfm::ClusterJob job;
+  job.program = (fs::path(program_folder()) / "tarsier").string();
+  job.folder = folder;
+  job.model = (fs::path(folder) / "model").string();
+  job.shards = plan.shards;
+  job.has_pairs_stage = sfm::ShardedReconstructor(options.folder).has_pairs_stage();
+  const std::string script = (fs::path(options.folder) / "sfm.sbatch").string();
+  if (flags.slurm) write_file_atomically(script, sfm::slurm_script(job));
+  const std::vector<std::string> commands = sfm::parallel_commands(job);
+  if (context.json) {
+    nlohmann::ordered_json json{{"output", options.folder},
+                                {"images", plan.images.size()},
+                                {"unreadable", unreadable},
+                                {"shards", plan.shards},
+                                {"commands", commands}};
+    if (flags.slurm) json["slurm"] = script;
+    print_json(json);
+    return ExitStatus::kDone;
+  }
+  std::string text =
+      fmt::format("{}: {} images{}, {} shard{}\n", options.folder, plan.images.size(),
+                  unreadable > 0 ? fmt::format(" ({} cannot be read)", unreadable) : "",
+                  plan.shards, plan.shards == 1 ? "" : "s");
+  if (flags.slurm) text += fmt::format("with Slurm:\n  bash {}\n", sfm::shell_word(script));
+  text += fmt::format("with GNU parallel:\n  {}\n", fmt::join(commands, "\n  "));
+  print_text(text);
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, PlanFlags& flags) {
+  add_plan_flags(verb, flags.reconstruct);
+  verb.add_option("--shards", flags.shards, "that features and matches are shared among")
+      .check(range(1, sfm::kMaxShards))
+      .show_default();
+  verb.add_flag("--slurm", flags.slurm,
+                "sfm.sbatch in the folder: a script that submits all stages");
+}
+
+struct ShardFlags {
+  std::string folder;
+  std::string shard;
+  bool pairs_only = false;
+};
+
+// The shards that were asked for: one, or all of them.
+Shard first_and_last(const ShardFlags& flags, const sfm::Plan& plan) {
+  if (flags.shard.empty()) return {1, plan.shards};
+  const Shard shard = parse_shard(flags.shard);
+  if (shard.count != plan.shards)
+    throw UsageError(fmt::format("--shard {}: the plan has {} shard{}", flags.shard, plan.shards,
+                                 plan.shards == 1 ? "" : "s"));
+  return {shard.number, shard.number};
+}
+
+void print_report(const sfm::ShardReport& report, const Context& context) {
+  if (context.json) {
+    print_json(sfm::to_json(report));
+    return;
+  }
+  if (context.quiet) return;
+  const bool is_images = report.stage == sfm::ShardStage::kFeatures;
+  const std::string which = report.stage == sfm::ShardStage::kPairs
+                                ? std::string()
+                                : fmt::format(" {}/{}", report.shard, report.shards);
+  print_text(fmt::format("{}{}: {} {}{}{}\n", sfm::name_of(report.stage), which, report.count,
+                         is_images ? "images" : "pairs",
+                         report.left_out > 0 ? fmt::format(", {} left out", report.left_out) : "",
+                         report.was_done ? " (done before)" : ""));
+}
+
+ExitStatus find_features(const ShardFlags& flags, Context& context) {
+  const sfm::ShardedReconstructor sharded(flags.folder);
+  const Shard asked = first_and_last(flags, sharded.plan());
+  for (int shard = asked.number; shard <= asked.count; ++shard)
+    print_report(sharded.find_features(shard, *context.progress, context.stop), context);
+  return ExitStatus::kDone;
+}
+
+ExitStatus match(const ShardFlags& flags, Context& context) {
+  const sfm::ShardedReconstructor sharded(flags.folder);
+  if (flags.pairs_only) {
+    if (!flags.shard.empty()) throw UsageError("--pairs-only: is of all shards, without --shard");
+    print_report(sharded.choose_pairs(*context.progress, context.stop), context);
+    return ExitStatus::kDone;
+  }
+  const Shard asked = first_and_last(flags, sharded.plan());
+  for (int shard = asked.number; shard <= asked.count; ++shard)
+    print_report(sharded.match(shard, *context.progress, context.stop), context);
+  return ExitStatus::kDone;
+}
+
+void add_work_folder(Command& verb, std::string& folder) {
+  verb.add_option("WORK", folder, "folder of sfm plan").required().type_name("");
+}
+
+void add_shard_flags(Command& verb, ShardFlags& flags) {
+  add_work_folder(verb, flags.folder);
+  verb.add_option("--shard", flags.shard,
+                  "the i-th of the plan's N shards: 3/8 [all that are not done]");
+}
+
+void add_match_flags(Command& verb, ShardFlags& flags) {
+  add_shard_flags(verb, flags);
+  verb.add_flag("--pairs-only", flags.pairs_only,
+                "only choose which images to compare, once for all shards");
+}
+
+struct MapFlags {
+  std::string folder;
+  ReconstructFlags reconstruct;
+};
+
+ExitStatus map(const MapFlags& flags, Context& context) {
+  const sfm::ReconstructorOptions options = map_options_of(flags.reconstruct);
+  const sfm::ShardedReconstructor sharded(flags.folder);
+  sfm::ReconstructorHooks hooks;
+  hooks.on_models = [&](const sfm::ReconstructorResult& result) {
+    print_models(result, options.folder, context);
+  };
+  const sfm::ReconstructorResult result =
+      sharded.map(options, *context.progress, context.stop, hooks);
+  return status_of(result);
+}
+
+void add_flags(Command& verb, MapFlags& flags) {
+  add_work_folder(verb, flags.folder);
+  add_map_flags(verb, flags.reconstruct);
+}
+
+}  // namespace
+
+void add_sfm_shards(Command& sfm, Context& context) {
+  add_verb<PlanFlags>(
+      sfm, "plan", "freezes images and options, for a reconstruction shared among many runs",
+      context, [](Command& verb, PlanFlags& flags) { add_flags(verb, flags); }, make_plan);
+  add_verb<ShardFlags>(sfm, "features", "finds the features of one shard of a plan", context,
+                       add_shard_flags, find_features);
+  add_verb<ShardFlags>(sfm, "match", "compares the pairs of images of one shard of a plan", context,
+                       add_match_flags, match);
+  add_verb<MapFlags>(
+      sfm, "map", "makes the model of a plan whose shards are done", context,
+      [](Command& verb, MapFlags& flags) { add_flags(verb, flags); }, map);
+}
+
+}  // namespace tarsier::cli

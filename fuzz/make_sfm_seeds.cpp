@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: MIT
+// Tiny reconstructions and the files of their shards.
+#include "tarsier/core/progress.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/dense/depth_map.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/sfm/mapper/packed_file.h"
+#include "tarsier/sfm/pipelines/plan.h"
+#include "tarsier/sfm/pipelines/shard_files.h"
+#include "tarsier/sfm/scene/colmap_binary.h"
+#include "tarsier/sfm/scene/testing_model.h"
+
+#include "seeds.h"
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Some features at places that do not matter.
+sfm::Features some_features() {
+  sfm::Features features;
+  features.points = {{1, 2}, {30, 40}, {5.5F, 6}};
+  features.sizes = {2, 3, 4};
+  features.colors.assign(3, cv::Vec3b(10, 20, 30));
+  features.descriptors = texture({128, 3});
+  return features;
+}
+
+// The file, for a target that puts the sum before it.
+void keep_unsummed(const std::string& path) {
+  const std::string bytes = read_file(path, 1'000'000);
+  write_file_atomically(path, bytes.substr(sfm::kPackedMagic.size() + 64));
+}
+
+void shards() {
+  const std::string folder = fs::path(seed("sfm_plan", "")).parent_path().string();
+  sfm::PipelineOptions options;
+  options.camera = geometry::Camera{64, 48, 50, 50, 31.5, 23.5};
+  write_image(seed("sfm_plan", "a.png"), texture({64, 48}));
+  write_image(seed("sfm_plan", "b.png"), texture({48, 64}));
+  const std::vector<sfm::Input> inputs = {{"a.png", seed("sfm_plan", "a.png")},
+                                          {"b.png", seed("sfm_plan", "b.png")}};
+  NoProgress quiet;
+  (void)sfm::write_plan(folder, inputs, options, 2, quiet, {});
+  for (const sfm::Input& input : inputs) fs::remove(input.path);
+  fs::rename(folder + "/plan.json", seed("sfm_plan", "two.json"));
+
+  sfm::ShardInfo info;
+  info.count = 1;
+  info.left_out = {{1, "b.png: no image"}};
+  const std::string path = seed("shard_info", "one");
+  sfm::write_shard_info(path, info);
+
+  sfm::ImageFeatures image;
+  image.size = {64, 48};
+  image.lens = {*options.camera, "given"};
+  image.body = "a camera";
+  image.key = "00";
+  image.features = some_features();
+  (void)sfm::write_feature_shard(seed("feature_shard", "one"), std::vector{image, image});
+  keep_unsummed(seed("feature_shard", "one"));
+  (void)sfm::write_image_pairs(seed("image_pairs", "three"),
+                               std::vector<sfm::ImagePair>{{0, 1}, {0, 2}, {1, 2}});
+  keep_unsummed(seed("image_pairs", "three"));
+  sfm::Pair pair;
+  pair.second = 1;
+  pair.matches = 3;
+  pair.view.inliers = {{0, 1}, {2, 2}};
+  (void)sfm::write_match_shard(seed("match_shard", "one"), std::vector{pair});
+  keep_unsummed(seed("match_shard", "one"));
+}
+
+void reconstructions() {
+  const std::string folder = seed("colmap_binary", "") + "model";
+  sfm::write_colmap_binary(folder, sfm::synthetic_model());
+  std::string all;
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"})
+    all += (all.empty() ? "" : "%%%\n") + read_file(folder + "/" + name, 1'000'000);
+  fs::remove_all(folder);
+  write_file_atomically(seed("colmap_binary", "wall"), all);
+
+  sfm::ColmapDatabase database;
+  database.cameras = {{geometry::Camera{64, 48, 50, 50, 31.5, 23.5}, true}};
+  database.images = {{"a.png", 0, some_features()}, {"b.png", 0, some_features()}};
+  database.pairs = {{0, 1, {{0, 1}, {2, 2}}, {}}};
+  const std::string path = seed("colmap_database", "two.db");
+  fs::remove(path);
+  sfm::write_colmap_database(path, database);
+
+  sfm::write_colmap_map(seed("depth_map", "depth.bin"), cv::Mat(6, 8, CV_32FC1, cv::Scalar(2)));
+  sfm::write_colmap_map(seed("depth_map", "normals.bin"),
+                        cv::Mat(6, 8, CV_32FC3, cv::Scalar(0, 0, -1)));
+}
+
+}  // namespace
+
+void reconstruction_seeds() {
+  shards();
+  reconstructions();
+}
+
+}  // namespace tarsier

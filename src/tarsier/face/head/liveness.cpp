@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/liveness.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+
+#include <Eigen/QR>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace tarsier::face::head {
+namespace {
+
+constexpr Eigen::Index kPoints = 68;
+constexpr int kNoseTip = 30;
+// Nearly in one plane, and little moved by expressions.
+constexpr std::array<int, 8> kPlane{36, 39, 42, 45, 31, 35, 48, 54};
+// Upper and lower lids, pairs of each eye.
+constexpr std::array<std::array<int, 4>, 2> kLids{{{37, 41, 38, 40}, {43, 47, 44, 46}}};
+// Blinks count only while the head looks where it looked first: the lids of heads and images that
+// are turned or nodded look narrower than the map of the eyes' corners says.
+constexpr double kFacingDeg = 12;
+
+using Affine = Eigen::Matrix<double, 2, 3>;
+
+Affine affine_between(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to) {
+  Eigen::Matrix<double, kPlane.size(), 3> a;
+  Eigen::Matrix<double, kPlane.size(), 2> b;
+  for (std::size_t i = 0; i < kPlane.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    a.row(row) << from.col(kPlane[i]).transpose(), 1;
+    b.row(row) = to.col(kPlane[i]).transpose();
+  }
+  return a.colPivHouseholderQr().solve(b).transpose();
+}
+
+Eigen::Matrix2Xd mapped(const Affine& map, const Eigen::Matrix2Xd& points) {
+  return (map.leftCols<2>() * points).colwise() + map.col(2);
+}
+
+double lids_apart(const Eigen::Matrix2Xd& points, const std::array<int, 4>& lids) {
+  return (points.col(lids[0]) - points.col(lids[1])).norm() +
+         (points.col(lids[2]) - points.col(lids[3])).norm();
+}
+
+Eigen::Vector2d eye_to_eye(const Eigen::Matrix2Xd& points) {
+  return 0.5 * (points.col(42) + points.col(45) - points.col(36) - points.col(39));
+}
+
+}  // namespace
+
+std::string_view name_of(LivenessTask task) {
+  switch (task) {
+    case LivenessTask::kBlink:
+      return "blink";
+    case LivenessTask::kTurnLeft:
+      return "turn left";
+    case LivenessTask::kTurnRight:
+      break;
+  }
+  return "turn right";
+}
+
+std::string_view name_of(LivenessState state) {
+  switch (state) {
+    case LivenessState::kLook:
+      return "look";
+    case LivenessState::kAsk:
+      return "ask";
+    case LivenessState::kPassed:
+      return "passed";
+    case LivenessState::kFailed:
+      break;
+  }
+  return "failed";
+}
+
+void LivenessOptions::check() const {
+  check_fields(*this);
+  TARSIER_REQUIRE(closed < open, "shut below {} and open above {}", closed, open);
+}
+
+std::vector<LivenessTask> draw_tasks(int count, std::uint64_t seed) {
+  TARSIER_REQUIRE(count >= 1, "{} tasks", count);
+  constexpr std::array<LivenessTask, 3> kTasks{LivenessTask::kBlink, LivenessTask::kTurnLeft,
+                                               LivenessTask::kTurnRight};
+  Rng rng(seed);
+  std::vector<LivenessTask> out;
+  while (static_cast<int>(out.size()) < count) {
+    const auto drawn = kTasks[static_cast<std::size_t>(rng.uniform(0, 2.9999999))];
+    if (out.empty() || out.back() != drawn) out.push_back(drawn);
+  }
+  return out;
+}
+
+Liveness::Liveness(std::uint64_t seed, const LivenessOptions& options) : options_(options) {
+  options_.check();
+  tasks_ = draw_tasks(options_.tasks, seed);
+}
+
+void Liveness::fail(std::string reason) {
+  status_.state = LivenessState::kFailed;
+  status_.task.reset();
+  status_.left_s = 0;
+  status_.reason = std::move(reason);
+}
+
+void Liveness::next_task(double time) {
+  task_start_ = time;
+  shut_since_.reset();
+  flat_turn_ = false;
+  if (status_.done == static_cast<int>(tasks_.size())) {
+    status_.state = LivenessState::kPassed;
+    status_.task.reset();
+    status_.left_s = 0;
+    return;
+  }
+  status_.state = LivenessState::kAsk;
+  status_.task = tasks_[static_cast<std::size_t>(status_.done)];
+  status_.left_s = options_.task_s;
+}
+
+// Sums up the reference.
+void Liveness::look(const LivenessFrame& frame) {
+  if (!frame.yaw_deg || std::abs(*frame.yaw_deg) > kFacingDeg) return;
+  if (!start_) {
+    start_ = frame.time;
+    first_ = frame.points;
+    sum_ = Eigen::Matrix2Xd::Zero(2, kPoints);
+  }
+  sum_ += mapped(affine_between(frame.points, first_), frame.points);
+  yaw_sum_ += *frame.yaw_deg;
+  pitch_sum_ += frame.pitch_deg.value_or(0);
+  ++frames_;
+  if (frame.time - *start_ < options_.look_s) return;
+  reference_ = sum_ / frames_;
+  yaw_ = yaw_sum_ / frames_;
+  pitch_ = pitch_sum_ / frames_;
+  next_task(frame.time);
+}
+
+void Liveness::measure(const LivenessFrame& frame) {
+  const Eigen::Matrix2Xd flat = mapped(affine_between(reference_, frame.points), reference_);
+  const Eigen::Vector2d across = eye_to_eye(flat);
+  const double length = std::max(across.norm(), 1e-6);
+  status_.parallax =
+      (frame.points.col(kNoseTip) - flat.col(kNoseTip)).dot(across) / (length * length);
+  status_.openness = 0;
+  for (const auto& lids : kLids)
+    status_.openness = std::max(
+        status_.openness, lids_apart(frame.points, lids) / std::max(lids_apart(flat, lids), 1e-6));
+}
+
+void Liveness::ask(const LivenessFrame& frame) {
+  measure(frame);
+  const double turned = frame.yaw_deg ? *frame.yaw_deg - yaw_ : 0;
+  bool done = false;
+  if (*status_.task == LivenessTask::kBlink) {
+    const double nodded = frame.pitch_deg ? *frame.pitch_deg - pitch_ : 0;
+    if (!frame.yaw_deg || std::abs(turned) > kFacingDeg || std::abs(nodded) > kFacingDeg) {
+      shut_since_.reset();
+    } else if (status_.openness < options_.closed) {
+      if (!shut_since_) shut_since_ = frame.time;
+    } else if (status_.openness > options_.open && shut_since_) {
+      done = frame.time - *shut_since_ <= options_.longest_blink_s;
+      shut_since_.reset();
+    }
+  } else {
+    // Yaw and parallax have the sign of the image's left and right: their own left is its right.
+    const double sign = *status_.task == LivenessTask::kTurnLeft ? 1 : -1;
+    const bool far_enough = -sign * turned >= options_.turn_deg;
+    done = far_enough && sign * status_.parallax >= options_.min_parallax;
+    flat_turn_ = flat_turn_ || (far_enough && !done);
+  }
+  if (done) {
+    ++status_.done;
+    next_task(frame.time);
+    return;
+  }
+  status_.left_s = std::max(0.0, options_.task_s - (frame.time - task_start_));
+  if (status_.left_s == 0) fail(flat_turn_ ? "flat" : "time");
+}
+
+const LivenessStatus& Liveness::step(const LivenessFrame& frame) {
+  const bool over =
+      status_.state == LivenessState::kPassed || status_.state == LivenessState::kFailed;
+  if (over) return status_;
+  TARSIER_REQUIRE(frame.points.cols() == 0 || frame.points.cols() == kPoints, "{} points, not 68",
+                  frame.points.cols());
+  TARSIER_REQUIRE(!last_time_ || frame.time >= *last_time_, "time {} after {}", frame.time,
+                  last_time_.value_or(0));
+  if (!last_time_) seen_ = task_start_ = frame.time;
+  last_time_ = frame.time;
+  const bool face = frame.points.cols() > 0 && frame.points.allFinite();
+  if (face && id_ == 0) id_ = frame.id;
+  if (face && frame.id != id_) {
+    fail("another face");
+  } else if (face) {
+    seen_ = frame.time;
+    if (status_.state == LivenessState::kLook) {
+      look(frame);
+      // Who never looks into the camera is not asked.
+      if (status_.state == LivenessState::kLook && frame.time - task_start_ > options_.task_s)
+        fail("time");
+    } else {
+      ask(frame);
+    }
+  } else if (id_ != 0 && frame.time - seen_ > options_.lost_s) {
+    fail("no face");
+  } else if (frame.time - task_start_ > options_.task_s) {
+    fail(status_.state == LivenessState::kLook ? "no face" : "time");
+  }
+  return status_;
+}
+
+}  // namespace tarsier::face::head

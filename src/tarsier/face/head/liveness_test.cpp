@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/liveness.h"
+
+#include "tarsier/core/rng.h"
+#include "tarsier/face/head/angles.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <set>
+#include <stdexcept>
+
+namespace tarsier::face::head {
+namespace {
+
+using testing::Contains;
+using testing::ElementsAreArray;
+
+constexpr double kFps = 15;
+
+// The 68 points of a head of formulas, mm, in the head's frame (x right, y down, z away from the
+// camera); `open`: of the lids, 1 open.
+Eigen::Matrix3Xd formula_head(double open) {
+  Eigen::Matrix3Xd x = Eigen::Matrix3Xd::Zero(3, 68);
+  for (int i = 0; i < 17; ++i) {  // outline
+    const double a = (i - 8) * 0.19;
+    x.col(i) << 68 * std::sin(a), 20 + 75 * std::cos(a), 60 - 50 * std::cos(a);
+  }
+  for (int i = 0; i < 5; ++i) {  // brows
+    x.col(17 + i) << -55 + 10 * i, -22, 2;
+    x.col(22 + i) << 15 + 10 * i, -22, 2;
+  }
+  for (int i = 0; i < 4; ++i) x.col(27 + i) << 0, 12 * i, -4 - 8 * i;  // bridge to tip: -28
+  for (int i = 0; i < 5; ++i) x.col(31 + i) << -14 + 7 * i, 42, -10 - 3 * (2 - std::abs(i - 2));
+  for (int eye = 0; eye < 2; ++eye) {
+    const double middle = eye == 0 ? -31 : 31;
+    const double dx[6] = {-14, -5, 5, 14, 5, -5};
+    const double dy[6] = {0, -5, -5, 0, 5, 5};
+    for (int k = 0; k < 6; ++k) x.col(36 + 6 * eye + k) << middle + dx[k], open * dy[k], 2;
+  }
+  for (int k = 0; k < 20; ++k) {  // mouth
+    const double a = 2 * 3.14159265358979 * (k < 12 ? k / 12.0 : (k - 12) / 8.0);
+    const double r = k < 12 ? 1 : 0.6;
+    x.col(48 + k) << -25 * r * std::cos(a), 66 - 9 * r * std::sin(a), -3;
+  }
+  return x;
+}
+
+// Of a camera of 800 px at 600 mm.
+Eigen::Matrix2Xd image_of(const Eigen::Matrix3Xd& shape, const HeadAngles& angles, double noise,
+                          Rng& rng) {
+  const Eigen::Matrix3d rotation = rotation_of_angles(angles);
+  Eigen::Matrix2Xd out(2, shape.cols());
+  for (Eigen::Index i = 0; i < shape.cols(); ++i) {
+    const Eigen::Vector3d p = rotation * shape.col(i) + Eigen::Vector3d(0, 0, 600);
+    const double dx = noise * rng.normal();
+    const double dy = noise * rng.normal();
+    out.col(i) << 320 + 800 * p.x() / p.z() + dx, 240 + 800 * p.y() / p.z() + dy;
+  }
+  return out;
+}
+
+// Somebody, or something, that hears what is asked.
+struct Act {
+  HeadAngles angles;
+  double open = 1;
+};
+using Actor = std::function<Act(const LivenessStatus&, double time)>;
+
+// What a willing person does: turns by `degrees`, or shuts the eyes for 0.2 s.
+Actor person(double degrees) {
+  return [degrees, since = 0.0, last = -1](const LivenessStatus& status, double time) mutable {
+    Act act;
+    if (status.done != last) {
+      last = status.done;
+      since = time;
+    }
+    const double t = time - since;
+    if (!status.task) return act;
+    if (*status.task == LivenessTask::kBlink) {
+      act.open = t > 0.8 && t < 1.0 ? 0.1 : 1;
+    } else if (t > 0.3) {
+      const double turn = std::min(degrees, 40 * (t - 0.3));
+      act.angles.yaw_deg = *status.task == LivenessTask::kTurnLeft ? -turn : turn;
+    }
+    // Back to the middle before the next thing is asked is not needed: each is measured by itself.
+    return act;
+  };
+}
+
+LivenessStatus play(std::uint64_t seed, const Actor& actor, bool flat, double noise = 0.5,
+                    const LivenessOptions& options = {}) {
+  Liveness liveness(seed, options);
+  Rng rng(seed + 1000);
+  for (double time = 0; time < 40; time += 1 / kFps) {
+    const Act act = actor(liveness.status(), time);
+    Eigen::Matrix3Xd shape = formula_head(flat ? 1 : act.open);
+    if (flat) shape.row(2).setZero();
+    LivenessFrame frame;
+    frame.time = time;
+    frame.id = 1;
+    frame.points = image_of(shape, act.angles, noise, rng);
+    frame.yaw_deg = act.angles.yaw_deg + rng.normal();
+    frame.pitch_deg = act.angles.pitch_deg + rng.normal();
+    const LivenessStatus& status = liveness.step(frame);
+    if (status.state == LivenessState::kPassed || status.state == LivenessState::kFailed) break;
+  }
+  return liveness.status();
+}
+
+TEST(DrawTasks, AreOfTheSeedAndNeverTwiceInARow) {
+  std::set<std::vector<LivenessTask>> orders;
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    const auto tasks = draw_tasks(4, seed);
+    EXPECT_THAT(draw_tasks(4, seed), ElementsAreArray(tasks));
+    for (std::size_t i = 1; i < tasks.size(); ++i) EXPECT_NE(tasks[i], tasks[i - 1]);
+    orders.insert(tasks);
+  }
+  EXPECT_EQ(orders.size(), 24U) << "3 * 2 * 2 * 2 of them";
+}
+
+TEST(Liveness, PassesWhoDoesWhatIsAsked) {
+  int passed = 0;
+  for (std::uint64_t seed = 0; seed < 50; ++seed)
+    passed += play(seed, person(25), false).state == LivenessState::kPassed ? 1 : 0;
+  EXPECT_GE(passed, 49);
+}
+
+TEST(Liveness, RefusesAPlaneThatIsTurned) {
+  for (std::uint64_t seed = 0; seed < 50; ++seed) {
+    const LivenessStatus status = play(seed, person(35), true);
+    EXPECT_EQ(status.state, LivenessState::kFailed) << seed;
+  }
+}
+
+// In every direction, fast and slow, and nodded so that the eyes look narrower.
+TEST(Liveness, RefusesAPlaneThatIsWaved) {
+  int flat = 0;
+  for (std::uint64_t seed = 0; seed < 50; ++seed) {
+    const double rate = 0.5 + 0.1 * static_cast<double>(seed % 20);
+    const LivenessStatus status = play(
+        seed,
+        [&](const LivenessStatus& now, double time) {
+          Act act;
+          if (!now.task) return act;
+          act.angles = {45 * std::sin(rate * time), 50 * std::sin(0.7 * rate * time),
+                        15 * std::sin(1.3 * rate * time)};
+          return act;
+        },
+        true);
+    EXPECT_EQ(status.state, LivenessState::kFailed) << seed;
+    flat += status.reason == "flat" ? 1 : 0;
+  }
+  EXPECT_GT(flat, 0) << "and says why";
+}
+
+TEST(Liveness, RefusesWhoDoesNothingOrTheOtherThing) {
+  const auto still = [](const LivenessStatus&, double) { return Act{}; };
+  EXPECT_EQ(play(1, still, false).reason, "time");
+  LivenessOptions turn;
+  turn.tasks = 2;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const auto wrong = [&](const LivenessStatus& now, double time) {
+      Act act = person(25)(now, time);
+      if (!now.task) return act;
+      act.angles.yaw_deg = *now.task == LivenessTask::kTurnLeft ? 25 : -25;  // the other way
+      return act;
+    };
+    EXPECT_EQ(play(seed, wrong, false, 0.5, turn).state, LivenessState::kFailed) << seed;
+  }
+}
+
+TEST(Liveness, FailsWithoutAFaceAndWithAnotherOne) {
+  Rng rng(1);
+  const auto frame = [&](double time, int id) {
+    LivenessFrame out;
+    out.time = time;
+    out.id = id;
+    out.points = image_of(formula_head(1), {}, 0.3, rng);
+    out.yaw_deg = 0;
+    return out;
+  };
+  Liveness other(1);
+  (void)other.step(frame(0, 1));
+  EXPECT_EQ(other.step(frame(0.1, 2)).reason, "another face");
+  EXPECT_EQ(other.step(frame(0.2, 1)).state, LivenessState::kFailed) << "it stays so";
+  Liveness gone(1);
+  (void)gone.step(frame(0, 1));
+  LivenessFrame empty;
+  empty.time = 0.4;
+  EXPECT_EQ(gone.step(empty).state, LivenessState::kLook);
+  empty.time = 0.6;
+  EXPECT_EQ(gone.step(empty).reason, "no face");
+  Liveness nobody(1);
+  for (empty.time = 0; empty.time < 5; empty.time += 0.5)
+    EXPECT_EQ(nobody.step(empty).state, LivenessState::kLook);
+  empty.time = 7;
+  EXPECT_EQ(nobody.step(empty).reason, "no face");
+}
+
+TEST(Liveness, RefusesMisuse) {
+  LivenessOptions bad;
+  bad.open = 0.5;
+  EXPECT_THROW(Liveness(1, bad), std::invalid_argument);
+  Liveness liveness(1);
+  LivenessFrame frame;
+  frame.points = Eigen::Matrix2Xd::Zero(2, 5);
+  EXPECT_THROW((void)liveness.step(frame), std::invalid_argument);
+  frame.points.resize(2, 0);
+  frame.time = 2;
+  (void)liveness.step(frame);
+  frame.time = 1;
+  EXPECT_THROW((void)liveness.step(frame), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::face::head

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/face/onnx/module.h"
+
+#include <fmt/format.h>
+
+#include <dlfcn.h>
+#include <filesystem>
+#include <system_error>
+
+namespace tarsier::face::onnx {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kModule = "tarsier-onnx.so";
+
+struct Module {
+  std::string trouble;  // empty: it is there
+  decltype(&tarsier_onnx_open) open = nullptr;
+};
+
+Module load() {
+  Module module;
+  const std::string path = module_path();
+  if (path.empty()) {
+    module.trouble = fmt::format(
+        "nothing here runs ONNX files: {} is not beside the program; install the package "
+        "tarsier-onnx",
+        kModule);
+    return module;
+  }
+  // Never unloaded: OpenCV leaves exit handlers behind.
+  void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr) {
+    const char* reason = dlerror();
+    module.trouble =
+        fmt::format("nothing here runs ONNX files: {}", reason == nullptr ? path.c_str() : reason);
+    return module;
+  }
+  const auto version =
+      reinterpret_cast<decltype(&tarsier_onnx_version)>(dlsym(handle, "tarsier_onnx_version"));
+  module.open = reinterpret_cast<decltype(&tarsier_onnx_open)>(dlsym(handle, "tarsier_onnx_open"));
+  if (version == nullptr || module.open == nullptr) {
+    module.trouble = fmt::format("{} is no module of this program", path);
+  } else if (const std::string built = version(); built != TARSIER_VERSION) {
+    module.trouble =
+        fmt::format("{} is of version {}, the program of {}", path, built, TARSIER_VERSION);
+  }
+  return module;
+}
+
+}  // namespace
+
+std::string module_path() {
+  std::error_code error;
+  const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
+  for (const fs::path& place : {folder, folder / "../lib/tarsier", fs::path(TARSIER_MODULES)})
+    if (fs::is_regular_file(place / kModule, error)) return (place / kModule).lexically_normal();
+  return {};
+}
+
+std::unique_ptr<Runner> open_runner(const Request& request, const std::string& path) {
+  static const Module module = load();
+  if (!module.trouble.empty()) throw ModelError(path, module.trouble);
+  std::string trouble;
+  std::unique_ptr<Runner> runner(module.open(&request, &trouble));
+  if (runner == nullptr) throw ModelError(path, "OpenCV does not take it: " + trouble);
+  return runner;
+}
+
+}  // namespace tarsier::face::onnx

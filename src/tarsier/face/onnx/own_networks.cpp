@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/onnx/own_networks.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/onnx/box_decoder.h"
+#include "tarsier/face/onnx/module.h"
+#include "tarsier/media/sha256.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <mutex>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+namespace tarsier::face::onnx {
+namespace {
+
+constexpr int kMinOutputs = 8;
+constexpr int kMaxOutputs = 4096;
+constexpr int kMinSide = 16;
+constexpr int kMaxSide = 2048;
+
+struct Opened {
+  NetworkFile file;  // without its bytes
+  InputForm form;    // with the size that holds
+  int channels = 3;
+  std::vector<std::string> outputs;
+  std::unique_ptr<Runner> runner;
+};
+
+Opened open_network(const std::string& path) {
+  Opened out;
+  out.file = read_network_file(path);
+  out.form = read_input_form(path);
+  if (out.file.inputs.size() != 1 || out.file.inputs[0].shape.size() != 4)
+    throw ModelError(path,
+                     fmt::format("takes {} inputs in place of one image", out.file.inputs.size()));
+  const std::vector<std::int64_t>& shape = out.file.inputs[0].shape;
+  if ((shape[0] != -1 && shape[0] != 1) || (shape[1] != 1 && shape[1] != 3))
+    throw ModelError(path, fmt::format("takes {} images of {} channels in place of one of 1 or 3",
+                                       shape[0], shape[1]));
+  out.channels = static_cast<int>(shape[1]);
+  if (out.form.width == 0) {
+    if (shape[2] == -1 || shape[3] == -1)
+      throw ModelError(path,
+                       "leaves the size of its image open: write 'size: W' into " + path + ".txt");
+    if (shape[2] < kMinSide || shape[3] < kMinSide || shape[2] > kMaxSide || shape[3] > kMaxSide)
+      throw ModelError(path, fmt::format("takes images of {} x {} px", shape[3], shape[2]));
+    out.form.width = static_cast<int>(shape[3]);
+    out.form.height = static_cast<int>(shape[2]);
+  }
+  if (out.form.mean.size() > 1 && static_cast<int>(out.form.mean.size()) != out.channels)
+    throw ModelError(path + ".txt", "more means than the network has channels");
+  for (const TensorForm& output : out.file.outputs) out.outputs.push_back(output.name);
+  if (out.outputs.empty()) throw ModelError(path, "has no output");
+  Request request;
+  request.bytes = out.file.bytes.data();
+  request.size = out.file.bytes.size();
+  request.input = {1, out.channels, out.form.height, out.form.width};
+  request.outputs = out.outputs;
+  out.runner = open_runner(request, path);
+  out.file.bytes = {};
+  log_info("{}", described(out.file, out.form));
+  return out;
+}
+
+// N x C x H x W of a grey image of the network's size.
+cv::Mat blob_of(const cv::Mat& gray, const Opened& network) {
+  const std::array<int, 4> shape{1, network.channels, gray.rows, gray.cols};
+  cv::Mat blob(4, shape.data(), CV_32F);
+  for (int c = 0; c < network.channels; ++c) {
+    const std::vector<double>& means = network.form.mean;
+    const auto mean = static_cast<float>(means[means.size() > 1 ? static_cast<std::size_t>(c) : 0]);
+    const auto scale = static_cast<float>(network.form.scale);
+    for (int y = 0; y < gray.rows; ++y) {
+      const auto* row = gray.ptr<unsigned char>(y);
+      auto* out = blob.ptr<float>(0, c, y);
+      for (int x = 0; x < gray.cols; ++x) out[x] = (static_cast<float>(row[x]) - mean) * scale;
+    }
+  }
+  return blob;
+}
+
+class OwnNetwork {
+ public:
+  explicit OwnNetwork(Opened opened) : opened_(std::move(opened)) {}
+  [[nodiscard]] const Opened& opened() const { return opened_; }
+  [[nodiscard]] std::vector<cv::Mat> run(const cv::Mat& gray) const {
+    const cv::Mat blob = blob_of(gray, opened_);
+    std::vector<cv::Mat> outputs;
+    const std::lock_guard lock(mutex_);  // OpenCV's networks belong to one thread at a time
+    const std::string trouble = opened_.runner->run(blob, outputs);
+    if (!trouble.empty()) throw ModelError(opened_.file.path, "OpenCV does not run it: " + trouble);
+    return outputs;
+  }
+
+ private:
+  Opened opened_;
+  mutable std::mutex mutex_;
+};
+
+class OwnEmbedder final : public recognition::FaceEmbedder {
+ public:
+  explicit OwnEmbedder(Opened opened) : network_(std::move(opened)) {
+    const InputForm& form = network_.opened().form;
+    const auto outputs = network_.run(cv::Mat::zeros(form.height, form.width, CV_8UC1));
+    const std::size_t total = outputs.size() == 1 ? outputs[0].total() : 0;
+    if (total < kMinOutputs || total > kMaxOutputs)
+      throw ModelError(
+          network_.opened().file.path,
+          fmt::format("gives {} outputs of {} numbers in place of one of {} to {}", outputs.size(),
+                      outputs.empty() ? 0 : outputs[0].total(), kMinOutputs, kMaxOutputs));
+    outputs_ = static_cast<int>(total);
+  }
+
+  [[nodiscard]] std::vector<float> embed(const cv::Mat& crop) const override {
+    const InputForm& form = network_.opened().form;
+    const auto outputs = network_.run(aligned_chip(crop, {form.width, form.height}));
+    std::vector<float> numbers(outputs[0].ptr<float>(),
+                               outputs[0].ptr<float>() + outputs[0].total());
+    double square = 0;
+    for (const float number : numbers) square += static_cast<double>(number) * number;
+    if (!std::isfinite(square))
+      throw ModelError(network_.opened().file.path, "gives numbers that are not finite");
+    const double length = std::sqrt(square);
+    for (float& number : numbers)
+      number = length > 1e-12 ? static_cast<float>(number / length) : 0.0F;
+    return numbers;
+  }
+  [[nodiscard]] int outputs() const override { return outputs_; }
+
+ private:
+  OwnNetwork network_;
+  int outputs_ = 0;
+};
+
+class OwnBoxDetector final : public BoxDetector {
+ public:
+  explicit OwnBoxDetector(Opened opened) : network_(std::move(opened)) {
+    const NetworkFile& file = network_.opened().file;
+    if (strides_of(network_.opened().outputs).empty())
+      throw ModelError(file.path,
+                       "has no outputs cls_S, obj_S, bbox_S and kps_S, S the px of a cell: not of "
+                       "the YuNet family");
+    const InputForm& form = network_.opened().form;
+    (void)find(cv::Mat::zeros(form.height, form.width, CV_8UC1));
+  }
+
+  [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
+    require_gray(gray);
+    constexpr double kMinScore = 0.3;
+    constexpr double kMaxEnlarged = 2;
+    const InputForm& form = network_.opened().form;
+    const cv::Size size(form.width, form.height);
+    const double scale = std::min({static_cast<double>(size.width) / gray.cols,
+                                   static_cast<double>(size.height) / gray.rows, kMaxEnlarged});
+    const cv::Size inside(std::clamp(cvRound(gray.cols * scale), 1, size.width),
+                          std::clamp(cvRound(gray.rows * scale), 1, size.height));
+    cv::Mat image = cv::Mat::zeros(size, CV_8UC1);
+    cv::Mat part = image(cv::Rect({0, 0}, inside));
+    cv::resize(gray, part, inside, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+    std::vector<FoundFace> found;
+    try {
+      found = decode_boxes(network_.opened().outputs, network_.run(image), size, kMinScore);
+    } catch (const std::invalid_argument& error) {
+      throw ModelError(network_.opened().file.path, error.what());
+    }
+    std::vector<ScoredFace> out;
+    for (FoundFace& face : found) {
+      for (cv::Point2d& point : face.points) {
+        point.x /= static_cast<double>(inside.width) / gray.cols;
+        point.y /= static_cast<double>(inside.height) / gray.rows;
+      }
+      const cv::Rect2d square = square_of_points(face.points);
+      const cv::Rect2d whole(0, 0, gray.cols, gray.rows);
+      if (square.width >= 8 && square.width <= 4.0 * std::max(gray.cols, gray.rows) &&
+          (square & whole).area() > 0.25 * square.area())
+        out.push_back({square, face.score});
+    }
+    return out;
+  }
+
+ private:
+  OwnNetwork network_;
+};
+
+// > 0; of the file and of how it takes its image: what two networks make does not compare.
+std::int64_t fingerprint_of(const Opened& network) {
+  Sha256 sum;
+  sum.add(network.file.sha256);
+  sum.add(fmt::format("{} {} {:a}", network.form.width, network.form.height, network.form.scale));
+  for (const double mean : network.form.mean) sum.add(fmt::format(" {:a}", mean));
+  std::uint64_t value = 0;
+  for (const char digit : sum.hex().substr(0, 15))
+    value = 16 * value + static_cast<std::uint64_t>(digit <= '9' ? digit - '0' : digit - 'a' + 10);
+  return static_cast<std::int64_t>(std::max<std::uint64_t>(1, value));
+}
+
+}  // namespace
+
+cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size) {
+  require_gray(crop);
+  TARSIER_REQUIRE(size.width >= kMinSide && size.height >= kMinSide, "a chip of {} x {} px",
+                  size.width, size.height);
+  constexpr double kEyeX = 0.27;  // where the cut has them
+  constexpr double kEyeY = 0.34;
+  constexpr double kAspect = 1.25;  // height / width of the cut
+  const double side = size.width / kAlignedSide;
+  const double scale = kAlignedEyesApart * side / ((1 - 2 * kEyeX) * crop.cols);
+  const double scale_y = scale * kAspect * crop.cols / crop.rows;  // heads that were cut otherwise
+  cv::Mat source;  // never the crop's own pixels: others go on with them
+  if (scale < 0.6)
+    cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);
+  else
+    source = crop;
+  // Centres of pixels at integers, as the alignment has them, too.
+  const double middle = 0.5 * crop.cols - 0.5;
+  const double line = kEyeY * crop.rows - 0.5;
+  const cv::Mat map = (cv::Mat_<double>(2, 3) << scale, 0, kAlignedEyesX * side - scale * middle, 0,
+                       scale_y, kAlignedEyesY * size.height / kAlignedSide - scale_y * line);
+  cv::Mat chip;
+  cv::warpAffine(source, chip, map, size, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  return chip;
+}
+
+std::shared_ptr<const recognition::DeepNetwork> load_embedding(const std::string& path) {
+  Opened opened = open_network(path);
+  auto out = std::make_shared<recognition::DeepNetwork>();
+  out->name = std::filesystem::path(path).filename().string();
+  out->sha256 = opened.file.sha256;
+  out->fingerprint = fingerprint_of(opened);
+  out->embedder = std::make_shared<const OwnEmbedder>(std::move(opened));
+  return out;
+}
+
+std::shared_ptr<const BoxDetector> load_box_detector(const std::string& path) {
+  return std::make_shared<const OwnBoxDetector>(open_network(path));
+}
+
+std::string described(const NetworkFile& file, const InputForm& form) {
+  return fmt::format("{}: SHA-256 {}, licence {}", file.path, file.sha256,
+                     form.licence.empty() ? kUnknownLicence : std::string_view(form.licence));
+}
+
+}  // namespace tarsier::face::onnx

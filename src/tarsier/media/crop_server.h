@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/option_fields.h"
+#include "tarsier/media/http_service.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <string>
+
+namespace tarsier {
+
+struct CropServerOptions {
+  std::string url;     // "http://127.0.0.1:8090/"
+  HttpAccess access;   // as of HttpService
+  std::string folder;  // where the images are kept; made, for its owner's eyes only
+  int max_crops = 5000;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_crops", max_crops, range(1, 1'000'000), "--max-crops",
+             "images that are kept; then the oldest are dropped"}};
+  }
+  void check() const { check_fields(*this); }
+};
+
+// Small images that whoever has their hash may fetch, while messages carry the hash alone:
+//   GET /crop/SHA256.jpg      the JPEG of that SHA-256, 64 hexadecimal digits
+// They are files of that name, so that they outlive the program.
+class CropServer {
+ public:
+  // Throws as HttpService; OutputError for the folder.
+  explicit CropServer(const CropServerOptions& options);
+
+  // Keeps an image (CV_8UC3 or CV_8UC1) and returns its hash. Throws OutputError.
+  [[nodiscard]] std::string add(const cv::Mat& image);
+  [[nodiscard]] std::string url_of(const std::string& hash) const;
+
+ private:
+  bool respond(MHD_Connection* connection, std::string_view path);
+
+  CropServerOptions options_;
+  std::mutex mutex_;
+  std::deque<std::string> hashes_;       // oldest first
+  std::unique_ptr<HttpService> server_;  // last: its threads use what is above
+};
+
+}  // namespace tarsier

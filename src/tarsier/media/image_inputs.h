@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/media/frame_source.h"
+
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+// The paths of all images that inputs name (images, folders, globs, @lists), in the order in which
+// open_sources() reads them. What is in a list is not looked for on the disk. Throws InputError for
+// an input that is missing or no image: a video, a camera, an address, one of `schemes`.
+[[nodiscard]] std::vector<std::string> images_of_inputs(const std::vector<std::string>& inputs,
+                                                        const std::vector<Scheme>& schemes = {});
+
+}  // namespace tarsier

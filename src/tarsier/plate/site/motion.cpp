@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/site/motion.h"
+
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace tarsier::plate {
+namespace {
+
+constexpr int kAcross = 160;  // cells
+
+cv::Mat cells_of(const cv::Mat& image) {
+  const int width = std::min(kAcross, image.cols);
+  const int height = std::max(1, cvRound(static_cast<double>(image.rows) * width / image.cols));
+  cv::Mat small;
+  cv::resize(image, small, {width, height}, 0, 0, cv::INTER_AREA);
+  if (small.channels() == 3) cv::cvtColor(small, small, cv::COLOR_BGR2GRAY);
+  cv::Mat cells;
+  small.convertTo(cells, CV_32F);
+  return cells;
+}
+
+float median_of(const cv::Mat& values) {
+  std::vector<float> sorted(values.begin<float>(), values.end<float>());
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  return *middle;
+}
+
+}  // namespace
+
+bool has_motion(const MotionOptions& options, MotionState& state, const cv::Mat& image) {
+  TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
+                  "the image is 8-bit BGR or grey");
+  if (options.threshold <= 0) return true;
+  const cv::Mat cells = cells_of(image);
+  if (state.background.size() != cells.size()) {
+    state.background = cells;
+    return true;
+  }
+  cv::Mat change = cells - state.background;
+  const float shared = median_of(change);
+  int count = 0;
+  for (auto it = change.begin<float>(); it != change.end<float>(); ++it)
+    count += std::abs(*it - shared) > options.threshold ? 1 : 0;
+  const bool moves = count >= options.min_cells;
+  for (int y = 0; y < cells.rows; ++y) {
+    auto* background = state.background.ptr<float>(y);
+    const auto* row = change.ptr<float>(y);
+    for (int x = 0; x < cells.cols; ++x) {
+      const bool moving = std::abs(row[x] - shared) > options.threshold;
+      background[x] +=
+          static_cast<float>(moving ? options.learning_moving : options.learning) * row[x];
+    }
+  }
+  return moves;
+}
+
+}  // namespace tarsier::plate

@@ -1,0 +1,317 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/site/site.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/plate/site/fair_scheduler.h"
+
+#include <algorithm>
+#include <condition_variable>
+#include <ctime>
+#include <exception>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+
+namespace tarsier::plate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr milliseconds kPatience{100};
+constexpr double kMaxIdleWaits = 10;  // idle times after which a frame without motion waits no more
+
+Clock::duration seconds(double s) {
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
+}
+
+// Of this thread: others that run do not count.
+double cpu_seconds() {
+  timespec now{};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+class Site {
+ public:
+  Site(const std::vector<SiteCamera>& cameras, const SiteOptions& options,
+       const SiteHandlers& handlers, const std::stop_token& stop)
+      : options_(options),
+        handlers_(handlers),
+        scheduler_(cameras.size()),
+        feeding_(cameras.size()),
+        forward_stop_(stop, [this] { end(); }) {
+    for (const SiteCamera& camera : cameras) {
+      cameras_.push_back(std::make_unique<Camera>());
+      cameras_.back()->given = &camera;
+      cameras_.back()->report.name = camera.name;
+    }
+  }
+
+  std::vector<CameraReport> run() {
+    {
+      std::vector<std::jthread> threads;  // joined at the end of the block
+      for (std::size_t i = 0; i < cameras_.size(); ++i) {
+        threads.emplace_back([this, i] { guarded([&] { feed(i); }, true); });
+      }
+      for (int i = 0; i < options_.threads; ++i) {
+        threads.emplace_back([this] { guarded([&] { work(); }, false); });
+      }
+    }
+    if (error_) std::rethrow_exception(error_);
+    std::vector<CameraReport> reports;
+    for (std::size_t i = 0; i < cameras_.size(); ++i) {
+      Camera& camera = *cameras_[i];
+      shift_unsynchronized(camera.state.tracker,
+                           camera.step);  // it had no frame since the clock was set
+      say(i, camera.given->reader.finish(camera.state));
+      reports.push_back(camera.report);
+    }
+    return reports;
+  }
+
+ private:
+  struct Camera {
+    const SiteCamera* given = nullptr;
+    std::optional<Frame> waiting;
+    bool waiting_moves = false;  // something moves in the frame that waits
+    double read_time = 0;        // of the latest frame that was taken to be read, s
+    bool restarted = false;      // the frame that waits is the first of its source
+    milliseconds step{0};        // by which the clock was set since its last frame was read
+    VideoReaderState state;      // of the thread that serves it
+    std::map<std::int64_t, std::int64_t> ids;  // of its vehicles: the tracker's, the site's
+    CameraReport report;
+  };
+
+  // What is thrown ends the run.
+  template <class Work>
+  void guarded(const Work& work, bool feeds) {
+    try {
+      work();
+    } catch (...) {
+      const std::lock_guard lock(mutex_);
+      if (!error_) error_ = std::current_exception();
+      stop_.request_stop();
+    }
+    const std::lock_guard lock(mutex_);
+    if (feeds) --feeding_;
+    changed_.notify_all();
+  }
+
+  void end() {
+    const std::lock_guard lock(mutex_);
+    stop_.request_stop();
+    changed_.notify_all();
+  }
+
+  [[nodiscard]] bool stopped() const { return stop_.stop_requested(); }
+
+  // --- frames ---
+
+  void feed(std::size_t index) {
+    Camera& camera = *cameras_[index];
+    double wait_s = options_.restart;
+    while (!stopped()) {
+      const Clock::time_point begun = Clock::now();
+      std::string reason;
+      try {
+        feed_from(index);
+        return;
+      } catch (const InputError& error) {
+        reason = error.what();
+      } catch (const SourceLostError& error) {
+        reason = error.what();
+      }
+      if (Clock::now() - begun > seconds(options_.max_restart)) wait_s = options_.restart;
+      log_warning("{}; it is opened again in {:.0f} s", reason, wait_s);
+      SourceStatus status;
+      status.state = SourceState::kLost;
+      status.detail = reason;
+      {
+        const std::lock_guard lock(mutex_);
+        ++camera.report.restarts;
+        camera.restarted = true;
+      }
+      tell_source(index, status);
+      sleep_unless_stopped(std::chrono::duration_cast<milliseconds>(seconds(wait_s)),
+                           stop_.get_token());
+      wait_s = std::min(2 * wait_s, options_.max_restart);
+    }
+  }
+
+  // Until the source ends or the run is stopped.
+  void feed_from(std::size_t index) {
+    Camera& camera = *cameras_[index];
+    const std::unique_ptr<FrameSource> source = camera.given->open();
+    const bool live = source->is_live();
+    const std::int64_t received_before = camera.report.received;
+    MotionState motion;
+    std::optional<SourceState> last_state;
+    Clock::time_point next_look{};
+    double last_motion = 0;  // by the clock of the frames, s
+    bool is_first = true;
+    while (!stopped()) {
+      if (live) sleep_until(next_look);
+      std::optional<Frame> frame = source->next(kPatience, stop_.get_token());
+      const SourceStatus status = source->status();
+      if (status.state != last_state) {
+        last_state = status.state;
+        tell_source(index, status);
+      }
+      if (!frame) {
+        if (source->ended()) return;
+        continue;
+      }
+      next_look = std::max(next_look + seconds(1 / options_.max_fps), Clock::now());
+      frame->name = camera.given->name;
+      frame->still = false;
+      const bool moves = has_motion(options_.motion, motion, frame->image);
+      if (moves || is_first) last_motion = frame->time;
+      const bool holds = frame->time - last_motion <= options_.hold;
+
+      std::unique_lock lock(mutex_);
+      if (is_first) camera.read_time = frame->time;
+      is_first = false;
+      camera.report.received = received_before + status.received;
+      ++camera.report.looked_at;
+      if (holds) ++camera.report.moving;
+      const double waited = frame->time - camera.read_time;
+      if (!holds && waited < options_.idle) continue;
+      if (!live) changed_.wait(lock, [&] { return stopped() || !camera.waiting; });
+      // A vehicle that drives by while others are read: the frame that shows it is not given up.
+      if (camera.waiting && camera.waiting_moves && !moves) continue;
+      const bool is_spare = !moves && waited < kMaxIdleWaits * options_.idle;
+      camera.waiting = std::move(*frame);
+      camera.waiting_moves = moves;
+      scheduler_.offer(index, is_spare);
+      changed_.notify_all();
+    }
+  }
+
+  void sleep_until(Clock::time_point due) {
+    const auto left = std::chrono::duration_cast<milliseconds>(due - Clock::now());
+    if (left > milliseconds(0)) sleep_unless_stopped(left, stop_.get_token());
+  }
+
+  // --- reading ---
+
+  void work() {
+    std::unique_lock lock(mutex_);
+    while (true) {
+      std::optional<std::size_t> next;
+      changed_.wait(lock, [&] {
+        if (!stopped()) next = scheduler_.take();
+        return next || stopped() || (feeding_ == 0 && !has_waiting());
+      });
+      if (!next) return;
+      Camera& camera = *cameras_[*next];
+      const Frame frame = std::move(*camera.waiting);
+      camera.waiting.reset();
+      camera.read_time = frame.time;
+      const bool restarted = std::exchange(camera.restarted, false);
+      const milliseconds step = std::exchange(camera.step, milliseconds(0));
+      changed_.notify_all();
+      lock.unlock();
+      const double begun = cpu_seconds();
+      read(*next, frame, restarted, step);
+      const double cost = cpu_seconds() - begun;
+      lock.lock();
+      camera.report.cpu_s += cost;
+      ++camera.report.read;
+      scheduler_.done(*next, cost);
+      changed_.notify_all();
+    }
+  }
+
+  [[nodiscard]] bool has_waiting() const {
+    return std::any_of(cameras_.begin(), cameras_.end(),
+                       [](const auto& camera) { return camera->waiting.has_value(); });
+  }
+
+  void read(std::size_t index, const Frame& frame, bool restarted, milliseconds step) {
+    Camera& camera = *cameras_[index];
+    const VideoReader& reader = camera.given->reader;
+    // The time of a source that was opened again begins again.
+    if (restarted) say(index, reader.finish(camera.state));
+    if (step.count() != 0) shift_unsynchronized(camera.state.tracker, step);
+    const FrameMoment seen = moment_of(index, frame);
+    VideoReaderResult result = reader.process(frame, camera.state, seen);
+    say(index, std::move(result.events));
+  }
+
+  FrameMoment moment_of(std::size_t index, const Frame& frame) {
+    if (!handlers_.moment) return {};
+    const std::lock_guard saying(saying_);
+    const SiteMoment moment = handlers_.moment(frame);
+    if (moment.step.count() != 0) {
+      shift_unsynchronized(cameras_[index]->state.tracker, moment.step);
+      const std::lock_guard lock(mutex_);
+      for (std::size_t i = 0; i < cameras_.size(); ++i)
+        if (i != index) cameras_[i]->step += moment.step;
+    }
+    return moment.seen;
+  }
+
+  // --- what is said ---
+
+  void say(std::size_t index, std::vector<PlateEvent> events) {
+    if (events.empty()) return;
+    Camera& camera = *cameras_[index];
+    const std::lock_guard saying(saying_);
+    for (PlateEvent& event : events) {
+      if (event.merged_into != 0) event.merged_into = site_id(camera, event.merged_into);
+      const std::int64_t own = event.id;
+      event.id = site_id(camera, own);
+      if (event.state == PlateState::kClosed) ++camera.report.vehicles;
+      if (event.state == PlateState::kClosed || event.state == PlateState::kWithdrawn)
+        camera.ids.erase(own);
+    }
+    if (handlers_.events) handlers_.events(index, events);
+  }
+
+  std::int64_t site_id(Camera& camera, std::int64_t own) {
+    const auto [place, is_new] = camera.ids.emplace(own, next_id_);
+    if (is_new) ++next_id_;
+    return place->second;
+  }
+
+  void tell_source(std::size_t index, const SourceStatus& status) {
+    const std::lock_guard saying(saying_);
+    if (handlers_.source) handlers_.source(index, status);
+  }
+
+  const SiteOptions& options_;
+  const SiteHandlers& handlers_;
+  std::mutex mutex_;  // of all below but `next_id_`; taken inside `saying_`, never around it
+  std::condition_variable changed_;
+  FairScheduler scheduler_;
+  std::vector<std::unique_ptr<Camera>> cameras_;
+  std::size_t feeding_;  // threads that feed
+  std::exception_ptr error_;
+  std::stop_source stop_;
+  std::mutex saying_;  // of the handlers
+  std::int64_t next_id_ = 1;
+  std::stop_callback<std::function<void()>> forward_stop_;  // last: calls end()
+};
+
+}  // namespace
+
+void SiteOptions::check() const {
+  check_fields(*this);
+  motion.check();
+}
+
+std::vector<CameraReport> run_site(const std::vector<SiteCamera>& cameras,
+                                   const SiteOptions& options, const SiteHandlers& handlers,
+                                   const std::stop_token& stop) {
+  TARSIER_REQUIRE(!cameras.empty(), "no cameras");
+  options.check();
+  return Site(cameras, options, handlers, stop).run();
+}
+
+}  // namespace tarsier::plate

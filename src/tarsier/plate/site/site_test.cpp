@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/site/site.h"
+
+#include "tarsier/core/errors.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <atomic>
+#include <mutex>
+#include <set>
+
+namespace tarsier::plate {
+namespace {
+
+using testing::ElementsAre;
+using testing::UnorderedElementsAre;
+
+// Frames of a second's tenth each, in which a vehicle drives by at `vehicle_from` .. +10 frames.
+class Drive final : public FrameSource {
+ public:
+  struct Script {
+    int frames = 60;
+    int vehicle_from = 20;
+    int fails_at = -1;  // throws SourceLostError there
+    bool ends = true;
+  };
+  explicit Drive(const Script& script) : script_(script) {}
+
+  std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
+    if (at_ == script_.fails_at) throw SourceLostError("a camera", "its cable was cut");
+    if (at_ >= script_.frames) return std::nullopt;
+    Frame frame;
+    frame.image = cv::Mat(180, 320, CV_8UC3, cv::Scalar::all(90));
+    const int since = at_ - script_.vehicle_from;
+    if (since >= 0 && since < 10)
+      cv::rectangle(frame.image, {20 * since, 80, 60, 30}, {200, 200, 200}, cv::FILLED);
+    frame.index = at_;
+    frame.time = 0.1 * at_++;
+    frame.captured = std::chrono::steady_clock::now();
+    return frame;
+  }
+  [[nodiscard]] bool ended() const override { return script_.ends && at_ >= script_.frames; }
+  [[nodiscard]] bool is_live() const override { return false; }
+  [[nodiscard]] SourceStatus status() const override {
+    SourceStatus status;
+    status.state = ended() ? SourceState::kEnded : SourceState::kLive;
+    status.received = at_;
+    return status;
+  }
+  [[nodiscard]] double fps() const override { return 10; }
+  [[nodiscard]] std::int64_t count() const override { return 0; }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
+
+ private:
+  Script script_;
+  int at_ = 0;
+  std::vector<std::string> skipped_;
+};
+
+// Reads the white plate of a Drive as `text`.
+VideoReader reader_of(const std::string& text) {
+  return {[text](const Frame& frame, DebugSink*) {
+            cv::Mat gray;
+            cv::cvtColor(frame.image, gray, cv::COLOR_BGR2GRAY);
+            const cv::Rect box = cv::boundingRect(gray > 150);
+            ReaderResult result;
+            if (box.empty()) return result;
+            Reading reading;
+            reading.text = text;
+            reading.confidence = 0.9;
+            reading.box = box;
+            reading.candidates.push_back({text, 0.9, ""});
+            result.plates.push_back(reading);
+            return result;
+          },
+          {}};
+}
+
+class SiteTest : public testing::Test {
+ protected:
+  SiteTest() {
+    options_.restart = 0.001;
+    options_.max_restart = 0.001;
+    handlers_.events = [this](std::size_t, const std::vector<PlateEvent>& events) {
+      for (const PlateEvent& event : events) {
+        if (event.state != PlateState::kClosed) continue;
+        closed_.push_back(event.text + "@" + event.source);
+        ids_.insert(event.id);
+      }
+    };
+  }
+  void add(const std::string& name, const Drive::Script& script) {
+    cameras_.push_back(
+        {name, [script] { return std::make_unique<Drive>(script); }, reader_of("4725" + name)});
+  }
+  std::vector<CameraReport> run() {
+    return run_site(cameras_, options_, handlers_, stop_.get_token());
+  }
+
+  std::vector<SiteCamera> cameras_;
+  SiteOptions options_;
+  SiteHandlers handlers_;
+  std::stop_source stop_;
+  std::vector<std::string> closed_;
+  std::set<std::int64_t> ids_;
+};
+
+TEST_F(SiteTest, GivesOneEventAVehicleWhateverTheNumberOfThreads) {
+  for (const int threads : {1, 3}) {
+    options_.threads = threads;
+    closed_.clear();
+    ids_.clear();
+    cameras_.clear();
+    for (int i = 1; i <= 5; ++i) add(std::to_string(i), {60, 5 * i});
+    run();
+    EXPECT_THAT(closed_,
+                UnorderedElementsAre("47251@1", "47252@2", "47253@3", "47254@4", "47255@5"));
+    EXPECT_EQ(ids_.size(), 5U);  // of all cameras
+  }
+}
+
+TEST_F(SiteTest, ReadsFewFramesWhileNothingMoves) {
+  add("a", {300, 200});
+  const CameraReport report = run().at(0);
+  EXPECT_EQ(report.received, 300);
+  EXPECT_EQ(report.looked_at, 300);
+  EXPECT_THAT(closed_, ElementsAre("4725a@a"));
+  EXPECT_EQ(report.vehicles, 1);
+  // Two seconds at the beginning, three and what the background takes with the vehicle, and one frame
+  // a second.
+  EXPECT_LT(report.read, 120);
+  EXPECT_GT(report.read, 60);
+  options_.motion.threshold = 0;
+  EXPECT_EQ(run().at(0).read, 300);
+}
+
+TEST_F(SiteTest, OpensAFailedCameraAgainWhileTheOthersGoOn) {
+  std::atomic<int> opened = 0;
+  cameras_.push_back(
+      {"bad",
+       [&]() -> std::unique_ptr<FrameSource> {
+         const int attempt = opened++;
+         if (attempt == 1) throw InputError("bad", "no such camera");
+         return std::make_unique<Drive>(Drive::Script{60, 10, attempt == 0 ? 40 : -1, true});
+       },
+       reader_of("BAD1")});
+  add("good", {60, 10});
+  std::vector<std::string> lost;
+  handlers_.source = [&](std::size_t camera, const SourceStatus& status) {
+    if (status.state == SourceState::kLost) lost.push_back(std::to_string(camera) + status.detail);
+  };
+  const std::vector<CameraReport> reports = run();
+  EXPECT_EQ(opened, 3);
+  EXPECT_EQ(reports[0].restarts, 2);
+  EXPECT_EQ(reports[1].restarts, 0);
+  EXPECT_THAT(lost, ElementsAre("0a camera: its cable was cut", "0bad: no such camera"));
+  // Before and after it was cut.
+  EXPECT_THAT(closed_, UnorderedElementsAre("BAD1@bad", "BAD1@bad", "4725good@good"));
+}
+
+TEST_F(SiteTest, EndsWhenItIsStoppedAndSaysWhatWasInSight) {
+  add("a", {45, 30, -1, false});  // and never ends
+  handlers_.events = [&, closed = handlers_.events](std::size_t camera,
+                                                    const std::vector<PlateEvent>& events) {
+    closed(camera, events);
+    if (events.front().state == PlateState::kOpened) stop_.request_stop();
+  };
+  run();
+  EXPECT_THAT(closed_, ElementsAre("4725a@a"));
+}
+
+TEST_F(SiteTest, EndsWithWhatAHandlerThrows) {
+  add("a", {});
+  add("b", {100, 20, -1, false});
+  handlers_.events = [](std::size_t, const std::vector<PlateEvent>&) {
+    throw OutputError("plates.db", "the disk is full");
+  };
+  EXPECT_THROW(run(), OutputError);
+  cameras_.clear();
+  EXPECT_THROW(run(), std::invalid_argument);
+}
+
+// In whatever order the frames of the two are read: each vehicle is in sight until its source ends, and
+// the clock is set when one source may have ended.
+TEST_F(SiteTest, MovesTheTimesOfAllCamerasWhenTheClockIsSet) {
+  add("a", {30, 20});
+  add("b", {30, 20});
+  int asked = 0;
+  handlers_.moment = [&](const Frame&) {
+    constexpr int kBefore = 50;
+    SiteMoment moment;
+    moment.seen.synchronized = asked >= kBefore;
+    moment.seen.wall = Moment(std::chrono::hours(asked >= kBefore ? 1000 : 0));
+    if (asked++ == kBefore) moment.step = std::chrono::hours(1000);
+    return moment;
+  };
+  options_.motion.threshold = 0;
+  std::vector<Moment> seen;
+  handlers_.events = [&](std::size_t, const std::vector<PlateEvent>& events) {
+    for (const PlateEvent& event : events)
+      if (event.state == PlateState::kClosed) seen.push_back(event.last_seen);
+  };
+  run();
+  EXPECT_THAT(seen,
+              ElementsAre(Moment(std::chrono::hours(1000)), Moment(std::chrono::hours(1000))));
+}
+
+}  // namespace
+}  // namespace tarsier::plate

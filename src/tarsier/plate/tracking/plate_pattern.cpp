@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/tracking/plate_pattern.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/plate/text/reading.h"
+#include "tarsier/plate/text/text.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace tarsier::plate {
+namespace {
+
+// Edits between a pattern and a text; those of '*' and '?' are free. More than one is two.
+int pattern_edits(std::string_view pattern, std::string_view text) {
+  std::vector<int> row(text.size() + 1);
+  for (std::size_t j = 0; j < row.size(); ++j) row[j] = static_cast<int>(j);
+  for (const char c : pattern) {
+    int diagonal = row[0];
+    row[0] += c == '*' ? 0 : 1;
+    for (std::size_t j = 1; j < row.size(); ++j) {
+      const int above = row[j];
+      if (c == '*') {
+        row[j] = std::min(above, row[j - 1]);
+      } else {
+        const bool same = c == '?' || c == text[j - 1];
+        row[j] = std::min({diagonal + (same ? 0 : 1), above + 1, row[j - 1] + 1});
+      }
+      diagonal = above;
+    }
+  }
+  return row.back();
+}
+
+// Without edits: '*' goes on from the latest one where the rest does not fit.
+bool fits(std::string_view pattern, std::string_view text) {
+  std::size_t p = 0;
+  std::size_t t = 0;
+  std::size_t star = std::string_view::npos;
+  std::size_t resume = 0;
+  while (t < text.size()) {
+    if (p < pattern.size() && pattern[p] == '*') {
+      star = p++;
+      resume = t;
+    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == text[t])) {
+      ++p;
+      ++t;
+    } else if (star != std::string_view::npos) {
+      p = star + 1;
+      t = ++resume;
+    } else {
+      return false;
+    }
+  }
+  while (p < pattern.size() && pattern[p] == '*') ++p;
+  return p == pattern.size();
+}
+
+// The parts of a folded pattern without wildcards; one that ends the pattern ends in '$'.
+std::vector<std::string> literals_of(const std::string& pattern) {
+  std::vector<std::string> parts(1);
+  for (const char c : fold_symbols(pattern) + '$') {
+    if (c != '*' && c != '?') {
+      parts.back() += c;
+    } else if (!parts.back().empty()) {
+      parts.emplace_back();
+    }
+  }
+  std::erase_if(parts, [](const std::string& part) { return part.empty() || part == "$"; });
+  return parts;
+}
+
+// A piece of two characters at the end of a text begins no gram with its end mark.
+bool is_piece(std::string_view piece) {
+  return piece.size() >= kGram || (piece.size() == 2 && piece.back() != '$');
+}
+
+}  // namespace
+
+std::string plate_pattern(std::string_view text, std::string_view what) {
+  std::string pattern;
+  for (const char c : text) {
+    if (c == ' ' || c == '-') continue;
+    const char upper = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+    if (class_of(upper) < 0 && upper != '*' && upper != '?') {
+      throw UsageError(
+          fmt::format("{} '{}': letters, digits, '*' (any characters) and '?' (any "
+                      "one) are expected",
+                      what, printable(text)));
+    }
+    pattern += upper;
+  }
+  if (pattern.empty() || pattern.size() > kMaxText) {
+    throw UsageError(
+        fmt::format("{} '{}': one to 64 characters are expected", what, printable(text)));
+  }
+  return pattern;
+}
+
+bool matches(std::string_view pattern, std::string_view text, bool near) {
+  if (!near) return fits(pattern, text);
+  return pattern_edits(fold_symbols(pattern), fold_symbols(text)) <= 1;
+}
+
+std::vector<std::string> grams_of(const std::string& text) {
+  const std::string folded = fold_symbols(std::string_view(text).substr(0, kMaxText)) + '$';
+  std::vector<std::string> grams;
+  for (std::size_t k = 0; k == 0 || k + kGram <= folded.size(); ++k)
+    grams.push_back(folded.substr(k, kGram));
+  std::sort(grams.begin(), grams.end());
+  grams.erase(std::unique(grams.begin(), grams.end()), grams.end());
+  return grams;
+}
+
+std::vector<std::string> pieces_of(const std::string& pattern) {
+  std::vector<std::string> pieces;
+  for (const std::string& part : literals_of(pattern)) {
+    std::size_t at = 0;
+    for (; at + kGram <= part.size(); at += kGram) pieces.push_back(part.substr(at, kGram));
+    if (is_piece(part.substr(at))) pieces.push_back(part.substr(at));
+  }
+  std::stable_sort(pieces.begin(), pieces.end(),
+                   [](const std::string& a, const std::string& b) { return a.size() > b.size(); });
+  return pieces;
+}
+
+std::vector<std::string> halves_of(const std::string& pattern) {
+  std::vector<std::string> pieces = pieces_of(pattern);
+  if (pieces.size() >= 2) return {pieces[0], pieces[1]};
+  for (const std::string& part : literals_of(pattern)) {
+    if (part.size() < 4) continue;
+    const std::string first = part.substr(0, 2);
+    const std::string second = part.substr(2, kGram);
+    if (is_piece(second)) return {first, second};
+  }
+  return {};
+}
+
+}  // namespace tarsier::plate

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: MIT
+// Included once for each instruction set, with TARSIER_VECTOR_BYTES (16, 32, 64) and
+// TARSIER_PATCH_KERNELS (the function's name) defined.
+#include "tarsier/sfm/dense/patch_kernels.h"
+
+#include <cstring>
+#if TARSIER_VECTOR_BYTES > 16
+#include <immintrin.h>
+#endif
+
+namespace tarsier::sfm {
+namespace {
+
+using Vector = float __attribute__((vector_size(TARSIER_VECTOR_BYTES)));
+using Integers = std::int32_t __attribute__((vector_size(TARSIER_VECTOR_BYTES)));
+constexpr int kLanes = TARSIER_VECTOR_BYTES / 4;
+constexpr float kNoise = 2;
+
+struct Offsets {
+  alignas(64) float x[kPatchSamples];
+  alignas(64) float y[kPatchSamples];
+  float spatial[kPatchSamples];
+  float tonal[256];
+};
+
+// exp() by its series: the standard library's is no constant expression, and this file has no
+// function that another could be linked with.
+constexpr float exponential(double x) {
+  double half = x / 64;
+  double sum = 1;
+  double term = 1;
+  for (int i = 1; i < 16; ++i) sum += term *= half / i;
+  for (int i = 0; i < 6; ++i) sum *= sum;
+  return static_cast<float>(sum);
+}
+
+constexpr Offsets make_offsets() {
+  Offsets offsets{};
+  int i = 0;
+  for (int y = -kPatchRadius; y <= kPatchRadius; y += 2) {
+    for (int x = -kPatchRadius; x <= kPatchRadius; x += 2) {
+      if (x * x + y * y == 2 * kPatchRadius * kPatchRadius) continue;
+      offsets.x[i] = static_cast<float>(x);
+      offsets.y[i] = static_cast<float>(y);
+      offsets.spatial[i] = exponential(-(x * x + y * y) / 50.0);
+      ++i;
+    }
+  }
+  for (int d = 0; d < 256; ++d) offsets.tonal[d] = exponential(-d * d / (2 * 51.0 * 51.0));
+  return offsets;
+}
+
+constexpr Offsets kOffsets = make_offsets();
+
+inline Vector load(const float* p) {
+  Vector v;
+  std::memcpy(&v, p, sizeof v);
+  return v;
+}
+
+inline Integers gather(const std::uint32_t* data, Integers index) {
+#if TARSIER_VECTOR_BYTES == 64
+  return reinterpret_cast<Integers>(
+      _mm512_i32gather_epi32(reinterpret_cast<__m512i>(index), data, 4));
+#elif TARSIER_VECTOR_BYTES == 32
+  return reinterpret_cast<Integers>(_mm256_i32gather_epi32(reinterpret_cast<const int*>(data),
+                                                           reinterpret_cast<__m256i>(index), 4));
+#else
+  Integers values;
+  for (int i = 0; i < kLanes; ++i) values[i] = static_cast<std::int32_t>(data[index[i]]);
+  return values;
+#endif
+}
+
+inline float sum_of(Vector v) {
+  float sum[kLanes];
+  std::memcpy(sum, &v, sizeof v);
+  for (int n = kLanes / 2; n > 0; n /= 2)
+    for (int i = 0; i < n; ++i) sum[i] += sum[i + n];
+  return sum[0];
+}
+
+inline float root_of(float x) { return __builtin_sqrtf(x); }
+
+void prepare(const GrayImage& image, int x, int y, Patch& patch) {
+  float gray[kPatchSamples];
+  const std::uint8_t* middle = image.data + y * image.step + x;
+  const bool is_inside = x >= kPatchRadius && y >= kPatchRadius && x + kPatchRadius < image.width &&
+                         y + kPatchRadius < image.height;
+  float total = 0;
+  float mean = 0;
+  for (int i = 0; i < kPatchSamples; ++i) {
+    int sx = static_cast<int>(kOffsets.x[i]);
+    int sy = static_cast<int>(kOffsets.y[i]);
+    if (!is_inside) {
+      sx = (x + sx < 0 ? 0 : x + sx >= image.width ? image.width - 1 : x + sx) - x;
+      sy = (y + sy < 0 ? 0 : y + sy >= image.height ? image.height - 1 : y + sy) - y;
+    }
+    const int value = middle[sy * image.step + sx];
+    const int difference = value > *middle ? value - *middle : *middle - value;
+    gray[i] = static_cast<float>(value);
+    patch.weight[i] = kOffsets.spatial[i] * kOffsets.tonal[difference];
+    total += patch.weight[i];
+    mean += patch.weight[i] * gray[i];
+  }
+  mean /= total;
+  const float scale = 1 / total;
+  float variance = 0;
+  for (int i = 0; i < kPatchSamples; ++i) {
+    patch.weight[i] *= scale;
+    const float centred = gray[i] - mean;
+    patch.product[i] = patch.weight[i] * centred;
+    variance += patch.product[i] * centred;
+  }
+  patch.variance = variance;
+}
+
+float cost(const Patch& patch, const GrayQuads& source, const float* h) {
+  const float limit_x = static_cast<float>(source.width - 1) - 1e-3F;
+  const float limit_y = static_cast<float>(source.height - 1) - 1e-3F;
+  // The middle decides; !(..) so that numbers that are none are outside.
+  if (!(h[6] > 0)) return kWorstCost;
+  const float scale = 1 / h[6];
+  if (!(h[0] * scale >= 0 && h[0] * scale <= limit_x + 1e-3F && h[3] * scale >= 0 &&
+        h[3] * scale <= limit_y + 1e-3F))
+    return kWorstCost;
+  Vector sum{};
+  Vector squares{};
+  Vector products{};
+  Vector nearest = Vector{} + h[6];
+  for (int i = 0; i < kPatchSamples; i += kLanes) {
+    const Vector dx = load(kOffsets.x + i);
+    const Vector dy = load(kOffsets.y + i);
+    const Vector z = h[6] + h[7] * dx + h[8] * dy;
+    nearest = z < nearest ? z : nearest;
+    const Vector inverse = 1 / z;
+    Vector u = (h[0] + h[1] * dx + h[2] * dy) * inverse;
+    Vector v = (h[3] + h[4] * dx + h[5] * dy) * inverse;
+    u = u > 0 ? u : Vector{};
+    v = v > 0 ? v : Vector{};
+    u = u < limit_x ? u : Vector{} + limit_x;
+    v = v < limit_y ? v : Vector{} + limit_y;
+    const Integers column = __builtin_convertvector(u, Integers);
+    const Integers row = __builtin_convertvector(v, Integers);
+    const Vector right = u - __builtin_convertvector(column, Vector);
+    const Vector down = v - __builtin_convertvector(row, Vector);
+    const Integers quad = gather(source.data, row * source.width + column);
+    const Vector v00 = __builtin_convertvector(quad & 255, Vector);
+    const Vector v10 = __builtin_convertvector((quad >> 8) & 255, Vector);
+    const Vector v01 = __builtin_convertvector((quad >> 16) & 255, Vector);
+    const Vector v11 = __builtin_convertvector((quad >> 24) & 255, Vector);
+    const Vector top = v00 + right * (v10 - v00);
+    const Vector bottom = v01 + right * (v11 - v01);
+    const Vector value = top + down * (bottom - top);
+    const Vector weighted = load(patch.weight + i) * value;
+    sum += weighted;
+    squares += weighted * value;
+    products += load(patch.product + i) * value;
+  }
+  float low = nearest[0];
+  for (int i = 1; i < kLanes; ++i) low = nearest[i] < low ? nearest[i] : low;
+  if (!(low > 0)) return kWorstCost;
+  const float mean = sum_of(sum);
+  const float spread = sum_of(squares) - mean * mean;
+  const float variance = spread > 0 ? spread : 0;
+  const float result =
+      1 - sum_of(products) / root_of((patch.variance + kNoise) * (variance + kNoise));
+  return result > 0 ? (result < kWorstCost ? result : kWorstCost) : 0;
+}
+
+constexpr PatchKernels kKernels{&prepare, &cost};
+
+}  // namespace
+
+const PatchKernels* TARSIER_PATCH_KERNELS() { return &kKernels; }
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/dense/patch_match.h"
+
+#include "tarsier/core/cpu.h"
+#include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/sfm/dense/depth_filter.h"
+#include "tarsier/sfm/dense/patch_kernels.h"
+#include "tarsier/sfm/dense/plane_field.h"
+#include "tarsier/synth/relief.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <stop_token>
+
+namespace tarsier::sfm {
+namespace {
+
+struct DrawnScene {
+  explicit DrawnScene(synth::Content content) : scene(options_of(content)) {
+    for (int i = 0; i < scene.count(); ++i) {
+      cv::Mat1b gray;
+      cv::cvtColor(scene.render(i), gray, cv::COLOR_BGR2GRAY);
+      images.push_back({gray, scene.camera(), scene.pose(i), {}});
+    }
+  }
+  static synth::SceneOptions options_of(synth::Content content) {
+    synth::SceneOptions options;
+    options.size = {240, 180};
+    options.images = 4;
+    options.noise = 1;
+    options.content = content;
+    return options;
+  }
+  [[nodiscard]] MatchProblem problem(std::size_t reference) const {
+    MatchProblem problem;
+    problem.reference = images[reference];
+    for (std::size_t i = 0; i < images.size(); ++i)
+      if (i != reference) problem.sources.push_back(images[i]);
+    problem.min_depth = 6;
+    problem.max_depth = 16;
+    return problem;
+  }
+  [[nodiscard]] cv::Mat1f truth(std::size_t index) const {
+    cv::Mat1f depth(images[index].gray.size());
+    for (int y = 0; y < depth.rows; ++y)
+      for (int x = 0; x < depth.cols; ++x)
+        depth(y, x) =
+            static_cast<float>(scene.depth(static_cast<int>(index), cv::Point2d(x, y)).value_or(0));
+    return depth;
+  }
+
+  synth::ReliefScene scene;
+  std::vector<MatchImage> images;
+};
+
+const DrawnScene& relief() {
+  static const DrawnScene scene(synth::Content::kRelief);
+  return scene;
+}
+
+// Relative errors of the depths that both know, sorted.
+std::vector<float> errors_of(const cv::Mat1f& depth, const cv::Mat1f& truth) {
+  std::vector<float> errors;
+  for (int y = 0; y < depth.rows; ++y)
+    for (int x = 0; x < depth.cols; ++x)
+      if (depth(y, x) > 0 && truth(y, x) > 0)
+        errors.push_back(std::abs(depth(y, x) / truth(y, x) - 1));
+  std::sort(errors.begin(), errors.end());
+  return errors;
+}
+
+TEST(PatchKernels, AgreeBetweenInstructionSets) {
+  const DrawnScene& scene = relief();
+  const MatchProblem problem = scene.problem(1);
+  const SourceLevel source =
+      make_source(problem.sources[0].gray, problem.sources[0].camera, {}, problem.reference.camera);
+  const cv::Mat1b& gray = problem.reference.gray;
+  const GrayImage image{gray.ptr(), static_cast<std::int64_t>(gray.step[0]), gray.cols, gray.rows};
+  Rng rng(3);
+  for (int i = 0; i < 300; ++i) {
+    const int x = rng.integer(0, gray.cols - 1);
+    const int y = rng.integer(0, gray.rows - 1);
+    const float h[9] = {static_cast<float>(x + rng.uniform(-9, 9)),
+                        1.02F,
+                        0.1F,
+                        static_cast<float>(y + rng.uniform(-9, 9)),
+                        -0.1F,
+                        0.97F,
+                        1,
+                        1e-3F,
+                        static_cast<float>(rng.uniform(-0.02, 0.02))};
+    Patch patch;
+    patch_kernels_baseline()->prepare(image, x, y, patch);
+    const float expected = patch_kernels_baseline()->cost(patch, source.quads(), h);
+    EXPECT_GE(expected, 0);
+    EXPECT_LE(expected, kWorstCost);
+    for (const PatchKernels* kernels : {patch_kernels_avx2(), patch_kernels_avx512()}) {
+      const bool is_avx2 = kernels == patch_kernels_avx2();
+      if (kernels == nullptr ||
+          hardware_simd_level() < (is_avx2 ? SimdLevel::kAvx2 : SimdLevel::kAvx512))
+        continue;
+      Patch same;
+      kernels->prepare(image, x, y, same);
+      EXPECT_NEAR(kernels->cost(same, source.quads(), h), expected, 2e-4F);
+    }
+  }
+}
+
+TEST(PatchKernels, CostIsNothingForTheSameAndWorstOutside) {
+  const DrawnScene& scene = relief();
+  const cv::Mat1b& gray = scene.images[0].gray;
+  const SourceLevel source = make_source(gray, scene.images[0].camera, {}, scene.images[0].camera);
+  const GrayImage image{gray.ptr(), static_cast<std::int64_t>(gray.step[0]), gray.cols, gray.rows};
+  const PatchKernels& kernels = patch_kernels();
+  Patch patch;
+  kernels.prepare(image, 100, 80, patch);
+  const float same[9] = {100, 1, 0, 80, 0, 1, 1, 0, 0};
+  EXPECT_LT(kernels.cost(patch, source.quads(), same), 0.05F);
+  const float outside[9] = {-1, 1, 0, 80, 0, 1, 1, 0, 0};
+  EXPECT_EQ(kernels.cost(patch, source.quads(), outside), kWorstCost);
+  const float behind[9] = {100, 1, 0, 80, 0, 1, -1, 0, 0};
+  EXPECT_EQ(kernels.cost(patch, source.quads(), behind), kWorstCost);
+  const float through[9] = {100, 1, 0, 80, 0, 1, 1, 0.3F, 0};  // partly behind
+  EXPECT_EQ(kernels.cost(patch, source.quads(), through), kWorstCost);
+  const float none[9] = {NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN};
+  EXPECT_EQ(kernels.cost(patch, source.quads(), none), kWorstCost);
+  // A flat patch has nothing in common with a flat patch.
+  const cv::Mat1b flat(64, 64, static_cast<unsigned char>(90));
+  const SourceLevel flat_source =
+      make_source(flat, {64, 64, 60, 60, 32, 32, {}, 0}, {}, {64, 64, 60, 60, 32, 32, {}, 0});
+  kernels.prepare({flat.ptr(), 64, 64, 64}, 30, 30, patch);
+  const float middle[9] = {30, 1, 0, 30, 0, 1, 1, 0, 0};
+  EXPECT_NEAR(kernels.cost(patch, flat_source.quads(), middle), 1, 0.01);
+}
+
+TEST(PlaneField, NormalsComeBack) {
+  const geometry::Camera camera{240, 180, 200, 210, 118, 91, {}, 0};
+  const cv::Vec3f normal = cv::normalize(cv::Vec3f(0.3F, -0.4F, -0.8F));
+  const Plane plane = plane_of(camera, 30, 150, 0.125F, normal);
+  EXPECT_LT(cv::norm(normal_of(camera, 30, 150, plane) - normal), 1e-5);
+  // The same plane at another pixel has the same normal.
+  Plane moved = plane;
+  moved.inverse_depth += 20 * plane.slope_x - 30 * plane.slope_y;
+  EXPECT_LT(cv::norm(normal_of(camera, 50, 120, moved) - normal), 1e-5);
+}
+
+TEST(PatchMatch, FindsTheDepthsOfADrawnScene) {
+  const DrawnScene& scene = relief();
+  const MatchProblem problem = scene.problem(1);
+  const PlaneMap map = match_planes(problem, {});
+  const std::vector<float> errors = errors_of(map.depth, scene.truth(1));
+  ASSERT_GT(errors.size(), 40'000U);
+  EXPECT_LT(errors[errors.size() / 2], 0.002F);
+  EXPECT_LT(errors[errors.size() * 3 / 4], 0.01F);
+  for (int y = 0; y < map.normal.rows; y += 7) {
+    for (int x = 0; x < map.normal.cols; x += 7) {
+      const cv::Vec3f& normal = map.normal(y, x);
+      EXPECT_NEAR(cv::norm(normal), 1, 1e-4);
+      const cv::Vec3d ray((x - problem.reference.camera.cx) / problem.reference.camera.fx,
+                          (y - problem.reference.camera.cy) / problem.reference.camera.fy, 1);
+      EXPECT_LT(cv::Vec3d(normal).dot(ray), 0);
+    }
+  }
+}
+
+TEST(PatchMatch, ThreadsDoNotChangeTheResult) {
+  const MatchProblem problem = relief().problem(0);
+  PatchMatchOptions options;
+  options.fine_rounds = 1;
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const PlaneMap one = match_planes(problem, options);
+  cv::setNumThreads(3);
+  const PlaneMap three = match_planes(problem, options);
+  cv::setNumThreads(threads);
+  EXPECT_EQ(cv::norm(one.depth, three.depth, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(one.normal, three.normal, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(one.cost, three.cost, cv::NORM_INF), 0);
+}
+
+TEST(PatchMatch, WhatAgreesIsRight) {
+  const DrawnScene& scene = relief();
+  MatchProblem problem = scene.problem(1);
+  for (std::size_t s = 0; s < problem.sources.size(); ++s) {
+    const std::size_t index = s < 1 ? s : s + 1;
+    problem.sources[s].depth = match_planes(scene.problem(index), {}).depth;
+  }
+  const PlaneMap map = match_again(problem, match_planes(problem, {}), {});
+  const DepthMap kept = filtered(problem, map, {});
+  const std::vector<float> errors = errors_of(kept.depth, scene.truth(1));
+  EXPECT_GT(errors.size(), map.depth.total() * 6 / 10);
+  EXPECT_LT(errors[errors.size() / 2], 0.001F);
+  EXPECT_LT(errors[errors.size() * 9 / 10], 0.01F);
+  EXPECT_EQ(cv::countNonZero(kept.confidence > 0), static_cast<int>(errors.size()));
+}
+
+TEST(PatchMatch, KnownPointsHelpWhereItBegins) {
+  const DrawnScene& scene = relief();
+  MatchProblem problem = scene.problem(2);
+  const cv::Mat1f truth = scene.truth(2);
+  for (int y = 5; y < truth.rows; y += 20)
+    for (int x = 5; x < truth.cols; x += 20)
+      problem.known.push_back({cv::Point2d(x, y), truth(y, x)});
+  problem.known.push_back({cv::Point2d(-50, 1e9), 10});  // outside
+  problem.known.push_back({cv::Point2d(5, 5), 1e6});     // out of the range
+  PatchMatchOptions quick;
+  quick.coarse_rounds = 1;
+  quick.middle_rounds = 1;
+  quick.fine_rounds = 0;
+  const std::vector<float> with = errors_of(match_planes(problem, quick).depth, truth);
+  problem.known.clear();
+  const std::vector<float> without = errors_of(match_planes(problem, quick).depth, truth);
+  EXPECT_LT(with[with.size() * 8 / 10], without[without.size() * 8 / 10]);
+}
+
+TEST(PatchMatch, RefusesWhatIsNoProblem) {
+  MatchProblem problem = relief().problem(0);
+  problem.min_depth = 0;
+  EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
+  problem = relief().problem(0);
+  problem.sources.clear();
+  EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
+  problem = relief().problem(0);
+  problem.sources[0].camera.width = 100;
+  EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
+  problem = relief().problem(0);
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_THROW((void)match_planes(problem, {}, stop.get_token()), Interrupted);
+}
+
+TEST(DepthFilter, TakesSmallIslandsAway) {
+  DepthMap map;
+  map.depth = cv::Mat1f(20, 20, 0.F);
+  map.normal = cv::Mat3f(20, 20, cv::Vec3f(0, 0, -1));
+  map.confidence = cv::Mat1f(20, 20, 1.F);
+  map.depth(cv::Rect(1, 1, 2, 2)).setTo(5);
+  map.depth(cv::Rect(8, 8, 5, 5)).setTo(5);
+  map.depth(cv::Rect(13, 8, 2, 2)).setTo(6);  // beside it, but farther
+  remove_small_segments(map, 5, 0.01);
+  EXPECT_EQ(cv::countNonZero(map.depth), 25);
+  EXPECT_EQ(map.confidence.at<float>(1, 1), 0);
+  EXPECT_EQ(map.normal.at<cv::Vec3f>(9, 14), cv::Vec3f(0, 0, 0));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

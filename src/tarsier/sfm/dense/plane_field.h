@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid3.h"
+#include "tarsier/sfm/dense/patch_kernels.h"
+
+#include <opencv2/core.hpp>
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+// A plane for each pixel of an image, and what it is compared with. Internal to this module.
+namespace tarsier::sfm {
+
+inline constexpr int kMaxSources = 16;
+
+// A plane through what a pixel (u, v) sees, in the camera's frame. Inverse depth is an affine function
+// of the pixel on every plane: 1 / z at (u + dx, v + dy) is inverse_depth + slope_x dx + slope_y dy.
+struct Plane {
+  float inverse_depth = 0;
+  float slope_x = 0;  // per px
+  float slope_y = 0;
+};
+
+// The unit normal of a plane at a pixel, towards the camera; and back (inverse depth above 0, normal
+// not at right angles to the ray).
+[[nodiscard]] cv::Vec3f normal_of(const geometry::Camera& camera, int x, int y, const Plane& plane);
+[[nodiscard]] Plane plane_of(const geometry::Camera& camera, int x, int y, float inverse_depth,
+                             const cv::Vec3f& normal);
+
+// Another image, as the reference sees it at one scale.
+struct SourceLevel {
+  std::vector<std::uint32_t> words;  // GrayQuads
+  cv::Size size;
+  [[nodiscard]] GrayQuads quads() const { return {words.data(), size.width, size.height}; }
+  // A pixel p = (u, v, 1) of the reference at inverse depth w is at to_source p + to_source_w w.
+  std::array<float, 9> to_source{};
+  std::array<float, 3> to_source_w{};
+  // The way back, from a pixel of the source and its inverse depth there.
+  std::array<float, 9> to_reference{};
+  std::array<float, 3> to_reference_w{};
+  cv::Mat1f inverse_depth;  // of the source; 0: unknown; empty: not looked at
+};
+
+struct MatchLevel {
+  cv::Mat1b gray;
+  geometry::Camera camera;
+  std::vector<SourceLevel> sources;
+  float min_inverse_depth = 0;
+  float max_inverse_depth = 0;
+};
+
+[[nodiscard]] SourceLevel make_source(const cv::Mat1b& gray, const geometry::Camera& camera,
+                                      const geometry::Rigid3& source_from_reference,
+                                      const geometry::Camera& reference);
+
+struct PlaneField {
+  cv::Size size;
+  std::vector<Plane> planes;
+  std::vector<float> costs;               // of the views that were chosen for each pixel
+  std::vector<std::uint16_t> view_costs;  // of each source at each pixel, 1 / kCostUnit
+  int sources = 0;
+
+  static constexpr float kCostUnit = 16384;
+  PlaneField() = default;
+  PlaneField(cv::Size size, int sources);
+  [[nodiscard]] std::size_t index(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(size.width) +
+           static_cast<std::size_t>(x);
+  }
+};
+
+// A field of another size whose planes are those of the nearest pixels of `coarse`.
+[[nodiscard]] PlaneField enlarged(const PlaneField& coarse, cv::Size size);
+
+}  // namespace tarsier::sfm

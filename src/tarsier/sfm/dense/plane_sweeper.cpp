@@ -1,0 +1,457 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/dense/plane_sweeper.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr float kMinCosine = 0.17F;    // of normal and ray: 80 degrees
+constexpr float kMaxReprojection = 3;  // px; more costs no more
+constexpr float kGoodCost = 0.3F;      // the spread of the costs of views that see the same
+constexpr float kSameMotion = 0.02F;   // px; planes that are nearer than this are the same
+
+// Where the planes of pixels around are looked for: of each group the one of the least cost is
+// tried. All are of the other colour of the checkerboard: dx + dy is odd.
+struct Place {
+  int x;
+  int y;
+};
+constexpr std::array<Place, 7> kNearUp{
+    {{0, -1}, {-1, -2}, {1, -2}, {-2, -3}, {2, -3}, {-3, -4}, {3, -4}}};
+constexpr std::array<Place, 10> kFarUp{{{0, -3},
+                                        {0, -5},
+                                        {0, -7},
+                                        {0, -9},
+                                        {0, -11},
+                                        {0, -13},
+                                        {0, -15},
+                                        {0, -17},
+                                        {0, -19},
+                                        {0, -21}}};
+
+Place turned(Place place, int quarter) {
+  switch (quarter) {
+    case 0:
+      return place;
+    case 1:
+      return {-place.y, place.x};
+    case 2:
+      return {-place.x, -place.y};
+    default:
+      return {place.y, -place.x};
+  }
+}
+
+std::uint64_t mixed(std::uint64_t x) {  // splitmix64
+  x += 0x9e3779b97f4a7c15U;
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9U;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebU;
+  return x ^ (x >> 31);
+}
+
+}  // namespace
+
+class PlaneSweeper::Random {
+ public:
+  Random(std::uint64_t seed, std::size_t pixel, int round)
+      : state_(
+            mixed(mixed(seed ^ static_cast<std::uint64_t>(round) * 0x9e3779b97f4a7c15U) + pixel)) {}
+  float uniform() {  // in [0, 1)
+    state_ = mixed(state_);
+    return static_cast<float>(state_ >> 40) * 0x1p-24F;
+  }
+  float even() { return 2 * uniform() - 1; }  // in [-1, 1)
+
+ private:
+  std::uint64_t state_;
+};
+
+struct PlaneSweeper::Pixel {
+  int x = 0;
+  int y = 0;
+  std::size_t index = 0;
+  Patch patch;
+  std::array<std::array<float, 3>, kMaxSources> base{};  // to_source (x, y, 1)
+  Views views;
+  Plane plane;     // the best so far
+  float cost = 0;  // its cost over the views
+  std::array<float, kMaxSources> costs{};
+  std::array<bool, kMaxSources> is_known{};
+  bool is_changed = false;
+};
+
+PlaneSweeper::PlaneSweeper(const MatchLevel& level, PlaneField& field, const Options& options)
+    : level_(level),
+      field_(field),
+      options_(options),
+      kernels_(patch_kernels()),
+      gray_{level.gray.ptr(), static_cast<std::int64_t>(level.gray.step[0]), level.gray.cols,
+            level.gray.rows} {
+  TARSIER_REQUIRE(field.size == level.gray.size(), "a field of {}x{} for {}x{}", field.size.width,
+                  field.size.height, level.gray.cols, level.gray.rows);
+  TARSIER_REQUIRE(!level.sources.empty() && level.sources.size() <= kMaxSources &&
+                      level.sources.size() == static_cast<std::size_t>(field.sources),
+                  "{} sources", level.sources.size());
+}
+
+template <typename Work>
+void PlaneSweeper::each_pixel(int colour, const std::stop_token& stop, const Work& work) {
+  cv::parallel_for_(cv::Range(0, field_.size.height), [&](const cv::Range& rows) {
+    Pixel pixel;
+    for (int y = rows.start; y < rows.end; ++y) {
+      if (stop.stop_requested()) return;
+      const int first = colour < 0 ? 0 : (y + colour) % 2;
+      for (int x = first; x < field_.size.width; x += colour < 0 ? 1 : 2) {
+        look(x, y, pixel);
+        work(pixel);
+      }
+    }
+  });
+  throw_if_stopped(stop);
+}
+
+void PlaneSweeper::look(int x, int y, Pixel& pixel) const {
+  pixel.x = x;
+  pixel.y = y;
+  pixel.index = field_.index(x, y);
+  pixel.plane = field_.planes[pixel.index];
+  pixel.is_changed = false;
+  kernels_.prepare(gray_, x, y, pixel.patch);
+  const auto u = static_cast<float>(x);
+  const auto v = static_cast<float>(y);
+  const std::size_t sources = level_.sources.size();
+  const std::uint16_t* costs = field_.view_costs.data() + pixel.index * sources;
+  for (std::size_t s = 0; s < sources; ++s) {
+    const std::array<float, 9>& m = level_.sources[s].to_source;
+    pixel.base[s] = {m[0] * u + m[1] * v + m[2], m[3] * u + m[4] * v + m[5],
+                     m[6] * u + m[7] * v + m[8]};
+    pixel.costs[s] = static_cast<float>(costs[s]) * (1 / PlaneField::kCostUnit);
+    pixel.is_known[s] = true;
+  }
+}
+
+// Sources in which the surroundings are seen well, the best first.
+void PlaneSweeper::choose_views(Pixel& pixel) const {
+  const std::size_t sources = level_.sources.size();
+  std::array<float, kMaxSources> score{};
+  const auto add = [&](int x, int y) {
+    const std::uint16_t* costs = field_.view_costs.data() + field_.index(x, y) * sources;
+    for (std::size_t s = 0; s < sources; ++s) {
+      const float cost = static_cast<float>(costs[s]) * (1 / (PlaneField::kCostUnit * kGoodCost));
+      // Falls as exp(-c^2 / 2) does, without the function.
+      const float part = 1 + cost * cost * 0.25F;
+      score[s] += 1 / (part * part * part * part);
+    }
+  };
+  add(pixel.x, pixel.y);
+  if (pixel.x > 0) add(pixel.x - 1, pixel.y);
+  if (pixel.y > 0) add(pixel.x, pixel.y - 1);
+  if (pixel.x + 1 < field_.size.width) add(pixel.x + 1, pixel.y);
+  if (pixel.y + 1 < field_.size.height) add(pixel.x, pixel.y + 1);
+  Views& views = pixel.views;
+  views.count = std::min(options_.best_views, static_cast<int>(sources));
+  float total = 0;
+  for (int k = 0; k < views.count; ++k) {
+    std::size_t best = 0;
+    for (std::size_t s = 1; s < sources; ++s)
+      if (score[s] > score[best]) best = s;
+    const auto place = static_cast<std::size_t>(k);
+    views.source[place] = static_cast<int>(best);
+    views.weight[place] = score[best] + 1e-3F;
+    total += views.weight[place];
+    score[best] = -1;
+  }
+  pixel.cost = 0;
+  for (int k = 0; k < views.count; ++k) {
+    const auto place = static_cast<std::size_t>(k);
+    views.weight[place] /= total;
+    pixel.cost += views.weight[place] * pixel.costs[static_cast<std::size_t>(views.source[place])];
+  }
+}
+
+float PlaneSweeper::geometric_cost(const Pixel& pixel, const SourceLevel& source,
+                                   const std::array<float, 3>& base, float inverse_depth) const {
+  const float worst = options_.geometric_weight * kMaxReprojection;
+  const float z = base[2] + source.to_source_w[2] * inverse_depth;
+  if (!(z > 0)) return worst;
+  const float u = (base[0] + source.to_source_w[0] * inverse_depth) / z;
+  const float v = (base[1] + source.to_source_w[1] * inverse_depth) / z;
+  const cv::Mat1f& map = source.inverse_depth;
+  if (!(u >= 0 && v >= 0 && u < static_cast<float>(map.cols - 1) &&
+        v < static_cast<float>(map.rows - 1)))
+    return worst;
+  const int x = static_cast<int>(u);
+  const int y = static_cast<int>(v);
+  const float right = u - static_cast<float>(x);
+  const float down = v - static_cast<float>(y);
+  const float* row = map[y] + x;
+  const float* next = map[y + 1] + x;
+  const float low = std::min({row[0], row[1], next[0], next[1]});
+  const float high = std::max({row[0], row[1], next[0], next[1]});
+  // Over an edge of depth the nearest pixel counts.
+  const float there = low > 0 && high < 1.05F * low
+                          ? (row[0] + right * (row[1] - row[0])) * (1 - down) +
+                                (next[0] + right * (next[1] - next[0])) * down
+                          : (down < 0.5F ? row : next)[right < 0.5F ? 0 : 1];
+  if (!(there > 0)) return worst;
+  const std::array<float, 9>& m = source.to_reference;
+  const std::array<float, 3>& w = source.to_reference_w;
+  const float back = m[6] * u + m[7] * v + m[8] + w[2] * there;
+  if (!(back > 0)) return worst;
+  const float dx = (m[0] * u + m[1] * v + m[2] + w[0] * there) / back - static_cast<float>(pixel.x);
+  const float dy = (m[3] * u + m[4] * v + m[5] + w[1] * there) / back - static_cast<float>(pixel.y);
+  return std::min(worst, options_.geometric_weight * std::sqrt(dx * dx + dy * dy));
+}
+
+float PlaneSweeper::view_cost(const Pixel& pixel, int index, const Plane& plane) const {
+  const auto s = static_cast<std::size_t>(index);
+  const SourceLevel& source = level_.sources[s];
+  const std::array<float, 9>& m = source.to_source;
+  const std::array<float, 3>& t = source.to_source_w;
+  const std::array<float, 3>& base = pixel.base[s];
+  const float h[9] = {base[0] + t[0] * plane.inverse_depth, m[0] + t[0] * plane.slope_x,
+                      m[1] + t[0] * plane.slope_y,          base[1] + t[1] * plane.inverse_depth,
+                      m[3] + t[1] * plane.slope_x,          m[4] + t[1] * plane.slope_y,
+                      base[2] + t[2] * plane.inverse_depth, m[6] + t[2] * plane.slope_x,
+                      m[7] + t[2] * plane.slope_y};
+  float cost = kernels_.cost(pixel.patch, source.quads(), h);
+  if (!source.inverse_depth.empty())
+    cost += geometric_cost(pixel, source, base, plane.inverse_depth);
+  return cost;
+}
+
+// In the range of depths, and seen under 80 degrees at most.
+bool PlaneSweeper::is_possible(const Pixel& pixel, const Plane& plane) const {
+  if (!(plane.inverse_depth >= level_.min_inverse_depth &&
+        plane.inverse_depth <= level_.max_inverse_depth))
+    return false;
+  const auto& camera = level_.camera;
+  const auto dx = static_cast<float>(pixel.x - camera.cx);
+  const auto dy = static_cast<float>(pixel.y - camera.cy);
+  const auto fx = static_cast<float>(camera.fx);
+  const auto fy = static_cast<float>(camera.fy);
+  const float a = plane.slope_x * fx;
+  const float b = plane.slope_y * fy;
+  const float c = plane.inverse_depth - plane.slope_x * dx - plane.slope_y * dy;
+  const float ray = dx * dx / (fx * fx) + dy * dy / (fy * fy) + 1;
+  const float w = plane.inverse_depth;
+  return w * w > kMinCosine * kMinCosine * (a * a + b * b + c * c) * ray;
+}
+
+bool PlaneSweeper::consider(Pixel& pixel, const Plane& plane) const {
+  if (!is_possible(pixel, plane)) return false;
+  std::array<float, kMaxSources> costs{};
+  float total = 0;
+  for (int k = 0; k < pixel.views.count; ++k) {
+    const auto place = static_cast<std::size_t>(k);
+    costs[place] = view_cost(pixel, pixel.views.source[place], plane);
+    total += pixel.views.weight[place] * costs[place];
+    if (!(total < pixel.cost)) return false;
+  }
+  pixel.cost = total;
+  pixel.plane = plane;
+  pixel.is_changed = true;
+  pixel.is_known.fill(false);
+  for (int k = 0; k < pixel.views.count; ++k) {
+    const auto place = static_cast<std::size_t>(k);
+    const auto source = static_cast<std::size_t>(pixel.views.source[place]);
+    pixel.costs[source] = costs[place];
+    pixel.is_known[source] = true;
+  }
+  return true;
+}
+
+void PlaneSweeper::keep(const Pixel& pixel) {
+  field_.costs[pixel.index] = pixel.cost;
+  if (!pixel.is_changed) return;
+  field_.planes[pixel.index] = pixel.plane;
+  std::uint16_t* costs = field_.view_costs.data() + pixel.index * level_.sources.size();
+  for (std::size_t s = 0; s < level_.sources.size(); ++s) {
+    const float cost =
+        pixel.is_known[s] ? pixel.costs[s] : view_cost(pixel, static_cast<int>(s), pixel.plane);
+    costs[s] = static_cast<std::uint16_t>(cost * PlaneField::kCostUnit + 0.5F);
+  }
+}
+
+// How many px what the pixel sees moves in the best of its views for a change of the inverse depth
+// of 1.
+float PlaneSweeper::motion_of(const Pixel& pixel) const {
+  const auto s = static_cast<std::size_t>(pixel.views.source[0]);
+  const std::array<float, 3>& t = level_.sources[s].to_source_w;
+  const std::array<float, 3>& base = pixel.base[s];
+  const float w = pixel.plane.inverse_depth;
+  const float z = std::max(base[2] + t[2] * w, 1e-6F);
+  const float dx = (t[0] - (base[0] + t[0] * w) / z * t[2]) / z;
+  const float dy = (t[1] - (base[1] + t[1] * w) / z * t[2]) / z;
+  return std::max(std::sqrt(dx * dx + dy * dy), 1e-6F);
+}
+
+// A depth anywhere in the range, evenly by its inverse, and a normal within 70 degrees of the ray.
+Plane PlaneSweeper::random_plane(const Pixel& pixel, Random& random) const {
+  const float w = level_.min_inverse_depth +
+                  random.uniform() * (level_.max_inverse_depth - level_.min_inverse_depth);
+  const auto& camera = level_.camera;
+  const float cosine = 1 - random.uniform() * 0.66F;
+  const float sine = std::sqrt(1 - cosine * cosine);
+  const float angle = 2 * std::numbers::pi_v<float> * random.uniform();
+  cv::Vec3f ray(static_cast<float>((pixel.x - camera.cx) / camera.fx),
+                static_cast<float>((pixel.y - camera.cy) / camera.fy), 1);
+  ray *= -1 / std::sqrt(ray.dot(ray));
+  cv::Vec3f across(ray[2], 0, -ray[0]);
+  across *= 1 / std::sqrt(across.dot(across));
+  const cv::Vec3f up = ray.cross(across);
+  const cv::Vec3f normal = cosine * ray + sine * (std::cos(angle) * across + std::sin(angle) * up);
+  return plane_of(camera, pixel.x, pixel.y, w, normal);
+}
+
+void PlaneSweeper::propagate(Pixel& pixel) const {
+  const float motion = motion_of(pixel);
+  std::array<Plane, 9> tried;
+  std::size_t count = 0;
+  tried[count++] = pixel.plane;
+  const auto try_best = [&](const auto& places, int quarter) {
+    float best = kWorstCost * 2;
+    Place from{0, 0};
+    for (const Place& place : places) {
+      const Place at = turned(place, quarter);
+      const int x = pixel.x + at.x;
+      const int y = pixel.y + at.y;
+      if (x < 0 || y < 0 || x >= field_.size.width || y >= field_.size.height) continue;
+      const float cost = field_.costs[field_.index(x, y)];
+      if (cost < best) {
+        best = cost;
+        from = at;
+      }
+    }
+    if (from.x == 0 && from.y == 0) return;
+    Plane plane = field_.planes[field_.index(pixel.x + from.x, pixel.y + from.y)];
+    plane.inverse_depth -=
+        plane.slope_x * static_cast<float>(from.x) + plane.slope_y * static_cast<float>(from.y);
+    for (std::size_t i = 0; i < count; ++i) {
+      const float difference = std::abs(plane.inverse_depth - tried[i].inverse_depth) +
+                               kPatchRadius * (std::abs(plane.slope_x - tried[i].slope_x) +
+                                               std::abs(plane.slope_y - tried[i].slope_y));
+      if (difference * motion < kSameMotion) return;
+    }
+    tried[count++] = plane;
+    (void)consider(pixel, plane);
+  };
+  for (int quarter = 0; quarter < 4; ++quarter) try_best(kNearUp, quarter);
+  for (int quarter = 0; quarter < 4; ++quarter) try_best(kFarUp, quarter);
+}
+
+void PlaneSweeper::change(Pixel& pixel, float motion, int changes, int round) const {
+  Random random(options_.seed, pixel.index, round);
+  for (int i = 0; i < changes; ++i) {
+    Plane plane = pixel.plane;
+    if (i % 4 == 3) {  // far away, as a surface behind or before it would be
+      plane = random_plane(pixel, random);
+    } else {
+      const float unit = motion / motion_of(pixel);
+      if (i % 4 != 1) plane.inverse_depth += unit * random.even();
+      if (i % 4 != 0) {
+        plane.slope_x += unit / kPatchRadius * random.even();
+        plane.slope_y += unit / kPatchRadius * random.even();
+      }
+    }
+    (void)consider(pixel, plane);
+  }
+}
+
+void PlaneSweeper::score(const std::stop_token& stop) {
+  each_pixel(-1, stop, [&](Pixel& pixel) {
+    pixel.plane.inverse_depth =
+        std::clamp(pixel.plane.inverse_depth, level_.min_inverse_depth, level_.max_inverse_depth);
+    if (!is_possible(pixel, pixel.plane)) pixel.plane.slope_x = pixel.plane.slope_y = 0;
+    const int sources = field_.sources;
+    std::array<float, kMaxSources> sorted{};
+    for (int s = 0; s < sources; ++s) {
+      const auto place = static_cast<std::size_t>(s);
+      sorted[place] = pixel.costs[place] = view_cost(pixel, s, pixel.plane);
+    }
+    const int count = std::min(options_.best_views, sources);
+    std::partial_sort(sorted.begin(), sorted.begin() + count, sorted.begin() + sources);
+    pixel.cost = 0;
+    for (int k = 0; k < count; ++k)
+      pixel.cost += sorted[static_cast<std::size_t>(k)] / static_cast<float>(count);
+    pixel.is_changed = true;
+    keep(pixel);
+  });
+}
+
+void PlaneSweeper::try_random(int count, const std::stop_token& stop) {
+  each_pixel(-1, stop, [&](Pixel& pixel) {
+    Random random(options_.seed, pixel.index, -1);
+    const std::size_t sources = level_.sources.size();
+    const auto decisive =
+        static_cast<std::size_t>(std::min(options_.best_views, static_cast<int>(sources)));
+    pixel.cost = field_.costs[pixel.index];
+    for (int i = 0; i < count; ++i) {
+      const Plane plane = random_plane(pixel, random);
+      std::array<float, kMaxSources> costs{};
+      for (std::size_t s = 0; s < sources; ++s)
+        costs[s] = view_cost(pixel, static_cast<int>(s), plane);
+      std::array<float, kMaxSources> sorted = costs;
+      std::partial_sort(sorted.begin(), sorted.begin() + decisive, sorted.begin() + sources);
+      float cost = 0;
+      for (std::size_t k = 0; k < decisive; ++k) cost += sorted[k] / static_cast<float>(decisive);
+      if (cost < pixel.cost) {
+        pixel.cost = cost;
+        pixel.plane = plane;
+        pixel.costs = costs;
+        pixel.is_changed = true;
+      }
+    }
+    keep(pixel);
+  });
+}
+
+void PlaneSweeper::sweep(int round, float motion, int changes, const std::stop_token& stop) {
+  for (int colour = 0; colour < 2; ++colour) {
+    each_pixel(colour, stop, [&](Pixel& pixel) {
+      choose_views(pixel);
+      propagate(pixel);
+      change(pixel, motion, changes, round);
+      keep(pixel);
+    });
+  }
+}
+
+void PlaneSweeper::refine(float step, const std::stop_token& stop) {
+  for (int colour = 0; colour < 2; ++colour) {
+    each_pixel(colour, stop, [&](Pixel& pixel) {
+      choose_views(pixel);
+      const float unit = step / motion_of(pixel);
+      const Plane middle = pixel.plane;
+      const auto cost_at = [&](float offset) {
+        Plane plane = middle;
+        plane.inverse_depth += offset;
+        float total = 0;
+        for (int k = 0; k < pixel.views.count; ++k) {
+          const auto place = static_cast<std::size_t>(k);
+          total += pixel.views.weight[place] * view_cost(pixel, pixel.views.source[place], plane);
+        }
+        return total;
+      };
+      const float before = cost_at(-unit);
+      const float behind = cost_at(unit);
+      const float bend = before + behind - 2 * pixel.cost;
+      float offset = before < behind ? -unit : unit;
+      if (bend > 1e-6F) offset = std::clamp(0.5F * (before - behind) / bend, -1.5F, 1.5F) * unit;
+      Plane plane = middle;
+      plane.inverse_depth += offset;
+      (void)consider(pixel, plane);
+      keep(pixel);
+    });
+  }
+}
+
+}  // namespace tarsier::sfm

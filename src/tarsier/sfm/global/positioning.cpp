@@ -1,0 +1,344 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/global/positioning.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/linalg/sparse_cholesky.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/SparseCore>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr double kMinResidual = 1e-3;  // of the start, in shortest depths
+constexpr double kMinDamping = 1e-10;
+constexpr double kMaxDamping = 1e8;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+class Positioning {
+ public:
+  Positioning(const PositioningProblem& problem, const PositioningOptions& options,
+              const std::stop_token& stop)
+      : problem_(problem), options_(options), stop_(stop) {
+    result_.cameras.assign(at(problem.cameras), Vector3d::Zero());
+    result_.points.assign(points(), Vector3d::Zero());
+    find_pattern();
+  }
+
+  std::optional<PositionedCameras> run() {
+    if (!start()) return std::nullopt;
+    for (const double loss : {options_.loss, options_.last_loss}) minimise(loss);
+    for (std::size_t p = 0; p < points(); ++p)
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
+        result_.errors.push_back(across(k, result_.cameras, result_.points[p]).norm());
+    return std::move(result_);
+  }
+
+ private:
+  [[nodiscard]] std::size_t points() const { return problem_.first.size() - 1; }
+  [[nodiscard]] const Vector3d& direction(std::size_t ray) const {
+    return problem_.rays[ray].direction;
+  }
+  [[nodiscard]] int camera(std::size_t ray) const { return problem_.rays[ray].camera; }
+
+  // Pairs of cameras that see the same point, row <= column, column by column.
+  void find_pattern() {
+    std::vector<std::uint64_t> pairs;
+    const auto unite = [&] {
+      std::sort(pairs.begin(), pairs.end());
+      pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+    };
+    std::size_t united = 0;
+    for (std::size_t p = 0; p < points(); ++p) {
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
+        for (std::size_t l = problem_.first[p]; l <= k; ++l) pairs.push_back(key(k, l));
+      if (pairs.size() > 2 * united + 1'000'000) {
+        unite();
+        united = pairs.size();
+      }
+    }
+    for (int c = 0; c < problem_.cameras; ++c)
+      pairs.push_back(static_cast<std::uint64_t>(c) << 32 | static_cast<std::uint64_t>(c));
+    unite();
+    column_first_.assign(at(problem_.cameras) + 1, 0);
+    for (const std::uint64_t pair : pairs) {
+      rows_.push_back(static_cast<int>(pair & 0xffffffffU));
+      ++column_first_[(pair >> 32) + 1];
+    }
+    for (std::size_t c = 0; c < at(problem_.cameras); ++c) column_first_[c + 1] += column_first_[c];
+  }
+
+  [[nodiscard]] std::uint64_t key(std::size_t k, std::size_t l) const {
+    const int low = std::min(camera(k), camera(l));
+    const int high = std::max(camera(k), camera(l));
+    return static_cast<std::uint64_t>(high) << 32 | static_cast<std::uint64_t>(low);
+  }
+
+  [[nodiscard]] std::size_t block_of(int row, int column) const {
+    const auto begin = rows_.begin() + static_cast<std::ptrdiff_t>(column_first_[at(column)]);
+    const auto end = rows_.begin() + static_cast<std::ptrdiff_t>(column_first_[at(column) + 1]);
+    return static_cast<std::size_t>(std::lower_bound(begin, end, row) - rows_.begin());
+  }
+
+  // A sparse matrix of blocks of size x size, its upper triangle, from all numbers of the blocks.
+  [[nodiscard]] Eigen::SparseMatrix<double> matrix_of(int size,
+                                                      const std::vector<double>& numbers) const {
+    const Eigen::Index total = static_cast<Eigen::Index>(size) * problem_.cameras;
+    Eigen::SparseMatrix<double> matrix(total, total);
+    matrix.reserve(static_cast<Eigen::Index>(numbers.size()));
+    const std::size_t area = at(size * size);
+    for (int column = 0; column < problem_.cameras; ++column) {
+      for (int c = 0; c < size; ++c) {
+        matrix.startVec(size * column + c);
+        for (std::size_t b = column_first_[at(column)]; b < column_first_[at(column) + 1]; ++b) {
+          const int last = rows_[b] == column ? c + 1 : size;
+          for (int r = 0; r < last; ++r)
+            matrix.insertBack(size * rows_[b] + r, size * column + c) =
+                numbers[b * area + at(c * size + r)];
+        }
+      }
+    }
+    matrix.finalize();
+    return matrix;
+  }
+
+  // --- the start ---
+
+  bool start() {
+    linalg::SparseCholesky factor;
+    bool analyzed = false;
+    std::vector<double> weights(problem_.rays.size(), 1);
+    std::vector<double> depths(problem_.rays.size(), 1);
+    for (int iteration = 0; iteration < options_.start_iterations; ++iteration) {
+      throw_if_stopped(stop_);
+      std::vector<double> numbers(rows_.size(), 0);
+      Eigen::MatrixX3d right = Eigen::MatrixX3d::Zero(problem_.cameras, 3);
+      std::vector<Vector3d> means(points(),
+                                  Vector3d::Zero());  // of the rays' ends, seen from their cameras
+      std::vector<double> sums(points(), 0);
+      double most = 0;
+      for (std::size_t p = 0; p < points(); ++p) {
+        for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+          sums[p] += weights[k];
+          means[p] += weights[k] * depths[k] * direction(k);
+        }
+        means[p] /= sums[p];
+        for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+          const int i = camera(k);
+          numbers[block_of(i, i)] += weights[k];
+          right.row(i) += weights[k] * (means[p] - depths[k] * direction(k)).transpose();
+          for (std::size_t l = problem_.first[p]; l <= k; ++l) {
+            const int j = camera(l);
+            numbers[block_of(std::min(i, j), std::max(i, j))] -= weights[k] * weights[l] / sums[p];
+          }
+        }
+      }
+      for (int i = 0; i < problem_.cameras; ++i) most = std::max(most, numbers[block_of(i, i)]);
+      if (!(most > 0)) return false;
+      // Nothing says where the whole lies: a weak pull to the origin does.
+      for (int i = 0; i < problem_.cameras; ++i) numbers[block_of(i, i)] += 1e-9 * most;
+      const Eigen::SparseMatrix<double> matrix = matrix_of(1, numbers);
+      if (!analyzed) factor.analyze(matrix);
+      analyzed = true;
+      if (!factor.factorize(matrix)) return false;
+      Eigen::MatrixX3d centers(problem_.cameras, 3);
+      for (int c = 0; c < 3; ++c) centers.col(c) = factor.solve(right.col(c));
+      if (!centers.allFinite()) return false;
+      for (int i = 0; i < problem_.cameras; ++i)
+        result_.cameras[at(i)] = centers.row(i).transpose();
+      for (std::size_t p = 0; p < points(); ++p) {
+        Vector3d& point = result_.points[p] = means[p];
+        for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
+          point += weights[k] / sums[p] * result_.cameras[at(camera(k))];
+        for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+          const Vector3d to = point - result_.cameras[at(camera(k))];
+          depths[k] = std::max(1.0, direction(k).dot(to));
+          weights[k] = 1 / std::max(kMinResidual, (to - depths[k] * direction(k)).norm());
+        }
+      }
+    }
+    return true;
+  }
+
+  // --- the rest ---
+
+  // What of a ray lies across the direction to the point; all of it where the point is behind.
+  [[nodiscard]] Vector3d across(std::size_t ray, const std::vector<Vector3d>& cameras,
+                                const Vector3d& point) const {
+    const Vector3d to = point - cameras[at(camera(ray))];
+    const double along = direction(ray).dot(to);
+    return along > 0 ? Vector3d(direction(ray) - along / to.squaredNorm() * to) : direction(ray);
+  }
+
+  [[nodiscard]] double cost(const std::vector<Vector3d>& cameras, const std::vector<Vector3d>& all,
+                            double loss) const {
+    double sum = 0;
+    for (std::size_t p = 0; p < points(); ++p) {
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+        const double off = across(k, cameras, all[p]).norm();
+        sum += off <= loss ? off * off : 2 * loss * off - loss * loss;
+      }
+    }
+    return sum / 2;
+  }
+
+  void minimise(double loss) {
+    linalg::SparseCholesky factor;
+    bool analyzed = false;
+    double damping = 1e-3;
+    double growth = 2;
+    double sum = cost(result_.cameras, result_.points, loss);
+    bool is_linear = false;
+    for (int iteration = 0; iteration < options_.max_iterations; ++iteration) {
+      throw_if_stopped(stop_);
+      ++result_.iterations;
+      if (!is_linear) linearize(loss);
+      is_linear = true;
+      const std::vector<double> numbers = reduce(damping);
+      const Eigen::SparseMatrix<double> matrix = matrix_of(3, numbers);
+      if (!analyzed) factor.analyze(matrix);
+      analyzed = true;
+      bool is_better = false;
+      if (factor.factorize(matrix)) {
+        const VectorXd by = factor.solve(right_);
+        if (by.allFinite()) {
+          std::vector<Vector3d> cameras = result_.cameras;
+          for (std::size_t i = 0; i < cameras.size(); ++i)
+            cameras[i] += by.segment<3>(3 * static_cast<Eigen::Index>(i));
+          std::vector<Vector3d> moved = result_.points;
+          for (std::size_t p = 0; p < points(); ++p) {
+            Vector3d pull = gradients_[p];
+            for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
+              pull += springs_[k] * by.segment<3>(3 * static_cast<Eigen::Index>(camera(k)));
+            moved[p] += inverses_[p] * pull;
+          }
+          const double candidate = cost(cameras, moved, loss);
+          is_better = std::isfinite(candidate) && candidate < sum;
+          if (is_better) {
+            const bool is_done = sum - candidate <= options_.tolerance * sum;
+            result_.cameras = std::move(cameras);
+            result_.points = std::move(moved);
+            sum = candidate;
+            if (is_done) return;
+          }
+        }
+      }
+      if (is_better) {
+        is_linear = false;
+        damping = std::max(kMinDamping, damping / 5);
+        growth = 2;
+      } else {
+        damping *= growth;
+        growth *= 2;
+        if (damping > kMaxDamping) return;
+      }
+    }
+  }
+
+  // Each ray is a spring between its camera and its point, across the direction from one to the other.
+  void linearize(double loss) {
+    springs_.assign(problem_.rays.size(), Matrix3d::Zero());
+    point_springs_.assign(points(), Matrix3d::Zero());
+    gradients_.assign(points(), Vector3d::Zero());
+    camera_springs_.assign(at(problem_.cameras), Matrix3d::Zero());
+    camera_gradient_ = VectorXd::Zero(3 * problem_.cameras);
+    for (std::size_t p = 0; p < points(); ++p) {
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+        const int i = camera(k);
+        const Vector3d to = result_.points[p] - result_.cameras[at(i)];
+        const double along = direction(k).dot(to);
+        const double squares = to.squaredNorm();
+        if (!(along > 0)) continue;  // behind: no step is known to help
+        const double d = along / squares;
+        const Vector3d off = direction(k) - d * to;
+        const double weight = std::min(1.0, loss / std::max(loss, off.norm()));
+        springs_[k] = weight * d * d * (Matrix3d::Identity() - to * to.transpose() / squares);
+        point_springs_[p] += springs_[k];
+        camera_springs_[at(i)] += springs_[k];
+        const Vector3d pull = weight * d * off;
+        gradients_[p] += pull;
+        camera_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i)) -= pull;
+      }
+    }
+  }
+
+  // The cameras' equations without the points.
+  std::vector<double> reduce(double damping) {
+    std::vector<double> numbers(9 * rows_.size(), 0);
+    right_ = camera_gradient_;
+    const auto block = [&](int row, int column) {
+      return Eigen::Map<Matrix3d>(numbers.data() + 9 * block_of(row, column));
+    };
+    const auto damped = [&](Matrix3d spring) {
+      const double mean = spring.trace() / 3;
+      spring.diagonal() += damping * spring.diagonal();
+      spring.diagonal().array() += 1e-9 * mean + 1e-30;
+      return spring;
+    };
+    for (int i = 0; i < problem_.cameras; ++i) block(i, i) = damped(camera_springs_[at(i)]);
+    inverses_.resize(points());
+    for (std::size_t p = 0; p < points(); ++p) {
+      const Matrix3d inverse = inverses_[p] =
+          damped(point_springs_[p]).ldlt().solve(Matrix3d::Identity());
+      const Vector3d pull = inverse * gradients_[p];
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+        const int i = camera(k);
+        right_.segment<3>(3 * static_cast<Eigen::Index>(i)) += springs_[k] * pull;
+        const Matrix3d half = springs_[k] * inverse;
+        for (std::size_t l = problem_.first[p]; l <= k; ++l) {
+          const Matrix3d both = half * springs_[l];
+          if (const int j = camera(l); i <= j)
+            block(i, j) -= both;
+          else
+            block(j, i) -= both.transpose();
+        }
+      }
+    }
+    return numbers;
+  }
+
+  const PositioningProblem& problem_;
+  const PositioningOptions& options_;
+  const std::stop_token& stop_;
+  PositionedCameras result_;
+  std::vector<std::size_t> column_first_;  // of blocks
+  std::vector<int> rows_;                  // of each block
+  std::vector<Matrix3d> springs_;          // of each ray
+  std::vector<Matrix3d> point_springs_;
+  std::vector<Matrix3d> camera_springs_;
+  std::vector<Vector3d> gradients_;  // of each point, downhill
+  VectorXd camera_gradient_;
+  VectorXd right_;
+  std::vector<Matrix3d> inverses_;
+};
+
+}  // namespace
+
+std::optional<PositionedCameras> position_cameras(const PositioningProblem& problem,
+                                                  const PositioningOptions& options,
+                                                  const std::stop_token& stop) {
+  options.check();
+  TARSIER_REQUIRE(!problem.first.empty() && problem.first.back() == problem.rays.size(),
+                  "{} rays of {} points", problem.rays.size(), problem.first.size());
+  for (std::size_t p = 0; p + 1 < problem.first.size(); ++p)
+    TARSIER_REQUIRE(problem.first[p] + 2 <= problem.first[p + 1], "point {} of fewer than two rays",
+                    p);
+  for (const PositioningProblem::Ray& ray : problem.rays)
+    TARSIER_REQUIRE(ray.camera >= 0 && ray.camera < problem.cameras, "camera {} of {}", ray.camera,
+                    problem.cameras);
+  if (problem.cameras < 2 || problem.rays.empty()) return std::nullopt;
+  return Positioning(problem, options, stop).run();
+}
+
+}  // namespace tarsier::sfm

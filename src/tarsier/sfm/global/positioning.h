@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/option_fields.h"
+
+#include <Eigen/Core>
+
+#include <optional>
+#include <stop_token>
+#include <vector>
+
+namespace tarsier::sfm {
+
+// Cameras of known rotation, and the directions in which they see points.
+struct PositioningProblem {
+  struct Ray {
+    int camera = 0;
+    Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // in the world's axes, of length 1
+  };
+  int cameras = 0;
+  // The rays point by point: those of point p are rays[first[p]] to rays[first[p + 1] - 1].
+  std::vector<std::size_t> first;
+  std::vector<Ray> rays;
+};
+
+struct PositioningOptions {
+  int start_iterations = 40;
+  int max_iterations = 60;  // of each loss
+  double loss = 0.1;        // sine of an angle: rays that are off by more count less
+  double last_loss = 0.01;  // the same at the end
+  double tolerance = 1e-5;  // ends when a step takes less than this share off the sum
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"start_iterations", start_iterations, range(1, 1000)},
+            {"max_iterations", max_iterations, range(0, 1000)},
+            {"loss", loss, range(1e-6, 1)},
+            {"last_loss", last_loss, range(1e-6, 1)},
+            {"tolerance", tolerance, range(1e-12, 0.1)}};
+  }
+  void check() const { check_fields(*this); }
+};
+
+struct PositionedCameras {
+  std::vector<Eigen::Vector3d> cameras;  // centres
+  std::vector<Eigen::Vector3d> points;
+  std::vector<double>
+      errors;  // of each ray: the sine of its angle to the point; 1: the point is behind
+  int iterations = 0;
+};
+
+// Where cameras and points are, all at once, without a first guess: up to a shift and a scale.
+//
+// The start is the convex problem of least unsquared deviations (Ozyesil and Singer, Robust camera location estimation
+// by convex programming, CVPR 2015), with points beside cameras,
+//
+//   min sum |X_k - c_i - s_ik v_ik|,  s_ik >= 1,
+//
+// by reweighted least squares. Then Levenberg and Marquardt's method minimises what of a ray of length 1 lies across
+// the direction to its point,
+//
+//   sum rho(|v_ik - d_ik (X_k - c_i)|),  d_ik >= 0 the best one for each ray,
+//
+// with Huber's loss (Zhuang, Cheong and Lee, Baseline desensitizing in translation averaging, CVPR 2018; Pan, Barath,
+// Pollefeys and Schonberger, Global structure-from-motion revisited, ECCV 2024). Points are eliminated; the cameras'
+// equations are sparse. One thread, no random numbers.
+//
+// Points need two rays or more. Nothing where the equations have no solution. Throws std::invalid_argument for
+// indices out of range, Interrupted.
+[[nodiscard]] std::optional<PositionedCameras> position_cameras(
+    const PositioningProblem& problem, const PositioningOptions& options = {},
+    const std::stop_token& stop = {});
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/colmap_database.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/media/sqlite.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+
+namespace tarsier::sfm {
+namespace {
+
+using testing::HasSubstr;
+
+ColmapDatabase drawn() {
+  ColmapDatabase database;
+  geometry::Camera camera{640, 480, 500, 510, 319.5, 239.5, {-0.1, 0.01, 0, 0, 0}, 0};
+  database.cameras = {{camera, true}, {camera, false}};
+  database.cameras[1].camera.distortion = {};
+  Rng rng(1);
+  for (int i = 0; i < 3; ++i) {
+    ColmapDatabase::DatabaseImage image;
+    image.name = "photo " + std::to_string(i) + ".jpg";
+    image.camera = i == 2 ? 1 : 0;
+    image.features.descriptors.create(50, 128, CV_8UC1);
+    for (int f = 0; f < 50; ++f) {
+      image.features.points.emplace_back(static_cast<float>(rng.uniform(0, 640)),
+                                         static_cast<float>(rng.uniform(0, 480)));
+      image.features.sizes.push_back(static_cast<float>(rng.uniform(2, 30)));
+      for (int k = 0; k < 128; ++k)
+        image.features.descriptors.at<std::uint8_t>(f, k) =
+            static_cast<std::uint8_t>(rng.integer(0, 255));
+    }
+    database.images.push_back(std::move(image));
+  }
+  ColmapDatabase::DatabasePair pair;
+  pair.first = 0;
+  pair.second = 2;
+  pair.matches = {{0, 3}, {7, 49}, {49, 0}};
+  pair.view.second_from_first.translation = {0, 0, 1};
+  database.pairs = {pair};
+  return database;
+}
+
+TEST(ColmapDatabase, ComesBackAsItWas) {
+  const TemporaryFolder folder;
+  const ColmapDatabase written = drawn();
+  write_colmap_database(folder / "database.db", written);
+  const ColmapDatabase read = read_colmap_database(folder / "database.db");
+  ASSERT_EQ(read.cameras.size(), 2U);
+  EXPECT_EQ(read.cameras[0].camera.matrix(), written.cameras[0].camera.matrix());
+  EXPECT_EQ(read.cameras[0].camera.distortion, written.cameras[0].camera.distortion);
+  EXPECT_TRUE(read.cameras[0].is_focal_known);
+  EXPECT_FALSE(read.cameras[1].is_focal_known);
+  ASSERT_EQ(read.images.size(), 3U);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Features& a = written.images[i].features;
+    const Features& b = read.images[i].features;
+    EXPECT_EQ(read.images[i].name, written.images[i].name);
+    EXPECT_EQ(read.images[i].camera, written.images[i].camera);
+    ASSERT_EQ(a.points.size(), b.points.size());
+    for (std::size_t f = 0; f < a.points.size(); ++f) {
+      EXPECT_LT(cv::norm(a.points[f] - b.points[f]), 1e-4);
+      EXPECT_FLOAT_EQ(a.sizes[f], b.sizes[f]);
+    }
+    EXPECT_EQ(cv::norm(a.descriptors, b.descriptors, cv::NORM_INF), 0);
+  }
+  ASSERT_EQ(read.pairs.size(), 1U);
+  EXPECT_EQ(read.pairs[0].first, 0);
+  EXPECT_EQ(read.pairs[0].second, 2);
+  EXPECT_EQ(read.pairs[0].matches, written.pairs[0].matches);
+}
+
+TEST(ColmapDatabase, AnotherOneOfThatNameIsReplaced) {
+  const TemporaryFolder folder;
+  ColmapDatabase database = drawn();
+  write_colmap_database(folder / "database.db", database);
+  database.pairs.clear();
+  write_colmap_database(folder / "database.db", database);
+  EXPECT_TRUE(read_colmap_database(folder / "database.db").pairs.empty());
+}
+
+// What is wrong with a database after these statements.
+std::string trouble(const std::string& statements) {
+  const TemporaryFolder folder;
+  write_colmap_database(folder / "database.db", drawn());
+  {
+    DatabaseKind kind;
+    kind.name = "database";
+    kind.application_id = 0;
+    kind.versions = {""};
+    kind.of_another_program = true;
+    Database file(folder / "database.db", kind, DatabaseAccess::kWrite);
+    file.run("PRAGMA foreign_keys = OFF");
+    file.run(statements);
+  }
+  try {
+    (void)read_colmap_database(folder / "database.db");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(ColmapDatabase, WhatDoesNotFitTogetherIsRefused) {
+  EXPECT_EQ(trouble("SELECT 1"), "");
+  EXPECT_THAT(trouble("DROP TABLE keypoints"), HasSubstr("keypoints"));
+  EXPECT_THAT(trouble("UPDATE keypoints SET rows = 51 WHERE image_id = 1"), HasSubstr("keypoints"));
+  EXPECT_THAT(trouble("UPDATE keypoints SET rows = -1"), HasSubstr("keypoints"));
+  EXPECT_THAT(trouble("UPDATE keypoints SET cols = 3"), HasSubstr("3 columns"));
+  EXPECT_THAT(trouble("UPDATE keypoints SET data = zeroblob(800)"), HasSubstr("size"));
+  EXPECT_THAT(trouble("UPDATE descriptors SET rows = 49"), HasSubstr("descriptors"));
+  EXPECT_THAT(trouble("UPDATE images SET camera_id = 9"), HasSubstr("camera"));
+  EXPECT_THAT(trouble("UPDATE images SET name = '../etc' WHERE image_id = 1"), HasSubstr("leads"));
+  EXPECT_THAT(trouble("UPDATE cameras SET model = 77"), HasSubstr("model"));
+  EXPECT_THAT(trouble("UPDATE cameras SET params = zeroblob(7)"), HasSubstr("7 bytes"));
+  EXPECT_THAT(trouble("UPDATE two_view_geometries SET pair_id = 5"), HasSubstr("unknown"));
+  EXPECT_THAT(trouble("UPDATE two_view_geometries SET data = x'"
+                      "ffffffff00000000ffffffff00000000ffffffff00000000'"),
+              HasSubstr("not there"));
+}
+
+TEST(ColmapDatabase, FilesThatAreNoDatabaseAreRefused) {
+  const TemporaryFolder folder;
+  EXPECT_THROW((void)read_colmap_database(folder / "none.db"), InputError);
+  std::ofstream(folder / "text.db") << "no database at all, but some text";
+  EXPECT_THROW((void)read_colmap_database(folder / "text.db"), InputError);
+  std::ofstream(folder / "empty.db");
+  EXPECT_THROW((void)read_colmap_database(folder / "empty.db"), InputError);
+  ColmapDatabase database = drawn();
+  database.images[1].name = database.images[0].name;
+  EXPECT_THROW(write_colmap_database(folder / "twice.db", database), std::invalid_argument);
+  EXPECT_FALSE(std::filesystem::exists(folder / "twice.db"));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,322 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/global_start.h"
+
+#include "tarsier/core/stop.h"
+#include "tarsier/sfm/global/positioning.h"
+#include "tarsier/sfm/global/rotation_averaging.h"
+#include "tarsier/sfm/global/view_graph.h"
+#include "tarsier/sfm/mapper/bundle.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kCycleDeg = 5;       // of a closed cycle
+constexpr int kMinCycles = 2;         // of an edge that can be judged by them
+constexpr double kRotationDeg = 10;   // an edge that is off by more is wrong
+constexpr std::size_t kPoints = 150;  // of an image, that take part in positioning
+constexpr double kMaxSine = 0.1;      // of a ray and the direction to its point
+constexpr double kMinShare = 0.5;     // of images, and of observations that agree at the end
+// Of reprojection_px, and Cauchy's loss of the adjustment that follows, px.
+struct Round {
+  double threshold;
+  double loss_px;
+};
+constexpr Round kRounds[] = {{25, 8}, {8, 3}, {3, 1}, {1.5, 0.5}};
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+class GlobalMapping {
+ public:
+  GlobalMapping(const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
+                const std::vector<const Pair*>& pairs, const MapperOptions& options,
+                const std::stop_token& stop)
+      : images_(images), pairs_(pairs), options_(options), stop_(stop) {
+    start_.model.cameras = cameras;
+    start_.doubts.assign(pairs.size(), Doubt::kNone);
+    given_.resize(pairs.size());
+    std::iota(given_.begin(), given_.end(), std::size_t{0});
+  }
+
+  GlobalStart run() {
+    make_graph();
+    if (find_rotations() && find_positions()) refine();
+    if (!start_.refusal.empty()) start_.model = {};
+    return std::move(start_);
+  }
+
+ private:
+  template <typename... Parts>
+  bool refuse(fmt::format_string<Parts...> text, Parts&&... parts) {
+    start_.refusal = fmt::format(text, std::forward<Parts>(parts)...);
+    return false;
+  }
+
+  // --- the view graph ---
+
+  void make_graph() {
+    std::vector<char> is_in(images_.size(), 0);
+    for (const Pair* pair : pairs_) is_in[at(pair->first)] = is_in[at(pair->second)] = 1;
+    total_ = static_cast<int>(std::count(is_in.begin(), is_in.end(), 1));
+    for (const Pair* pair : pairs_) {
+      edges_.push_back({pair->first, pair->second, pair->view.second_from_first.rotation,
+                        static_cast<double>(pair->view.inliers.size())});
+    }
+    const std::vector<CycleSupport> support =
+        check_cycles(static_cast<int>(images_.size()), edges_, kCycleDeg);
+    std::size_t closed = 0;
+    std::size_t cycles = 0;
+    for (const CycleSupport& of_edge : support) {
+      closed += at(of_edge.closed);
+      cycles += at(of_edge.cycles);
+    }
+    const std::size_t before = edges_.size();
+    keep_edges(Doubt::kCycles, [&](std::size_t e) {
+      return support[e].cycles < kMinCycles || support[e].closed > 0;
+    });
+    start_.log.push_back(
+        fmt::format("global: {} images, {} pairs, {} of {} cycles of three close; {} pairs are in "
+                    "none that does and are left out",
+                    total_, before, closed / 3, cycles / 3, before - edges_.size()));
+  }
+
+  template <typename Keep>
+  void keep_edges(Doubt why_not, const Keep& keep) {
+    std::size_t kept = 0;
+    for (std::size_t e = 0; e < edges_.size(); ++e) {
+      if (!keep(e)) {
+        start_.doubts[given_[e]] = why_not;
+        continue;
+      }
+      edges_[kept] = edges_[e];
+      given_[kept] = given_[e];
+      pairs_[kept++] = pairs_[e];
+    }
+    edges_.resize(kept);
+    pairs_.resize(kept);
+    given_.resize(kept);
+  }
+
+  // Numbers the images of the largest part of the graph, and leaves the edges of others out.
+  void keep_largest_component() {
+    nodes_ = largest_component(static_cast<int>(images_.size()), edges_);
+    node_of_.assign(images_.size(), -1);
+    for (std::size_t n = 0; n < nodes_.size(); ++n) node_of_[at(nodes_[n])] = static_cast<int>(n);
+    keep_edges(Doubt::kNone, [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
+  }
+
+  // --- rotations ---
+
+  bool find_rotations() {
+    for (int round = 0;; ++round) {
+      keep_largest_component();
+      if (nodes_.size() < 3 || static_cast<double>(nodes_.size()) < kMinShare * total_)
+        return refuse("only {} of {} images hang together by pairs that agree", nodes_.size(),
+                      total_);
+      std::vector<RelativeRotation> edges = edges_;
+      for (RelativeRotation& edge : edges) {
+        edge.first = node_of_[at(edge.first)];
+        edge.second = node_of_[at(edge.second)];
+      }
+      AveragedRotations averaged =
+          average_rotations(static_cast<int>(nodes_.size()), edges, {}, stop_);
+      rotations_ = std::move(averaged.rotations);
+      const std::vector<double>& errors = averaged.errors_deg;
+      std::vector<double> sorted = errors;
+      std::sort(sorted.begin(), sorted.end());
+      const std::size_t before = edges_.size();
+      keep_edges(Doubt::kRotation, [&](std::size_t e) { return errors[e] <= kRotationDeg; });
+      start_.log.push_back(fmt::format(
+          "global: rotations of {} images, median error of {} pairs {:.3f} degrees; {} are off by "
+          "more than {} and are left out",
+          nodes_.size(), before, sorted[sorted.size() / 2], before - edges_.size(), kRotationDeg));
+      if (edges_.size() == before || round == 3) return true;
+    }
+  }
+
+  // --- positions ---
+
+  // The longest tracks, until each image has enough of them.
+  void choose_tracks() {
+    std::vector<int> features;
+    for (const Image& image : images_) features.push_back(static_cast<int>(image.features.size()));
+    std::vector<std::size_t> points(images_.size(), 0);
+    for (std::vector<Observation>& track : make_tracks(pairs_, features)) {
+      std::erase_if(track, [&](const Observation& seen) { return node_of_[at(seen.image)] < 0; });
+      if (track.size() < 2) continue;
+      if (std::none_of(track.begin(), track.end(),
+                       [&](const Observation& seen) { return points[at(seen.image)] < kPoints; }))
+        continue;
+      for (const Observation& seen : track) ++points[at(seen.image)];
+      tracks_.push_back(std::move(track));
+    }
+  }
+
+  bool find_positions() {
+    choose_tracks();
+    std::vector<std::vector<cv::Point2d>> pixels(images_.size());  // without distortion
+    for (const int i : nodes_)
+      pixels[at(i)] =
+          undistorted(images_[at(i)].features, start_.model.cameras[at(images_[at(i)].camera)]);
+    PositioningProblem problem;
+    problem.cameras = static_cast<int>(nodes_.size());
+    for (const auto& track : tracks_) {
+      problem.first.push_back(problem.rays.size());
+      for (const Observation& seen : track) {
+        const geometry::Camera& camera = start_.model.cameras[at(images_[at(seen.image)].camera)];
+        const cv::Point2d& p = pixels[at(seen.image)][at(seen.feature)];
+        const Eigen::Vector3d in_camera((p.x - camera.cx) / camera.fx,
+                                        (p.y - camera.cy) / camera.fy, 1);
+        const int node = node_of_[at(seen.image)];
+        problem.rays.push_back({node, rotations_[at(node)].transpose() * in_camera.normalized()});
+      }
+    }
+    problem.first.push_back(problem.rays.size());
+    const std::optional<PositionedCameras> positioned = position_cameras(problem, {}, stop_);
+    if (!positioned) return refuse("the cameras' positions are not determined");
+    Model& model = start_.model;
+    model.images = images_;
+    for (Image& image : model.images) image.registered = false;
+    for (std::size_t n = 0; n < nodes_.size(); ++n) {
+      Image& image = model.images[at(nodes_[n])];
+      image.registered = true;
+      image.pose = {rotations_[n], -(rotations_[n] * positioned->cameras[n])};
+    }
+    for (std::size_t p = 0; p < tracks_.size(); ++p) {
+      Point point;
+      point.position = positioned->points[p];
+      model.points.push_back(std::move(point));
+    }
+    std::vector<double> errors = positioned->errors;
+    std::sort(errors.begin(), errors.end());
+    const auto good = std::lower_bound(errors.begin(), errors.end(), kMaxSine) - errors.begin();
+    start_.log.push_back(fmt::format(
+        "global: positions of {} images and {} points in {} steps, median error of {} rays {:.3f} "
+        "degrees",
+        nodes_.size(), tracks_.size(), positioned->iterations, errors.size(),
+        std::asin(std::min(1.0, errors[errors.size() / 2])) * 180 / CV_PI));
+    if (static_cast<double>(good) < kMinShare * static_cast<double>(errors.size()))
+      return refuse("only {} of {} rays come near their points", good, errors.size());
+    return true;
+  }
+
+  // --- adjustment ---
+
+  // All observations of the tracks that are near enough in the model as it is.
+  void filter(double threshold_px) {
+    Model& model = start_.model;
+    std::vector<int> all(tracks_.size());
+    std::iota(all.begin(), all.end(), 0);
+    for (std::size_t p = 0; p < tracks_.size(); ++p) {
+      Point& point = model.points[p];
+      point.track.clear();
+      for (const Observation& seen : tracks_[p])
+        if (model.images[at(seen.image)].registered) point.track.push_back(seen);
+    }
+    MapperOptions rough = options_;
+    rough.reprojection_px = threshold_px;
+    // A point that goes is looked at again in the next round.
+    std::vector<Eigen::Vector3d> positions;
+    for (const Point& point : model.points) positions.push_back(point.position);
+    (void)filter_these(model, rough, all);
+    for (std::size_t p = 0; p < positions.size(); ++p) model.points[p].position = positions[p];
+  }
+
+  void refine() {
+    Model& model = start_.model;
+    std::size_t observations = 0;
+    std::size_t all = 0;
+    for (const Round& round : kRounds) {
+      filter(round.threshold * options_.reprojection_px);
+      keep_connected();
+      BundleOptions bundle;
+      bundle.loss_px = round.loss_px;
+      bundle.tolerance = 1e-4;
+      bundle.focal = options_.refine_focal && round.threshold < 10;
+      bundle.distortion = options_.refine_distortion && round.threshold < 5;
+      const BundleReport report = adjust(model, bundle, stop_);
+      if (!report.trouble.empty())
+        start_.log.push_back(fmt::format("global: an adjustment: {}", report.trouble));
+    }
+    filter(options_.reprojection_px);
+    keep_connected();
+    const ModelStatistics statistics = statistics_of(model);
+    observations = static_cast<std::size_t>(statistics.observations);
+    for (const auto& track : tracks_) all += track.size();
+    start_.log.push_back(
+        fmt::format("global: {} of {} images, {} of {} observations within {} px, {:.3f} px",
+                    statistics.registered, total_, observations, all, options_.reprojection_px,
+                    statistics.reprojection_px));
+    if (statistics.registered < 3 || statistics.registered < kMinShare * total_) {
+      refuse("only {} of {} images agree on positions", statistics.registered, total_);
+    } else if (static_cast<double>(observations) < kMinShare * static_cast<double>(all)) {
+      refuse("only {} of {} observations agree with the model", observations, all);
+    }
+    model.points.clear();
+  }
+
+  // Images with too few points, and those that no point joins to the others, are not registered.
+  void keep_connected() {
+    Model& model = start_.model;
+    for (;;) {
+      std::vector<int> points(model.images.size(), 0);
+      Components components(model.images.size());
+      for (const Point& point : model.points) {
+        for (const Observation& seen : point.track) {
+          ++points[at(seen.image)];
+          components.join(point.track.front().image, seen.image);
+        }
+      }
+      std::vector<int> sizes(model.images.size(), 0);
+      for (std::size_t i = 0; i < model.images.size(); ++i)
+        if (model.images[i].registered) ++sizes[at(components.root(static_cast<int>(i)))];
+      const auto largest =
+          static_cast<int>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
+      bool changed = false;
+      for (std::size_t i = 0; i < model.images.size(); ++i) {
+        if (!model.images[i].registered) continue;
+        if (components.root(static_cast<int>(i)) == largest && points[i] >= options_.pose_inliers)
+          continue;
+        model.images[i].registered = false;
+        changed = true;
+      }
+      if (!changed) return;
+      for (Point& point : model.points) {
+        std::erase_if(point.track, [&](const Observation& seen) {
+          return !model.images[at(seen.image)].registered;
+        });
+        if (point.track.size() < 2) point.track.clear();
+      }
+    }
+  }
+
+  const std::vector<Image>& images_;
+  std::vector<const Pair*> pairs_;  // of edges_
+  std::vector<std::size_t> given_;  // of edges_: which of the pairs that were given
+  const MapperOptions& options_;
+  const std::stop_token& stop_;
+  GlobalStart start_;
+  int total_ = 0;                        // images that are in a pair
+  std::vector<RelativeRotation> edges_;  // between images
+  std::vector<int> nodes_;               // images
+  std::vector<int> node_of_;
+  std::vector<Eigen::Matrix3d> rotations_;  // of each node
+  std::vector<std::vector<Observation>> tracks_;
+};
+
+}  // namespace
+
+GlobalStart start_globally(const std::vector<geometry::Camera>& cameras,
+                           const std::vector<Image>& images, const std::vector<const Pair*>& pairs,
+                           const MapperOptions& options, const std::stop_token& stop) {
+  return GlobalMapping(cameras, images, pairs, options, stop).run();
+}
+
+}  // namespace tarsier::sfm

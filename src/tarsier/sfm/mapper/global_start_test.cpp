@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/global_start.h"
+
+#include "tarsier/geometry/sim3.h"
+#include "tarsier/sfm/mapper/repeated_structure.h"
+#include "tarsier/sfm/mapper/trust.h"
+#include "tarsier/synth/observed_site.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <numeric>
+#include <string>
+
+namespace tarsier::sfm {
+namespace {
+
+using testing::HasSubstr;
+
+// A site as the mapper takes it.
+struct Given {
+  synth::ObservedSite site;
+  std::vector<geometry::Camera> cameras;
+  std::vector<Image> images;
+  std::vector<std::vector<cv::Vec3b>> colors;
+  std::vector<Pair> pairs;
+};
+
+Given given(synth::SiteKind kind, int images, int features = 200, int neighbours = 8) {
+  synth::SiteOptions options;
+  options.kind = kind;
+  options.images = images;
+  options.features = features;
+  options.neighbours = neighbours;
+  Given result;
+  result.site = synth::make_observed_site(options);
+  result.cameras = {result.site.camera};
+  for (std::size_t i = 0; i < result.site.poses.size(); ++i) {
+    Image image;
+    image.name = std::to_string(i);
+    image.features = result.site.features[i];
+    result.colors.emplace_back(image.features.size(), cv::Vec3b(1, 2, 3));
+    result.images.push_back(std::move(image));
+  }
+  for (const auto& known : result.site.pairs) {
+    std::vector<Match> matches;
+    for (const auto& [first, second] : known.matches) matches.push_back({first, second});
+    Pair pair;
+    pair.first = known.first;
+    pair.second = known.second;
+    pair.matches = static_cast<int>(matches.size());
+    pair.view = verify_pair(result.images[static_cast<std::size_t>(pair.first)].features,
+                            result.images[static_cast<std::size_t>(pair.second)].features, matches,
+                            result.site.camera, result.site.camera, {});
+    result.pairs.push_back(std::move(pair));
+  }
+  return result;
+}
+
+Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 250) {
+  MapperOptions options;
+  options.choice = choice;
+  options.auto_global = auto_global;
+  NoProgress progress;
+  const std::vector<cv::Mat> no_descriptors;
+  return reconstruct({.cameras = given.cameras,
+                      .images = given.images,
+                      .colors = given.colors,
+                      .descriptors = no_descriptors,
+                      .kind = FeatureKind::kSift,
+                      .pairs = given.pairs},
+                     options, progress, {});
+}
+
+// Largest distance of a centre from the truth after the best similarity, by the truth's extent.
+double worst_center(const Model& model, const synth::ObservedSite& site) {
+  std::vector<Eigen::Vector3d> from;
+  std::vector<Eigen::Vector3d> to;
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    if (!model.images[i].registered) continue;
+    from.push_back(model.images[i].pose.center());
+    to.push_back(site.poses[i].center());
+  }
+  const auto similarity =
+      geometry::similarity_between(geometry::columns_of(from), geometry::columns_of(to));
+  if (!similarity) return 1e9;
+  double worst = 0;
+  double extent = 0;
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    worst = std::max(worst, (*similarity * from[i] - to[i]).norm());
+    extent = std::max(extent, (to[i] - to[0]).norm());
+  }
+  return worst / extent;
+}
+
+int registered(const Reconstruction& built) {
+  return built.models.empty() ? 0 : statistics_of(built.models[0]).registered;
+}
+
+TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
+  for (const synth::SiteKind kind : {synth::SiteKind::kRing, synth::SiteKind::kGrid}) {
+    const Given site = given(kind, 50);
+    const Reconstruction built = run(site, MapperChoice::kGlobal);
+    ASSERT_EQ(built.models.size(), 1U);
+    EXPECT_EQ(registered(built), 50);
+    EXPECT_LT(worst_center(built.models[0], site.site), 0.003);
+    EXPECT_GT(built.trust[0], 0.8);
+    EXPECT_TRUE(built.outcomes[7].registered);
+    EXPECT_GT(built.outcomes[7].trust, 0.5);
+  }
+}
+
+TEST(GlobalMapper, TheNumberOfThreadsChangesNothing) {
+  const Given site = given(synth::SiteKind::kRing, 40);
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const Reconstruction one = run(site, MapperChoice::kGlobal);
+  cv::setNumThreads(3);
+  const Reconstruction three = run(site, MapperChoice::kGlobal);
+  cv::setNumThreads(threads);
+  ASSERT_EQ(one.models.size(), three.models.size());
+  EXPECT_EQ(one.log, three.log);
+  for (std::size_t i = 0; i < site.images.size(); ++i) {
+    const geometry::Rigid3& a = one.models[0].images[i].pose;
+    const geometry::Rigid3& b = three.models[0].images[i].pose;
+    EXPECT_EQ(a.rotation, b.rotation);
+    EXPECT_EQ(a.translation, b.translation);
+  }
+}
+
+TEST(GlobalMapper, PairsThatContradictEachOtherAreRefusedWithAReason) {
+  Given site = given(synth::SiteKind::kRing, 30);
+  for (std::size_t k = 0; k < site.pairs.size(); ++k) {
+    geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
+    const auto turn = static_cast<double>(k);
+    pose.rotation =
+        geometry::rotation_by({std::sin(7 * turn), 3 * std::sin(5 * turn), turn}) * pose.rotation;
+  }
+  const Reconstruction built = run(site, MapperChoice::kGlobal);
+  EXPECT_TRUE(built.models.empty());
+  EXPECT_THAT(built.no_model, HasSubstr("global mapping refused: only "));
+  EXPECT_THAT(built.outcomes[3].reason, HasSubstr("global mapping refused"));
+  // Image by image the relative rotations do not matter beyond the first pair.
+  EXPECT_THAT(run(site, MapperChoice::kAuto, 20).log, testing::Contains(HasSubstr("start from")));
+}
+
+TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
+  const Given site = given(synth::SiteKind::kSymmetric, 80);
+  const auto wrong = std::count_if(site.site.pairs.begin(), site.site.pairs.end(),
+                                   [](const auto& pair) { return !pair.same_place; });
+  ASSERT_GT(wrong, 20);
+  const Reconstruction built = run(site, MapperChoice::kGlobal);
+  ASSERT_FALSE(built.models.empty());
+  EXPECT_GE(registered(built), 76);
+  EXPECT_LT(worst_center(built.models[0], site.site), 0.005);
+  ASSERT_FALSE(built.refused.empty());
+  EXPECT_FALSE(built.refused[0].reason.empty());
+}
+
+TEST(RepeatedStructure, FewTruePairsAreRefusedAndManyWrongOnes) {
+  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  const std::vector<PairEvidence> evidence = check_evidence(site.cameras, site.images, site.pairs);
+  int refused_true = 0;
+  int refused_wrong = 0;
+  for (std::size_t k = 0; k < evidence.size(); ++k)
+    if (evidence[k].is_refused()) ++(site.site.pairs[k].same_place ? refused_true : refused_wrong);
+  EXPECT_GT(refused_wrong, 10);
+  EXPECT_LT(refused_true, 5);
+}
+
+TEST(Trust, AnImageInTheWrongPlaceComesLast) {
+  const Given site = given(synth::SiteKind::kRing, 40);
+  Reconstruction built = run(site, MapperChoice::kGlobal);
+  ASSERT_EQ(built.models.size(), 1U);
+  Model& model = built.models[0];
+  model.images[11].pose.rotation =
+      geometry::rotation_by({0, 0.5, 0}) * model.images[11].pose.rotation;
+  const std::vector<std::uint8_t> none(site.pairs.size(), 0);
+  const std::vector<double> trust = trust_of(model, site.pairs, none);
+  EXPECT_EQ(std::min_element(trust.begin(), trust.end()) - trust.begin(), 11);
+  EXPECT_LT(model_trust(model, trust), built.trust[0]);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: MIT
+// Included once for each instruction set, with TARSIER_VECTOR_BYTES (16, 32, 64), TARSIER_TILE_ROWS
+// (rows of a register tile), TARSIER_BYTE_DOTS (1: products of bytes, four at a time, by vpdpbusd;
+// 0: products of 16 bits, two at a time) and TARSIER_NEAREST (the function's name) defined.
+#include "tarsier/sfm/mapper/nearest.h"
+
+#include <cstring>
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+namespace tarsier::sfm {
+namespace {
+
+using Vector = std::int32_t __attribute__((vector_size(TARSIER_VECTOR_BYTES)));
+constexpr int kLanes = TARSIER_VECTOR_BYTES / 4;
+constexpr int kVectors = 3;
+constexpr int kColumns = kVectors * kLanes;  // of a panel of the second rows
+constexpr int kRows = TARSIER_TILE_ROWS;
+#if TARSIER_BYTE_DOTS
+using Number = std::uint8_t;
+constexpr int kGroup = 4;     // products that one lane adds at once
+constexpr int kOffset = 128;  // vpdpbusd wants the second factor signed
+#else
+using Number = std::int16_t;
+constexpr int kGroup = 2;
+constexpr int kOffset = 0;
+#endif
+constexpr std::int32_t kPadding = 1 << 29;  // squared length of rows that are not there
+
+inline Vector load(const void* p) {
+  Vector v;
+  std::memcpy(&v, p, sizeof v);
+  return v;
+}
+
+// sum + the products of the group of one row, in all lanes, and of those of the columns.
+inline Vector add_products(Vector sum, std::int32_t row, Vector columns) {
+#if TARSIER_BYTE_DOTS
+  return reinterpret_cast<Vector>(_mm512_dpbusd_epi32(
+      reinterpret_cast<__m512i>(sum), _mm512_set1_epi32(row), reinterpret_cast<__m512i>(columns)));
+#elif defined(__AVX2__)
+  return sum + reinterpret_cast<Vector>(
+                   _mm256_madd_epi16(_mm256_set1_epi32(row), reinterpret_cast<__m256i>(columns)));
+#elif defined(__SSE2__)
+  return sum + reinterpret_cast<Vector>(
+                   _mm_madd_epi16(_mm_set1_epi32(row), reinterpret_cast<__m128i>(columns)));
+#else
+  std::int16_t a[2];
+  std::memcpy(a, &row, sizeof a);
+  return sum + a[0] * ((columns << 16) >> 16) + a[1] * (columns >> 16);
+#endif
+}
+
+// Bit k: lane k of `value` is less than that of `bound`.
+inline unsigned less(Vector value, Vector bound) {
+#if TARSIER_VECTOR_BYTES == 64
+  return _mm512_cmplt_epi32_mask(reinterpret_cast<__m512i>(value),
+                                 reinterpret_cast<__m512i>(bound));
+#elif defined(__AVX2__)
+  return static_cast<unsigned>(
+      _mm256_movemask_ps(reinterpret_cast<__m256>(static_cast<Vector>(value < bound))));
+#elif defined(__SSE2__)
+  return static_cast<unsigned>(
+      _mm_movemask_ps(reinterpret_cast<__m128>(static_cast<Vector>(value < bound))));
+#else
+  unsigned mask = 0;
+  for (int k = 0; k < kLanes; ++k) mask |= static_cast<unsigned>(value[k] < bound[k]) << k;
+  return mask;
+#endif
+}
+
+inline Vector larger(Vector a, Vector b) { return a > b ? a : b; }
+
+std::int32_t square_of(const std::uint8_t* row, int depth) {
+  std::int32_t sum = 0;
+  for (int k = 0; k < depth; ++k) sum += row[k] * row[k];
+  return sum;
+}
+
+constexpr int padded(int count) { return (count + kRows - 1) / kRows * kRows; }
+constexpr int groups_of(int depth) { return (depth + kGroup - 1) / kGroup; }
+constexpr std::size_t aligned(std::size_t bytes) { return (bytes + 63) / 64 * 64; }
+
+// What lies in the scratch memory.
+struct Buffers {
+  Number* left;           // the first rows, padded to whole tiles and groups
+  std::int32_t* squares;  // of these, less what kOffset adds to twice the product
+  std::int32_t* seconds;  // Nearest::second of these
+  Number* panel;          // for each group its numbers of kColumns of the second rows
+
+  static std::size_t place(void* scratch, int count, int depth, Buffers& buffers) {
+    char* const base = static_cast<char*>(scratch);
+    const auto rows = static_cast<std::size_t>(padded(count));
+    const std::size_t numbers =
+        static_cast<std::size_t>(groups_of(depth)) * kGroup * sizeof(Number);
+    std::size_t at = 0;
+    buffers.left = reinterpret_cast<Number*>(base + at);
+    at += aligned(rows * numbers);
+    buffers.squares = reinterpret_cast<std::int32_t*>(base + at);
+    at += aligned(rows * sizeof(std::int32_t));
+    buffers.seconds = reinterpret_cast<std::int32_t*>(base + at);
+    at += aligned(rows * sizeof(std::int32_t));
+    buffers.panel = reinterpret_cast<Number*>(base + at);
+    return at + aligned(numbers * kColumns);
+  }
+};
+
+std::size_t scratch_bytes(int first_count, int depth) {
+  alignas(64) char none[64];
+  Buffers buffers{};
+  return Buffers::place(none, first_count, depth, buffers);
+}
+
+void fill_left(const ByteRows& rows, const Buffers& buffers) {
+  const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(groups_of(rows.depth)) * kGroup;
+  for (int r = 0; r < padded(rows.count); ++r) {
+    Number* const out = buffers.left + r * stride;
+    std::memset(out, 0, static_cast<std::size_t>(stride) * sizeof(Number));
+    buffers.seconds[r] = kNoNeighbour;
+    buffers.squares[r] = kPadding;
+    if (r >= rows.count) continue;
+    const std::uint8_t* const in = rows.data + static_cast<std::ptrdiff_t>(r) * rows.depth;
+    std::int32_t sum = 0;
+    for (int k = 0; k < rows.depth; ++k) {
+      out[k] = in[k];
+      sum += in[k];
+    }
+    buffers.squares[r] = square_of(in, rows.depth) - 2 * kOffset * sum;
+  }
+}
+
+// The squared lengths of the columns into `squares`.
+void fill_panel(const ByteRows& rows, int from, Number* out, std::int32_t* squares) {
+  const int depth = groups_of(rows.depth) * kGroup;
+  for (int c = 0; c < kColumns; ++c) {
+    const bool there = from + c < rows.count;
+    const std::uint8_t* const in =
+        rows.data + (there ? static_cast<std::ptrdiff_t>(from + c) * rows.depth : 0);
+    squares[c] = there ? square_of(in, rows.depth) : kPadding;
+    for (int k = 0; k < depth; ++k) {
+      const int number = there && k < rows.depth ? in[k] : 0;
+      out[(k / kGroup * kColumns + c) * kGroup + k % kGroup] =
+          static_cast<Number>(number - kOffset);
+    }
+  }
+}
+
+void offer(Nearest& nearest, std::int32_t distance, int candidate) {
+  if (distance < nearest.best) {
+    nearest.second = nearest.best;
+    nearest.best = distance;
+    nearest.index = candidate;
+  } else if (distance < nearest.second) {
+    nearest.second = distance;
+  }
+}
+
+// sum[r][v] = products of kRows rows with the columns of a panel.
+inline void tile(int groups, const Number* a, const Number* b, Vector (&sum)[kRows][kVectors]) {
+  const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(groups) * kGroup;
+  Vector result[kRows][kVectors] = {};
+  for (int g = 0; g < groups; ++g) {
+    Vector columns[kVectors];
+    for (int v = 0; v < kVectors; ++v) columns[v] = load(b + v * kLanes * kGroup);
+    for (int r = 0; r < kRows; ++r) {
+      std::int32_t row;
+      std::memcpy(&row, a + r * stride, sizeof row);
+      for (int v = 0; v < kVectors; ++v) result[r][v] = add_products(result[r][v], row, columns[v]);
+    }
+    a += kGroup;
+    b += kColumns * kGroup;
+  }
+  std::memcpy(sum, result, sizeof result);
+}
+
+void run(const ByteRows& first, const ByteRows& second, void* scratch, Nearest* of_first,
+         Nearest* of_second) {
+  Buffers buffers{};
+  Buffers::place(scratch, first.count, first.depth, buffers);
+  fill_left(first, buffers);
+  for (int i = 0; i < first.count; ++i) of_first[i] = Nearest{};
+  for (int i = 0; i < second.count; ++i) of_second[i] = Nearest{};
+  const int groups = groups_of(first.depth);
+  const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(groups) * kGroup;
+  alignas(TARSIER_VECTOR_BYTES) std::int32_t squares[kColumns];
+  alignas(TARSIER_VECTOR_BYTES) std::int32_t seconds[kColumns];  // Nearest::second of each
+  for (int from = 0; from < second.count; from += kColumns) {
+    fill_panel(second, from, buffers.panel, squares);
+    for (std::int32_t& value : seconds) value = kNoNeighbour;
+    for (int start = 0; start < first.count; start += kRows) {
+      Vector sum[kRows][kVectors];
+      tile(groups, buffers.left + start * stride, buffers.panel, sum);
+      for (int r = 0; r < kRows; ++r) {
+        const int row = start + r;
+        for (int v = 0; v < kVectors; ++v) {
+          const Vector distance = buffers.squares[row] + load(squares + v * kLanes) - 2 * sum[r][v];
+          const Vector bound = larger(load(seconds + v * kLanes), Vector{} + buffers.seconds[row]);
+          // Hardly any is nearer than the second nearest so far of its row or of its column.
+          for (unsigned mask = less(distance, bound); mask != 0; mask &= mask - 1) {
+            const int lane = __builtin_ctz(mask);
+            const int column = v * kLanes + lane;
+            std::int32_t values[kLanes];
+            std::memcpy(values, &distance, sizeof values);
+            offer(of_first[row], values[lane], from + column);
+            buffers.seconds[row] = of_first[row].second;
+            offer(of_second[from + column], values[lane], row);
+            seconds[column] = of_second[from + column].second;
+          }
+        }
+      }
+    }
+  }
+}
+
+constexpr NearestKernel kKernel{scratch_bytes, run};
+
+}  // namespace
+}  // namespace tarsier::sfm
+
+const tarsier::sfm::NearestKernel* tarsier::sfm::TARSIER_NEAREST() { return &kKernel; }

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/features.h"
+#include "tarsier/sfm/mapper/packed_file.h"
+#include "tarsier/sfm/mapper/two_view.h"
+
+// What more than one kind of packed file (packed_file.h) holds. The readers throw Damaged for what no writer
+// gives: numbers that are not finite, lists of other lengths, values out of range.
+namespace tarsier::sfm {
+
+void put(PackedWriter& writer, const Features& features);
+[[nodiscard]] Features get_features(PackedReader& reader);
+
+void put(PackedWriter& writer, const TwoView& view);
+[[nodiscard]] TwoView get_two_view(PackedReader& reader);
+
+void put(PackedWriter& writer, const geometry::Camera& camera);
+[[nodiscard]] geometry::Camera get_camera(PackedReader& reader);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/repeated_structure.h"
+
+#include "tarsier/sfm/mapper/image_cells.h"
+
+#include <algorithm>
+#include <cstddef>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr int kMinInliers = 2;      // of a pair in a cell that it looks into
+constexpr int kMinMatched = 2;      // pairs that match a feature
+constexpr int kMinLooked = 4;       // pairs that look for it
+constexpr double kRareShare = 0.5;  // of the rate of most features
+constexpr double kMost = 0.75;      // features below that rate
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// One image's view of its pairs.
+class ImageEvidence {
+ public:
+  ImageEvidence(const Image& image, const geometry::Camera& camera) {
+    for (const cv::Point2f& p : image.features) cells_.push_back(image_cell(p, camera));
+    looked_.assign(cells_.size(), 0);
+    matched_.assign(cells_.size(), 0);
+  }
+
+  // `features`: that the pair matches.
+  void add(std::size_t pair, std::vector<int> features) {
+    std::vector<int> inliers(kImageCells, 0);
+    for (const int f : features) {
+      ++inliers[at(cells_[at(f)])];
+      ++matched_[at(f)];
+    }
+    for (std::size_t f = 0; f < cells_.size(); ++f)
+      looked_[f] += inliers[at(cells_[f])] >= kMinInliers ? 1 : 0;
+    pairs_.push_back({pair, std::move(features), std::move(inliers)});
+  }
+
+  void judge(std::vector<PairEvidence>& evidence) const {
+    std::vector<double> rates;
+    for (std::size_t f = 0; f < cells_.size(); ++f)
+      if (is_known(f)) rates.push_back(static_cast<double>(matched_[f]) / looked_[f]);
+    if (rates.empty()) return;
+    const auto most =
+        rates.begin() + static_cast<std::ptrdiff_t>(kMost * static_cast<double>(rates.size() - 1));
+    std::nth_element(rates.begin(), most, rates.end());
+    const double rare = kRareShare * *most;
+    for (const Looked& pair : pairs_) {
+      std::vector<char> has(cells_.size(), 0);
+      for (const int f : pair.features) has[at(f)] = 1;
+      double all_expected = 0;
+      int all_found = 0;
+      double expected = 0;
+      int found = 0;
+      for (std::size_t f = 0; f < cells_.size(); ++f) {
+        if (!is_known(f) || pair.inliers[at(cells_[f])] < kMinInliers) continue;
+        const double rate = static_cast<double>(matched_[f] - has[f]) / (looked_[f] - 1);
+        all_expected += rate;
+        all_found += has[f];
+        if (matched_[f] >= rare * looked_[f]) continue;
+        expected += rate;
+        found += has[f];
+      }
+      if (!(all_expected > 0)) continue;
+      evidence[pair.pair].expected += expected * std::min(1.0, all_found / all_expected);
+      evidence[pair.pair].found += found;
+    }
+  }
+
+ private:
+  struct Looked {
+    std::size_t pair;
+    std::vector<int> features;
+    std::vector<int> inliers;  // of each cell
+  };
+  [[nodiscard]] bool is_known(std::size_t f) const {
+    return matched_[f] >= kMinMatched && looked_[f] >= kMinLooked;
+  }
+  std::vector<int> cells_;  // of each feature
+  std::vector<int> looked_;
+  std::vector<int> matched_;
+  std::vector<Looked> pairs_;
+};
+
+}  // namespace
+
+std::vector<PairEvidence> check_evidence(const std::vector<geometry::Camera>& cameras,
+                                         const std::vector<Image>& images,
+                                         const std::vector<Pair>& pairs) {
+  std::vector<PairEvidence> evidence(pairs.size());
+  std::vector<std::vector<std::size_t>> pairs_of(images.size());
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (pairs[k].view.inliers.empty()) continue;
+    pairs_of[at(pairs[k].first)].push_back(k);
+    pairs_of[at(pairs[k].second)].push_back(k);
+  }
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    if (static_cast<int>(pairs_of[i].size()) < kMinLooked) continue;
+    ImageEvidence image(images[i], cameras[at(images[i].camera)]);
+    for (const std::size_t k : pairs_of[i]) {
+      const bool is_first = pairs[k].first == static_cast<int>(i);
+      std::vector<int> features;
+      for (const Match& match : pairs[k].view.inliers)
+        features.push_back(is_first ? match.first : match.second);
+      image.add(k, std::move(features));
+    }
+    image.judge(evidence);
+  }
+  return evidence;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/robust_two_view.h"
+
+#include "tarsier/core/rng.h"
+#include "tarsier/geometry/epipolar.h"
+
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kFocal = 1000;  // px
+
+struct Drawn {
+  geometry::Rigid3 motion;
+  PointPairs rays;
+  PointPairs pixels;
+  std::vector<char> is_right;
+};
+
+// Points with noise of `noise` px, of which a share is anywhere. `flat`: all on one plane.
+Drawn drawn(std::uint64_t seed, int count, double outliers, double noise, bool flat = false) {
+  Rng rng(seed);
+  Drawn result;
+  result.motion.rotation = geometry::rotation_by(
+      {rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3)});
+  result.motion.translation = Eigen::Vector3d(1, rng.uniform(-0.4, 0.4), 0.2).normalized();
+  while (static_cast<int>(result.is_right.size()) < count) {
+    const double x = rng.uniform(-2, 2);
+    const double y = rng.uniform(-2, 2);
+    const Eigen::Vector3d point(x, y, flat ? 5 + 0.2 * x : rng.uniform(3, 8));
+    const Eigen::Vector3d there = result.motion * point;
+    if (there[2] < 1) continue;
+    const bool right = rng.uniform() >= outliers;
+    Eigen::Vector2d a = point.hnormalized();
+    Eigen::Vector2d b = there.hnormalized();
+    if (!right) b = {rng.uniform(-0.7, 0.7), rng.uniform(-0.7, 0.7)};
+    for (int k = 0; k < 2; ++k) {
+      a[k] += noise / kFocal * rng.normal();
+      b[k] += noise / kFocal * rng.normal();
+    }
+    result.rays.first.push_back(a);
+    result.rays.second.push_back(b);
+    result.pixels.first.emplace_back(kFocal * a + Eigen::Vector2d(640, 480));
+    result.pixels.second.emplace_back(kFocal * b + Eigen::Vector2d(640, 480));
+    result.is_right.push_back(right ? 1 : 0);
+  }
+  return result;
+}
+
+RobustOptions threshold(double value) {
+  RobustOptions options;
+  options.threshold = value;
+  return options;
+}
+
+int agreeing(const std::vector<char>& a, const std::vector<char>& b) {
+  int count = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) count += (a[i] != 0) == (b[i] != 0) ? 1 : 0;
+  return count;
+}
+
+TEST(RobustMotion, IsFoundAmongOutliers) {
+  for (const double outliers : {0.0, 0.3, 0.6}) {
+    for (const std::uint64_t seed : {1U, 2U, 3U}) {
+      const Drawn views = drawn(seed, 400, outliers, 0.3);
+      const RobustMotion found = robust_motion(views.rays, threshold(1.5 / kFocal));
+      ASSERT_EQ(found.is_inlier.size(), 400U);
+      EXPECT_LT(
+          geometry::angle_of(found.second_from_first.rotation * views.motion.rotation.transpose()),
+          0.003);
+      EXPECT_LT(std::acos(std::min(
+                    1.0, found.second_from_first.translation.dot(views.motion.translation))),
+                0.02);
+      // Of the outliers some lie near the epipolar line by chance.
+      EXPECT_GT(agreeing(found.is_inlier, views.is_right), 385);
+    }
+  }
+}
+
+TEST(RobustMotion, TheSurestFirstFindFewAmongMany) {
+  // One of ten is right: 5 right ones are drawn once in 100 000 times, but the right ones are surer.
+  const Drawn views = drawn(7, 600, 0.9, 0.3);
+  PointPairs pairs = views.rays;
+  pairs.order.resize(600);
+  std::iota(pairs.order.begin(), pairs.order.end(), 0);
+  Rng rng(1);
+  std::vector<double> sureness(600);
+  for (std::size_t i = 0; i < 600; ++i)
+    sureness[i] = rng.uniform() + (views.is_right[i] != 0 ? 0.6 : 0);
+  std::sort(pairs.order.begin(), pairs.order.end(), [&](int a, int b) {
+    return sureness[static_cast<std::size_t>(a)] > sureness[static_cast<std::size_t>(b)];
+  });
+  const RobustMotion found = robust_motion(pairs, threshold(1.5 / kFocal));
+  EXPECT_LT(
+      geometry::angle_of(found.second_from_first.rotation * views.motion.rotation.transpose()),
+      0.01);
+}
+
+TEST(RobustMotion, TheSameSeedGivesTheSame) {
+  const Drawn views = drawn(5, 200, 0.5, 0.5);
+  const RobustMotion a = robust_motion(views.rays, threshold(1.5 / kFocal));
+  const RobustMotion b = robust_motion(views.rays, threshold(1.5 / kFocal));
+  EXPECT_EQ(a.second_from_first.rotation, b.second_from_first.rotation);
+  EXPECT_EQ(a.is_inlier, b.is_inlier);
+}
+
+TEST(RobustFundamental, FitsTheRightPairs) {
+  for (const double outliers : {0.0, 0.5}) {
+    const Drawn views = drawn(11, 300, outliers, 0.3);
+    const RobustMatrix found = robust_fundamental(views.pixels, threshold(1.5));
+    ASSERT_EQ(found.is_inlier.size(), 300U);
+    EXPECT_GT(agreeing(found.is_inlier, views.is_right), 288) << outliers;
+    EXPECT_LT(std::abs(found.matrix.determinant()), 1e-9);
+  }
+}
+
+TEST(RobustHomography, FitsAPlane) {
+  const Drawn views = drawn(12, 300, 0.4, 0.3, true);
+  const RobustMatrix found = robust_homography(views.pixels, threshold(3));
+  ASSERT_EQ(found.is_inlier.size(), 300U);
+  EXPECT_GT(agreeing(found.is_inlier, views.is_right), 297);
+}
+
+TEST(RobustTwoView, TooFewPairsOrOnesThatAreAllAlikeAreNoTrouble) {
+  PointPairs pairs;
+  EXPECT_EQ(robust_motion(pairs, threshold(1)).inliers, 0);
+  EXPECT_EQ(robust_fundamental(pairs, threshold(1)).inliers, 0);
+  EXPECT_EQ(robust_homography(pairs, threshold(1)).inliers, 0);
+  pairs.first.assign(30, Eigen::Vector2d(0.1, 0.2));
+  pairs.second = pairs.first;
+  const RobustMotion motion = robust_motion(pairs, threshold(0.001));
+  EXPECT_TRUE(motion.second_from_first.translation.allFinite());
+  EXPECT_EQ(robust_homography(pairs, threshold(0.001)).inliers, 0);
+  pairs.second.pop_back();
+  EXPECT_THROW((void)robust_motion(pairs, threshold(1)), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

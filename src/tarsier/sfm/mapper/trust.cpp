@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/trust.h"
+
+#include "tarsier/sfm/mapper/image_cells.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kRadians = CV_PI / 180;
+constexpr double kRotation = 3 * kRadians;
+constexpr double kDirection = 15 * kRadians;
+constexpr double kRays = 2 * kRadians;
+constexpr double kPoints = 50;
+constexpr double kCells = 12;
+constexpr double kShare = 0.5;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+bool agrees(const Model& model, const Pair& pair) {
+  const geometry::Rigid3 relative =
+      model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
+  const geometry::Rigid3& found = pair.view.second_from_first;
+  if (geometry::angle_of(relative.rotation * found.rotation.transpose()) > kRotation) return false;
+  const double lengths = relative.translation.norm() * found.translation.norm();
+  if (pair.view.median_angle < kRays || !(lengths > 0)) return true;
+  return relative.translation.dot(found.translation) >= std::cos(kDirection) * lengths;
+}
+
+}  // namespace
+
+std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,
+                             const std::vector<std::uint8_t>& refused) {
+  std::vector<double> good(model.images.size(), 0);
+  std::vector<double> all(model.images.size(), 0);
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    const Pair& pair = pairs[k];
+    if (pair.view.inliers.empty() || !model.images[at(pair.first)].registered ||
+        !model.images[at(pair.second)].registered) {
+      continue;
+    }
+    const bool is_agreed = agrees(model, pair);
+    if (refused[k] != 0 && !is_agreed) continue;
+    const auto inliers = static_cast<double>(pair.view.inliers.size());
+    for (const int image : {pair.first, pair.second}) {
+      all[at(image)] += inliers;
+      if (is_agreed && refused[k] == 0) good[at(image)] += inliers;
+    }
+  }
+  std::vector<double> trust(model.images.size(), 0);
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    const Image& image = model.images[i];
+    if (!image.registered || !(all[i] > 0)) continue;
+    std::set<int> cells;
+    double points = 0;
+    double seen_thrice = 0;
+    for (std::size_t f = 0; f < image.points.size(); ++f) {
+      if (image.points[f] < 0) continue;
+      points += 1;
+      seen_thrice += model.points[at(image.points[f])].track.size() >= 3 ? 1 : 0;
+      cells.insert(image_cell(image.features[f], model.cameras[at(image.camera)]));
+    }
+    if (!(points > 0)) continue;
+    trust[i] = good[i] / all[i] * std::min(1.0, points / kPoints) *
+               std::min(1.0, static_cast<double>(cells.size()) / kCells) *
+               std::min(1.0, seen_thrice / points / kShare);
+  }
+  return trust;
+}
+
+double model_trust(const Model& model, const std::vector<double>& trust) {
+  double sum = 0;
+  double count = 0;
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    if (!model.images[i].registered) continue;
+    sum += trust[i];
+    count += 1;
+  }
+  return count > 0 ? sum / count : 0;
+}
+
+}  // namespace tarsier::sfm

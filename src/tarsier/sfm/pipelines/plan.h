@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/sfm/mapper/pipeline.h"
+
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// What the shards of one reconstruction agree on, wherever they run: the images with their sums, the options,
+// and how many shards there are.
+namespace tarsier::sfm {
+
+constexpr int kMaxShards = 100'000;
+
+struct PlannedImage {
+  std::string name;    // in the model
+  std::string path;    // of the file, as the folder of the plan is named
+  std::string sha256;  // of its bytes; "": it could not be read
+};
+
+struct Plan {
+  std::vector<PlannedImage> images;
+  // Without what belongs to one run: cache_folder and checkpoint_s. Of kList, pairs_file is a copy in the folder
+  // of the plan. There is no database, and no points are followed.
+  PipelineOptions options;
+  int shards = 1;     // 1..kMaxShards
+  std::string key;    // SHA-256 of the file of the plan
+  std::string pairs;  // SHA-256 of the list of pairs; empty: no list
+
+  [[nodiscard]] std::vector<Input> inputs() const;
+};
+
+// Writes plan.json, and of kList pairs.txt, to `folder`. The same images and options give the same bytes. Throws
+// std::invalid_argument (options, shards; a database; points that are followed), InputError (fewer than two
+// images, a name or path that no file can hold, a list of pairs with other names), OutputError, Interrupted. An
+// image that cannot be read is no error: it is left out.
+Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
+                const PipelineOptions& options, int shards, Progress& progress,
+                const std::stop_token& stop);
+
+// Checks all that can be checked without the images. Throws InputError.
+[[nodiscard]] Plan read_plan(const std::string& folder);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/pipelines/sharded_reconstructor.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/pipelines/inputs.h"
+#include "tarsier/sfm/pipelines/shard_commands.h"
+#include "tarsier/synth/relief.h"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kImages = 5;
+
+class Sharded : public FolderTest {
+ protected:
+  static void SetUpTestSuite() {
+    synth::SceneOptions options;
+    options.size = {240, 180};
+    options.images = kImages;
+    scene_ = new synth::ReliefScene(options);
+    images_ = new std::vector<cv::Mat>();
+    for (int i = 0; i < kImages; ++i) images_->push_back(scene_->render(i));
+  }
+  static void TearDownTestSuite() {
+    delete images_;
+    delete scene_;
+  }
+
+  void SetUp() override {
+    make_folder(path("images"));
+    for (int i = 0; i < kImages; ++i)
+      write_image(path(fmt::format("images/{}.png", i)), (*images_)[static_cast<std::size_t>(i)]);
+    options_.camera = scene_->camera();
+    options_.features.max_count = 300;
+  }
+
+  [[nodiscard]] std::vector<Input> inputs() {
+    return find_inputs({path("images")}, {}, "", progress_, {});
+  }
+  void plan(int shards) {
+    (void)write_plan(path("work"), inputs(), options_, shards, progress_, {});
+  }
+  void find_all(const ShardedReconstructor& sharded) {
+    for (int k = sharded.plan().shards; k >= 1; --k) (void)sharded.find_features(k, progress_, {});
+  }
+  void match_all(const ShardedReconstructor& sharded) {
+    for (int k = sharded.plan().shards; k >= 1; --k) (void)sharded.match(k, progress_, {});
+  }
+  [[nodiscard]] ReconstructorResult map(const ShardedReconstructor& sharded,
+                                        const std::string& folder) {
+    ReconstructorOptions options;
+    options.folder = path(folder);
+    options.cache = false;
+    return sharded.map(options, progress_, {});
+  }
+  void expect_same_as_whole(const std::string& folder) {
+    ReconstructorOptions options;
+    options.pipeline = options_;
+    options.folder = path("whole");
+    options.cache = false;
+    (void)Reconstructor(options).run_images(inputs(), progress_, {});
+    for (const std::string file : {"cameras.txt", "images.txt", "points3D.txt", "points.ply"})
+      EXPECT_EQ(contents(path(folder + "/" + file)), contents(path("whole/" + file))) << file;
+  }
+  // What `run` throws names the command.
+  template <class Run>
+  void expect_error(const Run& run, const std::string& part) {
+    try {
+      run();
+      ADD_FAILURE() << "expected: " << part;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.status(), ExitStatus::kBadInput);
+      EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+    }
+  }
+  void change_byte(const std::string& file, std::size_t place) {
+    std::string bytes = contents(file);
+    ASSERT_LT(place, bytes.size());
+    bytes[place] = static_cast<char>(bytes[place] ^ 1);
+    write_file_atomically(file, bytes);
+  }
+
+  static synth::ReliefScene* scene_;
+  static std::vector<cv::Mat>* images_;
+  PipelineOptions options_;
+  NoProgress progress_;
+};
+synth::ReliefScene* Sharded::scene_ = nullptr;
+std::vector<cv::Mat>* Sharded::images_ = nullptr;
+
+TEST_F(Sharded, AnyNumberOfShardsGivesTheModelOfOneRun) {
+  for (const int shards : {1, 3, 7}) {
+    plan(shards);
+    const ShardedReconstructor sharded(path("work"));
+    find_all(sharded);
+    match_all(sharded);
+    const std::string folder = fmt::format("model-of-{}", shards);
+    const ReconstructorResult result = map(sharded, folder);
+    ASSERT_EQ(result.models().size(), 1U);
+    EXPECT_EQ(result.pipeline.compared, kImages * (kImages - 1) / 2);
+    expect_same_as_whole(folder);
+  }
+}
+
+TEST_F(Sharded, PairsByWhatImagesShowAreChosenOnceForAllShards) {
+  options_.pairs = PairChoice::kRetrieval;
+  options_.nearest = 2;
+  plan(2);
+  const ShardedReconstructor sharded(path("work"));
+  EXPECT_TRUE(sharded.has_pairs_stage());
+  find_all(sharded);
+  EXPECT_FALSE(sharded.choose_pairs(progress_, {}).was_done);
+  EXPECT_TRUE(sharded.choose_pairs(progress_, {}).was_done);
+  match_all(sharded);
+  (void)map(sharded, "model");
+  expect_same_as_whole("model");
+  fs::remove(path("work/pairs.done"));
+  expect_error([&] { (void)map(sharded, "model"); }, "run: tarsier sfm match");
+}
+
+TEST_F(Sharded, AListOfPairsIsPartOfThePlan) {
+  write_file_atomically(path("list.txt"), "0.png 1.png\n1.png 2.png\n2.png 0.png\n");
+  options_.pairs = PairChoice::kList;
+  options_.pairs_file = path("list.txt");
+  plan(2);
+  fs::remove(path("list.txt"));
+  const ShardedReconstructor sharded(path("work"));
+  find_all(sharded);
+  match_all(sharded);
+  EXPECT_EQ(map(sharded, "model").pipeline.compared, 3);
+  write_file_atomically(path("work/pairs.txt"), "0.png 1.png\n");
+  expect_error([&] { (void)read_plan(path("work")); }, "plan again");
+}
+
+TEST_F(Sharded, WhatCannotBeReadIsLeftOutAsInOneRun) {
+  write_file_atomically(path("images/3-broken.png"), "no image");
+  plan(3);
+  const ShardedReconstructor sharded(path("work"));
+  find_all(sharded);
+  match_all(sharded);
+  const ReconstructorResult result = map(sharded, "model");
+  ASSERT_EQ(result.pipeline.images.size(), kImages + 1U);
+  EXPECT_FALSE(result.pipeline.images[3].read);  // 3-broken.png comes before 3.png
+  EXPECT_NE(result.pipeline.images[3].outcome.reason, "");
+  expect_same_as_whole("model");
+}
+
+TEST_F(Sharded, AShardIsDoneOnceAndAgainWhereItsFileIsNotWhole) {
+  plan(2);
+  const ShardedReconstructor sharded(path("work"));
+  EXPECT_FALSE(sharded.find_features(1, progress_, {}).was_done);
+  EXPECT_TRUE(sharded.find_features(1, progress_, {}).was_done);
+  const std::string file = path("work/features-1-of-2");
+  const std::string bytes = contents(file);
+  const std::string info = contents(file + ".done");
+  change_byte(file, bytes.size() - 1);
+  EXPECT_FALSE(sharded.find_features(1, progress_, {}).was_done);
+  EXPECT_EQ(contents(file), bytes);
+  fs::remove(file + ".done");  // as a kill leaves it
+  EXPECT_FALSE(sharded.find_features(1, progress_, {}).was_done);
+  EXPECT_EQ(contents(file), bytes);
+  EXPECT_EQ(contents(file + ".done"), info);
+}
+
+TEST_F(Sharded, WhatIsMissingOrDamagedIsNamedWithTheCommandThatMakesIt) {
+  plan(2);
+  const ShardedReconstructor sharded(path("work"));
+  expect_error([&] { (void)sharded.match(1, progress_, {}); }, "--shard 1/2");
+  (void)sharded.find_features(1, progress_, {});
+  expect_error([&] { (void)sharded.match(1, progress_, {}); },
+               "features-2-of-2: is missing; run: tarsier sfm features");
+  (void)sharded.find_features(2, progress_, {});
+  (void)sharded.match(2, progress_, {});
+  expect_error([&] { (void)map(sharded, "model"); },
+               "match-1-of-2: is missing; run: tarsier sfm match");
+  (void)sharded.match(1, progress_, {});
+  for (const std::string name : {"work/features-2-of-2", "work/match-1-of-2"}) {
+    const std::string bytes = contents(path(name));
+    write_file_atomically(path(name), bytes.substr(0, bytes.size() / 2));
+    expect_error([&] { (void)map(sharded, "model"); }, "is damaged; run: tarsier sfm");
+    write_file_atomically(path(name), "");
+    expect_error([&] { (void)map(sharded, "model"); }, "is damaged; run: tarsier sfm");
+    write_file_atomically(path(name), bytes);
+    const std::string info = contents(path(name + ".done"));
+    for (const std::string text : {"", "{}", "[1", "{\"shard\":[0,0]}"}) {
+      write_file_atomically(path(name + ".done"), text);
+      expect_error([&] { (void)map(sharded, "model"); }, "run: tarsier sfm");
+    }
+    write_file_atomically(path(name + ".done"), info);
+  }
+  EXPECT_EQ(map(sharded, "model").models().size(), 1U);
+}
+
+TEST_F(Sharded, ShardsOfAnotherPlanAreNotTaken) {
+  plan(2);
+  find_all(ShardedReconstructor(path("work")));
+  options_.features.max_count = 200;
+  plan(2);
+  const ShardedReconstructor other(path("work"));
+  expect_error([&] { (void)other.match(1, progress_, {}); }, "is of another plan");
+  find_all(other);
+  match_all(other);
+  EXPECT_EQ(map(other, "model").models().size(), 1U);
+  expect_same_as_whole("model");
+}
+
+TEST_F(Sharded, AnImageThatChangedIsNotTaken) {
+  plan(2);
+  const ShardedReconstructor sharded(path("work"));
+  write_image(path("images/0.png"), (*images_)[1]);
+  expect_error([&] { (void)sharded.find_features(1, progress_, {}); }, "plan again");
+  fs::remove(path("images/0.png"));
+  expect_error([&] { (void)sharded.find_features(1, progress_, {}); }, "plan again");
+  EXPECT_FALSE(fs::exists(path("work/features-1-of-2")));
+}
+
+TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
+  options_.mapper.choice = MapperChoice::kGlobal;
+  options_.two_view.threshold_px = 0.1 + 0.2;
+  options_.mapper.refine_center = true;
+  options_.seed = 0xFFFFFFFFFFFFFFFFU;
+  plan(4);
+  const std::string text = contents(path("work/plan.json"));
+  const Plan read = read_plan(path("work"));
+  EXPECT_EQ(read.shards, 4);
+  EXPECT_EQ(read.options.mapper.choice, MapperChoice::kGlobal);
+  EXPECT_EQ(read.options.two_view.threshold_px, 0.1 + 0.2);
+  EXPECT_TRUE(read.options.mapper.refine_center);
+  EXPECT_EQ(read.options.seed, options_.seed);
+  ASSERT_TRUE(read.options.camera);
+  EXPECT_EQ(read.options.camera->fx, scene_->camera().fx);
+  plan(4);
+  EXPECT_EQ(contents(path("work/plan.json")), text);
+  for (const auto& [key, value] :
+       std::vector<std::pair<std::string, nlohmann::json>>{{"shards", 0},
+                                                           {"shards", "two"},
+                                                           {"version", 2},
+                                                           {"written_by", "someone"},
+                                                           {"images", nlohmann::json::array()},
+                                                           {"options", nullptr}}) {
+    nlohmann::json json = nlohmann::json::parse(text);
+    json[key] = value;
+    write_file_atomically(path("work/plan.json"), json.dump());
+    expect_error([&] { (void)read_plan(path("work")); }, "plan");
+  }
+  expect_error([&] { (void)read_plan(path("nowhere")); }, "there is no plan");
+  EXPECT_THROW(plan(0), std::invalid_argument);
+}
+
+TEST_F(Sharded, StopsWithNothingHalfWritten) {
+  plan(1);
+  const ShardedReconstructor sharded(path("work"));
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_THROW((void)sharded.find_features(1, progress_, stop.get_token()), Interrupted);
+  EXPECT_FALSE(fs::exists(path("work/features-1-of-1")));
+}
+
+TEST(ShardRanges, ShareEverythingOnce) {
+  for (const std::int64_t count : {0, 1, 5, 1000}) {
+    std::int64_t next = 0;
+    for (int shard = 1; shard <= 7; ++shard) {
+      const ShardRange range = range_of_shard(count, shard, 7);
+      EXPECT_EQ(range.first, next);
+      EXPECT_GE(range.size(), count / 7);
+      EXPECT_LE(range.size(), count / 7 + 1);
+      next = range.last;
+    }
+    EXPECT_EQ(next, count);
+  }
+}
+
+TEST(ShardCommands, QuoteWhatAShellWouldTakeApart) {
+  EXPECT_EQ(shell_word("/data/work-1"), "/data/work-1");
+  EXPECT_EQ(shell_word("my work"), "'my work'");
+  EXPECT_EQ(shell_word("it's $(x)"), "'it'\\''s $(x)'");
+  EXPECT_EQ(shell_word(""), "''");
+  EXPECT_EQ(shard_command("W", ShardStage::kMatch, 3, 8), "tarsier sfm match W --shard 3/8");
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

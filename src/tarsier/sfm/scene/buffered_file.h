@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/atomic_file.h"
+
+#include <fstream>
+#include <string>
+
+// A large file that is written in pieces of a megabyte and appears when all is written. For the .cpp files of this module.
+namespace tarsier::sfm {
+
+class BufferedFile {
+ public:
+  // Throws OutputError, here and below, where the file cannot be written.
+  explicit BufferedFile(const std::string& path)
+      : path_(path), file_(path), stream_(file_.path(), std::ios::binary) {
+    check();
+  }
+  void commit() {
+    flush();
+    stream_.close();
+    check();
+    file_.commit();
+  }
+
+ protected:
+  [[nodiscard]] std::string& buffer() { return buffer_; }
+  void flush_if_full() {
+    if (buffer_.size() > 1'000'000) flush();
+  }
+
+ private:
+  void flush() {
+    stream_.write(buffer_.data(), static_cast<std::streamsize>(buffer_.size()));
+    check();
+    buffer_.clear();
+  }
+  void check() const {
+    if (!stream_) throw OutputError(path_, "cannot write (is the disk full?)");
+  }
+
+  std::string path_;
+  AtomicFile file_;
+  std::ofstream stream_;
+  std::string buffer_;
+};
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/surface/decimation.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <queue>
+#include <tuple>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kMinCosine = 0.2;   // between a face before and after
+constexpr double kBoundary = 10;     // weight of the planes of the boundary
+constexpr double kStiffness = 1e-3;  // keeps the new vertex near the edge where planes do not say
+constexpr int kStopEvery = 4096;
+
+std::size_t at(int index) { return static_cast<std::size_t>(index); }
+
+// x' A x + 2 b' x + c: sum of weighted squared distances to planes.
+struct Quadric {
+  Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  double c = 0;
+  double weight = 0;
+
+  void add_plane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double its_weight) {
+    const double offset = -normal.dot(point);
+    a += its_weight * normal * normal.transpose();
+    b += its_weight * offset * normal;
+    c += its_weight * offset * offset;
+    weight += its_weight;
+  }
+  void add(const Quadric& other) {
+    a += other.a;
+    b += other.b;
+    c += other.c;
+    weight += other.weight;
+  }
+  [[nodiscard]] double at(const Eigen::Vector3d& x) const {
+    return x.dot(a * x) + 2 * b.dot(x) + c;
+  }
+};
+
+struct Candidate {
+  double cost = 0;
+  int a = 0;  // a < b
+  int b = 0;
+  int stamp = 0;                                                // sum of those of the vertices
+  [[nodiscard]] bool operator<(const Candidate& other) const {  // the heap gives the largest
+    return std::tie(cost, a, b, stamp) > std::tie(other.cost, other.a, other.b, other.stamp);
+  }
+};
+
+class Decimator {
+ public:
+  explicit Decimator(SurfaceMesh& mesh) : mesh_(mesh) {
+    // Around the middle, so that the quadrics of small meshes far from the origin stay exact.
+    for (const Eigen::Vector3f& v : mesh.vertices) middle_ += v.cast<double>();
+    if (!mesh.vertices.empty()) middle_ /= static_cast<double>(mesh.vertices.size());
+    for (const Eigen::Vector3f& v : mesh.vertices) vertices_.push_back(v.cast<double>() - middle_);
+    stamps_.assign(vertices_.size(), 0);
+    quadrics_.resize(vertices_.size());
+    faces_of_.resize(vertices_.size());
+    boundary_.assign(vertices_.size(), 0);
+    left_ = static_cast<int>(mesh.faces.size());
+    for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+      for (const int v : mesh.faces[f]) faces_of_[at(v)].push_back(static_cast<int>(f));
+    add_quadrics();
+    for (int a = 0; a < static_cast<int>(vertices_.size()); ++a) {
+      for (const int b : around(a))
+        if (a < b) push(a, b);
+    }
+  }
+
+  void run(int faces, const std::stop_token& stop) {
+    for (int step = 0; left_ > faces && !heap_.empty(); ++step) {
+      if (step % kStopEvery == 0) throw_if_stopped(stop);
+      const Candidate best = heap_.top();
+      heap_.pop();
+      if (stamps_[at(best.a)] < 0 || stamps_[at(best.b)] < 0 ||
+          best.stamp != stamps_[at(best.a)] + stamps_[at(best.b)])
+        continue;
+      collapse(best.a, best.b);
+    }
+    store();
+  }
+
+ private:
+  [[nodiscard]] const Face& face(int f) const { return mesh_.faces[at(f)]; }
+
+  void add_quadrics() {
+    const std::vector<Face> neighbors = face_neighbors(mesh_);
+    for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
+      const Face& corners = mesh_.faces[f];
+      const Eigen::Vector3d& p = vertices_[at(corners[0])];
+      const Eigen::Vector3d cross =
+          (vertices_[at(corners[1])] - p).cross(vertices_[at(corners[2])] - p);
+      const double area = 0.5 * cross.norm();
+      if (!(area > 0)) continue;
+      const Eigen::Vector3d normal = cross.normalized();
+      for (const int v : corners) quadrics_[at(v)].add_plane(normal, p, area);
+      for (std::size_t k = 0; k < 3; ++k) {
+        if (neighbors[f][k] >= 0) continue;
+        const int a = corners[k];
+        const int b = corners[(k + 1) % 3];
+        boundary_[at(a)] = boundary_[at(b)] = 1;
+        const Eigen::Vector3d edge = vertices_[at(b)] - vertices_[at(a)];
+        const Eigen::Vector3d upright = edge.cross(normal);
+        if (!(upright.norm() > 0)) continue;
+        for (const int v : {a, b}) {
+          quadrics_[at(v)].add_plane(upright.normalized(), vertices_[at(a)],
+                                     kBoundary * edge.squaredNorm());
+        }
+      }
+    }
+  }
+
+  // In order, each once.
+  [[nodiscard]] std::vector<int> around(int v) const {
+    std::vector<int> result;
+    for (const int f : faces_of_[at(v)])
+      for (const int other : face(f))
+        if (other != v) result.push_back(other);
+    std::sort(result.begin(), result.end());
+    result.erase(std::unique(result.begin(), result.end()), result.end());
+    return result;
+  }
+
+  [[nodiscard]] Eigen::Vector3d best_place(int a, int b, double& cost) const {
+    Quadric sum = quadrics_[at(a)];
+    sum.add(quadrics_[at(b)]);
+    const Eigen::Vector3d middle = 0.5 * (vertices_[at(a)] + vertices_[at(b)]);
+    const double stiffness = kStiffness * sum.weight + 1e-300;
+    const Eigen::Matrix3d matrix = sum.a + stiffness * Eigen::Matrix3d::Identity();
+    Eigen::Vector3d place = matrix.inverse() * (stiffness * middle - sum.b);
+    const double length = (vertices_[at(a)] - vertices_[at(b)]).norm();
+    if (!place.allFinite() || (place - middle).norm() > 2 * length) place = middle;
+    // Short edges first where all is flat.
+    cost = std::max(0.0, sum.at(place)) + 1e-6 * sum.weight * length * length;
+    return place;
+  }
+
+  void push(int a, int b) {
+    Candidate candidate;
+    candidate.a = std::min(a, b);
+    candidate.b = std::max(a, b);
+    candidate.stamp = stamps_[at(a)] + stamps_[at(b)];
+    (void)best_place(candidate.a, candidate.b, candidate.cost);
+    heap_.push(candidate);
+  }
+
+  // Of the faces of `v` without `other`.
+  [[nodiscard]] bool would_fold(int v, int other, const Eigen::Vector3d& place) const {
+    for (const int f : faces_of_[at(v)]) {
+      const Face& corners = face(f);
+      std::size_t own = 0;
+      bool shared = false;
+      for (std::size_t k = 0; k < 3; ++k) {
+        if (corners[k] == v) own = k;
+        shared = shared || corners[k] == other;
+      }
+      if (shared) continue;
+      const Eigen::Vector3d& p = vertices_[at(corners[(own + 1) % 3])];
+      const Eigen::Vector3d& q = vertices_[at(corners[(own + 2) % 3])];
+      const Eigen::Vector3d before = (p - vertices_[at(v)]).cross(q - vertices_[at(v)]);
+      const Eigen::Vector3d after = (p - place).cross(q - place);
+      const double size = after.norm();
+      if (!(size > 1e-3 * (q - p).norm() * std::max((p - place).norm(), (q - place).norm())))
+        return true;  // a needle
+      // A needle of before may become whatever it likes.
+      if (before.norm() > 0 && before.dot(after) < kMinCosine * before.norm() * size) return true;
+    }
+    return false;
+  }
+
+  [[nodiscard]] bool keeps_topology(int a, int b) const {
+    int shared = 0;
+    for (const int f : faces_of_[at(a)]) {
+      const Face& corners = face(f);
+      if (std::find(corners.begin(), corners.end(), b) != corners.end()) ++shared;
+    }
+    const std::vector<int> first = around(a);
+    const std::vector<int> second = around(b);
+    std::vector<int> common;
+    std::set_intersection(first.begin(), first.end(), second.begin(), second.end(),
+                          std::back_inserter(common));
+    if (static_cast<int>(common.size()) != shared || shared < 1 || shared > 2) return false;
+    if (boundary_[at(a)] != 0 && boundary_[at(b)] != 0 && shared == 2) return false;
+    // A tetrahedron would become a pair of triangles, and a boundary of three edges nothing.
+    if (shared == 2 && first.size() == 3 && second.size() == 3) return false;
+    if (shared == 1 && (first.size() == 2 || second.size() == 2)) return false;
+    return true;
+  }
+
+  void collapse(int a, int b) {
+    if (!keeps_topology(a, b)) return;
+    double cost = 0;
+    const Eigen::Vector3d place = best_place(a, b, cost);
+    if (would_fold(a, b, place) || would_fold(b, a, place)) return;
+    vertices_[at(a)] = place;
+    quadrics_[at(a)].add(quadrics_[at(b)]);
+    boundary_[at(a)] = static_cast<char>(boundary_[at(a)] | boundary_[at(b)]);
+    std::vector<int> kept;
+    for (const int f : faces_of_[at(a)]) {
+      const Face corners = face(f);
+      if (std::find(corners.begin(), corners.end(), b) == corners.end()) {
+        kept.push_back(f);
+        continue;
+      }
+      for (const int v : corners) {
+        if (v != a) std::erase(faces_of_[at(v)], f);
+      }
+      mesh_.faces[at(f)] = {-1, -1, -1};
+      --left_;
+    }
+    for (const int f : faces_of_[at(b)]) {
+      for (int& v : mesh_.faces[at(f)])
+        if (v == b) v = a;
+      kept.push_back(f);
+    }
+    std::sort(kept.begin(), kept.end());
+    faces_of_[at(a)] = std::move(kept);
+    faces_of_[at(b)] = {};
+    stamps_[at(b)] = -1;
+    ++stamps_[at(a)];
+    for (const int v : around(a)) push(a, v);
+  }
+
+  void store() {
+    for (std::size_t v = 0; v < vertices_.size(); ++v)
+      mesh_.vertices[v] = (vertices_[v] + middle_).cast<float>();
+    std::erase_if(mesh_.faces, [](const Face& corners) { return corners[0] < 0; });
+    mesh_.colors.clear();
+    remove_unused_vertices(mesh_);
+  }
+
+  SurfaceMesh& mesh_;
+  Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
+  std::vector<Eigen::Vector3d> vertices_;
+  std::vector<Quadric> quadrics_;
+  std::vector<std::vector<int>> faces_of_;
+  std::vector<int> stamps_;  // how often a vertex moved; -1: gone
+  std::vector<char> boundary_;
+  std::priority_queue<Candidate> heap_;
+  int left_ = 0;
+};
+
+}  // namespace
+
+void decimate(SurfaceMesh& mesh, int faces, const std::stop_token& stop) {
+  TARSIER_REQUIRE(faces >= 1, "{}", faces);
+  if (static_cast<int>(mesh.faces.size()) <= faces) return;
+  Decimator(mesh).run(faces, stop);
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/surface/depth_fusion.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <iterator>
+#include <optional>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kPixels = 1.5;           // of a depth map: side of a voxel
+constexpr double kCoarser = 1.25;         // per attempt
+constexpr double kBytesOfBlock = 12'000;  // its voxels, crossings, and the surface in it
+constexpr double kReach = 0.6;            // of the truncation: around depths, where blocks are kept
+
+TangentMap read_planes(const Workspace& workspace, int view, const VolumeOptions& options) {
+  return tangent_map(workspace.read_depth_map(view), workspace.camera(view), workspace.pose(view),
+                     {options.min_cosine, options.trim_px});
+}
+
+// Views with a usable depth, and the median of what a pixel of theirs is wide.
+struct Views {
+  std::vector<int> list;
+  double footprint = 0;
+};
+
+Views usable_views(const Workspace& workspace, const VolumeOptions& options, Progress& progress,
+                   const std::stop_token& stop) {
+  Views views;
+  std::vector<double> footprints;
+  int maps = 0;
+  progress.begin("depth maps", workspace.count(), "images");
+  for (int i = 0; i < workspace.count(); ++i) {
+    throw_if_stopped(stop);
+    progress.advance();
+    if (!workspace.has_depth_map(i)) continue;
+    ++maps;
+    const TangentMap planes = read_planes(workspace, i, options);
+    if (!(planes.footprint > 0)) continue;
+    views.list.push_back(i);
+    footprints.push_back(planes.footprint);
+  }
+  progress.end();
+  if (maps == 0)
+    throw InputError(
+        workspace.folder(),
+        "has no depth maps (stereo/depth_maps/*.geometric.bin): run tarsier sfm dense");
+  if (views.list.empty())
+    throw InputError(workspace.folder(), "no depth map has a known depth: there is no surface");
+  std::nth_element(footprints.begin(),
+                   footprints.begin() + static_cast<std::ptrdiff_t>(footprints.size() / 2),
+                   footprints.end());
+  views.footprint = footprints[footprints.size() / 2];
+  return views;
+}
+
+// Of all views; nothing where there are more than `limit`.
+std::optional<std::vector<VoxelVolume::Key>> blocks_of(const Workspace& workspace,
+                                                       const std::vector<int>& views, double voxel,
+                                                       std::size_t limit,
+                                                       const VolumeOptions& options,
+                                                       const std::stop_token& stop) {
+  std::vector<VoxelVolume::Key> all;
+  for (const int view : views) {
+    throw_if_stopped(stop);
+    const auto some = blocks_near(read_planes(workspace, view, options), voxel,
+                                  std::max(1.0, kReach * options.truncation));
+    std::vector<VoxelVolume::Key> both;
+    both.reserve(all.size() + some.size());
+    std::set_union(all.begin(), all.end(), some.begin(), some.end(), std::back_inserter(both));
+    all = std::move(both);
+    if (all.size() > limit) return std::nullopt;
+  }
+  return all;
+}
+
+}  // namespace
+
+FusedVolume fuse_depth_maps(const Workspace& workspace, const VolumeOptions& options,
+                            Progress& progress, const std::stop_token& stop) {
+  options.check();
+  const Views views = usable_views(workspace, options, progress, stop);
+  double voxel = options.voxel > 0 ? options.voxel : kPixels * views.footprint;
+  const auto limit = static_cast<std::size_t>(options.memory_gb * 1e9 / kBytesOfBlock);
+  FusedVolume result;
+  result.views = static_cast<int>(views.list.size());
+  result.views_without = workspace.count() - result.views;
+  auto blocks = blocks_of(workspace, views.list, voxel, limit, options, stop);
+  while (!blocks) {
+    if (options.voxel > 0)
+      throw Error(
+          ExitStatus::kUsage,
+          fmt::format("voxels of {:.4g} need more than {:.3g} GB: give larger ones (--voxel) "
+                      "or more memory (--memory)",
+                      voxel, options.memory_gb));
+    voxel *= kCoarser;
+    result.coarser = true;
+    blocks = blocks_of(workspace, views.list, voxel, limit, options, stop);
+  }
+  if (blocks->empty())
+    throw InputError(workspace.folder(),
+                     fmt::format("all depths are too far away for voxels of {:.4g}", voxel));
+  result.volume = VoxelVolume(voxel);
+  result.volume.allocate(std::move(*blocks));
+  progress.begin("fuse", result.views, "images");
+  for (const int view : views.list) {
+    throw_if_stopped(stop);
+    integrate(result.volume, read_planes(workspace, view, options),
+              {options.truncation, options.carving});
+    progress.advance();
+  }
+  progress.end();
+  return result;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/surface/surface_files.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/surface/glb.h"
+
+#include <fmt/format.h>
+
+#include <bit>
+#include <cmath>
+#include <filesystem>
+#include <iterator>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::size_t at(int index) { return static_cast<std::size_t>(index); }
+
+std::string with_ending(const std::string& path, const char* ending) {
+  return fs::path(path).replace_extension(ending).string();
+}
+
+void put(std::string& bytes, std::uint32_t value) {
+  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(value >> shift));
+}
+void put(std::string& bytes, float value) { put(bytes, std::bit_cast<std::uint32_t>(value)); }
+
+std::string ply_of(const TexturedSurface& surface, const std::string& image_name) {
+  const SurfaceMesh& mesh = surface.mesh;
+  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment Tarsier\n";
+  if (surface.texture) bytes += "comment TextureFile " + image_name + "\n";
+  bytes += fmt::format(
+      "element vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+      "property float nx\nproperty float ny\nproperty float nz\n",
+      mesh.vertices.size());
+  if (!mesh.colors.empty())
+    bytes += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+  bytes +=
+      fmt::format("element face {}\nproperty list uchar int vertex_indices\n", mesh.faces.size());
+  if (surface.texture) bytes += "property list uchar float texcoord\n";
+  bytes += "end_header\n";
+  const std::vector<Eigen::Vector3f> normals = vertex_normals(mesh);
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    for (int k = 0; k < 3; ++k) put(bytes, mesh.vertices[v][k]);
+    for (int k = 0; k < 3; ++k) put(bytes, normals[v][k]);
+    if (mesh.colors.empty()) continue;
+    for (int k = 2; k >= 0; --k) bytes.push_back(static_cast<char>(mesh.colors[v][k]));
+  }
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    bytes.push_back(3);
+    for (const int v : mesh.faces[f]) put(bytes, static_cast<std::uint32_t>(v));
+    if (!surface.texture) continue;
+    bytes.push_back(6);
+    for (const int corner : surface.texture->corners[f]) {
+      const cv::Vec2f& uv = surface.texture->uvs[at(corner)];
+      put(bytes, uv[0]);
+      put(bytes, uv[1]);
+    }
+  }
+  return bytes;
+}
+
+std::string obj_of(const TexturedSurface& surface, const std::string& library) {
+  const SurfaceMesh& mesh = surface.mesh;
+  std::string text = "# Tarsier\n";
+  auto out = std::back_inserter(text);
+  if (surface.texture) fmt::format_to(out, "mtllib {}\n", library);
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    const Eigen::Vector3f& x = mesh.vertices[v];
+    fmt::format_to(out, "v {:.7g} {:.7g} {:.7g}", x[0], x[1], x[2]);
+    if (!mesh.colors.empty() && !surface.texture) {
+      const cv::Vec3b& bgr = mesh.colors[v];
+      fmt::format_to(out, " {:.4f} {:.4f} {:.4f}", bgr[2] / 255.0, bgr[1] / 255.0, bgr[0] / 255.0);
+    }
+    text += '\n';
+  }
+  for (const Eigen::Vector3f& n : vertex_normals(mesh))
+    fmt::format_to(out, "vn {:.4f} {:.4f} {:.4f}\n", n[0], n[1], n[2]);
+  if (surface.texture) {
+    for (const cv::Vec2f& uv : surface.texture->uvs)
+      fmt::format_to(out, "vt {:.6f} {:.6f}\n", uv[0], uv[1]);
+    text += "usemtl surface\n";
+  }
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    text += 'f';
+    for (std::size_t k = 0; k < 3; ++k) {
+      const int v = mesh.faces[f][k] + 1;
+      if (surface.texture) {
+        fmt::format_to(out, " {}/{}/{}", v, surface.texture->corners[f][k] + 1, v);
+      } else {
+        fmt::format_to(out, " {}//{}", v, v);
+      }
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+}  // namespace
+
+SurfaceFormat surface_format_of(const std::string& path) {
+  const std::string ending = lower_case(fs::path(path).extension().string());
+  if (ending == ".ply") return SurfaceFormat::kPly;
+  if (ending == ".obj") return SurfaceFormat::kObj;
+  if (ending == ".glb") return SurfaceFormat::kGlb;
+  throw UsageError(fmt::format("'{}': a surface is written as .ply, .obj or .glb", path));
+}
+
+std::vector<std::string> surface_files(const std::string& path, bool textured) {
+  std::vector<std::string> files;
+  const SurfaceFormat format = surface_format_of(path);
+  if (textured && format != SurfaceFormat::kGlb) files.push_back(with_ending(path, ".png"));
+  if (textured && format == SurfaceFormat::kObj) files.push_back(with_ending(path, ".mtl"));
+  files.push_back(path);
+  return files;
+}
+
+void write_surface(const std::string& path, const TexturedSurface& surface,
+                   const Eigen::Matrix3d& upright) {
+  surface.mesh.check();
+  if (surface.texture)
+    TARSIER_REQUIRE(surface.texture->corners.size() == surface.mesh.faces.size(),
+                    "a texture of another surface");
+  const SurfaceFormat format = surface_format_of(path);
+  if (format == SurfaceFormat::kGlb) {
+    write_file_atomically(path, glb_of(surface, upright, path));
+    return;
+  }
+  const std::string image = with_ending(path, ".png");
+  const std::string image_name = fs::path(image).filename().string();
+  if (surface.texture) write_image(image, surface.texture->image);
+  if (format == SurfaceFormat::kPly) {
+    write_file_atomically(path, ply_of(surface, image_name));
+    return;
+  }
+  const std::string library = with_ending(path, ".mtl");
+  if (surface.texture) {
+    write_file_atomically(
+        library, fmt::format("newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {}\n",
+                             image_name));
+  }
+  write_file_atomically(path, obj_of(surface, fs::path(library).filename().string()));
+}
+
+render::Mesh render_mesh(const TexturedSurface& surface) {
+  const SurfaceMesh& mesh = surface.mesh;
+  render::Mesh result;
+  for (const Eigen::Vector3f& x : mesh.vertices) result.positions.emplace_back(x[0], x[1], x[2]);
+  for (const Eigen::Vector3f& n : vertex_normals(mesh))
+    result.normals.emplace_back(n[0], n[1], n[2]);
+  const bool colored = !mesh.colors.empty() && !mesh.faces.empty();
+  // Of coloured faces each has a pixel of its own.
+  const int across =
+      std::max(1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(mesh.faces.size())))));
+  cv::Mat pixels;
+  if (surface.texture) {
+    result.textures.push_back(render::make_texture(surface.texture->image));
+    result.uvs = surface.texture->uvs;
+  } else if (colored) {
+    pixels = cv::Mat(across, across, CV_8UC3, cv::Scalar::all(0));
+  }
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    render::Triangle triangle;
+    triangle.position = mesh.faces[f];
+    triangle.normal = mesh.faces[f];
+    if (surface.texture) {
+      triangle.uv = surface.texture->corners[f];
+      triangle.material = 0;
+    } else if (colored) {
+      cv::Vec3f sum(0, 0, 0);
+      for (const int v : mesh.faces[f]) sum += cv::Vec3f(mesh.colors[at(v)]) / 3;
+      const int x = static_cast<int>(f) % across;
+      const int y = static_cast<int>(f) / across;
+      pixels.at<cv::Vec3b>(y, x) = cv::Vec3b(sum);
+      triangle.uv.fill(static_cast<int>(f));
+      result.uvs.emplace_back((static_cast<float>(x) + 0.5F) / static_cast<float>(across),
+                              1 - (static_cast<float>(y) + 0.5F) / static_cast<float>(across));
+      triangle.material = 0;
+    }
+    result.triangles.push_back(triangle);
+  }
+  if (surface.texture || colored) {
+    if (!surface.texture) result.textures.push_back({{pixels}});
+    result.materials.push_back({"surface", {1, 1, 1}, 0});
+  }
+  return result;
+}
+
+}  // namespace tarsier::sfm

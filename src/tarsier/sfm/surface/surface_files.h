@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/render/mesh.h"
+#include "tarsier/sfm/surface/surface_mesh.h"
+#include "tarsier/sfm/surface/texture.h"
+
+#include <Eigen/Core>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::sfm {
+
+struct TexturedSurface {
+  SurfaceMesh mesh;
+  std::optional<SurfaceTexture> texture;
+};
+
+enum class SurfaceFormat { kPly, kObj, kGlb };
+// By the ending: .ply, .obj, .glb. Throws UsageError for any other.
+[[nodiscard]] SurfaceFormat surface_format_of(const std::string& path);
+// The files that write_surface() makes, the main one last.
+[[nodiscard]] std::vector<std::string> surface_files(const std::string& path, bool textured);
+
+// Writes a surface in world units; each file whole or not at all, the main one last.
+//
+// .ply: binary, little endian: x y z nx ny nz, red green blue where there are colours; a texture is
+// NAME.png and `texcoord` of each face, as MeshLab has it.
+// .obj: text with v (and the colours behind it, where there is no texture), vn, vt; NAME.mtl,
+// NAME.png. read_obj() of render/obj_io.h reads it.
+// .glb: binary glTF 2.0 (https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) in one file,
+// with the texture as JPEG of quality 95 or with the colours, and not lit (KHR_materials_unlit): the images
+// hold the light. Its frame has y up: `upright` (a rotation) brings the world to it, as the matrix
+// of the node.
+// Throws OutputError, UsageError (ending), std::invalid_argument (SurfaceMesh::check()).
+void write_surface(const std::string& path, const TexturedSurface& surface,
+                   const Eigen::Matrix3d& upright = Eigen::Matrix3d::Identity());
+
+// For render(): with the texture, or each face in the mean colour of its corners, or grey.
+[[nodiscard]] render::Mesh render_mesh(const TexturedSurface& surface);
+
+}  // namespace tarsier::sfm

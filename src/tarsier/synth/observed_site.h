@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/option_fields.h"
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid3.h"
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+// Large scenes as what thousands of images would observe of them, without images: to measure what comes after the
+// matching.
+namespace tarsier::synth {
+
+// z is up; the unit is the metre.
+enum class SiteKind {
+  kRing,       // once around, looking at a wall inside: a single large loop
+  kGrid,       // from the air, straight down, in rows
+  kWalk,       // along a winding street, without a loop
+  kCity,       // through all streets of a city of square blocks: many loops
+  kSymmetric,  // around a prism whose sides look alike but for details, on white
+};
+
+struct SiteOptions {
+  std::uint64_t seed = 1;
+  SiteKind kind = SiteKind::kCity;
+  int images = 300;
+  int features = 300;      // that an image has at most
+  int neighbours = 12;     // images that each is matched with: those with most features in common
+  double noise_px = 0.5;   // standard deviation of a feature's place
+  double drop_out = 0.25;  // probability that a visible point is no feature
+  double wrong_share = 0.03;  // of matches: with any feature
+  double repeats = 0;         // share of 10 m of facade that look like others
+  int sides = 4;              // of kSymmetric
+  double details = 0.2;       // of kSymmetric: points that no other side has
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"images", images, range(3, 100'000)},
+            {"features", features, range(50, 10'000), "--features",
+             "of an image at most, of --observations"},
+            {"neighbours", neighbours, range(2, 1000)},
+            {"noise_px", noise_px, range(0, 20)},
+            {"drop_out", drop_out, range(0, 0.9), "--drop-out",
+             "probability that a visible point is no feature, of --observations"},
+            {"wrong_share", wrong_share, range(0, 0.9)},
+            {"repeats", repeats, range(0, 1), "--repeats",
+             "share of the facades that look like others, of --observations"},
+            {"sides", sides, range(2, 12), "--sides", "of the prism of --trajectory symmetric"},
+            {"details", details, range(0, 1), "--details",
+             "share of points that no other side has, of --trajectory symmetric"}};
+  }
+  void check() const { check_fields(*this); }
+};
+
+struct ObservedSite {
+  struct Pair {
+    int first = 0;
+    int second = 0;
+    std::vector<std::pair<int, int>> matches;  // features
+    bool same_place = false;  // most matches are of the same points; else of what looks alike
+  };
+  geometry::Camera camera;              // 640 x 480, not distorted
+  std::vector<geometry::Rigid3> poses;  // camera from world
+  std::vector<std::vector<cv::Point2f>> features;
+  std::vector<Pair> pairs;  // by first, then second
+};
+
+// The same for the same options. Throws std::invalid_argument (options).
+[[nodiscard]] ObservedSite make_observed_site(const SiteOptions& options);
+
+}  // namespace tarsier::synth

@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# The challenge: drawn heads that do what is asked, and photographs of them that are turned before the camera. JSON events,
+# exit status. How often it is right is in docs/results.md.
+# shellcheck source=tests/e2e/lib.sh
+source "$TARSIER_SOURCE/tests/e2e/lib.sh"
+film() { # film NAME head|photo SEED
+  run pose synth -o "$1" --challenge "$2" --tasks 2 --seed "$3" --yaw 30 --size 480x360 --near 450 --far 500 --quiet
+  expect_status 0
+}
+ask() { # ask NAME SEED
+  run people liveness "$1/images" --sequence --fps 15 --fixed-order --tasks 2 --seed "$2" --json
+}
+
+film real head 1
+ask real 1
+expect_status 0
+expect_out '"event":"liveness"' '"state":"ask"' '"state":"passed"' '"done":2' '"liveness":\{"state":"look"'
+cp stdout.txt first.txt
+ask real 1
+diff <(sed 's/"ms":[0-9.]*//' stdout.txt) <(sed 's/"ms":[0-9.]*//' first.txt) >/dev/null || fail "the same film gives another answer"
+
+film print photo 1
+ask print 1
+expect_status 1
+grep -q '"state":"passed"' stdout.txt && fail "a photograph passed"
+expect_out '"event":"liveness"'
+
+# Another order than it was made for; stills; nobody.
+run people liveness real/images/0000.png
+expect_status 2
+expect_error 'a challenge needs a video or a camera'
+run people liveness real/images --sequence --fps 15 --tasks 0
+expect_status 2
+finish
