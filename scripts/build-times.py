@@ -1,20 +1,17 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""scripts/build-times.py [BUILD] [--top N] [--limit SECONDS]
+"""scripts/build-times.py [BUILD] [--top N] [--limit PERCENT]
 
 The processor time of each compiled file of a build with tests (cmake/compile-time.sh measures it), by folder, and the N
-files that took longest (10). Exit status 1 where a file took more than SECONDS. On a slow or busy machine, where the median file takes
-longer than on the machine of docs/results.md, the limit is as much higher. What ccache answered counts as what it took: for the cost of a
-build from nothing, build with CCACHE_DISABLE=1 into an empty folder.
+files that took longest (10). Exit status 1 where a file took more than PERCENT of the whole: the speed of the machine does not matter.
+What ccache answered counts as what it took: for the cost of a build from nothing, build with CCACHE_DISABLE=1 into an empty folder.
 """
 import argparse
 import collections
 import os
 import re
-import statistics
 import sys
 
-MEDIAN = 1.9  # CPU s of the median file on the machine of docs/results.md
 TIME = re.compile(r"^(\d+)m([\d.]+)s (\d+)m([\d.]+)s$")
 
 
@@ -46,7 +43,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("build", nargs="?", default="build/release", help="folder of the build [build/release]")
     parser.add_argument("--top", type=int, default=10, help="how many files are listed [10]")
-    parser.add_argument("--limit", type=float, help="most CPU seconds of one file")
+    parser.add_argument("--limit", type=float, help="most of one file, in per cent of the whole build")
     options = parser.parse_args()
     times = measured(options.build)
     if not times:
@@ -66,10 +63,9 @@ def main():
     total = sum(times.values())
     print(f"\n{len(times)} files, {total:.0f} CPU s, of these {tests:.0f} for tests")
     if options.limit is not None:
-        limit = options.limit * max(1.0, statistics.median(times.values()) / MEDIAN)
-        above = [name for name, seconds in longest if seconds > limit]
+        above = [name for name, seconds in longest if seconds > options.limit / 100 * total]
         if above:
-            sys.exit(f"more than {limit:.1f} CPU s: {', '.join(above)}")
+            sys.exit(f"more than {options.limit:g} % of the build: {', '.join(above)}")
 
 
 main()

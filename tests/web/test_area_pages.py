@@ -140,8 +140,10 @@ class AreaPages(AreaPageTest):
         self.assertEqual(self.people(), before)
 
     def groups_there(self, count):
+        """So many groups, and all other lists of the page are up to date: a row more above would move what is clicked next."""
         self.page.wait("[...document.querySelectorAll('button')].filter((one) => "
                        f"one.getAttribute('aria-label')?.startsWith('Name group')).length === {count}", what=f"{count} groups")
+        self.page.wait_posts()
 
     def test_people_groups_named_merged_corrected(self):
         """Unknown faces: grouped, named, merged, "not this person", and each taken back."""
