@@ -13,6 +13,7 @@
 #include "tarsier/face/head/testing_head.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/onnx/testing_onnx.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/deep.h"
@@ -243,6 +244,11 @@ void plate_models() {
 }
 
 void people_models() {
+  write_file_atomically(seed("onnx_network", "means.onnx"),
+                        face::onnx::testing_onnx::means_of_fields());
+  write_file_atomically(
+      seed("onnx_input_form", "three.txt"),
+      "# of a test\nlicence: MIT\nsize: 112x96\nmean: 104 117 123\nscale: 0.0078\n");
   using namespace face::recognition;
   const SyntheticFaces set = synthetic_faces(3, 3, 0.2, 1, 0, {16, 20});
   RecognizerOptions options;

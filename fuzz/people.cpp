@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Recognisers, lists of faces and galleries.
 #include "tarsier/core/errors.h"
+#include "tarsier/face/onnx/network_file.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/deep.h"
@@ -44,6 +45,20 @@ TARSIER_FUZZ_TARGET(weights_manifest, kJson) {
     (void)build_deep_network(weights, manifest);
   } catch (const Error&) {  // tensors that are read need not make a network
   }
+}
+
+TARSIER_FUZZ_TARGET(onnx_network, kBytes) {
+  const face::onnx::NetworkFile network =
+      face::onnx::parse_network(std::string(text_of(input)), "network.onnx");
+  expect(network.nodes > 0 && network.parameters >= 0, "a network without layers");
+  for (const face::onnx::TensorForm& form : network.inputs)
+    for (const std::int64_t side : form.shape) expect(side == -1 || side > 0, "a side of an input");
+}
+
+TARSIER_FUZZ_TARGET(onnx_input_form, kBytes) {
+  const face::onnx::InputForm form = face::onnx::parse_input_form(text_of(input), "network.txt");
+  expect(form.scale > 0 && (form.mean.size() == 1 || form.mean.size() == 3), "an input form");
+  expect((form.width == 0) == (form.height == 0) && form.width <= 2048, "a size");
 }
 
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }

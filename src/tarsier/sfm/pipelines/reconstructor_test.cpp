@@ -4,9 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/pipelines/testing_relief.h"
 #include "tarsier/sfm/scene/colmap.h"
-#include "tarsier/synth/relief.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -22,31 +21,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kImages = 5;
-
-class Reconstructing : public FolderTest {
+class Reconstructing : public ReliefFolderTest {
  protected:
-  static void SetUpTestSuite() {
-    synth::SceneOptions options;
-    options.size = {240, 180};
-    options.images = kImages;
-    scene_ = new synth::ReliefScene(options);
-    images_ = new std::vector<cv::Mat>();
-    for (int i = 0; i < kImages; ++i) images_->push_back(scene_->render(i));
-  }
-  static void TearDownTestSuite() {
-    delete images_;
-    delete scene_;
-  }
-
   void SetUp() override {
-    make_folder(path("images"));
+    ReliefFolderTest::SetUp();
     std::string positions = "name,x,y,z\n";
     for (int i = 0; i < kImages; ++i) {
-      const std::string name = std::to_string(i) + ".png";
-      write_image(path("images/" + name), (*images_)[static_cast<std::size_t>(i)]);
       const Eigen::Vector3d center = scene_->pose(i).center();
-      positions += fmt::format("{},{},{},{}\n", name, center[0], center[1], center[2]);
+      positions += fmt::format("{}.png,{},{},{}\n", i, center[0], center[1], center[2]);
     }
     write_file_atomically(path("positions.csv"), positions);
     options_.pipeline.camera = scene_->camera();
@@ -64,12 +46,8 @@ class Reconstructing : public FolderTest {
     return nlohmann::json::parse(contents(path("model/report.json")));
   }
 
-  static synth::ReliefScene* scene_;
-  static std::vector<cv::Mat>* images_;
   ReconstructorOptions options_;
 };
-synth::ReliefScene* Reconstructing::scene_ = nullptr;
-std::vector<cv::Mat>* Reconstructing::images_ = nullptr;
 
 TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
   options_.placement.alignment = Alignment::kPositions;

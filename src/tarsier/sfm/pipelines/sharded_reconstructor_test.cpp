@@ -4,10 +4,9 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/pipelines/inputs.h"
 #include "tarsier/sfm/pipelines/shard_commands.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/sfm/pipelines/testing_relief.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -24,27 +23,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kImages = 5;
-
-class Sharded : public FolderTest {
+class Sharded : public ReliefFolderTest {
  protected:
-  static void SetUpTestSuite() {
-    synth::SceneOptions options;
-    options.size = {240, 180};
-    options.images = kImages;
-    scene_ = new synth::ReliefScene(options);
-    images_ = new std::vector<cv::Mat>();
-    for (int i = 0; i < kImages; ++i) images_->push_back(scene_->render(i));
-  }
-  static void TearDownTestSuite() {
-    delete images_;
-    delete scene_;
-  }
-
   void SetUp() override {
-    make_folder(path("images"));
-    for (int i = 0; i < kImages; ++i)
-      write_image(path(fmt::format("images/{}.png", i)), (*images_)[static_cast<std::size_t>(i)]);
+    ReliefFolderTest::SetUp();
     options_.camera = scene_->camera();
     options_.features.max_count = 300;
   }
@@ -96,13 +78,9 @@ class Sharded : public FolderTest {
     write_file_atomically(file, bytes);
   }
 
-  static synth::ReliefScene* scene_;
-  static std::vector<cv::Mat>* images_;
   PipelineOptions options_;
   NoProgress progress_;
 };
-synth::ReliefScene* Sharded::scene_ = nullptr;
-std::vector<cv::Mat>* Sharded::images_ = nullptr;
 
 TEST_F(Sharded, AnyNumberOfShardsGivesTheModelOfOneRun) {
   for (const int shards : {1, 3, 7}) {

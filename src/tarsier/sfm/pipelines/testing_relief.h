@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/synth/relief.h"
+
+#include <fmt/format.h>
+
+#include <vector>
+
+namespace tarsier::sfm {
+
+// Five images of a relief, 240 x 180 px, drawn once for all tests: images/0.png .. 4.png of each test's folder.
+class ReliefFolderTest : public FolderTest {
+ protected:
+  static constexpr int kImages = 5;
+
+  static void SetUpTestSuite() {
+    synth::SceneOptions options;
+    options.size = {240, 180};
+    options.images = kImages;
+    scene_ = new synth::ReliefScene(options);
+    images_ = new std::vector<cv::Mat>();
+    for (int i = 0; i < kImages; ++i) images_->push_back(scene_->render(i));
+  }
+  static void TearDownTestSuite() {
+    delete images_;
+    delete scene_;
+  }
+  void SetUp() override {
+    make_folder(path("images"));
+    for (int i = 0; i < kImages; ++i)
+      write_image(path(fmt::format("images/{}.png", i)), (*images_)[static_cast<std::size_t>(i)]);
+  }
+
+  inline static synth::ReliefScene* scene_ = nullptr;
+  inline static std::vector<cv::Mat>* images_ = nullptr;
+};
+
+}  // namespace tarsier::sfm
