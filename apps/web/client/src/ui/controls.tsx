@@ -1,7 +1,7 @@
 // Buttons, fields and the like. All are plain HTML with labels.
 import type { ComponentChildren, JSX } from 'preact';
 import { useEffect, useId, useRef, useState } from 'preact/hooks';
-import { numberText } from '../format';
+import { numberText, timeText } from '../format';
 
 type ButtonProps = Omit<JSX.IntrinsicElements['button'], 'ref' | 'size' | 'icon'> & {
   kind?: 'plain' | 'main' | 'danger' | 'quiet';
@@ -486,6 +486,16 @@ export function Table<Row>(props: {
         </tbody>
       </table>
     </div>
+  );
+}
+
+// A day and a time of that day, which may be broken between the two alone.
+export function Moment({ at }: { at: string | number | null | undefined }) {
+  const [day, time] = timeText(at).split(' ');
+  return (
+    <span>
+      <span class="nowrap">{day}</span> <span class="nowrap">{time}</span>
+    </span>
   );
 }
 

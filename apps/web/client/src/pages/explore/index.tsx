@@ -128,7 +128,7 @@ function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
   const state = useSessionState(props.id);
   const response = typeof state.response === 'number' ? state.response : null;
   return (
-    <div class="split split-wide">
+    <div class="split split-wide exploring">
       <SessionPanel id={props.id} title="What the model draws" onEnd={props.onEnd} />
       <div class="stack">
         <SessionActions id={props.id} label="Actions" without={['quit', 'help', 'pause', 'fullscreen']} />

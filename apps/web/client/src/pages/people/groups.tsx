@@ -1,9 +1,8 @@
 // Unknown faces in groups, and what was corrected: named, merged, taken back.
 import { useEffect, useState } from 'preact/hooks';
 import { api, type Flags } from '../../api';
-import { timeText } from '../../format';
 import { useLoad } from '../../hooks';
-import { AsyncButton, Button, Confirm, Dialog, Select, Table, TextField } from '../../ui';
+import { AsyncButton, Button, Confirm, Dialog, Moment, Select, Table, TextField } from '../../ui';
 import { attempt, toast } from '../../ui/toast';
 import { blobOfRun, hasState } from '../shared/files';
 import { correct } from './correct';
@@ -84,7 +83,7 @@ export function Groups(props: { changes: number; onChange: () => void }) {
             show: (one) => (one.sightings === 1 ? 'once' : `${one.sightings} times`),
             number: true,
           },
-          { name: 'Last', show: (one) => timeText(one.last) },
+          { name: 'Last', show: (one) => <Moment at={one.last} /> },
           {
             name: 'Change',
             show: (one) => (
@@ -233,7 +232,7 @@ export function Corrections(props: { changes: number; onChange: () => void }) {
         caption="The last corrections"
         hideCaption
         columns={[
-          { name: 'When', show: (one) => timeText(one.time) },
+          { name: 'When', show: (one) => <Moment at={one.time} /> },
           { name: 'Who', show: (one) => one.who },
           { name: 'What', show: (one) => <span class="wrap">{correctionText(one)}</span> },
           {

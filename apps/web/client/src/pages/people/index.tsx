@@ -1,7 +1,7 @@
 // The gallery: who is enrolled, adding people, naming them, forgetting them.
 import { useState } from 'preact/hooks';
 import { api } from '../../api';
-import { bytesText, timeText } from '../../format';
+import { bytesText } from '../../format';
 import { useLoad } from '../../hooks';
 import {
   AsyncButton,
@@ -9,6 +9,7 @@ import {
   Confirm,
   Dialog,
   JobCard,
+  Moment,
   Notice,
   PageHead,
   Select,
@@ -113,7 +114,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
             { name: 'Name', show: (one) => <strong class="wrap">{one.name}</strong> },
             { name: 'Faces', show: (one) => one.faces, number: true },
             { name: 'Agreed', show: (one) => one.note || 'no note' },
-            { name: 'Since', show: (one) => timeText(one.time) },
+            { name: 'Since', show: (one) => <Moment at={one.time} /> },
             {
               name: 'Change',
               show: (one) => (
@@ -179,7 +180,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
           caption="The last sightings"
           hideCaption
           columns={[
-            { name: 'When', show: (one) => timeText(one!.time) },
+            { name: 'When', show: (one) => <Moment at={one!.time} /> },
             { name: 'Who', show: (one) => (one!.known ? one!.label : 'unknown') },
             { name: 'Sure', show: (one) => `${(100 * one!.confidence).toFixed(0)} %`, number: true },
             { name: 'Source', show: (one) => one!.source },

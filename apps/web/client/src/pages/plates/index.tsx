@@ -457,9 +457,11 @@ function Plate(props: { event: PlateEvent; images: Images | null }) {
   const file = props.images?.files.get(props.event.id);
   return (
     <span class="plate">
-      {file && props.images && (
-        <img src={api.jobFileAddress(props.images.job, file)} alt="" width={104} height={26} loading="lazy" />
-      )}
+      <span class="plate-place">
+        {file && props.images && (
+          <img src={api.jobFileAddress(props.images.job, file)} alt="" loading="lazy" />
+        )}
+      </span>
       <span class="plate-words">
         <strong class="plate-text">{textOf(props.event)}</strong>
         {props.event.correction !== null && <span class="faint">read as {props.event.text}</span>}

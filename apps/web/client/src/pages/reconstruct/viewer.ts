@@ -558,7 +558,7 @@ export class CloudViewer {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.ask();
+    this.render(performance.now()); // in the same frame: a canvas of a new size is empty
   }
 
   private down(event: PointerEvent): void {

@@ -1,8 +1,19 @@
 import { useState } from 'preact/hooks';
 import { api, type Json } from '../../api';
-import { bytesText, capital, cellText, durationText, pixelsText, timeText } from '../../format';
+import { bytesText, capital, cellText, durationText, pixelsText } from '../../format';
 import { useEvery, useLoad } from '../../hooks';
-import { AsyncButton, attempt, Button, Confirm, Dialog, Notice, PageHead, Table, Tabs } from '../../ui';
+import {
+  AsyncButton,
+  attempt,
+  Button,
+  Confirm,
+  Dialog,
+  Moment,
+  Notice,
+  PageHead,
+  Table,
+  Tabs,
+} from '../../ui';
 import { findingsOf } from '../home';
 import { Bench } from './bench';
 import { SignIns } from './sign_ins';
@@ -271,8 +282,8 @@ const auditColumns: Record<string, string> = {
   sign_in: 'Sign-in',
 };
 
-function auditCell(name: string, value: Json): string {
-  if (name === 'time' && typeof value === 'string') return timeText(value);
+function auditCell(name: string, value: Json) {
+  if (name === 'time' && typeof value === 'string') return <Moment at={value} />;
   return value === null ? '' : cellText(value);
 }
 
