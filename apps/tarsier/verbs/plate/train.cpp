@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/media/archive.h"
 #include "tarsier/media/model_store.h"
 #include "tarsier/plate/networks/recognizer.h"
 #include "tarsier/plate/text/country.h"
@@ -118,9 +119,12 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     throw UsageError("--scenes: images that the drawn plates are set into are needed");
   const ModelStore models = ModelStore::find();
   std::optional<plate::ReaderModel> start;
+  nlohmann::json before;  // what the characters of a model that keeps them were learnt from
   if (!flags.from.empty()) {
     const bool ships = flags.from.find_first_of("/.") == std::string::npos;
-    start = plate::read_reader_model(ships ? models.path(flags.from + ".json") : flags.from);
+    const std::string path = ships ? models.path(flags.from + ".json") : flags.from;
+    start = plate::read_reader_model(path);
+    if (flags.keep) before = read_any_archive(path).provenance;
   }
   plate::DetectorModel detector_model;
   if (flags.calibration > 0 || !found.empty()) {
@@ -176,6 +180,10 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
              counts.finds, counts.images, counts.plates, counts.texts, counts.right);
     flags.inputs = found;
     learnt_from["found"] = provenance(flags, context)["inputs"];
+  }
+  if (before.is_object()) {
+    before["confidence"] = std::move(learnt_from);
+    learnt_from = std::move(before);
   }
   plate::write_reader_model(flags.output, model, learnt_from);
   return ExitStatus::kDone;
