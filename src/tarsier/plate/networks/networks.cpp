@@ -76,9 +76,10 @@ void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
   }
 }
 
-// The surest hints, each with its surroundings, at a scale at which small plates are large enough.
+// The surest hints, each with its surroundings, at a scale at which small plates are large enough. What
+// lies in a find of `least_width` px and more is no hint.
 void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Network& network,
-                  const DetectorOptions& options, linalg::Workspace& workspace,
+                  const DetectorOptions& options, linalg::Workspace& workspace, float least_width,
                   std::vector<Detection>& found) {
   constexpr int kAcross = 24;  // cells of a tile: what the network sees around its middle
   constexpr int kDown = 14;
@@ -89,7 +90,15 @@ void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Ne
   std::stable_sort(hints.begin(), hints.end(),
                    [](const Hint& a, const Hint& b) { return a.score > b.score; });
   std::vector<cv::Rect> tiles;
+  const std::size_t known = found.size();
   for (const Hint& hint : hints) {
+    const bool explained =
+        std::any_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(known),
+                    [&](const Detection& plate) {
+                      return mean_width(plate.corners) >= least_width &&
+                             cv::Rect2f(plate.corners[0], plate.corners[2]).contains(hint.at);
+                    });
+    if (explained) continue;
     const bool seen = std::any_of(tiles.begin(), tiles.end(), [&](const cv::Rect& tile) {
       const auto middle = cv::Point2f(tile.tl() + tile.br()) * 0.5F;
       return std::abs(hint.at.x - middle.x) < 0.25F * static_cast<float>(tile.width) &&
@@ -164,7 +173,10 @@ std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& networ
                  misses_small && scale == finest ? &hints : nullptr);
     if (size.width / 2 < 64 || size.height / 2 < 24) break;
   }
-  if (misses_small) search_tiles(gray, std::move(hints), network, options, workspace, found);
+  if (misses_small) {
+    const auto least_width = static_cast<float>(kPlateLow / finest);
+    search_tiles(gray, std::move(hints), network, options, workspace, least_width, found);
+  }
   std::stable_sort(found.begin(), found.end(),
                    [](const Detection& a, const Detection& b) { return a.score > b.score; });
   std::vector<Cluster> clusters;

@@ -35,11 +35,11 @@ struct DetectorOptions {
   float overlap = 0.3F;       // of boxes of the same plate
   int most = 120;             // plates of one image
   // In images so large that a plate of `small_plate` px is narrower than kPlateLow in the finest level,
-  // the places where that level has cells of `hint` and more are searched once more, larger: the surest
-  // `most_tiles`.
+  // the places where that level has cells of `hint` and more, and no plate that is wide enough there, are
+  // searched once more, larger: the surest `most_tiles`.
   double small_plate = 56;
   float hint = 0.1F;
-  int most_tiles = 24;
+  int most_tiles = 32;
   bool parallel = false;  // use OpenCV's threads
 
   [[nodiscard]] OptionFields fields() {

@@ -36,6 +36,15 @@ TEST(Logistic, FindsTheOddsThatTheDataHas) {
   EXPECT_THROW((void)fit_logistic(data, {1, 1}), std::invalid_argument);
 }
 
+TEST(Logistic, StaysFiniteWhereTheDataIsSeparable) {
+  LogisticRows data;
+  for (int i = 0; i < 20; ++i) data.add({1, i * 1000.0}, i >= 10);
+  const std::vector<double> w = fit_logistic(data, {1e-6, 1e-6});
+  for (const double value : w) ASSERT_TRUE(std::isfinite(value));
+  EXPECT_LT(w[0] + 9000 * w[1], 0);
+  EXPECT_GT(w[0] + 10000 * w[1], 0);
+}
+
 class Found : public FolderTest {
  protected:
   // Drawn cars and their truth.
