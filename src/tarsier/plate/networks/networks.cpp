@@ -54,14 +54,14 @@ void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
   const std::size_t plane =
       static_cast<std::size_t>(map.height) * static_cast<std::size_t>(map.width);
   const float least = std::log(options.threshold / (1 - options.threshold));
-  const float least_hint = std::log(options.hint / (1 - options.hint));
+  const float min_hint = std::log(options.hint / (1 - options.hint));
   for (int y = 0; y < map.height; ++y) {
     for (int x = 0; x < map.width; ++x) {
       const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(map.width) +
                              static_cast<std::size_t>(x);
       const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCell - 0.5F,
                                (static_cast<float>(y) + 0.5F) * kCell - 0.5F);
-      if (hints != nullptr && output[at] >= least_hint)
+      if (hints != nullptr && output[at] >= min_hint)
         hints->push_back({in_image(centre), output[at]});
       if (output[at] < least) continue;
       Detection detection;
@@ -77,9 +77,9 @@ void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
 }
 
 // The surest hints, each with its surroundings, at a scale at which small plates are large enough. What
-// lies in a find of `least_width` px and more is no hint.
+// lies in a find of `min_width` px and more is no hint.
 void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Network& network,
-                  const DetectorOptions& options, linalg::Workspace& workspace, float least_width,
+                  const DetectorOptions& options, linalg::Workspace& workspace, float min_width,
                   std::vector<Detection>& found) {
   constexpr int kAcross = 24;  // cells of a tile: what the network sees around its middle
   constexpr int kDown = 14;
@@ -95,7 +95,7 @@ void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Ne
     const bool explained =
         std::any_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(known),
                     [&](const Detection& plate) {
-                      return mean_width(plate.corners) >= least_width &&
+                      return mean_width(plate.corners) >= min_width &&
                              cv::Rect2f(plate.corners[0], plate.corners[2]).contains(hint.at);
                     });
     if (explained) continue;
@@ -105,7 +105,7 @@ void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Ne
              std::abs(hint.at.y - middle.y) < 0.25F * static_cast<float>(tile.height);
     });
     if (seen) continue;
-    if (static_cast<int>(tiles.size()) >= options.most_tiles) break;
+    if (static_cast<int>(tiles.size()) >= options.max_tiles) break;
     tiles.emplace_back(std::clamp(cvRound(hint.at.x) - size.width / 2, 0, gray.cols - size.width),
                        std::clamp(cvRound(hint.at.y) - size.height / 2, 0, gray.rows - size.height),
                        size.width, size.height);
@@ -174,8 +174,8 @@ std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& networ
     if (size.width / 2 < 64 || size.height / 2 < 24) break;
   }
   if (misses_small) {
-    const auto least_width = static_cast<float>(kPlateLow / finest);
-    search_tiles(gray, std::move(hints), network, options, workspace, least_width, found);
+    const auto min_width = static_cast<float>(kPlateLow / finest);
+    search_tiles(gray, std::move(hints), network, options, workspace, min_width, found);
   }
   std::stable_sort(found.begin(), found.end(),
                    [](const Detection& a, const Detection& b) { return a.score > b.score; });

@@ -36,10 +36,10 @@ struct DetectorOptions {
   int most = 120;             // plates of one image
   // In images so large that a plate of `small_plate` px is narrower than kPlateLow in the finest level,
   // the places where that level has cells of `hint` and more, and no plate that is wide enough there, are
-  // searched once more, larger: the surest `most_tiles`.
+  // searched once more, larger: the surest `max_tiles`.
   double small_plate = 56;
   float hint = 0.1F;
-  int most_tiles = 32;
+  int max_tiles = 32;
   bool parallel = false;  // use OpenCV's threads
 
   [[nodiscard]] OptionFields fields() {
@@ -51,7 +51,7 @@ struct DetectorOptions {
             {"most", most, range(1, 10000)},
             {"small_plate", small_plate, range(kPlateLow, 10000)},
             {"hint", hint, inside(0, 1)},
-            {"most_tiles", most_tiles, range(0, 10000)}};
+            {"max_tiles", max_tiles, range(0, 10000)}};
   }
   void check() const { check_fields(*this); }
 };

@@ -137,7 +137,7 @@ TEST_F(Images, ASmallPlateOfAHugeImageIsFound) {
   cv::Mat image = wall({3840, 2160});
   const Put plate = put(image, "4725BKZ", {900, 1200}, 60);
   RecognizerOptions options;
-  options.detector.most_tiles = 0;  // 16 px in the finest level
+  options.detector.max_tiles = 0;  // 16 px in the finest level
   const Recognizer coarse(read_detector_model((kModels / "plate-detector.json").string()),
                           read_reader_model((kModels / "plate-reader.json").string()),
                           choose_countries(read_countries((kModels / "countries").string()), {}),
