@@ -9,6 +9,7 @@ an event that must be there; the texts are those of the scene. Prints for each n
   passed, missed, wrong   cars that drove by; of these without an entry in the log; with another text
   received, read          frames/s that came, and that were read (the others had no motion, or no time)
   cores                   processor time of the reader for a second
+  part, ms                share of the read frames that were read only around what moved; processor time of reading one
 """
 import argparse
 import http.server
@@ -147,7 +148,9 @@ class Site:
         elapsed = now + 3 - min(self.begun.values())
         return {"cameras": cameras, "passed": sum(passed.values()), "missed": missed, "wrong": wrong,
                 "received": sum(one["received"] for one in report) / elapsed, "read": sum(one["read"] for one in report) / elapsed,
-                "cores": spent / elapsed}
+                "cores": spent / elapsed,
+                "part": sum(one.get("in_part", 0) for one in report) / max(1, sum(one["read"] for one in report)),
+                "read_ms": 1000 * sum(one["cpu_s"] for one in report) / max(1, sum(one["read"] for one in report))}
 
 
 def main():
@@ -161,11 +164,11 @@ def main():
         films = [Film(folder, seed, given.fps) for seed in range(1, min(FILMS, max(given.cameras)) + 1)]
         site = Site(films, given.fps)
         if not given.json:
-            print("cameras  cars  missed  wrong  received/s  read/s  cores")
+            print("cameras  cars  missed  wrong  received/s  read/s  cores  part  ms")
         for cameras in given.cameras:
             row = site.measure(cameras, given.seconds, folder)
             print(json.dumps(row) if given.json else
-                  f"{row['cameras']:7}  {row['passed']:4}  {row['missed']:6}  {row['wrong']:5}  {row['received']:10.1f}  {row['read']:6.1f}  {row['cores']:5.2f}",
+                  f"{row['cameras']:7}  {row['passed']:4}  {row['missed']:6}  {row['wrong']:5}  {row['received']:10.1f}  {row['read']:6.1f}  {row['cores']:5.2f}  {row['part']:4.2f}  {row['read_ms']:.0f}",
                   flush=True)
 
 

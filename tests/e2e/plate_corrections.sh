@@ -68,6 +68,21 @@ run plate train-reader corrected --scenes cars --from plate-reader --steps 2 --c
 expect_status 0
 run plate read cars/images --reader mine.json -o none --quiet
 expect_status 0
+# What is a plate is fitted to whole images; the characters stay as they were, and what they were learnt from.
+run plate train-reader cars --from plate-reader --confidence-only --calibration 0 -o judged.json
+expect_status 0
+grep -q 'finds in 4 images, [1-9]' stderr.txt || fail "$command_line: $err"
+python3 - <<'PY' || fail 'judged.json has not what it should'
+import json
+judged = json.load(open("judged.json"))
+assert judged["provenance"]["confidence"]["found"], judged["provenance"]
+assert "plates-uc3m" in judged["provenance"]["terms"], judged["provenance"]
+PY
+run plate read cars/images --reader judged.json -o none --quiet
+expect_status 0
+run plate train-reader nowhere --from plate-reader --confidence-only --calibration 0 -o judged.json
+expect_status 3
+expect_error 'nowhere'
 run plate train-reader corrected --scenes cars --from missing.json --steps 2 -o mine.json
 expect_status 5
 expect_error 'missing.json'

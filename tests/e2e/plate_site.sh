@@ -21,7 +21,7 @@ for camera in gate yard; do
   grep -q "{\"source\":\"ended\",.*\"camera\":\"$camera\"}" stdout.txt || fail "no end of $camera"
 done
 if grep -q '"state":"closed",.*"source":"hidden"' stdout.txt; then fail 'a vehicle outside of --camera-roi'; fi
-expect_out '"cameras":\[\{"camera":"(gate|hidden)","received":[0-9]+,"looked_at":[0-9]+,"moving":[0-9]+,"read":[0-9]+,"vehicles":[0-9]+,"restarts":0,"cpu_s":'
+expect_out '"cameras":\[\{"camera":"(gate|hidden)","received":[0-9]+,"looked_at":[0-9]+,"moving":[0-9]+,"read":[0-9]+,"in_part":[1-9][0-9]*,"vehicles":[0-9]+,"restarts":0,"cpu_s":'
 # The ids count through all cameras, and the log has each vehicle once.
 grep '"state":"closed"' stdout.txt | sed 's/.*"id":\([0-9]*\).*/\1/' | sort | uniq -d | grep -q . && fail 'an id is there twice'
 vehicles=$(grep -c '"state":"closed"' stdout.txt)

@@ -452,7 +452,7 @@ StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
     sprites.push_back(
         draw_car(*glyphs, options.light, kind, any_text(kind, rng), rng, options.wild));
     Pose pose;
-    pose.z = nearest * std::pow(2.9, rng.uniform());
+    pose.z = nearest * std::pow(options.farthest, rng.uniform());
     const double reach = pose.z * options.size.width / camera.focal / 2 - 1.1;
     pose.x = count == 1 ? rng.uniform(-0.8, 0.8) * std::max(0.1, reach)
                         : (i == 0 ? -1 : 1) * rng.uniform(1.0, std::max(1.05, reach));

@@ -26,6 +26,8 @@ struct StreetOptions {
   std::vector<PlateKind> kinds{PlateKind::kSpain};
   bool wild = false;  // of render_car(): plates of PlateFaceOptions::wild, in 60 typefaces that are
                       // made up from the seed
+  // Of render_car(): how many times farther away than the nearest place the cars are at most.
+  double farthest = 2.9;
   std::uint64_t seed = 1;
   double seconds = 60;  // of a drive
   int cars = 6;         // of a drive in all
@@ -35,6 +37,8 @@ struct StreetOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(64, 8192)},
             {"size.height", size.height, range(48, 8192)},
+            {"farthest", farthest, range(1, 100), "--far",
+             "how many times farther away than the nearest place the cars are at most"},
             {"seconds", seconds, above(0, 86400)}};
   }
   void check() const;

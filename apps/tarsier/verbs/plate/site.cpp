@@ -76,10 +76,15 @@ std::map<std::string, plate::Region> regions_of(const std::vector<std::string>& 
 }
 
 nlohmann::ordered_json json_of(const plate::CameraReport& report) {
-  return {{"camera", report.name},         {"received", report.received},
-          {"looked_at", report.looked_at}, {"moving", report.moving},
-          {"read", report.read},           {"vehicles", report.vehicles},
-          {"restarts", report.restarts},   {"cpu_s", rounded(report.cpu_s, 3)}};
+  return {{"camera", report.name},
+          {"received", report.received},
+          {"looked_at", report.looked_at},
+          {"moving", report.moving},
+          {"read", report.read},
+          {"in_part", report.in_part},
+          {"vehicles", report.vehicles},
+          {"restarts", report.restarts},
+          {"cpu_s", rounded(report.cpu_s, 3)}};
 }
 
 void print_reports(const std::vector<plate::CameraReport>& reports, const Context& context) {
@@ -153,8 +158,9 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
   reading.recognizer.parallel = false;
   const auto reader =
       std::make_shared<const plate::Reader>(plate::Reader::load(ModelStore::find(), reading));
-  const plate::VideoReader::Read read = [reader](const Frame& frame, DebugSink* debug) {
-    return reader->process(frame, debug);
+  const plate::VideoReader::ReadPart read = [reader](const Frame& frame, const cv::Rect& where,
+                                                     DebugSink* debug) {
+    return reader->process(frame, debug, nullptr, where);
   };
   std::vector<plate::SiteCamera> all;
   for (const NamedSource& camera : cameras) {

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "framework/bind.h"
 #include "framework/size_flag.h"
 #include "verbs/plate/plate.h"
 #include <algorithm>
@@ -46,6 +47,7 @@ struct SynthFlags {
   bool plain = false;
   bool wild = false;
   double noise = 2;
+  synth::StreetOptions street;
 };
 
 void make_folder(const fs::path& folder) {
@@ -56,7 +58,7 @@ void make_folder(const fs::path& folder) {
 
 // Images of a street, truth.csv for `plate eval` and the training, truth.jsonl with corners.
 ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
-  synth::StreetOptions options;
+  synth::StreetOptions options = flags.street;
   options.size = parse_size(flags.size, 64, 8192);
   options.seed = context.seed;
   options.light = flags.infrared ? synth::StreetLight::kInfrared
@@ -155,6 +157,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--noise", flags.noise, "standard deviation, grey levels")
       .check(range(0.0, 64.0))
       .show_default();
+  bind_field(verb, flags.street, flags.street.farthest);
   Flag& night = verb.add_flag("--night", flags.night, "lamps glow, plates are lit");
   verb.add_flag("--infrared", flags.infrared, "grey: plates throw the light back").excludes(night);
   Flag& faces = verb.add_flag("--faces", flags.faces, "plates alone, with boxes of characters");

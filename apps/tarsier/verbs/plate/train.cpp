@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/media/archive.h"
 #include "tarsier/media/model_store.h"
 #include "tarsier/plate/networks/recognizer.h"
 #include "tarsier/plate/text/country.h"
+#include "tarsier/plate/train/found.h"
 #include "tarsier/plate/train/training.h"
 
 #include <fmt/format.h>
@@ -111,22 +113,28 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   }
   flags.options.seed = context.seed;
   flags.options.check();
-  if (flags.scenes.empty())
+  // What is found in whole images.
+  const std::vector<std::string> found = flags.keep ? flags.inputs : std::vector<std::string>();
+  if (flags.scenes.empty() && !(flags.keep && flags.calibration == 0))
     throw UsageError("--scenes: images that the drawn plates are set into are needed");
   const ModelStore models = ModelStore::find();
   std::optional<plate::ReaderModel> start;
+  nlohmann::json before;  // what the characters of a model that keeps them were learnt from
   if (!flags.from.empty()) {
     const bool ships = flags.from.find_first_of("/.") == std::string::npos;
-    start = plate::read_reader_model(ships ? models.path(flags.from + ".json") : flags.from);
+    const std::string path = ships ? models.path(flags.from + ".json") : flags.from;
+    start = plate::read_reader_model(path);
+    if (flags.keep) before = read_any_archive(path).provenance;
   }
   plate::DetectorModel detector_model;
-  if (flags.calibration > 0) {
+  if (flags.calibration > 0 || !found.empty()) {
     detector_model =
         plate::read_detector_model(models.path_or(flags.detector, "plate-detector.json"));
   }
   plate::ViewMaker views = view_maker(flags.scenes, glyphs_of(flags, context.seed));
   views.wild = flags.wild;
   std::vector<plate::LabelledCrop> crops;
+  if (flags.keep) flags.inputs.clear();
   for (const std::string& folder : flags.inputs) {
     auto more = plate::read_labelled_crops(folder);
     log_info("{}: {} labelled plates", folder, more.size());
@@ -140,10 +148,8 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     split.train = std::move(crops);
   }
   plate::ReaderModel model;
-  if (start) model.calibration = start->calibration;
-  if (flags.keep) {
-    model.line = start->line;
-  } else {
+  if (start) model = *start;
+  if (!flags.keep) {
     model.line = plate::train_line_reader(views, split.train, flags.options, *context.progress,
                                           context.stop, start ? &start->line : nullptr);
   }
@@ -156,14 +162,28 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     learnt_from["held_out"] = {
         {"plates", split.test.size()}, {"characters", errors.characters}, {"wrong", errors.wrong}};
   }
+  const auto countries = [&] {
+    return plate::choose_countries(plate::read_countries(models.path("countries")), {});
+  };
   if (flags.calibration > 0) {
-    const plate::Recognizer recognizer(
-        std::move(detector_model), model,
-        plate::choose_countries(plate::read_countries(models.path("countries")), {}));
+    model.confidence = model.character = {};  // they correct another one
+    const plate::Recognizer recognizer(detector_model, model, countries());
     // Typefaces that were not learnt, as those are that it will meet.
     views.glyphs = glyphs_of(flags, context.seed + kUnseen);
     model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
                                                context.seed + 99, *context.progress, context.stop);
+  }
+  if (!found.empty()) {
+    const plate::FoundCounts counts = plate::fit_to_found(detector_model, countries(), found, model,
+                                                          *context.progress, context.stop);
+    log_info("{} finds in {} images, {} of them plates; of {} texts that are known {} were read",
+             counts.finds, counts.images, counts.plates, counts.texts, counts.right);
+    flags.inputs = found;
+    learnt_from["found"] = provenance(flags, context)["inputs"];
+  }
+  if (before.is_object()) {
+    before["confidence"] = std::move(learnt_from);
+    learnt_from = std::move(before);
   }
   plate::write_reader_model(flags.output, model, learnt_from);
   return ExitStatus::kDone;
@@ -192,9 +212,11 @@ void add_detector_flags(Command& verb, TrainFlags& flags) {
   add_classic_detector_flags(verb, flags.classic);
 }
 void add_reader_flags(Command& verb, TrainFlags& flags) {
-  verb.add_option("INPUT", flags.inputs,
-                  "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
-                  "OCR.xml, or a folder with one folder a class")
+  verb.add_option(
+          "INPUT", flags.inputs,
+          "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
+          "OCR.xml, or a folder with one folder a class; with --confidence-only: folders of "
+          "images with truth.csv, or without plates, in which plates are found")
       .type_name("");
   add_shared(verb, flags);
   verb.add_option("--scenes", flags.scenes, "folders of images behind the drawn plates")
@@ -205,8 +227,11 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
       "--from", flags.from,
       "model to go on from (a file, or plate-reader: what ships), for one typeface more: some "
       "hundred steps and a few labelled plates are enough");
-  verb.add_flag("--confidence-only", flags.keep,
-                "learn no characters: only the confidence is fitted again")
+  verb.add_flag(
+          "--confidence-only", flags.keep,
+          "learn no characters: only the confidence is fitted again, to drawn plates "
+          "(--calibration) and then, with INPUT, to what is found in images, as is the chance "
+          "that a place is a plate")
       .needs(from);
   bind_field(verb, flags.options, flags.options.line_steps);
   verb.add_option("--calibration", flags.calibration,

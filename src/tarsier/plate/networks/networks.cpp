@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace tarsier::plate {
 namespace {
@@ -26,10 +27,26 @@ struct Cluster {
   }
 };
 
-void detect_level(const cv::Mat& gray, double scale_x, double scale_y,
+// A cell in which a plate may be that is too small for its level.
+struct Hint {
+  cv::Point2f at;  // px of the image
+  float score;     // log odds
+};
+
+// `part` of the image at `size`. Cells of `least` log odds and more that are no detection become hints.
+void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
                   const linalg::Network& network, const DetectorOptions& options,
-                  linalg::Workspace& workspace, std::vector<Detection>& found) {
-  const cv::Mat contrast = local_contrast(gray);
+                  linalg::Workspace& workspace, std::vector<Detection>& found,
+                  std::vector<Hint>* hints = nullptr) {
+  cv::Mat level;
+  cv::resize(gray(part), level, size, 0, 0, cv::INTER_AREA);
+  const double scale_x = static_cast<double>(part.width) / size.width;
+  const double scale_y = static_cast<double>(part.height) / size.height;
+  const auto in_image = [&](cv::Point2f p) {
+    return cv::Point2f(static_cast<float>(part.x + (p.x + 0.5) * scale_x - 0.5),
+                       static_cast<float>(part.y + (p.y + 0.5) * scale_y - 0.5));
+  };
+  const cv::Mat contrast = local_contrast(level);
   const linalg::Shape shape{1, contrast.rows, contrast.cols};
   const std::vector<float>& output =
       linalg::run(network, contrast.ptr<float>(), shape, workspace, options.parallel);
@@ -37,24 +54,63 @@ void detect_level(const cv::Mat& gray, double scale_x, double scale_y,
   const std::size_t plane =
       static_cast<std::size_t>(map.height) * static_cast<std::size_t>(map.width);
   const float least = std::log(options.threshold / (1 - options.threshold));
+  const float min_hint = std::log(options.hint / (1 - options.hint));
   for (int y = 0; y < map.height; ++y) {
     for (int x = 0; x < map.width; ++x) {
       const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(map.width) +
                              static_cast<std::size_t>(x);
+      const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCell - 0.5F,
+                               (static_cast<float>(y) + 0.5F) * kCell - 0.5F);
+      if (hints != nullptr && output[at] >= min_hint)
+        hints->push_back({in_image(centre), output[at]});
       if (output[at] < least) continue;
       Detection detection;
       detection.score = logistic(output[at]);
-      const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCell - 0.5F,
-                               (static_cast<float>(y) + 0.5F) * kCell - 0.5F);
       for (std::size_t i = 0; i < 4; ++i) {
-        const cv::Point2f corner = centre + cv::Point2f(output[plane * (1 + 2 * i) + at],
-                                                        output[plane * (2 + 2 * i) + at]) *
-                                                kCornerUnit;
-        detection.corners[i] = {static_cast<float>((corner.x + 0.5) * scale_x - 0.5),
-                                static_cast<float>((corner.y + 0.5) * scale_y - 0.5)};
+        detection.corners[i] = in_image(centre + cv::Point2f(output[plane * (1 + 2 * i) + at],
+                                                             output[plane * (2 + 2 * i) + at]) *
+                                                     kCornerUnit);
       }
       if (is_convex(detection.corners, 40)) found.push_back(detection);
     }
+  }
+}
+
+// The surest hints, each with its surroundings, at a scale at which small plates are large enough. What
+// lies in a find of `min_width` px and more is no hint.
+void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Network& network,
+                  const DetectorOptions& options, linalg::Workspace& workspace, float min_width,
+                  std::vector<Detection>& found) {
+  constexpr int kAcross = 24;  // cells of a tile: what the network sees around its middle
+  constexpr int kDown = 14;
+  const double scale = std::min(1.0, static_cast<double>(kPlateLow) / options.small_plate);
+  const cv::Size size(static_cast<int>(std::lround(kAcross * kCell / scale)),
+                      static_cast<int>(std::lround(kDown * kCell / scale)));
+  if (size.width > gray.cols || size.height > gray.rows) return;
+  std::stable_sort(hints.begin(), hints.end(),
+                   [](const Hint& a, const Hint& b) { return a.score > b.score; });
+  std::vector<cv::Rect> tiles;
+  const std::size_t known = found.size();
+  for (const Hint& hint : hints) {
+    const bool explained =
+        std::any_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(known),
+                    [&](const Detection& plate) {
+                      return mean_width(plate.corners) >= min_width &&
+                             cv::Rect2f(plate.corners[0], plate.corners[2]).contains(hint.at);
+                    });
+    if (explained) continue;
+    const bool seen = std::any_of(tiles.begin(), tiles.end(), [&](const cv::Rect& tile) {
+      const auto middle = cv::Point2f(tile.tl() + tile.br()) * 0.5F;
+      return std::abs(hint.at.x - middle.x) < 0.25F * static_cast<float>(tile.width) &&
+             std::abs(hint.at.y - middle.y) < 0.25F * static_cast<float>(tile.height);
+    });
+    if (seen) continue;
+    if (static_cast<int>(tiles.size()) >= options.max_tiles) break;
+    tiles.emplace_back(std::clamp(cvRound(hint.at.x) - size.width / 2, 0, gray.cols - size.width),
+                       std::clamp(cvRound(hint.at.y) - size.height / 2, 0, gray.rows - size.height),
+                       size.width, size.height);
+    detect_level(gray, tiles.back(), {kAcross * kCell, kDown * kCell}, network, options, workspace,
+                 found);
   }
 }
 
@@ -96,22 +152,30 @@ cv::Mat local_contrast(const cv::Mat& gray) {
 }
 
 std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
-                              const DetectorOptions& options, linalg::Workspace& workspace) {
+                              const DetectorOptions& options, linalg::Workspace& workspace,
+                              const cv::Rect& where) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
+  const cv::Rect whole(0, 0, gray.cols, gray.rows);
+  const cv::Rect part = where.empty() ? whole : where & whole;
+  if (part.empty()) return {};
   const double pixels = static_cast<double>(gray.cols) * gray.rows;
-  double scale = std::min(1.0, std::sqrt(options.max_pixels / pixels));
+  const double finest = std::min(1.0, std::sqrt(options.max_pixels / pixels));
+  const bool misses_small = options.small_plate * finest < static_cast<double>(kPlateLow);
   std::vector<Detection> found;
-  for (;; scale /= 2) {
+  std::vector<Hint> hints;
+  for (double scale = finest;; scale /= 2) {
     // The network's own border hides nothing when sizes are whole cells.
-    const int width = static_cast<int>(std::lround(gray.cols * scale)) / kCell * kCell;
-    const int height = static_cast<int>(std::lround(gray.rows * scale)) / kCell * kCell;
+    const int width = static_cast<int>(std::lround(part.width * scale)) / kCell * kCell;
+    const int height = static_cast<int>(std::lround(part.height * scale)) / kCell * kCell;
     const cv::Size size(std::max(width, 4 * kCell), std::max(height, 2 * kCell));
-    cv::Mat level;
-    cv::resize(gray, level, size, 0, 0, cv::INTER_AREA);
-    detect_level(level, static_cast<double>(gray.cols) / size.width,
-                 static_cast<double>(gray.rows) / size.height, network, options, workspace, found);
+    detect_level(gray, part, size, network, options, workspace, found,
+                 misses_small && scale == finest ? &hints : nullptr);
     if (size.width / 2 < 64 || size.height / 2 < 24) break;
+  }
+  if (misses_small) {
+    const auto min_width = static_cast<float>(kPlateLow / finest);
+    search_tiles(gray, std::move(hints), network, options, workspace, min_width, found);
   }
   std::stable_sort(found.begin(), found.end(),
                    [](const Detection& a, const Detection& b) { return a.score > b.score; });

@@ -26,7 +26,7 @@ inline constexpr float kPlateHigh = 84;
 
 struct Detection {
   Quad corners{};
-  float score = 0;  // 0..1
+  float score = 0;  // of its surest cell, 0..1
 };
 
 struct DetectorOptions {
@@ -34,7 +34,13 @@ struct DetectorOptions {
   double max_pixels = 0.6e6;  // of the finest level; larger images are reduced to it
   float overlap = 0.3F;       // of boxes of the same plate
   int most = 120;             // plates of one image
-  bool parallel = false;      // use OpenCV's threads
+  // In images so large that a plate of `small_plate` px is narrower than kPlateLow in the finest level,
+  // the places where that level has cells of `hint` and more, and no plate that is wide enough there, are
+  // searched once more, larger: the surest `max_tiles`.
+  double small_plate = 56;
+  float hint = 0.1F;
+  int max_tiles = 32;
+  bool parallel = false;  // use OpenCV's threads
 
   [[nodiscard]] OptionFields fields() {
     return {{"threshold", threshold, inside(0, 1), "--find-threshold",
@@ -42,7 +48,10 @@ struct DetectorOptions {
             {"max_pixels", max_pixels, range(1e4, 1e8), "--find-pixels",
              "larger images are searched at this many; more: smaller plates, slower"},
             {"overlap", overlap, inside(0, 1)},
-            {"most", most, range(1, 10000)}};
+            {"most", most, range(1, 10000)},
+            {"small_plate", small_plate, range(kPlateLow, 10000)},
+            {"hint", hint, inside(0, 1)},
+            {"max_tiles", max_tiles, range(0, 10000)}};
   }
   void check() const { check_fields(*this); }
 };
@@ -53,10 +62,12 @@ struct DetectorOptions {
 // alike. CV_8UC1 -> CV_32FC1.
 [[nodiscard]] cv::Mat local_contrast(const cv::Mat& gray);
 
-// Best first; overlapping finds are merged.
+// Best first; overlapping finds are merged. `where`: the part of the image that is searched, as finely
+// as the whole would be; empty: all of it.
 [[nodiscard]] std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
                                             const DetectorOptions& options,
-                                            linalg::Workspace& workspace);
+                                            linalg::Workspace& workspace,
+                                            const cv::Rect& where = {});
 
 // --- aligning ---
 

@@ -20,7 +20,7 @@ constexpr float kSamePlate = 0.4F;  // share of the smaller box that two finds h
 constexpr int kMaxRivals = 3;
 constexpr double kUnfit =
     6;  // nats by which a text of no layout has to be likelier, and what it costs
-constexpr double kHope = 1;         // evidence that more looks may add to a first one
+constexpr double kHope = 2;         // evidence that more looks may add to a first one
 constexpr double kWordPenalty = 3;  // nats against a text without a digit: mostly it is a sign
 
 cv::Mat gray_of(const cv::Mat& image) {
@@ -111,11 +111,17 @@ CalibrationFeatures features_of(const Decoded& text, const Alignment& alignment)
                               mean_height(alignment.text));
 }
 
-double logit_of(const Calibration& calibration, const CalibrationFeatures& features) {
+double odds_of(const Calibration& calibration, const CalibrationFeatures& features) {
   return std::inner_product(features.begin(), features.end(), calibration.weights.begin(), 0.0);
 }
 
-double probability_of(double logit) { return 1 / (1 + std::exp(-logit)); }
+Lettering lettering_of(const Decoded& text) { return {text.text, text.confidences, text.country}; }
+
+// ln(p / (1 - p)), p kept 1e-5 from both ends.
+double sure_odds(double p) {
+  p = std::clamp(p, 1e-5, 1 - 1e-5);
+  return std::log(p / (1 - p));
+}
 
 // The quad of the characters' columns first..last of all lines' columns.
 Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
@@ -149,17 +155,13 @@ CalibrationFeatures calibration_features(double posterior, double min_character,
                                          double height_px) {
   const auto safe_log = [](double p) { return std::log(std::clamp(p, 1e-6, 1.0)); };
   const double score = std::clamp(plate_score, 1e-4, 1 - 1e-4);
-  const auto sure = [](double p) {
-    p = std::clamp(p, 1e-5, 1 - 1e-5);
-    return std::log(p / (1 - p));
-  };
   return {safe_log(posterior),
           safe_log(min_character),
           std::log(score / (1 - score)),
           std::log(std::max(4.0, height_px) / 20),
           1.0,
-          sure(posterior),
-          sure(min_character)};
+          sure_odds(posterior),
+          sure_odds(min_character)};
 }
 
 Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice countries,
@@ -177,19 +179,20 @@ Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice
 }
 
 std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* debug,
-                                               Timers* timers) const {
+                                               Timers* timers, const cv::Rect& where) const {
   linalg::Workspace& workspace = kept_workspace(0);
   DetectorOptions options = options_.detector;
   options.parallel = options_.parallel;
   std::vector<Detection> detections;
   {
     const Timers::Scope scope(timers, "find");
-    detections = detect(gray, detector_.detector, options, workspace);
+    detections = detect(gray, detector_.detector, options, workspace, where);
   }
   const Timers::Scope scope(timers, "align");
   std::vector<Find> finds(detections.size());
   const auto refine = [&](std::size_t i) {
     linalg::Workspace& own = kept_workspace(1);
+    finds[i].detection = detections[i];
     Quad corners = detections[i].corners;
     for (int pass = 0; pass < options_.refinements; ++pass) {
       finds[i].alignment = align(gray, corners, detector_.aligner, own);
@@ -253,10 +256,12 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
   return kept;
 }
 
-Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
-                              linalg::Workspace& workspace, bool once,
-                              CalibrationFeatures* given) const {
-  Reading reading;
+SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::Workspace& workspace,
+                                bool once, CalibrationFeatures* given) const {
+  const Alignment& alignment = find.alignment;
+  SeenPlate seen;
+  seen.features = find_features(find.detection, alignment, {});
+  Reading& reading = seen.reading;
   reading.plate = static_cast<double>(alignment.score);
   reading.corners = alignment.plate;
   reading.box = bounding_box(alignment.plate, gray.size());
@@ -286,10 +291,8 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   // Where it is not sure of what is certainly a plate, it looks again: not at lettering that reads
   // so badly that it will not be reported.
   const auto is_worth_more = [&](const Decoded& text) {
-    const double confidence =
-        probability_of(logit_of(reader_.calibration, features_of(text, alignment)));
-    const double evidence = std::log(confidence) + logit(reading.plate);
-    return !is_sure(text) && evidence > options_.min_evidence - kHope;
+    const FindFeatures features = find_features(find.detection, alignment, lettering_of(text));
+    return !is_sure(text) && reader_.judge.odds(features) > options_.min_evidence - kHope;
   };
   if (!once && reading.unfit.empty() && alignment.score > 0.8F &&
       (chosen.texts.empty() || is_worth_more(chosen.texts.front())))
@@ -297,14 +300,15 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   const Lines& lines = chosen.lines;
   const std::vector<Decoded>& texts = chosen.texts;
   reading.rows = lines.two_rows ? 2 : 1;
-  if (texts.empty()) return reading;
+  if (texts.empty()) return seen;
   const Decoded& best = texts.front();
   reading.text = best.text;
   reading.country = best.country;
   for (std::size_t i = 0; i < best.text.size(); ++i) {
     Character character;
     character.symbol = best.text[i];
-    character.confidence = best.confidences[i];
+    seen.character_odds.push_back(sure_odds(best.confidences[i]));
+    character.confidence = probability_of(reader_.character(seen.character_odds.back()));
     character.corners = character_quad(lines, best.columns[i]);
     reading.characters.push_back(character);
   }
@@ -312,8 +316,10 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   const Decoded& lettered = reading.unfit.empty() ? best : any;
   const CalibrationFeatures features = features_of(lettered, alignment);
   if (given != nullptr) *given = features;
-  double odds = logit_of(reader_.calibration, features);
-  if (best.text.find_first_of("0123456789") == std::string::npos) odds -= kWordPenalty;
+  seen.features = find_features(find.detection, alignment, lettering_of(lettered));
+  seen.odds = odds_of(reader_.calibration, features);
+  if (best.text.find_first_of("0123456789") == std::string::npos) seen.penalty = kWordPenalty;
+  double odds = reader_.confidence(seen.odds) - seen.penalty;
   if (!reading.unfit.empty()) odds = std::min(odds, 0.0) - kUnfit;
   reading.confidence = probability_of(odds);
   // The rest is shared out among the others as the decoder weighs them.
@@ -325,19 +331,18 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
                           (1 - reading.confidence) * std::min(1.0, texts[i].posterior / others));
     reading.candidates.push_back({texts[i].text, confidence, texts[i].country});
   }
-  return reading;
+  return seen;
 }
 
-std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Timers* timers,
-                                      bool once) const {
-  const cv::Mat gray = gray_of(image);
-  const std::vector<Find> finds = find(gray, debug, timers);
-  std::vector<Reading> readings(finds.size());
+std::vector<SeenPlate> Recognizer::see_all(const cv::Mat& gray, DebugSink* debug, Timers* timers,
+                                           bool once, const cv::Rect& where) const {
+  const std::vector<Find> finds = find(gray, debug, timers, where);
+  std::vector<SeenPlate> seen(finds.size());
   const auto read_some = [&](const cv::Range& range) {
     linalg::Workspace& workspace = kept_workspace(2);
     for (int i = range.start; i < range.end; ++i)
-      readings[static_cast<std::size_t>(i)] =
-          read_text(gray, finds[static_cast<std::size_t>(i)].alignment, workspace, once);
+      seen[static_cast<std::size_t>(i)] =
+          read_text(gray, finds[static_cast<std::size_t>(i)], workspace, once);
   };
   const Timers::Scope scope(timers, "read");
   const cv::Range all(0, static_cast<int>(finds.size()));
@@ -345,11 +350,40 @@ std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Ti
     cv::parallel_for_(all, read_some);
   else
     read_some(all);
-  readings = without_slogans(readings);
-  std::erase_if(readings, [&](const Reading& reading) {
-    return log_confidence(reading) + logit(reading.plate) < options_.min_evidence;
-  });
-  return without_rivals(std::move(readings));
+  return seen;
+}
+
+std::vector<SeenPlate> Recognizer::see(const cv::Mat& image) const {
+  std::vector<SeenPlate> seen = see_all(gray_of(image), nullptr, nullptr, false, {});
+  std::vector<Reading> readings;
+  std::vector<FindFeatures> features;
+  for (const SeenPlate& plate : seen) {
+    readings.push_back(plate.reading);
+    features.push_back(plate.features);
+  }
+  compare(readings, features);
+  for (std::size_t i = 0; i < seen.size(); ++i) seen[i].features = features[i];
+  return seen;
+}
+
+std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Timers* timers,
+                                      bool once, const cv::Rect& where) const {
+  std::vector<Reading> readings;
+  std::vector<FindFeatures> features;
+  for (SeenPlate& plate : see_all(gray_of(image), debug, timers, once, where)) {
+    readings.push_back(std::move(plate.reading));
+    features.push_back(plate.features);
+  }
+  compare(readings, features);
+  const std::vector<bool> slogans = are_slogans(readings);
+  std::vector<Reading> plates;
+  for (std::size_t i = 0; i < readings.size(); ++i) {
+    const double odds = reader_.judge.odds(features[i]);
+    if (slogans[i] || readings[i].text.empty() || odds < options_.min_evidence) continue;
+    readings[i].plate = probability_of(odds);
+    plates.push_back(std::move(readings[i]));
+  }
+  return without_rivals(std::move(plates));
 }
 
 Alignment Recognizer::align_at(const cv::Mat& gray, const Quad& corners) const {
@@ -416,8 +450,11 @@ std::optional<TextCrop> Recognizer::cut_text(const cv::Mat& image, const Quad& c
 Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,
                             CalibrationFeatures* features) const {
   const cv::Mat gray = gray_of(image);
-  const Alignment alignment = align_at(gray, corners);
-  return read_text(gray, alignment, kept_workspace(2), false, features);
+  Find find;
+  find.alignment = align_at(gray, corners);
+  find.score = find.alignment.score;
+  find.detection = {corners, 1};
+  return read_text(gray, find, kept_workspace(2), false, features).reading;
 }
 
 }  // namespace tarsier::plate

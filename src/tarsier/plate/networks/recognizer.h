@@ -4,6 +4,7 @@
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/timer.h"
+#include "tarsier/plate/networks/evidence.h"
 #include "tarsier/plate/networks/networks.h"
 #include "tarsier/plate/text/decode.h"
 #include "tarsier/plate/text/reading.h"
@@ -34,6 +35,9 @@ struct DetectorModel {
 struct ReaderModel {
   linalg::Network line;
   Calibration calibration;
+  OddsCurve confidence;  // corrects what the calibration gives
+  OddsCurve character;   // corrects the decoder's confidence of a character
+  PlateJudge judge;
 };
 
 // models/plate-detector.json and models/plate-reader.json. Throw ModelError, OutputError.
@@ -47,9 +51,8 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
 struct RecognizerOptions {
   DetectorOptions detector;
   float min_plate = 0.9F;  // the aligner's score of what is taken for a plate
-  // Least ln(confidence) + logit(plate) of what is reported: a place that hardly looks like a plate is
-  // one only if it reads well, a sure plate also where it reads badly.
-  double min_evidence = 1.5;
+  // Least logit of the chance that it is a plate (PlateJudge) of what is reported.
+  double min_evidence = -0.5;
   int refinements = 2;    // passes of the aligner
   bool parallel = false;  // plates and large maps on OpenCV's threads; changes no result
 
@@ -57,7 +60,7 @@ struct RecognizerOptions {
     return {
         {"min_plate", min_plate, inside(0, 1), "--plate-threshold", "of the aligner's plate score"},
         {"min_evidence", min_evidence, range(-100, 100), "--evidence",
-         "ln(confidence) + logit(plate) of what is reported; lower: more, of which more are none"},
+         "ln(p / (1 - p)) of the chance p that it is a plate; lower: more, of which more are none"},
         {"refinements", refinements, range(1, 5)}};
   }
   void check() const;
@@ -74,6 +77,15 @@ struct TextCrop {
 [[nodiscard]] CalibrationFeatures calibration_features(double posterior, double min_character,
                                                        double plate_score, double height_px);
 
+// A find and what was read there, before it is judged: what PlateJudge and the curves are fitted to.
+struct SeenPlate {
+  Reading reading;        // its `plate` is the aligner's score
+  FindFeatures features;  // all of them
+  double odds = 0;        // that the text is right, before ReaderModel::confidence corrects them
+  double penalty = 0;  // that is taken from the corrected odds: nats against a text without a digit
+  std::vector<double> character_odds;  // before ReaderModel::character does
+};
+
 // Plates of an image by the three networks. Const: any number of threads may use it.
 class Recognizer {
  public:
@@ -82,8 +94,13 @@ class Recognizer {
 
   // Image: CV_8UC3 or CV_8UC1. Surest first. `debug` and `timers` (find, align, read) may be null.
   // `once`: does not look again where it is unsure, as the next frame of a video is a look, too.
+  // `where`: plates are looked for in this part of the image; empty: in all of it.
   [[nodiscard]] std::vector<Reading> read(const cv::Mat& image, DebugSink* debug = nullptr,
-                                          Timers* timers = nullptr, bool once = false) const;
+                                          Timers* timers = nullptr, bool once = false,
+                                          const cv::Rect& where = {}) const;
+
+  // Every find of an image, plate or not, in no order.
+  [[nodiscard]] std::vector<SeenPlate> see(const cv::Mat& image) const;
 
   // Reads the plate at known corners (a crop, a labelled plate). `features`, if given, becomes what
   // its confidence was worked out from.
@@ -103,11 +120,16 @@ class Recognizer {
   struct Find {
     Alignment alignment;
     float score;
+    Detection detection;
   };
-  [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers) const;
-  [[nodiscard]] Reading read_text(const cv::Mat& gray, const Alignment& alignment,
-                                  linalg::Workspace& workspace, bool once,
-                                  CalibrationFeatures* features = nullptr) const;
+  [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers,
+                                       const cv::Rect& where) const;
+  [[nodiscard]] std::vector<SeenPlate> see_all(const cv::Mat& gray, DebugSink* debug,
+                                               Timers* timers, bool once,
+                                               const cv::Rect& where) const;
+  [[nodiscard]] SeenPlate read_text(const cv::Mat& gray, const Find& find,
+                                    linalg::Workspace& workspace, bool once,
+                                    CalibrationFeatures* features = nullptr) const;
 
   [[nodiscard]] Alignment align_at(const cv::Mat& gray, const Quad& corners) const;
 

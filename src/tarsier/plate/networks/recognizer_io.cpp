@@ -25,6 +25,20 @@ linalg::Network read_network(const nlohmann::json& payload, const char* name, li
   return network;
 }
 
+// Models of before lack some: those numbers stay as they are.
+template <std::size_t N>
+void read_numbers(const nlohmann::json& payload, const char* name, const std::string& path,
+                  std::array<double, N>& numbers) {
+  if (!payload.contains(name)) return;
+  const PackedArray<double> given = unpack<double>(payload[name], path, name, {N});
+  std::copy(given.values.begin(), given.values.end(), numbers.begin());
+}
+
+template <std::size_t N>
+nlohmann::json packed(const std::array<double, N>& numbers) {
+  return pack(PackedArray<double>{{N}, {numbers.begin(), numbers.end()}});
+}
+
 }  // namespace
 
 DetectorModel read_detector_model(const std::string& path) {
@@ -61,6 +75,9 @@ ReaderModel read_reader_model(const std::string& path) {
         unpack<double>(archive.payload["calibration_logits"], path, "calibration_logits", {2});
     std::copy(logits.values.begin(), logits.values.end(), model.calibration.weights.begin() + 5);
   }
+  read_numbers(archive.payload, "confidence_curve", path, model.confidence.weights);
+  read_numbers(archive.payload, "character_curve", path, model.character.weights);
+  read_numbers(archive.payload, "judge", path, model.judge.weights);
   return model;
 }
 
@@ -74,7 +91,10 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
   archive.payload = {
       {"line", linalg::network_to_json(model.line)},
       {"calibration", pack(PackedArray<double>{{5}, {weights.begin(), weights.begin() + 5}})},
-      {"calibration_logits", pack(PackedArray<double>{{2}, {weights.begin() + 5, weights.end()}})}};
+      {"calibration_logits", pack(PackedArray<double>{{2}, {weights.begin() + 5, weights.end()}})},
+      {"confidence_curve", packed(model.confidence.weights)},
+      {"character_curve", packed(model.character.weights)},
+      {"judge", packed(model.judge.weights)}};
   write_archive(path, archive);
 }
 

@@ -120,6 +120,51 @@ TEST_F(Images, AHundredPlatesAreAllFound) {
   EXPECT_GE(right, 90);
 }
 
+TEST_F(Images, OnlyAPartIsSearchedWhereOneIsAskedFor) {
+  cv::Mat image = wall({1280, 720});
+  put(image, "4725BKZ", {200, 200}, 180);
+  put(image, "0318GHT", {800, 500}, 180);
+  ASSERT_EQ(recognizer().read(image).size(), 2U);
+  const std::vector<Reading> right =
+      recognizer().read(image, nullptr, nullptr, false, {640, 360, 640, 360});
+  ASSERT_EQ(right.size(), 1U);
+  EXPECT_EQ(right[0].text, "0318GHT");  // where it is in the whole image
+  EXPECT_GT(box_overlap(right[0].corners, quad_of({800, 500, 180, 38})), 0.7);
+  EXPECT_TRUE(recognizer().read(image, nullptr, nullptr, false, {640, 0, 640, 360}).empty());
+}
+
+TEST_F(Images, ASmallPlateOfAHugeImageIsFound) {
+  cv::Mat image = wall({3840, 2160});
+  const Put plate = put(image, "4725BKZ", {900, 1200}, 60);
+  RecognizerOptions options;
+  options.detector.max_tiles = 0;  // 16 px in the finest level
+  const Recognizer coarse(read_detector_model((kModels / "plate-detector.json").string()),
+                          read_reader_model((kModels / "plate-reader.json").string()),
+                          choose_countries(read_countries((kModels / "countries").string()), {}),
+                          options);
+  EXPECT_TRUE(coarse.read(image).empty());
+  const std::vector<Reading> readings = recognizer().read(image);
+  ASSERT_EQ(readings.size(), 1U);
+  EXPECT_EQ(readings[0].text, plate.text);
+  EXPECT_GT(box_overlap(readings[0].corners, quad_of(cv::Rect2f(plate.box))), 0.7);
+}
+
+TEST_F(Images, LetteringThatIsNoPlateIsNotReported) {
+  cv::Mat image = wall({900, 500});
+  put(image, "4725BKZ", {120, 330}, 220);
+  // A badge, a grille, a row of lamps.
+  cv::putText(image, "CAMARO", {512, 115}, cv::FONT_HERSHEY_DUPLEX, 1.2, {200, 200, 205}, 2,
+              cv::LINE_AA);
+  for (int i = 0; i < 12; ++i) {
+    cv::rectangle(image, cv::Rect(520 + 20 * i, 300, 9, 46), {200, 200, 200}, cv::FILLED);
+    cv::circle(image, {530 + 18 * i, 430}, 6, {210, 210, 240}, cv::FILLED, cv::LINE_AA);
+  }
+  const std::vector<Reading> readings = recognizer().read(image);
+  ASSERT_EQ(readings.size(), 1U);
+  EXPECT_EQ(readings[0].text, "4725BKZ");
+  EXPECT_GT(readings[0].plate, 0.9);
+}
+
 TEST_F(Images, APlateAtTheBorderDoesNoHarm) {
   for (const cv::Point at :
        {cv::Point{0, 0}, cv::Point{460, 0}, cv::Point{0, 442}, cv::Point{460, 442}}) {

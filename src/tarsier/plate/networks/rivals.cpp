@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/networks/rivals.h"
 
+#include "tarsier/plate/networks/evidence.h"
 #include "tarsier/plate/networks/quad.h"
 
 #include <algorithm>
@@ -40,24 +41,14 @@ bool is_slogan_of(const Reading& small, const Reading& plate) {
 
 }  // namespace
 
-double logit(double p) {
-  p = std::clamp(p, 1e-4, 1 - 1e-4);
-  return std::log(p / (1 - p));
-}
-
-double log_confidence(const Reading& reading) {
-  return std::log(std::max(reading.confidence, 1e-5));
-}
-
-std::vector<Reading> without_slogans(const std::vector<Reading>& readings) {
-  std::vector<Reading> kept;
+std::vector<bool> are_slogans(const std::vector<Reading>& readings) {
+  std::vector<bool> slogans;
   for (const Reading& reading : readings) {
-    if (std::none_of(readings.begin(), readings.end(),
-                     [&](const Reading& plate) { return is_slogan_of(reading, plate); })) {
-      kept.push_back(reading);
-    }
+    slogans.push_back(std::any_of(readings.begin(), readings.end(), [&](const Reading& plate) {
+      return is_slogan_of(reading, plate);
+    }));
   }
-  return kept;
+  return slogans;
 }
 
 // Of rivals for one place one stays: what is most certainly a whole plate and reads well. Half a

@@ -8,14 +8,9 @@
 // Which of the readings that overlap in an image are plates.
 namespace tarsier::plate {
 
-// ln(p / (1 - p)), p kept 1e-4 from both ends.
-[[nodiscard]] double logit(double p);
-// ln of the reading's confidence, at least ln 1e-5.
-[[nodiscard]] double log_confidence(const Reading& reading);
-
-// Without the small lettering above and below the text of a sure plate of one row: towns, states,
-// dealers. Keeps the order.
-[[nodiscard]] std::vector<Reading> without_slogans(const std::vector<Reading>& readings);
+// Which of them are the small lettering above and below the text of a sure plate of one row: towns,
+// states, dealers. `plate` of the readings is the aligner's score.
+[[nodiscard]] std::vector<bool> are_slogans(const std::vector<Reading>& readings);
 
 // Of rivals for one place one stays. Surest first.
 [[nodiscard]] std::vector<Reading> without_rivals(std::vector<Reading> readings);

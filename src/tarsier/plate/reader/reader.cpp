@@ -46,25 +46,28 @@ Reader Reader::load(const ModelStore& models, const ReaderOptions& options) {
   options.check();
   if (options.pipeline == Pipeline::kNetworks) {
     const auto recognizer = std::make_shared<const Recognizer>(load_recognizer(models, options));
-    return {[recognizer](const Frame& frame, DebugSink* debug, Timers* timers) {
-              return recognizer->read(frame.image, debug, timers, !frame.still);
-            },
-            options};
+    return {
+        [recognizer](const Frame& frame, DebugSink* debug, Timers* timers, const cv::Rect& where) {
+          return recognizer->read(frame.image, debug, timers, !frame.still, where);
+        },
+        options};
   }
   const bool mlp = options.textbook_reader == ReaderKind::kMlp;
   const auto model = read_classic_model(
       models.path_or(options.detector_model, "plate-svm.json"),
       models.path_or(options.reader_model, mlp ? "plate-mlp.json" : "plate-hog.json"));
-  return {[model, textbook = options.textbook](const Frame& frame, DebugSink* debug, Timers*) {
+  return {[model, textbook = options.textbook](const Frame& frame, DebugSink* debug, Timers*,
+                                               const cv::Rect&) {
             return read_classic(frame.image, *model, textbook, debug);
           },
           options};
 }
 
-ReaderResult Reader::process(const Frame& frame, DebugSink* debug, Timers* timers) const {
+ReaderResult Reader::process(const Frame& frame, DebugSink* debug, Timers* timers,
+                             const cv::Rect& where) const {
   const auto start = std::chrono::steady_clock::now();
   ReaderResult result;
-  result.plates = read_(frame, debug, timers);
+  result.plates = read_(frame, debug, timers, where);
   std::erase_if(result.plates,
                 [this](const Reading& plate) { return plate.confidence < min_confidence_; });
   for (Reading& plate : result.plates) {

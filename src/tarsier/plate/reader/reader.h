@@ -80,12 +80,14 @@ class Reader {
 
   // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Where `frame.still` is false a plate that is not sure
   // is looked at only once, as the next frame is another look. `debug` takes each stage; `timers`
-  // (of kNetworks: find, align, read) what each took; both may be null.
+  // (of kNetworks: find, align, read) what each took; both may be null. `where`: the part of the image
+  // in which plates are looked for, px; empty: all of it. kTextbook looks everywhere.
   [[nodiscard]] ReaderResult process(const Frame& frame, DebugSink* debug = nullptr,
-                                     Timers* timers = nullptr) const;
+                                     Timers* timers = nullptr, const cv::Rect& where = {}) const;
 
  private:
-  using Read = std::function<std::vector<Reading>(const Frame&, DebugSink*, Timers*)>;
+  using Read =
+      std::function<std::vector<Reading>(const Frame&, DebugSink*, Timers*, const cv::Rect&)>;
   Reader(Read read, const ReaderOptions& options);
 
   Read read_;

@@ -41,6 +41,14 @@ nlohmann::ordered_json to_json(const VideoReaderResult& result) {
 }
 
 VideoReader::VideoReader(Read read, const TrackerOptions& options)
+    : VideoReader(read == nullptr
+                      ? ReadPart()
+                      : ReadPart([read](const Frame& frame, const cv::Rect&, DebugSink* debug) {
+                          return read(frame, debug);
+                        }),
+                  options) {}
+
+VideoReader::VideoReader(ReadPart read, const TrackerOptions& options)
     : read_(std::move(read)), options_(options) {
   TARSIER_REQUIRE(read_ != nullptr, "a reader is needed");
   options_.check();
@@ -48,8 +56,9 @@ VideoReader::VideoReader(Read read, const TrackerOptions& options)
 
 VideoReader VideoReader::load(const ModelStore& models, const VideoReaderOptions& options) {
   options.check();
-  return {[reader = Reader::load(models, options.reader)](const Frame& frame, DebugSink* debug) {
-            return reader.process(frame, debug);
+  return {[reader = Reader::load(models, options.reader)](const Frame& frame, const cv::Rect& where,
+                                                          DebugSink* debug) {
+            return reader.process(frame, debug, nullptr, where);
           },
           options.tracker};
 }
@@ -60,12 +69,13 @@ bool VideoReader::continues(const Frame& frame, const VideoReaderState& state) {
 }
 
 VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& state,
-                                       const FrameMoment& seen, DebugSink* debug) const {
+                                       const FrameMoment& seen, DebugSink* debug,
+                                       const cv::Rect& where) const {
   VideoReaderResult result;
   if (!continues(frame, state)) result.events = finish(state);
   state.source = source_of(frame);
   state.has_video = !frame.still;
-  ReaderResult read = read_(frame, debug);
+  ReaderResult read = read_(frame, where, debug);
   result.plates = std::move(read.plates);
   result.ms = read.ms;
   if (!options_.region.corners.empty()) {

@@ -58,29 +58,34 @@ struct VideoReaderResult {
 class VideoReader {
  public:
   using Read = std::function<ReaderResult(const Frame& frame, DebugSink* debug)>;
+  // The same of a part of the frame, px; empty: all of it.
+  using ReadPart =
+      std::function<ReaderResult(const Frame& frame, const cv::Rect& where, DebugSink* debug)>;
 
   // Throws as Reader::load().
   [[nodiscard]] static VideoReader load(const ModelStore& models,
                                         const VideoReaderOptions& options = {});
   // Plates as `read` finds them. Throws std::invalid_argument for a null function or bad options.
-  VideoReader(Read read, const TrackerOptions& options);
+  VideoReader(ReadPart read, const TrackerOptions& options);
+  VideoReader(Read read, const TrackerOptions& options);  // always of all of it
 
   [[nodiscard]] const TrackerOptions& options() const { return options_; }
 
   // The next frame. Where it is a still or of another source than the frames before it, their
   // vehicles have gone: their events come first. `seen`: when the frame was taken, by the wall
   // clock; where left out, events have no such times. Throws std::invalid_argument for an image
-  // that is not CV_8UC3 or CV_8UC1 and a time that is not finite.
+  // that is not CV_8UC3 or CV_8UC1 and a time that is not finite. `where`: the part in which plates are
+  // looked for, px; vehicles whose plates are elsewhere are as if not seen in this frame.
   [[nodiscard]] VideoReaderResult process(const Frame& frame, VideoReaderState& state,
-                                          const FrameMoment& seen = {},
-                                          DebugSink* debug = nullptr) const;
+                                          const FrameMoment& seen = {}, DebugSink* debug = nullptr,
+                                          const cv::Rect& where = {}) const;
   // Whether the frame goes on with what `state` follows: else process() begins with finish().
   [[nodiscard]] static bool continues(const Frame& frame, const VideoReaderState& state);
   // No more frames: the events of vehicles that are still in sight. The state may be used again.
   [[nodiscard]] std::vector<PlateEvent> finish(VideoReaderState& state) const;
 
  private:
-  Read read_;
+  ReadPart read_;
   TrackerOptions options_;
 };
 

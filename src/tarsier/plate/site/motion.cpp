@@ -34,13 +34,15 @@ float median_of(const cv::Mat& values) {
 
 }  // namespace
 
-bool has_motion(const MotionOptions& options, MotionState& state, const cv::Mat& image) {
+bool has_motion(const MotionOptions& options, MotionState& state, const cv::Mat& image,
+                double time) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
                   "the image is 8-bit BGR or grey");
   if (options.threshold <= 0) return true;
   const cv::Mat cells = cells_of(image);
   if (state.background.size() != cells.size()) {
     state.background = cells;
+    state.moved = cv::Mat(cells.size(), CV_64F, cv::Scalar(time));
     return true;
   }
   cv::Mat change = cells - state.background;
@@ -52,13 +54,29 @@ bool has_motion(const MotionOptions& options, MotionState& state, const cv::Mat&
   for (int y = 0; y < cells.rows; ++y) {
     auto* background = state.background.ptr<float>(y);
     const auto* row = change.ptr<float>(y);
+    auto* moved = state.moved.ptr<double>(y);
     for (int x = 0; x < cells.cols; ++x) {
       const bool moving = std::abs(row[x] - shared) > options.threshold;
       background[x] +=
           static_cast<float>(moving ? options.learning_moving : options.learning) * row[x];
+      if (moving) moved[x] = time;
     }
   }
   return moves;
+}
+
+cv::Rect moved_part(const MotionState& state, double since, cv::Size size) {
+  const cv::Rect whole({0, 0}, size);
+  if (state.moved.empty()) return whole;
+  constexpr int kMargin = kAcross / 40;  // cells
+  const cv::Rect cells = cv::boundingRect(state.moved >= since);
+  if (cells.empty()) return {};
+  const double across = static_cast<double>(size.width) / state.moved.cols;
+  const double down = static_cast<double>(size.height) / state.moved.rows;
+  const cv::Point first(cvFloor((cells.x - kMargin) * across), cvFloor((cells.y - kMargin) * down));
+  const cv::Point last(cvCeil((cells.br().x + kMargin) * across),
+                       cvCeil((cells.br().y + kMargin) * down));
+  return cv::Rect(first, last) & whole;
 }
 
 }  // namespace tarsier::plate

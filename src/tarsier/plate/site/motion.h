@@ -28,14 +28,20 @@ struct MotionOptions {
 
 struct MotionState {
   cv::Mat background;  // CV_32FC1, grey levels of the cells; empty before the first frame
+  cv::Mat moved;       // CV_64FC1, s: when each of them last differed
 };
 
 // Whether something moves before a camera that stands: the image, reduced to 160 cells across, is
 // compared with a running mean of the frames before it (Wren et al., Pfinder, PAMI 1997, without the
 // variance). A change that all cells share, as a cloud or the camera's exposure makes it, is taken
 // out by its median. The first frame moves. `image`: CV_8UC3 (BGR) or CV_8UC1; another size than
-// before begins again.
+// before begins again. `time`: of the frame, s.
 [[nodiscard]] bool has_motion(const MotionOptions& options, MotionState& state,
-                              const cv::Mat& image);
+                              const cv::Mat& image, double time = 0);
+
+// The box around all cells that differed at `since` s or later and a margin of 1/40 of the image's width, in px of
+// an image of `size`, cut to it. Empty where none did; the whole image before the first frame and where
+// the threshold is 0.
+[[nodiscard]] cv::Rect moved_part(const MotionState& state, double since, cv::Size size);
 
 }  // namespace tarsier::plate

@@ -54,6 +54,28 @@ TEST_F(Motion, OfWhatHasStoppedEnds) {
   EXPECT_TRUE(moves(240));  // it drives off
 }
 
+TEST_F(Motion, PartIsAroundWhatMovedOfLate) {
+  const cv::Size size(640, 360);
+  EXPECT_EQ(moved_part(state_, 0, size), cv::Rect({0, 0}, size));  // nothing is known yet
+  const auto look = [&](int x, double time) {
+    return has_motion(options_, state_, street(x, frame_++), time);
+  };
+  for (int k = 0; k < 10; ++k) static_cast<void>(look(-1, 0.1 * k));
+  EXPECT_EQ(moved_part(state_, 0, size), cv::Rect({0, 0}, size));  // the first frame
+  EXPECT_TRUE(moved_part(state_, 0.5, size).empty());
+  ASSERT_TRUE(look(200, 1.5));
+  const cv::Rect around = moved_part(state_, 1.2, size);
+  EXPECT_EQ(around & cv::Rect(200, 200, 40, 24), cv::Rect(200, 200, 40, 24));
+  EXPECT_LT(around.area(), 100 * 80);
+  ASSERT_TRUE(look(600, 2.5));
+  const cv::Rect last = moved_part(state_, 2, size);
+  EXPECT_EQ(last.br().x, 640);  // cut to the image
+  EXPECT_GT(last.x, 500);
+  const cv::Rect both = moved_part(state_, 1.2, size);
+  EXPECT_EQ(both, around | last);
+  EXPECT_EQ(moved_part(state_, 1.2, {1280, 720}).height, 2 * both.height);
+}
+
 TEST_F(Motion, IsEverywhereWithoutAThreshold) {
   options_.threshold = 0;
   for (int k = 0; k < 5; ++k) EXPECT_TRUE(moves(-1));

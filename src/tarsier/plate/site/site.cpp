@@ -25,6 +25,9 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kPatience{100};
 constexpr double kMaxIdleWaits = 10;  // idle times after which a frame without motion waits no more
+constexpr double kEmptyIdle = 4;      // idle times between frames without motion and without plates
+constexpr int kMinParts = 4;          // frames read in part for one read as a whole, at least
+constexpr double kLargePart = 0.6;    // share of a frame from which all of it is read
 
 Clock::duration seconds(double s) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
@@ -80,7 +83,11 @@ class Site {
     const SiteCamera* given = nullptr;
     std::optional<Frame> waiting;
     bool waiting_moves = false;  // something moves in the frame that waits
+    cv::Rect waiting_part;       // .. and where; empty: all of it is read
     double read_time = 0;        // of the latest frame that was taken to be read, s
+    double whole_time = 0;       // of the latest one of which all was
+    int parts = 0;               // that were read since
+    bool in_sight = true;        // there were plates, or none was looked for yet
     bool restarted = false;      // the frame that waits is the first of its source
     milliseconds step{0};        // by which the clock was set since its last frame was read
     VideoReaderState state;      // of the thread that serves it
@@ -170,27 +177,35 @@ class Site {
       next_look = std::max(next_look + seconds(1 / options_.max_fps), Clock::now());
       frame->name = camera.given->name;
       frame->still = false;
-      const bool moves = has_motion(options_.motion, motion, frame->image);
+      const bool moves = has_motion(options_.motion, motion, frame->image, frame->time);
       if (moves || is_first) last_motion = frame->time;
       const bool holds = frame->time - last_motion <= options_.hold;
 
       std::unique_lock lock(mutex_);
-      if (is_first) camera.read_time = frame->time;
+      if (is_first) camera.read_time = camera.whole_time = frame->time;
       is_first = false;
       camera.report.received = received_before + status.received;
       ++camera.report.looked_at;
       if (holds) ++camera.report.moving;
       const double waited = frame->time - camera.read_time;
-      if (!holds && waited < options_.idle) continue;
+      if (!holds && waited < options_.idle * (camera.in_sight ? 1 : kEmptyIdle)) continue;
       if (!live) changed_.wait(lock, [&] { return stopped() || !camera.waiting; });
       // A vehicle that drives by while others are read: the frame that shows it is not given up.
       if (camera.waiting && camera.waiting_moves && !moves) continue;
       const bool is_spare = !moves && waited < kMaxIdleWaits * options_.idle;
       camera.waiting = std::move(*frame);
       camera.waiting_moves = moves;
+      camera.waiting_part = holds ? part_of(motion, *camera.waiting) : cv::Rect();
       scheduler_.offer(index, is_spare);
       changed_.notify_all();
     }
+  }
+
+  // Where something moves or has moved of late; empty where that is most of the frame.
+  [[nodiscard]] cv::Rect part_of(const MotionState& motion, const Frame& frame) const {
+    if (options_.motion.threshold <= 0) return {};
+    const cv::Rect part = moved_part(motion, frame.time - options_.hold, frame.image.size());
+    return part.area() > kLargePart * static_cast<double>(frame.image.total()) ? cv::Rect() : part;
   }
 
   void sleep_until(Clock::time_point due) {
@@ -213,15 +228,24 @@ class Site {
       const Frame frame = std::move(*camera.waiting);
       camera.waiting.reset();
       camera.read_time = frame.time;
+      // What stands is read now and then, too.
+      const bool is_whole =
+          camera.waiting_part.empty() ||
+          (frame.time - camera.whole_time >= options_.idle && camera.parts >= kMinParts);
+      const cv::Rect part = is_whole ? cv::Rect() : camera.waiting_part;
+      camera.parts = is_whole ? 0 : camera.parts + 1;
+      if (is_whole) camera.whole_time = frame.time;
       const bool restarted = std::exchange(camera.restarted, false);
       const milliseconds step = std::exchange(camera.step, milliseconds(0));
       changed_.notify_all();
       lock.unlock();
       const double begun = cpu_seconds();
-      read(*next, frame, restarted, step);
+      const bool in_sight = read(*next, frame, part, restarted, step);
       const double cost = cpu_seconds() - begun;
       lock.lock();
       camera.report.cpu_s += cost;
+      if (!is_whole) ++camera.report.in_part;
+      camera.in_sight = in_sight || (!is_whole && camera.in_sight);
       ++camera.report.read;
       scheduler_.done(*next, cost);
       changed_.notify_all();
@@ -233,15 +257,18 @@ class Site {
                        [](const auto& camera) { return camera->waiting.has_value(); });
   }
 
-  void read(std::size_t index, const Frame& frame, bool restarted, milliseconds step) {
+  // Whether plates are in sight.
+  bool read(std::size_t index, const Frame& frame, const cv::Rect& part, bool restarted,
+            milliseconds step) {
     Camera& camera = *cameras_[index];
     const VideoReader& reader = camera.given->reader;
     // The time of a source that was opened again begins again.
     if (restarted) say(index, reader.finish(camera.state));
     if (step.count() != 0) shift_unsynchronized(camera.state.tracker, step);
     const FrameMoment seen = moment_of(index, frame);
-    VideoReaderResult result = reader.process(frame, camera.state, seen);
+    VideoReaderResult result = reader.process(frame, camera.state, seen, nullptr, part);
     say(index, std::move(result.events));
+    return !result.plates.empty() || !result.tracks.empty();
   }
 
   FrameMoment moment_of(std::size_t index, const Frame& frame) {

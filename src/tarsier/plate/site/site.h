@@ -68,6 +68,7 @@ struct CameraReport {
   std::int64_t looked_at = 0;
   std::int64_t moving = 0;  // of these, while something moved or shortly after
   std::int64_t read = 0;
+  std::int64_t in_part = 0;   // of these, only around what moved
   std::int64_t vehicles = 0;  // closed events
   int restarts = 0;
   double cpu_s = 0;  // of reading
@@ -86,7 +87,10 @@ struct CameraReport {
 // Each camera has a thread that waits for frames and looks whether something moves; `threads` more
 // read plates. Of live sources only one frame waits to be read: the newest, or the newest in which
 // something moved. Where there is more than can be done, each camera loses the same share
-// (FairScheduler), and frames in which nothing moves wait for the others, ten `idle` at most. Of
+// (FairScheduler), and frames in which nothing moves wait for the others, ten `idle` at most. While
+// something moves, plates are looked for around it (moved_part()); once each `idle`, and not before four
+// such frames, in the whole frame: what stands is known. Where nothing moves and no plate is in sight, a
+// frame is read each four `idle`. Of
 // other sources every frame waits for its turn. A camera whose
 // source fails is opened again, after a while; the others go on. Returns a report a camera.
 [[nodiscard]] std::vector<CameraReport> run_site(const std::vector<SiteCamera>& cameras,

@@ -136,6 +136,39 @@ TEST_F(SiteTest, ReadsFewFramesWhileNothingMoves) {
   EXPECT_EQ(run().at(0).read, 300);
 }
 
+TEST_F(SiteTest, ReadsAroundWhatMovesAndTheWholeFrameNowAndThen) {
+  std::mutex mutex;
+  std::vector<cv::Rect> parts;
+  const VideoReader whole = reader_of("4725BKZ");
+  cameras_.push_back(
+      {"a",
+       [] {
+         return std::make_unique<Drive>(Drive::Script{80, 40});
+       },
+       {VideoReader::ReadPart([&](const Frame& frame, const cv::Rect& where, DebugSink*) {
+          const cv::Rect all(0, 0, frame.image.cols, frame.image.rows);
+          const cv::Rect seen = where.empty() ? all : where;
+          const std::lock_guard lock(mutex);
+          parts.push_back(where);
+          Frame part = frame;
+          part.image = cv::Mat(frame.image.size(), CV_8UC3, cv::Scalar::all(90));
+          frame.image(seen).copyTo(part.image(seen));
+          VideoReaderState state;
+          ReaderResult result;
+          result.plates = whole.process(part, state).plates;
+          return result;
+        }),
+        {}}});
+  const CameraReport report = run().at(0);
+  EXPECT_THAT(closed_, ElementsAre("4725BKZ@a"));  // nothing of the vehicle lies outside
+  const auto in_part =
+      std::count_if(parts.begin(), parts.end(), [](const cv::Rect& part) { return !part.empty(); });
+  EXPECT_EQ(report.in_part, in_part);
+  EXPECT_GT(in_part, 10);
+  EXPECT_LT(in_part, report.read);
+  for (const cv::Rect& part : parts) EXPECT_LE(part.area(), 0.6 * 320 * 180);
+}
+
 TEST_F(SiteTest, OpensAFailedCameraAgainWhileTheOthersGoOn) {
   std::atomic<int> opened = 0;
   cameras_.push_back(

@@ -1,50 +1,20 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/plate/train/logistic.h"
 #include "tarsier/plate/train/training.h"
 
-#include <opencv2/core.hpp>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <tuple>
+#include <vector>
 
 namespace tarsier::plate {
 namespace {
 
 using Features = CalibrationFeatures;
-constexpr int kFeatures = static_cast<int>(std::tuple_size_v<Features>);
-
-// Newton's method for logistic regression with a ridge that keeps separable data finite.
-Calibration fit(const std::vector<Features>& rows, const std::vector<int>& labels) {
-  constexpr double kRidge = 1e-2;
-  cv::Mat w = cv::Mat::zeros(kFeatures, 1, CV_64F);
-  for (int round = 0; round < 50; ++round) {
-    cv::Mat hessian = cv::Mat::eye(kFeatures, kFeatures, CV_64F) * kRidge;
-    cv::Mat slope = w * kRidge;
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      double logit = 0;
-      for (int k = 0; k < kFeatures; ++k)
-        logit += w.at<double>(k) * rows[i][static_cast<std::size_t>(k)];
-      const double p = 1 / (1 + std::exp(-logit));
-      for (int k = 0; k < kFeatures; ++k) {
-        const double x = rows[i][static_cast<std::size_t>(k)];
-        slope.at<double>(k) += (p - labels[i]) * x;
-        for (int j = 0; j < kFeatures; ++j)
-          hessian.at<double>(k, j) += p * (1 - p) * x * rows[i][static_cast<std::size_t>(j)];
-      }
-    }
-    cv::Mat step;
-    cv::solve(hessian, slope, step, cv::DECOMP_CHOLESKY);
-    w -= step;
-    if (cv::norm(step) < 1e-9) break;
-  }
-  Calibration result;
-  for (int k = 0; k < kFeatures; ++k) result.weights[static_cast<std::size_t>(k)] = w.at<double>(k);
-  return result;
-}
-
 }  // namespace
 
 Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views, int count,
@@ -89,14 +59,14 @@ Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views
     progress.advance(last - first);
   }
   progress.end();
-  std::vector<Features> used;
-  std::vector<int> right;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    if (labels[i] < 0) continue;
-    used.push_back(rows[i]);
-    right.push_back(labels[i]);
-  }
-  return fit(used, right);
+  LogisticRows used;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    if (labels[i] >= 0) used.add({rows[i].begin(), rows[i].end()}, labels[i] == 1);
+  const std::vector<double> weights =
+      fit_logistic(used, std::vector<double>(std::tuple_size_v<Features>, 1e-2));
+  Calibration result;
+  std::copy(weights.begin(), weights.end(), result.weights.begin());
+  return result;
 }
 
 }  // namespace tarsier::plate
