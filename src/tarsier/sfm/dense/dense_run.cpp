@@ -30,7 +30,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kSparseTolerance = 0.003;  // of the depth
-constexpr double kVersion = 1;              // of what maps depend on that is no option
+constexpr int kLarger = 2;                  // times larger images for small patches, at most
+constexpr double kVersion = 2;              // of what maps depend on that is no option
 
 double cpu_seconds() {
   timespec now{};
@@ -188,8 +189,7 @@ class DenseRun {
     const double least = std::min(1.0, options_.min_side / side);
     double scale = std::max(1 / options_.reduce, least);
     const double pixels = static_cast<double>(camera.width) * camera.height;
-    const auto bytes = static_cast<double>(matching_bytes(1000, options_.views.views)) / 1000;
-    const double affordable = std::sqrt(0.7 * static_cast<double>(memory_) / (bytes * pixels));
+    const double affordable = affordable_scale(pixels);
     if (affordable < scale) {
       log_warning(
           "{}: is looked at {:.2f} times smaller, not {:.2f}, to need no more than {} GB "
@@ -199,6 +199,18 @@ class DenseRun {
     }
     return {std::max(16, static_cast<int>(std::lround(camera.width * scale))),
             std::max(16, static_cast<int>(std::lround(camera.height * scale)))};
+  }
+
+  // How much smaller an image of so many px may be looked at for the memory; its larger image is kLarger times
+  // as large, and no larger than it is.
+  [[nodiscard]] double affordable_scale(double pixels) const {
+    const int views = options_.views.views;
+    const double bytes = 0.7 * static_cast<double>(memory_) / pixels;
+    const auto of_map = static_cast<double>(matching_bytes(1, 0, views));
+    const auto of_large = static_cast<double>(matching_bytes(0, 1, views));
+    const double scale = std::sqrt(bytes / (of_map + kLarger * kLarger * of_large));
+    if (kLarger * scale <= 1) return scale;
+    return std::sqrt(std::max(bytes - of_large, 0.0) / of_map);
   }
 
   void write_configs() const {
@@ -221,6 +233,8 @@ class DenseRun {
   MatchImage view(int i) {
     MatchImage result;
     result.gray = grays_->get(i);
+    if (large_sizes_[static_cast<std::size_t>(i)] != result.gray.size())
+      result.large = large_->get(i);
     result.camera = camera_of_map(workspace_.camera(i), result.gray.size());
     result.pose = workspace_.pose(i);
     return result;
@@ -271,6 +285,13 @@ class DenseRun {
 
   void match() {
     grays_.emplace(workspace_, sizes_, memory_ / 8);
+    for (int i = 0; i < workspace_.count(); ++i) {
+      const geometry::Camera& camera = workspace_.camera(i);
+      const cv::Size size = sizes_[static_cast<std::size_t>(i)];
+      large_sizes_.emplace_back(std::min(camera.width, kLarger * size.width),
+                                std::min(camera.height, kLarger * size.height));
+    }
+    large_.emplace(workspace_, large_sizes_, memory_ / 8);
     progress_.begin("match", count_with_sources(), "images");
     for (int i = 0; i < workspace_.count(); ++i) {
       if (choice(i).sources.empty()) {
@@ -336,6 +357,7 @@ class DenseRun {
     }
     progress_.end();
     grays_.reset();
+    large_.reset();
   }
 
   PlaneMap photometric_map(int i) const {
@@ -457,9 +479,11 @@ class DenseRun {
   Workspace workspace_;
   std::string source_digest_;
   std::vector<ViewChoice> choices_;
-  std::vector<cv::Size> sizes_;
+  std::vector<cv::Size> sizes_;        // at which images are looked at
+  std::vector<cv::Size> large_sizes_;  // at which small patches are
   std::vector<std::string> digests_;
   std::optional<GrayImages> grays_;
+  std::optional<GrayImages> large_;
   DenseResult result_;
 };
 

@@ -41,6 +41,8 @@ struct Patch {
 struct PatchKernels {
   // The patch around (x, y); outside of the image its border goes on.
   void (*prepare)(const GrayImage& image, int x, int y, Patch& patch);
+  // The same around a place between pixels, its samples `step` times as far apart.
+  void (*prepare_between)(const GrayQuads& image, float u, float v, float step, Patch& patch);
 
   // 1 - sum of w_i (g_i - mean)(s_i - mean') / sqrt((var + e)(var' + e)): 0 for the same, 1 for
   // nothing in common, kWorstCost at most. e = 2 squared grey levels stands for noise, so that flat

@@ -82,24 +82,34 @@ inline float sum_of(Vector v) {
 
 inline float root_of(float x) { return __builtin_sqrtf(x); }
 
-void prepare(const GrayImage& image, int x, int y, Patch& patch) {
-  float gray[kPatchSamples];
-  const std::uint8_t* middle = image.data + y * image.step + x;
-  const bool is_inside = x >= kPatchRadius && y >= kPatchRadius && x + kPatchRadius < image.width &&
-                         y + kPatchRadius < image.height;
+// Grey levels at (u, v), which are in 0..width - 1 and 0..height - 1, excluded.
+inline Vector between(const GrayQuads& image, Vector u, Vector v) {
+  const Integers column = __builtin_convertvector(u, Integers);
+  const Integers row = __builtin_convertvector(v, Integers);
+  const Vector right = u - __builtin_convertvector(column, Vector);
+  const Vector down = v - __builtin_convertvector(row, Vector);
+  const Integers quad = gather(image.data, row * image.width + column);
+  const Vector v00 = __builtin_convertvector(quad & 255, Vector);
+  const Vector v10 = __builtin_convertvector((quad >> 8) & 255, Vector);
+  const Vector v01 = __builtin_convertvector((quad >> 16) & 255, Vector);
+  const Vector v11 = __builtin_convertvector((quad >> 24) & 255, Vector);
+  const Vector top = v00 + right * (v10 - v00);
+  const Vector bottom = v01 + right * (v11 - v01);
+  return top + down * (bottom - top);
+}
+
+inline Vector clamped(Vector x, float limit) {
+  x = x > 0 ? x : Vector{};
+  return x < limit ? x : Vector{} + limit;
+}
+
+// Weights and the rest, of the grey levels of the samples and of the middle.
+void complete(const float* gray, float middle, Patch& patch) {
   float total = 0;
   float mean = 0;
   for (int i = 0; i < kPatchSamples; ++i) {
-    int sx = static_cast<int>(kOffsets.x[i]);
-    int sy = static_cast<int>(kOffsets.y[i]);
-    if (!is_inside) {
-      sx = (x + sx < 0 ? 0 : x + sx >= image.width ? image.width - 1 : x + sx) - x;
-      sy = (y + sy < 0 ? 0 : y + sy >= image.height ? image.height - 1 : y + sy) - y;
-    }
-    const int value = middle[sy * image.step + sx];
-    const int difference = value > *middle ? value - *middle : *middle - value;
-    gray[i] = static_cast<float>(value);
-    patch.weight[i] = kOffsets.spatial[i] * kOffsets.tonal[difference];
+    const float difference = gray[i] > middle ? gray[i] - middle : middle - gray[i];
+    patch.weight[i] = kOffsets.spatial[i] * kOffsets.tonal[static_cast<int>(difference + 0.5F)];
     total += patch.weight[i];
     mean += patch.weight[i] * gray[i];
   }
@@ -113,6 +123,37 @@ void prepare(const GrayImage& image, int x, int y, Patch& patch) {
     variance += patch.product[i] * centred;
   }
   patch.variance = variance;
+}
+
+void prepare(const GrayImage& image, int x, int y, Patch& patch) {
+  float gray[kPatchSamples];
+  const std::uint8_t* middle = image.data + y * image.step + x;
+  const bool is_inside = x >= kPatchRadius && y >= kPatchRadius && x + kPatchRadius < image.width &&
+                         y + kPatchRadius < image.height;
+  for (int i = 0; i < kPatchSamples; ++i) {
+    int sx = static_cast<int>(kOffsets.x[i]);
+    int sy = static_cast<int>(kOffsets.y[i]);
+    if (!is_inside) {
+      sx = (x + sx < 0 ? 0 : x + sx >= image.width ? image.width - 1 : x + sx) - x;
+      sy = (y + sy < 0 ? 0 : y + sy >= image.height ? image.height - 1 : y + sy) - y;
+    }
+    gray[i] = static_cast<float>(middle[sy * image.step + sx]);
+  }
+  complete(gray, static_cast<float>(*middle), patch);
+}
+
+void prepare_between(const GrayQuads& image, float u, float v, float step, Patch& patch) {
+  const float limit_x = static_cast<float>(image.width - 1) - 1e-3F;
+  const float limit_y = static_cast<float>(image.height - 1) - 1e-3F;
+  float gray[kPatchSamples];
+  for (int i = 0; i < kPatchSamples; i += kLanes) {
+    const Vector value = between(image, clamped(u + step * load(kOffsets.x + i), limit_x),
+                                 clamped(v + step * load(kOffsets.y + i), limit_y));
+    std::memcpy(gray + i, &value, sizeof value);
+  }
+  const Vector middle =
+      between(image, clamped(Vector{} + u, limit_x), clamped(Vector{} + v, limit_y));
+  complete(gray, middle[0], patch);
 }
 
 float cost(const Patch& patch, const GrayQuads& source, const float* h) {
@@ -134,24 +175,9 @@ float cost(const Patch& patch, const GrayQuads& source, const float* h) {
     const Vector z = h[6] + h[7] * dx + h[8] * dy;
     nearest = z < nearest ? z : nearest;
     const Vector inverse = 1 / z;
-    Vector u = (h[0] + h[1] * dx + h[2] * dy) * inverse;
-    Vector v = (h[3] + h[4] * dx + h[5] * dy) * inverse;
-    u = u > 0 ? u : Vector{};
-    v = v > 0 ? v : Vector{};
-    u = u < limit_x ? u : Vector{} + limit_x;
-    v = v < limit_y ? v : Vector{} + limit_y;
-    const Integers column = __builtin_convertvector(u, Integers);
-    const Integers row = __builtin_convertvector(v, Integers);
-    const Vector right = u - __builtin_convertvector(column, Vector);
-    const Vector down = v - __builtin_convertvector(row, Vector);
-    const Integers quad = gather(source.data, row * source.width + column);
-    const Vector v00 = __builtin_convertvector(quad & 255, Vector);
-    const Vector v10 = __builtin_convertvector((quad >> 8) & 255, Vector);
-    const Vector v01 = __builtin_convertvector((quad >> 16) & 255, Vector);
-    const Vector v11 = __builtin_convertvector((quad >> 24) & 255, Vector);
-    const Vector top = v00 + right * (v10 - v00);
-    const Vector bottom = v01 + right * (v11 - v01);
-    const Vector value = top + down * (bottom - top);
+    const Vector u = (h[0] + h[1] * dx + h[2] * dy) * inverse;
+    const Vector v = (h[3] + h[4] * dx + h[5] * dy) * inverse;
+    const Vector value = between(source, clamped(u, limit_x), clamped(v, limit_y));
     const Vector weighted = load(patch.weight + i) * value;
     sum += weighted;
     squares += weighted * value;
@@ -168,7 +194,7 @@ float cost(const Patch& patch, const GrayQuads& source, const float* h) {
   return result > 0 ? (result < kWorstCost ? result : kWorstCost) : 0;
 }
 
-constexpr PatchKernels kKernels{&prepare, &cost};
+constexpr PatchKernels kKernels{&prepare, &prepare_between, &cost};
 
 }  // namespace
 

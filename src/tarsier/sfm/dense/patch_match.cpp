@@ -66,6 +66,22 @@ MatchLevel make_level(const MatchProblem& problem, int level, bool with_depths) 
   return result;
 }
 
+// The larger images; those that are none are as they are.
+void add_large_images(const MatchProblem& problem, MatchLevel& level) {
+  const auto gray_of = [](const MatchImage& image) -> const cv::Mat1b& {
+    return image.large.empty() ? image.gray : image.large;
+  };
+  const cv::Mat1b& own = gray_of(problem.reference);
+  level.large_words = gray_words(own);
+  level.large_size = own.size();
+  for (const MatchImage& image : problem.sources) {
+    const cv::Mat1b& gray = gray_of(image);
+    level.large_sources.push_back(make_source(gray, camera_of(image.camera, gray.size()),
+                                              image.pose * problem.reference.pose.inverse(),
+                                              level.camera));
+  }
+}
+
 PlaneMap map_of(const MatchLevel& level, const PlaneField& field) {
   PlaneMap map{cv::Mat1f(field.size), cv::Mat3f(field.size), cv::Mat1f(field.size)};
   for (int y = 0; y < field.size.height; ++y) {
@@ -105,6 +121,9 @@ void check_image(const MatchImage& image, const char* what) {
   TARSIER_REQUIRE(!image.camera.is_distorted(), "{}: the camera is distorted", what);
   TARSIER_REQUIRE(image.depth.empty() || image.depth.size() == image.gray.size(),
                   "{}: depths of {}x{}", what, image.depth.cols, image.depth.rows);
+  TARSIER_REQUIRE(image.large.empty() ||
+                      (image.large.cols >= image.gray.cols && image.large.rows >= image.gray.rows),
+                  "{}: a larger image of {}x{}", what, image.large.cols, image.large.rows);
   image.pose.check();
 }
 
@@ -131,7 +150,8 @@ PlaneMap match_planes(const MatchProblem& problem, const PatchMatchOptions& opti
   PlaneField field;
   for (int l = top; l >= 0; --l) {
     throw_if_stopped(stop);
-    const MatchLevel level = make_level(problem, l, false);
+    MatchLevel level = make_level(problem, l, false);
+    if (l == 0) add_large_images(problem, level);
     const bool is_first = l == top;
     if (is_first) {
       field = PlaneField(level.gray.size(), static_cast<int>(problem.sources.size()));
@@ -161,7 +181,8 @@ PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
   TARSIER_REQUIRE(start.depth.size() == problem.reference.gray.size() &&
                       start.normal.size() == start.depth.size(),
                   "a map of {}x{} to begin with", start.depth.cols, start.depth.rows);
-  const MatchLevel level = make_level(problem, 0, true);
+  MatchLevel level = make_level(problem, 0, true);
+  add_large_images(problem, level);
   PlaneField field(level.gray.size(), static_cast<int>(problem.sources.size()));
   for (int y = 0; y < field.size.height; ++y) {
     for (int x = 0; x < field.size.width; ++x) {
@@ -178,10 +199,11 @@ PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
   return map_of(level, field);
 }
 
-std::int64_t matching_bytes(std::int64_t pixels, int sources) {
+std::int64_t matching_bytes(std::int64_t pixels, std::int64_t large_pixels, int sources) {
   // Planes, costs and the map; of each source its words, grey levels, depths and costs. What is
-  // enlarged exists twice.
-  return pixels * (12 + 4 + 20 + 8 + 13 + static_cast<std::int64_t>(sources) * (4 + 1 + 8 + 2));
+  // enlarged exists twice. Of each larger image words and grey levels.
+  return pixels * (12 + 4 + 20 + 8 + 13 + static_cast<std::int64_t>(sources) * (4 + 1 + 8 + 2)) +
+         large_pixels * (static_cast<std::int64_t>(sources) + 1) * (4 + 1);
 }
 
 }  // namespace tarsier::sfm

@@ -21,7 +21,8 @@
 // BMVC 2011). All pixels of one colour of a checkerboard go at once (Galliani, Lasinger and Schindler,
 // ICCV 2015) and look for good planes near and far in four directions (Xu and Tao, CVPR 2019). Of the
 // sources those count in which a pixel and its neighbours are seen well (after Schoenberger and
-// others, ECCV 2016). It begins at a quarter of the size, with planes through known points, so that
+// others, ECCV 2016). At full size patches with enough texture are 4 px wide and looked at in larger images, if
+// there are some, so that relief narrower than a patch is followed. It begins at a quarter of the size, with planes through known points, so that
 // weak texture is decided by what is around it.
 namespace tarsier::sfm {
 
@@ -49,6 +50,7 @@ struct MatchImage {
   geometry::Camera camera;  // of this size, without distortion
   geometry::Rigid3 pose;    // camera_from_world
   cv::Mat1f depth;          // of a source, where it is known; 0: unknown; empty: not at all
+  cv::Mat1b large = {};     // the same image, larger, for fine relief; empty: there is none
 };
 
 // A point of which the depth is known: px of the reference, z in its camera.
@@ -88,7 +90,9 @@ struct PlaneMap {
                                    const PatchMatchOptions& options,
                                    const std::stop_token& stop = {});
 
-// Bytes that a problem of so many px with so many sources needs, about.
-[[nodiscard]] std::int64_t matching_bytes(std::int64_t pixels, int sources);
+// Bytes that a problem of so many px, and so many of its larger images, with so many sources
+// needs, about.
+[[nodiscard]] std::int64_t matching_bytes(std::int64_t pixels, std::int64_t large_pixels,
+                                          int sources);
 
 }  // namespace tarsier::sfm

@@ -139,6 +139,30 @@ TEST(PatchKernels, CostIsNothingForTheSameAndWorstOutside) {
   EXPECT_NEAR(kernels.cost(patch, flat_source.quads(), middle), 1, 0.01);
 }
 
+TEST(PatchKernels, BetweenPixelsTheSameIsPrepared) {
+  const DrawnScene& scene = relief();
+  const cv::Mat1b& gray = scene.images[0].gray;
+  const std::vector<std::uint32_t> words = gray_words(gray);
+  const GrayQuads quads{words.data(), gray.cols, gray.rows};
+  const GrayImage image{gray.ptr(), static_cast<std::int64_t>(gray.step[0]), gray.cols, gray.rows};
+  for (const PatchKernels* kernels : {patch_kernels_baseline(), &patch_kernels()}) {
+    for (const cv::Point& at : {cv::Point(100, 80), cv::Point(2, 1), cv::Point(238, 179)}) {
+      Patch expected;
+      kernels->prepare(image, at.x, at.y, expected);
+      Patch patch;
+      kernels->prepare_between(quads, static_cast<float>(at.x), static_cast<float>(at.y), 1, patch);
+      EXPECT_NEAR(patch.variance, expected.variance, 0.02F * expected.variance + 0.1F);
+      for (int i = 0; i < kPatchSamples; ++i)
+        EXPECT_NEAR(patch.weight[i], expected.weight[i], 2e-3F);
+    }
+    // Half as wide a patch agrees with the image itself, half a pixel on.
+    Patch patch;
+    kernels->prepare_between(quads, 100.5F, 80, 0.5F, patch);
+    const float same[9] = {100.5F, 0.5F, 0, 80, 0, 0.5F, 1, 0, 0};
+    EXPECT_LT(kernels->cost(patch, quads, same), 0.01F);
+  }
+}
+
 TEST(PlaneField, NormalsComeBack) {
   const geometry::Camera camera{240, 180, 200, 210, 118, 91, {}, 0};
   const cv::Vec3f normal = cv::normalize(cv::Vec3f(0.3F, -0.4F, -0.8F));
@@ -200,6 +224,69 @@ TEST(PatchMatch, WhatAgreesIsRight) {
   EXPECT_EQ(cv::countNonZero(kept.confidence > 0), static_cast<int>(errors.size()));
 }
 
+// A wall of upright bars, every second one farther away, seen from the left, the middle and the right.
+class Bars {
+ public:
+  static constexpr double kNear = 10;
+  static constexpr double kFar = 10.12;
+  static constexpr double kWidth = 0.45;
+  static bool is_near(double x) { return std::fmod(x + 100 * kWidth, 2 * kWidth) < kWidth; }
+
+  [[nodiscard]] MatchImage image(double left) const {
+    MatchImage result;
+    result.camera = {240, 180, 220, 220, 119.5, 89.5, {}, 0};
+    result.pose.translation = {-left, 0, 0};
+    result.large.create(180, 240);
+    for (int y = 0; y < 180; ++y)
+      for (int x = 0; x < 240; ++x)
+        result.large(y, x) = cv::saturate_cast<std::uint8_t>(gray(result.camera, left, x, y));
+    cv::resize(result.large, result.gray, {120, 90}, 0, 0, cv::INTER_AREA);
+    result.camera = {120, 90, 110, 110, 59.5, 44.5, {}, 0};
+    return result;
+  }
+  // The share of depths of a map from the middle that are right to 0.3 %.
+  static double share_right(const cv::Mat1f& depth) {
+    int right = 0;
+    int all = 0;
+    for (int y = 10; y < 80; ++y) {
+      for (int x = 20; x < 100; ++x) {
+        const double across = (x - 59.5) / 110;
+        const double expected = is_near(across * kNear) ? kNear : kFar;
+        ++all;
+        if (std::abs(static_cast<double>(depth(y, x)) / expected - 1) < 0.003) ++right;
+      }
+    }
+    return static_cast<double>(right) / all;
+  }
+
+ private:
+  static double gray(const geometry::Camera& camera, double left, int u, int v) {
+    const double across = (u - camera.cx) / camera.fx;
+    const double x = across * kNear + left;
+    const double z = is_near(x) ? kNear : kFar;
+    const double px = z * 30 * (across + left / z);
+    const double py = z * 30 * (v - camera.cy) / camera.fy;
+    return 128 + 45 * std::sin(0.41 * px + 1.7 * std::sin(0.23 * py)) +
+           40 * std::sin(0.37 * py + 1.9 * std::sin(0.19 * px)) +
+           25 * std::sin(0.5 * px - 0.31 * py);
+  }
+};
+
+TEST(PatchMatch, LargerImagesShowReliefNarrowerThanAPatch) {
+  const Bars bars;
+  MatchProblem problem;
+  problem.reference = bars.image(0);
+  for (const double left : {-2.0, -1.2, 1.2, 2.0}) problem.sources.push_back(bars.image(left));
+  problem.min_depth = 8;
+  problem.max_depth = 12;
+  const double with = Bars::share_right(match_planes(problem, {}).depth);
+  problem.reference.large = {};
+  for (MatchImage& source : problem.sources) source.large = {};
+  const double without = Bars::share_right(match_planes(problem, {}).depth);
+  EXPECT_GT(with, without + 0.3);
+  EXPECT_GT(with, 0.5);
+}
+
 TEST(PatchMatch, KnownPointsHelpWhereItBegins) {
   const DrawnScene& scene = relief();
   MatchProblem problem = scene.problem(2);
@@ -228,6 +315,9 @@ TEST(PatchMatch, RefusesWhatIsNoProblem) {
   EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
   problem = relief().problem(0);
   problem.sources[0].camera.width = 100;
+  EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
+  problem = relief().problem(0);
+  problem.sources[0].large = cv::Mat1b(8, 8);
   EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
   problem = relief().problem(0);
   std::stop_source stop;

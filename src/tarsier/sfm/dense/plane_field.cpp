@@ -52,20 +52,14 @@ Plane plane_of(const geometry::Camera& camera, int x, int y, float inverse_depth
           static_cast<float>(normal[1] * scale / camera.fy)};
 }
 
-SourceLevel make_source(const cv::Mat1b& gray, const geometry::Camera& camera,
-                        const geometry::Rigid3& source_from_reference,
-                        const geometry::Camera& reference) {
-  TARSIER_REQUIRE(
-      gray.cols == camera.width && gray.rows == camera.height && gray.cols >= 2 && gray.rows >= 2,
-      "an image of {}x{}, its camera {}x{}", gray.cols, gray.rows, camera.width, camera.height);
-  SourceLevel source;
+std::vector<std::uint32_t> gray_words(const cv::Mat1b& gray) {
   const int width = gray.cols;
-  source.words.resize(gray.total());
+  std::vector<std::uint32_t> all(gray.total());
   for (int y = 0; y < gray.rows; ++y) {
     const std::uint8_t* row = gray.ptr(y);
     const std::uint8_t* next = gray.ptr(std::min(y + 1, gray.rows - 1));
     std::uint32_t* words =
-        source.words.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
+        all.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
     for (int x = 0; x < width; ++x) {
       const int right = std::min(x + 1, width - 1);
       words[x] = static_cast<std::uint32_t>(row[x]) | static_cast<std::uint32_t>(row[right]) << 8 |
@@ -73,6 +67,17 @@ SourceLevel make_source(const cv::Mat1b& gray, const geometry::Camera& camera,
                  static_cast<std::uint32_t>(next[right]) << 24;
     }
   }
+  return all;
+}
+
+SourceLevel make_source(const cv::Mat1b& gray, const geometry::Camera& camera,
+                        const geometry::Rigid3& source_from_reference,
+                        const geometry::Camera& reference) {
+  TARSIER_REQUIRE(
+      gray.cols == camera.width && gray.rows == camera.height && gray.cols >= 2 && gray.rows >= 2,
+      "an image of {}x{}, its camera {}x{}", gray.cols, gray.rows, camera.width, camera.height);
+  SourceLevel source;
+  source.words = gray_words(gray);
   source.size = gray.size();
   const Eigen::Matrix3d to = matrix_of(camera);
   const Eigen::Matrix3d from = matrix_of(reference);

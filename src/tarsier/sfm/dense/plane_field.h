@@ -48,10 +48,16 @@ struct MatchLevel {
   cv::Mat1b gray;
   geometry::Camera camera;
   std::vector<SourceLevel> sources;
+  // The same images larger, for small patches where there is texture enough (plane_sweeper.h); all or
+  // none. Pixels are those of `camera`, too.
+  std::vector<SourceLevel> large_sources;
+  std::vector<std::uint32_t> large_words;  // of the reference: GrayQuads
+  cv::Size large_size;
   float min_inverse_depth = 0;
   float max_inverse_depth = 0;
 };
 
+[[nodiscard]] std::vector<std::uint32_t> gray_words(const cv::Mat1b& gray);
 [[nodiscard]] SourceLevel make_source(const cv::Mat1b& gray, const geometry::Camera& camera,
                                       const geometry::Rigid3& source_from_reference,
                                       const geometry::Camera& reference);

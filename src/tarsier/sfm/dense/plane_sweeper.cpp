@@ -17,6 +17,11 @@ constexpr float kMinCosine = 0.17F;    // of normal and ray: 80 degrees
 constexpr float kMaxReprojection = 3;  // px; more costs no more
 constexpr float kGoodCost = 0.3F;      // the spread of the costs of views that see the same
 constexpr float kSameMotion = 0.02F;   // px; planes that are nearer than this are the same
+// Small patches: their width, of that of the others; px of the larger images between samples, half
+// of it, at least; the variance of grey levels that makes them exact enough (noise alone has 1 to 10).
+constexpr float kSmallReach = 0.4F;
+constexpr float kMinSpacing = 0.6F;
+constexpr float kMinTexture = 30;
 
 // Where the planes of pixels around are looked for: of each group the one of the least cost is
 // tried. All are of the other colour of the checkerboard: dx + dy is odd.
@@ -79,7 +84,10 @@ struct PlaneSweeper::Pixel {
   int y = 0;
   std::size_t index = 0;
   Patch patch;
+  float reach = 1;                                       // of the patch, of its whole width
+  const std::vector<SourceLevel>* compared = nullptr;    // of the level, that the patch is for
   std::array<std::array<float, 3>, kMaxSources> base{};  // to_source (x, y, 1)
+  std::array<std::array<float, 3>, kMaxSources> large_base{};  // the same, in the larger images
   Views views;
   Plane plane;     // the best so far
   float cost = 0;  // its cost over the views
@@ -124,15 +132,33 @@ void PlaneSweeper::look(int x, int y, Pixel& pixel) const {
   pixel.index = field_.index(x, y);
   pixel.plane = field_.planes[pixel.index];
   pixel.is_changed = false;
-  kernels_.prepare(gray_, x, y, pixel.patch);
   const auto u = static_cast<float>(x);
   const auto v = static_cast<float>(y);
+  pixel.compared = &level_.sources;
+  pixel.reach = 1;
+  if (!level_.large_sources.empty()) {
+    const float scale_x =
+        static_cast<float>(level_.large_size.width) / static_cast<float>(field_.size.width);
+    const float scale_y =
+        static_cast<float>(level_.large_size.height) / static_cast<float>(field_.size.height);
+    const float reach = std::max(kSmallReach, kMinSpacing / scale_x);
+    kernels_.prepare_between(
+        {level_.large_words.data(), level_.large_size.width, level_.large_size.height},
+        (u + 0.5F) * scale_x - 0.5F, (v + 0.5F) * scale_y - 0.5F, reach * scale_x, pixel.patch);
+    if (pixel.patch.variance >= kMinTexture) {
+      pixel.compared = &level_.large_sources;
+      pixel.reach = reach;
+    }
+  }
+  if (pixel.reach == 1) kernels_.prepare(gray_, x, y, pixel.patch);
   const std::size_t sources = level_.sources.size();
   const std::uint16_t* costs = field_.view_costs.data() + pixel.index * sources;
   for (std::size_t s = 0; s < sources; ++s) {
-    const std::array<float, 9>& m = level_.sources[s].to_source;
-    pixel.base[s] = {m[0] * u + m[1] * v + m[2], m[3] * u + m[4] * v + m[5],
-                     m[6] * u + m[7] * v + m[8]};
+    const auto carried = [&](const std::array<float, 9>& m) -> std::array<float, 3> {
+      return {m[0] * u + m[1] * v + m[2], m[3] * u + m[4] * v + m[5], m[6] * u + m[7] * v + m[8]};
+    };
+    pixel.base[s] = carried(level_.sources[s].to_source);
+    if (pixel.reach < 1) pixel.large_base[s] = carried(level_.large_sources[s].to_source);
     pixel.costs[s] = static_cast<float>(costs[s]) * (1 / PlaneField::kCostUnit);
     pixel.is_known[s] = true;
   }
@@ -213,18 +239,20 @@ float PlaneSweeper::geometric_cost(const Pixel& pixel, const SourceLevel& source
 
 float PlaneSweeper::view_cost(const Pixel& pixel, int index, const Plane& plane) const {
   const auto s = static_cast<std::size_t>(index);
+  const SourceLevel& compared = (*pixel.compared)[s];
+  const std::array<float, 9>& m = compared.to_source;
+  const std::array<float, 3>& t = compared.to_source_w;
+  const std::array<float, 3>& base = pixel.reach < 1 ? pixel.large_base[s] : pixel.base[s];
+  const float x = pixel.reach;
+  const float h[9] = {base[0] + t[0] * plane.inverse_depth, x * (m[0] + t[0] * plane.slope_x),
+                      x * (m[1] + t[0] * plane.slope_y),    base[1] + t[1] * plane.inverse_depth,
+                      x * (m[3] + t[1] * plane.slope_x),    x * (m[4] + t[1] * plane.slope_y),
+                      base[2] + t[2] * plane.inverse_depth, x * (m[6] + t[2] * plane.slope_x),
+                      x * (m[7] + t[2] * plane.slope_y)};
+  float cost = kernels_.cost(pixel.patch, compared.quads(), h);
   const SourceLevel& source = level_.sources[s];
-  const std::array<float, 9>& m = source.to_source;
-  const std::array<float, 3>& t = source.to_source_w;
-  const std::array<float, 3>& base = pixel.base[s];
-  const float h[9] = {base[0] + t[0] * plane.inverse_depth, m[0] + t[0] * plane.slope_x,
-                      m[1] + t[0] * plane.slope_y,          base[1] + t[1] * plane.inverse_depth,
-                      m[3] + t[1] * plane.slope_x,          m[4] + t[1] * plane.slope_y,
-                      base[2] + t[2] * plane.inverse_depth, m[6] + t[2] * plane.slope_x,
-                      m[7] + t[2] * plane.slope_y};
-  float cost = kernels_.cost(pixel.patch, source.quads(), h);
   if (!source.inverse_depth.empty())
-    cost += geometric_cost(pixel, source, base, plane.inverse_depth);
+    cost += geometric_cost(pixel, source, pixel.base[s], plane.inverse_depth);
   return cost;
 }
 

@@ -9,7 +9,9 @@
 
 namespace tarsier::sfm {
 
-// One scale of PatchMatch (patch_match.h): better planes for the pixels of a field. Internal to this
+// One scale of PatchMatch (patch_match.h): better planes for the pixels of a field. Where the level has
+// larger images, patches with enough texture for it are looked at there and 0.4 times as wide (0.6, where
+// the images are not larger): a patch that is wider than the relief sees its mean. Internal to this
 // module. Same field, level and seed, same result for any number of threads: a pixel looks only at
 // pixels of the other colour of a checkerboard, and its random numbers come from its place.
 class PlaneSweeper {

@@ -3,8 +3,10 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/sfm/surface/dark_background.h"
 
 #include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <iterator>
@@ -16,11 +18,20 @@ namespace {
 constexpr double kPixels = 1.5;           // of a depth map: side of a voxel
 constexpr double kCoarser = 1.25;         // per attempt
 constexpr double kBytesOfBlock = 12'000;  // its voxels, crossings, and the surface in it
-constexpr double kReach = 0.6;            // of the truncation: around depths, where blocks are kept
+constexpr int kUnsureEdge = 2;  // px of a dark background that are not taken as free space
+constexpr double kReach = 0.6;  // of the truncation: around depths, where blocks are kept
 
 TangentMap read_planes(const Workspace& workspace, int view, const VolumeOptions& options) {
-  return tangent_map(workspace.read_depth_map(view), workspace.camera(view), workspace.pose(view),
-                     {options.min_cosine, options.trim_px});
+  DepthMap map = workspace.read_depth_map(view);
+  cv::Mat1b empty = dark_background(workspace, view, options.dark_level);
+  if (!empty.empty()) map.depth.setTo(0, empty);
+  TangentMap result = tangent_map(map, workspace.camera(view), workspace.pose(view),
+                                  {options.min_cosine, options.trim_px});
+  if (!empty.empty()) {
+    cv::erode(empty, empty, cv::Mat(), {-1, -1}, kUnsureEdge);
+    result.empty = empty;
+  }
+  return result;
 }
 
 // Views with a usable depth, and the median of what a pixel of theirs is wide.

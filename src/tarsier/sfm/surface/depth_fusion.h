@@ -17,7 +17,8 @@ struct VolumeOptions {
   double min_cosine = 0.15;  // of the angle between a pixel's ray and its normal
   int trim_px = 4;           // px of a depth map that are left out next to what is unknown in it
   double carving = 0.1;      // weight of free space; that of a surface: 1
-  double memory_gb = 2;      // of the volume and the surface in it
+  int dark_level = 24;   // grey level of a dark background (dark_background.h); 0: there is none
+  double memory_gb = 2;  // of the volume and the surface in it
 
   [[nodiscard]] OptionFields fields() {
     return {{"voxel", voxel, at_least(0), "--voxel",
@@ -27,6 +28,7 @@ struct VolumeOptions {
             {"trim_px", trim_px, range(0, 100), "--trim",
              "px of a depth map, left out next to what is unknown in it"},
             {"carving", carving, range(0, 1)},
+            {"dark_level", dark_level, range(0, 255)},
             {"memory_gb", memory_gb, range(0.01, 1024)}};
   }
   void check() const { check_fields(*this); }  // throws std::invalid_argument

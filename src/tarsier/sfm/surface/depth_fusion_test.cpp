@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/surface/dark_background.h"
 #include "tarsier/sfm/surface/extraction.h"
 #include "tarsier/sfm/surface/refinement.h"
 #include "tarsier/sfm/surface/surface_mesh.h"
@@ -160,12 +161,64 @@ TEST_F(DepthFusionTest, EdgesBesideTheUnknownAreTrimmed) {
   const auto outside = [&](int trim) {
     VolumeOptions options;
     options.trim_px = trim;
+    options.dark_level = 0;
     const SurfaceMesh mesh = surface_of(folder_, options);
     return std::count_if(mesh.vertices.begin(), mesh.vertices.end(),
                          [](const Eigen::Vector3f& v) { return v.norm() > 1.05F; });
   };
   EXPECT_EQ(outside(4), 0);
   EXPECT_GT(outside(0), 0);
+}
+
+// Pixels of the background beside the sphere get its depth in all maps, and a plate floats before the darkness
+// in some. The background is black, of noise.
+void spoil_before_darkness(int i, DrawnView& view) {
+  const cv::Mat flat = view.map.depth == 0;
+  cv::Mat wide;
+  cv::dilate(view.map.depth, wide, cv::getStructuringElement(cv::MORPH_ELLIPSE, {7, 7}));
+  wide.copyTo(view.map.depth, flat);
+  if (i % 3 == 0) view.map.depth(cv::Rect(4, 4, 24, 24)) = 4;
+  view.map.normal.setTo(cv::Scalar(0, 0, -1), flat);
+  cv::Mat noise(view.image.size(), CV_8UC3);
+  cv::theRNG().state = static_cast<std::uint64_t>(i) + 1;
+  cv::randu(noise, 0, 20);
+  noise.copyTo(view.image, flat);
+}
+
+TEST_F(DepthFusionTest, BeforeADarkBackgroundNothingFloats) {
+  write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(24, 4),
+                  spoil_before_darkness);
+  const auto outside = [&](int level) {
+    VolumeOptions options;
+    options.trim_px = 0;
+    options.dark_level = level;
+    const SurfaceMesh mesh = surface_of(folder_, options);
+    EXPECT_GT(mesh.faces.size(), 5000U);
+    return std::count_if(mesh.vertices.begin(), mesh.vertices.end(),
+                         [](const Eigen::Vector3f& v) { return v.norm() > 1.05F; });
+  };
+  EXPECT_EQ(outside(24), 0);
+  EXPECT_GT(outside(0), 0);
+}
+
+TEST(DarkBackground, IsLargeDarkAndUnknownAtTheBorder) {
+  cv::Mat image(100, 100, CV_8UC3, cv::Scalar::all(200));
+  cv::Mat1f depth(100, 100, 5.F);
+  image(cv::Rect(0, 0, 30, 100)) = cv::Scalar::all(10);  // it is one
+  depth(cv::Rect(0, 0, 27, 100)) = 0;
+  image(cv::Rect(40, 40, 30, 30)) = cv::Scalar::all(10);  // not at the border
+  depth(cv::Rect(40, 40, 30, 30)) = 0;
+  image(cv::Rect(80, 0, 20, 50)) = cv::Scalar::all(10);   // dark, but there is a surface
+  image(cv::Rect(90, 90, 10, 10)) = cv::Scalar::all(10);  // small
+  depth(cv::Rect(90, 90, 10, 10)) = 0;
+  const cv::Mat1b found = dark_background(image, depth, 24);
+  EXPECT_EQ(cv::countNonZero(found), 3000);
+  EXPECT_EQ(cv::countNonZero(found(cv::Rect(0, 0, 30, 100))), 3000);
+  EXPECT_EQ(cv::countNonZero(dark_background(image, depth, 5)), 0);
+  // Maps may be smaller than their image.
+  cv::Mat1f half;
+  cv::resize(depth, half, {50, 50}, 0, 0, cv::INTER_NEAREST);
+  EXPECT_EQ(cv::countNonZero(dark_background(image, half, 24)), 750);
 }
 
 TEST_F(DepthFusionTest, TheNumberOfThreadsChangesNothing) {

@@ -82,7 +82,8 @@ void SurfaceReconstructor::paint(const Workspace& workspace, Progress& progress,
                                  const std::stop_token& stop, SurfaceResult& result) const {
   Stages stages(result);
   SurfaceMesh& mesh = result.surface.mesh;
-  const ViewScan scan = scan_views(workspace, mesh, kTolerance * result.voxel, progress, stop);
+  const ViewScan scan = scan_views(workspace, mesh, kTolerance * result.voxel,
+                                   options_.volume.dark_level, progress, stop);
   mesh.colors = scan.colors;
   result.unseen_faces = scan.unseen_faces;
   stages.end("views");

@@ -159,6 +159,26 @@ TEST_F(SurfaceReconstructorTest, WhatNoImageShowsHasTheColorsAroundIt) {
   EXPECT_EQ(black, 0);
 }
 
+TEST_F(SurfaceReconstructorTest, ADarkBackgroundGivesNoColors) {
+  write_sphere();
+  const SurfaceMesh mesh = surface_of(folder_, small_options()).surface.mesh;
+  write_sphere([](int i, DrawnView& view) {  // only the first image shows the sphere
+    if (i == 0) return;
+    view.image.setTo(cv::Scalar::all(3));
+    view.map.depth = cv::Mat(view.map.depth.size(), CV_32FC1, cv::Scalar::all(0));
+  });
+  const auto faces_of_others = [&](int dark_level) {
+    NoProgress progress;
+    const ViewScan scan =
+        scan_views(Workspace::open(folder_), mesh, 0.05, dark_level, progress, {});
+    EXPECT_LT(scan.unseen_faces, static_cast<int>(mesh.faces.size()));
+    return std::count_if(scan.faces.begin(), scan.faces.end(),
+                         [](const FaceViews& some) { return some[0].view > 0; });
+  };
+  EXPECT_EQ(faces_of_others(24), 0);
+  EXPECT_GT(faces_of_others(0), 1000);
+}
+
 TEST_F(SurfaceReconstructorTest, ScalesTheResult) {
   write_sphere();
   SurfaceOptions options = small_options();

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/sfm/surface/dark_background.h"
 
 #include <Eigen/Geometry>
 #include <opencv2/core/utility.hpp>
@@ -16,6 +17,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kBorder = 2;         // px
+constexpr int kBesideBackground = 2;  // px of a depth map
 constexpr float kMinCosine = 0.08F;   // 85 degrees
 constexpr double kMaxPixels = 1.5e6;  // of the depth that is compared with
 constexpr int kFills = 64;            // steps of colours into what no image shows
@@ -83,8 +85,16 @@ struct Sight {
   geometry::Camera camera;
   geometry::Camera small;  // of `depth`
   cv::Mat1f depth;
+  cv::Mat1b background;  // and what is next to it; may be empty
   float tolerance = 0;
 
+  [[nodiscard]] bool is_background(const cv::Point2d& p) const {
+    if (background.empty()) return false;
+    const auto u = static_cast<int>((p.x + 0.5) * background.cols / camera.width);
+    const auto v = static_cast<int>((p.y + 0.5) * background.rows / camera.height);
+    return background(std::clamp(v, 0, background.rows - 1),
+                      std::clamp(u, 0, background.cols - 1)) != 0;
+  }
   [[nodiscard]] cv::Point2d pixel(const Eigen::Vector3f& x) const {
     return {camera.fx * static_cast<double>(x[0] / x[2]) + camera.cx,
             camera.fy * static_cast<double>(x[1] / x[2]) + camera.cy};
@@ -93,7 +103,8 @@ struct Sight {
     if (!(x[2] > 0)) return false;
     const cv::Point2d p = pixel(x);
     if (!(p.x >= kBorder && p.y >= kBorder && p.x <= camera.width - 1 - kBorder &&
-          p.y <= camera.height - 1 - kBorder))
+          p.y <= camera.height - 1 - kBorder) ||
+        is_background(p))
       return false;
     const int u = static_cast<int>(small.fx * static_cast<double>(x[0] / x[2]) + small.cx + 0.5);
     const int v = static_cast<int>(small.fy * static_cast<double>(x[1] / x[2]) + small.cy + 0.5);
@@ -177,7 +188,7 @@ cv::Vec3f color_at(const cv::Mat& bgr, const cv::Point2d& pixel) {
 }
 
 ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh, double tolerance,
-                    Progress& progress, const std::stop_token& stop) {
+                    int dark_level, Progress& progress, const std::stop_token& stop) {
   TARSIER_REQUIRE(tolerance > 0, "{}", tolerance);
   ViewScan scan;
   scan.faces.resize(mesh.faces.size());
@@ -196,6 +207,9 @@ ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh, double 
                        std::max(1, static_cast<int>(std::lround(sight.camera.height * scale)))});
     sight.depth = draw_surface(mesh, points, sight.small);
     sight.tolerance = static_cast<float>(tolerance);
+    sight.background = dark_background(workspace, view, dark_level);
+    if (!sight.background.empty())
+      cv::dilate(sight.background, sight.background, cv::Mat(), {-1, -1}, kBesideBackground);
     cv::Mat image = workspace.read_image(view);
     cv::blur(image, image, {3, 3});
     cv::parallel_for_(cv::Range(0, static_cast<int>(mesh.faces.size())),

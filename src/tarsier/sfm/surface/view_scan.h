@@ -37,10 +37,10 @@ struct ViewScan {
 
 // An image shows a point that is in it (2 px from its border), on a face that looks at the camera
 // (85 degrees at most), and not farther than `tolerance` (world units) behind the surface's depth
-// there. A face is shown whose corners and middle are. Images are read one by one. Throws InputError,
+// there, nor within 2 px of a dark background (dark_background.h). A face is shown whose corners and middle are. Images are read one by one. Throws InputError,
 // Interrupted.
 [[nodiscard]] ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh,
-                                  double tolerance, Progress& progress,
+                                  double tolerance, int dark_level, Progress& progress,
                                   const std::stop_token& stop);
 
 // One view for each face, -1 for those that none shows: large parts with one view each, for each

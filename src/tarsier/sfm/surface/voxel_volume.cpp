@@ -71,6 +71,12 @@ float mean_distance(const TangentMap& map, const Eigen::Vector3f& at, float u, f
   return total > 0 ? sum / total : nearest;
 }
 
+void add(Voxel& voxel, float distance, float weight) {
+  const float sum = voxel.weight + weight;
+  voxel.distance += (distance - voxel.distance) * (weight / sum);
+  voxel.weight = sum;
+}
+
 // `start`: voxel (0, y, z) of a block in the camera's frame, `step`: to the next along x.
 void add_row(const Sight& sight, const TangentMap& map, Eigen::Vector3f at,
              const Eigen::Vector3f& step, Voxel* row) {
@@ -84,7 +90,11 @@ void add_row(const Sight& sight, const TangentMap& map, Eigen::Vector3f at,
     const int column = static_cast<int>(u + 0.5F);
     const int line = static_cast<int>(v + 0.5F);
     float weight = map.weights.ptr<float>(line)[column];
-    if (!(weight > 0)) continue;
+    if (!(weight > 0)) {
+      if (!map.empty.empty() && map.empty(line, column) != 0)
+        add(row[x], sight.truncation, sight.carving * sight.factor);
+      continue;
+    }
     const cv::Vec4f& plane = map.planes.ptr<cv::Vec4f>(line)[column];
     const float from_nearest = distance_to(plane, at);
     float distance = from_nearest * sight.per_unit;
@@ -107,10 +117,7 @@ void add_row(const Sight& sight, const TangentMap& map, Eigen::Vector3f at,
       weight *= sight.carving;
     }
     if (!(weight > 0)) continue;
-    Voxel& voxel = row[x];
-    const float sum = voxel.weight + weight;
-    voxel.distance += (distance - voxel.distance) * (weight / sum);
-    voxel.weight = sum;
+    add(row[x], distance, weight);
   }
 }
 

@@ -74,6 +74,7 @@ struct TangentMap {
   geometry::Rigid3 pose;    // camera_from_world
   cv::Mat planes;        // CV_32FC4: unit normal towards the camera, normal . point; camera frame
   cv::Mat weights;       // CV_32FC1: confidence x cosine of the angle of view; 0: nothing is known
+  cv::Mat1b empty;       // 255 where nothing is along the ray; or no matrix: nothing is known of it
   double footprint = 0;  // world units, that a pixel is wide on what it sees: median; 0: no depth
 };
 struct TangentOptions {
