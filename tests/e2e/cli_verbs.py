@@ -66,6 +66,7 @@ def expect_error(verb, result, status, name=""):
 FACE = "head/images/0000.png"
 BOARD = "'synth:board?size=320x240&fps=5&frames=%s' --board chess:9x6 --square 25mm"
 SHIPPED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../models/head.json")
+TRACKER = os.path.join(os.path.dirname(SHIPPED), "landmarks68.json")
 VALID = {
     "cartoon run": dict(words="scene.png -o drawn.png"),
     "landmarks annotate": dict(words="head/images -o own.json --actions -", stdin="frames 1\nclick 20 20\n"),
@@ -76,6 +77,7 @@ VALID = {
     "landmarks train detector": dict(words="head/set.json -o detector.json"),
     "landmarks train trees": dict(words="head/set.json -o trees.json --levels 1 --trees 2"),
     "landmarks train tracker": dict(words="head/set.json -o tracker.json --levels 1 --trees 2 --without sdm"),
+    "landmarks train visibility": dict(words="head/set.json --model MODEL68 -o states.json --steps 2".replace("MODEL68", TRACKER)),
     "landmarks train face-detector": dict(words="head/set.json -o finder.json --window 40 --no-mirror"),
     "landmarks train face-networks": dict(words="head/set.json -o networks.json --without markers/images --scan-steps 3 --judge-steps 3 --check-steps 3 --drawings 0 --turned 1"),
     "landmarks fit": dict(words=f"{FACE} -o fitted.png"),
@@ -367,6 +369,7 @@ INTERRUPTED = {
     "landmarks train detector": "head/crowd.json -o stopped.json",
     "landmarks train tracker": "head/set.json -o stopped.json",
     "landmarks train trees": "head/set.json -o stopped.json",
+    "landmarks train visibility": f"head/crowd.json --model {TRACKER} -o stopped.json",
     "landmarks train face-detector": "head/set.json -o stopped.json --window 40",
     "landmarks fit": "@faces.txt -o stopped",
     "landmarks train face-networks": "head/set.json -o stopped.json --without cars/images",

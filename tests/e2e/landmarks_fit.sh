@@ -19,6 +19,10 @@ left, right = faces[0]["points"][36], faces[0]["points"][45]
 assert 215 < left[0] < right[0] < 275 and abs(left[1] - right[1]) < 12, (left, right)
 assert 90 < left[1] < 115 and 12 < right[0] - left[0] < 40, (left, right)
 assert faces[0]["score"] > 0.5, faces[0]["score"]
+# He is hidden by nothing; each point is known to a few pixels.
+assert len(faces[0]["visible"]) == len(faces[0]["sigma_px"]) == 68
+assert sum(one > 0.5 for one in faces[0]["visible"]) > 60, faces[0]["visible"]
+assert all(0 < one < 10 for one in faces[0]["sigma_px"]), faces[0]["sigma_px"]
 END
 [ -s points.png ] || fail "no image with the points"
 

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/detection.h"
 #include "tarsier/face/landmarks/evaluation.h"
 #include "tarsier/face/landmarks/faces_json.h"
+#include "tarsier/face/landmarks/occlusion.h"
 #include "tarsier/face/landmarks/person_study.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
@@ -35,6 +37,7 @@ struct EvalFlags {
   bool by_person = false;
   bool detection = false;
   bool worst = false;
+  bool occlude = false;
 };
 
 std::array<int, 2> eyes_of(const EvalFlags& flags, const face::shape::LandmarkSet& set) {
@@ -76,6 +79,24 @@ std::string text_of(const face::landmarks::LandmarkScore& score) {
       "above 8 % or not found {:.1f} %; AUC up to 8 % {:.3f}; bias x {:+.2f} %, y {:+.2f} %\n",
       score.faces, score.missed, score.wrong, score.mean, score.median, score.p90,
       100 * score.failures, score.auc, score.dx, score.dy);
+}
+
+nlohmann::ordered_json json_of(const face::landmarks::PointStateScore& states) {
+  return {{"hidden", states.hidden},
+          {"hidden_found", states.hidden_found},
+          {"seen", states.seen},
+          {"seen_flagged", states.seen_flagged},
+          {"within_sigma", rounded(states.coverage(), 4)}};
+}
+
+std::string text_of(const face::landmarks::PointStateScore& states) {
+  std::string hidden;
+  if (states.hidden > 0)
+    hidden =
+        fmt::format("{:.1f} % of {} hidden points flagged, {:.1f} % of the flagged are hidden; ",
+                    100 * states.recall(), states.hidden, 100 * states.precision());
+  return fmt::format("{}{:.1f} % of {} points within sigma_px\n", hidden, 100 * states.coverage(),
+                     states.hidden + states.seen);
 }
 
 ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet& set,
@@ -151,6 +172,9 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
 }
 
 ExitStatus run_eval(EvalFlags& flags, Context& context) {
+  if (flags.occlude && (flags.detection || flags.by_person || !flags.results.empty()))
+    throw UsageError(
+        "--occlude judges a model on images: not with --detection, --by-person, --results");
   if (flags.detection) return judge_detection(flags, context);
   const face::shape::LandmarkSet set =
       face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
@@ -173,10 +197,15 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   std::vector<face::landmarks::FitOutcome> outcomes;
   std::string lines;
   double milliseconds = 0;
+  face::landmarks::PointStateScore states;
+  const Rng root(context.seed);
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
   for (const face::shape::LandmarkSample& sample : set.samples) {
     throw_if_stopped(context.stop);
     context.progress->advance();
+    const auto index = static_cast<std::size_t>(&sample - set.samples.data());
+    std::vector<bool> hidden(static_cast<std::size_t>(set.points()), false);
+    std::optional<face::landmarks::PointStates> seen_states;
     std::optional<Eigen::Matrix2Xd> points;
     double ms = 0;
     if (tracker) {
@@ -184,6 +213,12 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
       frame.still = true;
       try {
         frame.image = read_gray_image(sample.image);
+        if (flags.occlude) {
+          const std::size_t other = (index + set.samples.size() / 2) % set.samples.size();
+          Rng rng = root.fork(index);
+          hidden = face::landmarks::draw_occlusion(frame.image, sample.points,
+                                                   read_gray_image(set.samples[other].image), rng);
+        }
       } catch (const InputError& error) {
         log_warning("{}; left out", error.what());
         continue;
@@ -191,7 +226,10 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
       const face::LandmarkResult result = tracker->process(frame, state);
       ms = result.ms;
       milliseconds += ms;
-      if (!result.faces.empty()) points = result.faces.front().points;
+      if (!result.faces.empty()) {
+        points = result.faces.front().points;
+        if (tracker->model().states) seen_states = result.faces.front().states;
+      }
       nlohmann::ordered_json line{{"image", sample.image}};
       line.update(to_json(result));
       lines += json_text(line) + "\n";
@@ -202,6 +240,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     outcome.image = sample.image;
     outcome.person = sample.person;
     outcome.ms = ms;
+    if (seen_states && !outcome.wrong) states.add(*seen_states, *points, sample.points, hidden);
     outcomes.push_back(std::move(outcome));
   }
   context.progress->end();
@@ -217,10 +256,12 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
   if (context.json) {
     nlohmann::ordered_json line = json_of(score);
+    if (states.hidden + states.seen > 0) line["states"] = json_of(states);
     if (tracker) line["ms"] = rounded(milliseconds / std::max(1, score.faces), 2);
     print_json(line);
   } else {
     print_text(text_of(score));
+    if (states.hidden + states.seen > 0) print_text(text_of(states));
   }
   return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
@@ -244,6 +285,10 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_flag("--by-person", flags.by_person,
                 "study: descent trained on other people against descent trained on the first half "
                 "of the person's own images");
+  verb.add_flag(
+      "--occlude", flags.occlude,
+      "draw something before each face (by --seed), and judge which points are said to be "
+      "hidden");
   verb.add_flag("--detection", flags.detection,
                 "judge where faces are found, not their points; SET may be a dlib .xml of boxes");
 }

@@ -171,6 +171,69 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
   add_verb<TrainFlags>(parent, name, help, context, add_flags, run);
 }
 
+struct VisibilityFlags {
+  SetFlags set;
+  std::string model;
+  std::string output;
+  std::string terms;
+  int hold_out = 0;
+  bool mirror = false;
+  face::landmarks::PointStateOptions options;
+};
+
+ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
+  const Stopwatch watch;
+  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  if (flags.mirror && set.mirror.empty())
+    throw UsageError(
+        "--mirror: the set does not say which points are left and right of each other");
+  face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.model);
+  if (model.points() != set.points())
+    throw InputError(flags.set.input,
+                     fmt::format("has {} points, the model {}", set.points(), model.points()));
+  nlohmann::json about = face::landmarks::landmark_model_provenance(flags.model);
+  about["visibility"] = {{"program", fmt::format("tarsier {}", version())},
+                         {"seed", context.seed},
+                         {"samples", set.samples.size()},
+                         {"steps", flags.options.steps},
+                         {"terms", flags.terms}};
+  flags.options.seed = context.seed;
+  std::vector<std::string> skipped;
+  model.states = face::landmarks::train_point_states(set, flags.mirror, flags.options,
+                                                     *context.progress, context.stop, skipped);
+  for (const std::string& one : skipped) log_warning("{}; left out", one);
+  face::landmarks::write_landmark_model(flags.output, model, about);
+  nlohmann::ordered_json line{{"output", flags.output},
+                              {"samples", set.samples.size()},
+                              {"seconds", rounded(watch.seconds(), 1)}};
+  if (context.json) {
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {} samples, {} s\n", flags.output, set.samples.size(),
+                           line["seconds"].get<double>()));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_visibility(Command& parent, Context& context) {
+  const auto add_flags = [](Command& verb, VisibilityFlags& flags) {
+    add_set_flags(verb, flags.set);
+    verb.add_option("--model", flags.model, "tracker to add it to (.json)").required();
+    verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+    verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+    verb.add_option("--hold-out", flags.hold_out,
+                    "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+        .check(range(0, 1000000))
+        .show_default();
+    verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
+    bind_all(verb, flags.options);
+  };
+  add_verb<VisibilityFlags>(
+      parent, "visibility",
+      "adds to a tracker which points are hidden, and how far off each may be", context, add_flags,
+      train_visibility);
+}
+
 }  // namespace
 
 void add_landmarks_train(Command& area, Context& context) {
@@ -181,6 +244,7 @@ void add_landmarks_train(Command& area, Context& context) {
   add_kind(verb, context, "detector", "where the points lie in a detector's box", Kind::kDetector);
   add_kind(verb, context, "trees", "regression trees", Kind::kTrees);
   add_kind(verb, context, "tracker", "all parts in one file", Kind::kTracker);
+  add_visibility(verb, context);
   add_landmarks_train_detector(verb, context);
   add_landmarks_train_networks(verb, context);
 }

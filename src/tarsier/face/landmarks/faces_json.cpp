@@ -27,6 +27,12 @@ nlohmann::ordered_json points_json(const Eigen::Matrix2Xd& points) {
   return list;
 }
 
+nlohmann::ordered_json numbers_json(const Eigen::VectorXd& numbers) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const double number : numbers) list.push_back(hundredth(number));
+  return list;
+}
+
 nlohmann::ordered_json box_json(const cv::Rect2d& box) {
   return {hundredth(box.x), hundredth(box.y), hundredth(box.width), hundredth(box.height)};
 }
@@ -81,6 +87,10 @@ nlohmann::ordered_json faces_json(const std::vector<TrackedFace>& faces, bool wi
     if (with_ids) item["id"] = face.id;
     item["box"] = box_json(face.box);
     item["points"] = points_json(face.points);
+    if (face.states.visible.size() > 0) {
+      item["visible"] = numbers_json(face.states.visible);
+      item["sigma_px"] = numbers_json(face.states.sigma_px);
+    }
     item["score"] = thousandth(face.score);
     if (!with_ids) item["detection"] = thousandth(face.detection);
     list.push_back(std::move(item));

@@ -6,6 +6,7 @@
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/face_finder.h"
 #include "tarsier/face/landmarks/patches.h"
+#include "tarsier/face/landmarks/point_states.h"
 #include "tarsier/face/landmarks/quality.h"
 #include "tarsier/face/landmarks/trees.h"
 #include "tarsier/face/shape/shape_model.h"
@@ -43,6 +44,7 @@ struct LandmarkModel {
   std::optional<Descent> descent;
   std::optional<PatchModels> patches;
   std::optional<Quality> quality;
+  std::optional<PointStateModel> states;
 
   [[nodiscard]] int points() const { return shape.points(); }
   // kBoth where both are there, else the one that is; throws std::invalid_argument where none is.
@@ -55,6 +57,8 @@ struct LandmarkModel {
 void write_landmark_model(const std::string& path, const LandmarkModel& model,
                           const nlohmann::json& provenance);
 [[nodiscard]] LandmarkModel read_landmark_model(const std::string& path);
+// What such a file says of where it comes from. Throws ModelError.
+[[nodiscard]] nlohmann::json landmark_model_provenance(const std::string& path);
 
 struct FitOptions {
   std::optional<FitMethod> method;  // nothing: the model's best
@@ -71,11 +75,13 @@ struct FitOptions {
 struct FitWorkspace {
   DescentWorkspace descent;
   PatchWorkspace patches;
+  PointStateWorkspace states;
 };
 
 struct Fit {
   Eigen::Matrix2Xd points;  // 2 x n, px
-  double score = 1;  // 0..1, what the fit is worth (Quality); 1 where the model has no such part
+  double score = 1;    // 0..1, what the fit is worth (Quality); 1 where the model has no such part
+  PointStates states;  // of the points; empty where the model has no such part
 };
 
 // From a shape near the object (CV_8UC1). `debug` gets the start, what each method makes of it, and

@@ -21,31 +21,12 @@ namespace {
 constexpr double kShift = 0.09;
 constexpr double kScale = 0.10;
 constexpr double kTurn = 10 * CV_PI / 180;
-constexpr double kWorthMending = 0.2;  // px to the right
 
 Eigen::Matrix2Xd placed(const Eigen::Matrix2Xd& mean, const Eigen::Vector2d& center, double size,
                         double angle) {
   const shape::Similarity2d place{size * std::cos(angle), size * std::sin(angle), center.x(),
                                   center.y()};
   return place(mean);
-}
-
-// A short descent on a part of the faces tells where a symmetric model puts the points.
-double measured_shift(const std::vector<TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
-                      std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
-  constexpr std::size_t kFaces = 600;  // mirrored ones are beside theirs
-  const std::vector<TrainingFace> part(
-      faces.begin(), faces.begin() + static_cast<std::ptrdiff_t>(std::min(kFaces, faces.size())));
-  DescentOptions options;
-  options.stages = {{16, 0.4}, {24, 0.3}};
-  options.components = 16;
-  // Starts lie around the points as they are written; the fits must have left them.
-  options.ridge = 0.2;
-  options.seed = seed;
-  DescentReport report;
-  (void)train_descent(part, scattered_starts(part, mean, 4, seed), options, progress, stop,
-                      &report);
-  return report.to_the_right;
 }
 
 // Where the detector sees each face; an empty box where it does not.
@@ -161,6 +142,23 @@ std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const L
 
 }  // namespace
 
+double measured_shift(const std::vector<TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
+                      std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
+  constexpr std::size_t kFaces = 600;  // mirrored ones are beside theirs
+  const std::vector<TrainingFace> part(
+      faces.begin(), faces.begin() + static_cast<std::ptrdiff_t>(std::min(kFaces, faces.size())));
+  DescentOptions options;
+  options.stages = {{16, 0.4}, {24, 0.3}};
+  options.components = 16;
+  // Starts lie around the points as they are written; the fits must have left them.
+  options.ridge = 0.2;
+  options.seed = seed;
+  DescentReport report;
+  (void)train_descent(part, scattered_starts(part, mean, 4, seed), options, progress, stop,
+                      &report);
+  return report.to_the_right;
+}
+
 void TrainModelOptions::check() const {
   check_fields(*this);
   TARSIER_REQUIRE(std::isnan(to_the_right) || std::abs(to_the_right) <= 100, "to the right {}",
@@ -229,7 +227,7 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
     if (std::isnan(options.to_the_right)) {
       result.to_the_right = measured_shift(faces, model.shape.mean, options.seed, progress, stop);
     }
-    if (std::abs(result.to_the_right) > kWorthMending) {
+    if (std::abs(result.to_the_right) > kShiftWorthMending) {
       log_info(
           "the points lie {:.2f} px to the right of a symmetric annotation (pixels counted "
           "from 1?); mirrored faces are shifted to match",

@@ -63,6 +63,13 @@ struct TrainedModel {
                                                 const TrainModelOptions& options,
                                                 Progress& progress, const std::stop_token& stop);
 
+// How far a set's points lie to the right of where a mirror-symmetric model puts them, px of the images
+// (DescentReport::to_the_right), by a short descent on a part of `faces`, mirrored ones among them.
+[[nodiscard]] double measured_shift(const std::vector<TrainingFace>& faces,
+                                    const Eigen::Matrix2Xd& mean, std::uint64_t seed,
+                                    Progress& progress, const std::stop_token& stop);
+inline constexpr double kShiftWorthMending = 0.2;  // px
+
 // Mean shapes around each face as a detector's boxes place them: without a box, scattered around
 // the truth (shift normal, 9 % of the size; scale log-normal, 10 %; turn 10 degrees). Where a box
 // is known, every second one around the start that it gives (half as wide), so that what detectors

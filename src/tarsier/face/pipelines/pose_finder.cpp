@@ -120,6 +120,7 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
       if (again.score >= face.score - kMuchWorse) {
         face.points = std::move(again.points);
         face.score = again.score;
+        face.states = std::move(again.states);
       }
     }
     head::HeadPoseResult better = pose(face.points, learn);
@@ -147,8 +148,12 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
   for (landmarks::FoundFace& found :
        landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kHopeless, debug)) {
     const double first = found.fit.score;
-    PosedFace face = pose_of({0, std::move(found.fit.points), first, found.box}, gray, camera,
-                             nullptr, false, workspace, debug);
+    landmarks::TrackedFace start;
+    start.points = std::move(found.fit.points);
+    start.score = first;
+    start.box = found.box;
+    start.states = std::move(found.fit.states);
+    PosedFace face = pose_of(std::move(start), gray, camera, nullptr, false, workspace, debug);
     if (landmarks_->quality && std::max(first, face.face.score) < min_score) continue;
     face.face.id = static_cast<int>(faces.size()) + 1;
     faces.push_back(std::move(face));

@@ -22,6 +22,7 @@ using Eigen::Matrix2Xd;
 
 const cv::Scalar kLineColor(230, 230, 210);
 const cv::Scalar kPointColor(60, 200, 255);
+const cv::Scalar kHiddenColor(70, 110, 250);
 const cv::Scalar kLeftColor(90, 220, 90);
 const cv::Scalar kRightColor(70, 110, 255);
 const cv::Scalar kBackground(92, 76, 62);  // grey-blue
@@ -294,6 +295,16 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
   text.height_px = std::clamp(2 * radius, 5.0, 40.0);
   for (int i = 0; i < static_cast<int>(points.cols()); ++i) {
     if (!is_drawable(points, i)) continue;
+    if (static_cast<std::size_t>(i) < style.hidden.size() &&
+        style.hidden[static_cast<std::size_t>(i)]) {
+      constexpr int kShift = 4;
+      const cv::Point at(cvRound(points(0, i) * (1 << kShift)),
+                         cvRound(points(1, i) * (1 << kShift)));
+      const int ring = cvRound(1.3 * radius * (1 << kShift));
+      cv::circle(image, at, ring, kDark, thickness + 1, cv::LINE_AA, kShift);
+      cv::circle(image, at, ring, kHiddenColor, thickness, cv::LINE_AA, kShift);
+      continue;
+    }
     const int place = style.symmetry ? sides[static_cast<std::size_t>(i)] : 0;
     image::draw::point(image, {points(0, i), points(1, i)},
                        place < 0 ? kLeftColor : (place > 0 ? kRightColor : kPointColor), radius);

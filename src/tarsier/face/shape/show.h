@@ -14,7 +14,8 @@ struct LandmarkStyle {
   double radius_px = 0;  // 0: fits the image
   bool numbers = false;  // index beside each point
   bool connections = true;
-  bool symmetry = false;  // left and right points (as `mirror` has them) in different colours
+  bool symmetry = false;     // left and right points (as `mirror` has them) in different colours
+  std::vector<bool> hidden;  // points that are drawn as rings; empty: none
 };
 
 // Points, connections and symmetry drawn on an image (CV_8UC3), anti-aliased, sub-pixel. Missing
