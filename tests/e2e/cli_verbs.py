@@ -77,7 +77,7 @@ VALID = {
     "landmarks train detector": dict(words="head/set.json -o detector.json"),
     "landmarks train trees": dict(words="head/set.json -o trees.json --levels 1 --trees 2"),
     "landmarks train tracker": dict(words="head/set.json -o tracker.json --levels 1 --trees 2 --without sdm"),
-    "landmarks train visibility": dict(words="head/set.json --model MODEL68 -o states.json --steps 2".replace("MODEL68", TRACKER)),
+    "landmarks train visibility": dict(words=f"head/set.json --model {TRACKER} -o states.json --steps 2"),
     "landmarks train face-detector": dict(words="head/set.json -o finder.json --window 40 --no-mirror"),
     "landmarks train face-networks": dict(words="head/set.json -o networks.json --without markers/images --scan-steps 3 --judge-steps 3 --check-steps 3 --drawings 0 --turned 1"),
     "landmarks fit": dict(words=f"{FACE} -o fitted.png"),
@@ -298,7 +298,8 @@ def check_missing(verb):
             if called in ("--model", "--detector", "--reader", "--head", "--appearance", "--background"):
                 if flag["choices"] or (name, called) in NO_FILE:
                     continue
-                result = run([*name.split(), *words, called, "missing.json"], VALID[name].get("stdin", ""))
+                own = [w for i, w in enumerate(words) if called not in (w, words[i - 1])]
+                result = run([*name.split(), *own, called, "missing.json"], VALID[name].get("stdin", ""))
                 expect_error(f"{name} {called}", result, 5, "missing.json")
 
 

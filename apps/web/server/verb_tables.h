@@ -171,6 +171,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--noise",
     "--numbers",
     "--observations",
+    "--occlude",
     "--offset",
     "--online",
     "--online-every",

@@ -58,8 +58,9 @@ cv::Mat draw_surface(cv::Size size, const cv::Mat& texture, Rng& rng) {
   const int kind = rng.integer(0, 3);
   if (kind == 1) {  // a part of the texture
     const int side = std::min({texture.cols, texture.rows, rng.integer(8, 200)});
-    const cv::Rect part(rng.integer(0, texture.cols - side), rng.integer(0, texture.rows - side),
-                        side, side);
+    const int y = rng.integer(0, texture.rows - side);
+    const int x = rng.integer(0, texture.cols - side);
+    const cv::Rect part(x, y, side, side);
     cv::resize(texture(part), surface, size, 0, 0, cv::INTER_LINEAR);
   } else if (kind == 2) {  // stripes
     const double turn = rng.uniform(0, CV_PI);
