@@ -61,7 +61,8 @@ class Film:
         self.images = jpegs_of(path)
         # What it shows when each frame is read in peace.
         events = [event for event in run("plate", "read", path, "--events", "--json")
-                  if event.get("event") == "plate" and event["state"] == "closed"]
+                  if event.get("event") == "plate" and event["state"] == "closed"
+                  and event["last_time"] - event["first_time"] < LOOP / 2]  # not a sign that is always there
         if len(self.images) != LOOP * fps or len(events) != 1:
             sys.exit(f"site_cameras: film {seed}: {len(self.images)} images, {len(events)} vehicles")
         self.text = events[0]["text"]
