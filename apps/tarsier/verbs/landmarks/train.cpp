@@ -22,18 +22,56 @@
 namespace tarsier::cli {
 namespace {
 
-struct TrainFlags {
+// Of all that learn from a set.
+struct LearnFlags {
   SetFlags set;
   std::string output;
   std::string terms;
-  std::string method = "ridge";
   int hold_out = 0;
   bool mirror = false;
+};
+
+struct TrainFlags : LearnFlags {
+  std::string method = "ridge";
   std::string without;
   std::string head;
   face::train::CopyOptions turned{.copies = 0};
   face::landmarks::TrainModelOptions options;
 };
+
+void add_learn_flags(Command& verb, LearnFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
+                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+      .check(range(0, 1000000))
+      .show_default();
+  verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
+}
+
+// The samples that are learnt from.
+face::shape::LandmarkSet set_of(const LearnFlags& flags) {
+  face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  if (flags.mirror && set.mirror.empty()) {
+    throw UsageError(
+        "--mirror: the set does not say which points are left and right of each "
+        "other; mark the symmetry with `landmarks annotate`");
+  }
+  return set;
+}
+
+// `line` gets the time that it took.
+void print_learnt(const LearnFlags& flags, std::size_t samples, const Stopwatch& watch,
+                  nlohmann::ordered_json line, const Context& context) {
+  line["seconds"] = rounded(watch.seconds(), 1);
+  if (context.json) {
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {} samples, {} s\n", flags.output, samples,
+                           line["seconds"].get<double>()));
+  }
+}
 
 // Makes `turned` copies of each face, by the head model given or the one that ships.
 void add_turned_faces(const TrainFlags& flags, const face::shape::LandmarkSet& set,
@@ -74,13 +112,8 @@ nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::
 
 ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
   const Stopwatch watch;
-  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  const face::shape::LandmarkSet set = set_of(flags);
   const nlohmann::json about = provenance(flags, context, set.samples.size());
-  if (flags.mirror && set.mirror.empty()) {
-    throw UsageError(
-        "--mirror: the set does not say which points are left and right of each "
-        "other; mark the symmetry with `landmarks annotate`");
-  }
   nlohmann::ordered_json line;
   line["output"] = flags.output;
   line["samples"] = set.samples.size();
@@ -126,26 +159,13 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
     line["modes"] = trained.model.shape.mode_count();
     line["to_the_right_px"] = trained.to_the_right;
   }
-  line["seconds"] = rounded(watch.seconds(), 1);
-  if (context.json) {
-    print_json(line);
-  } else if (!context.quiet) {
-    print_text(fmt::format("{}: {} samples, {} s\n", flags.output, set.samples.size(),
-                           line["seconds"].get<double>()));
-  }
+  print_learnt(flags, set.samples.size(), watch, std::move(line), context);
   return ExitStatus::kDone;
 }
 
 void add_kind(Command& parent, Context& context, const char* name, const char* help, Kind kind) {
   const auto add_flags = [kind](Command& verb, TrainFlags& flags) {
-    add_set_flags(verb, flags.set);
-    verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-    verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-    verb.add_option("--hold-out", flags.hold_out,
-                    "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-        .check(range(0, 1000000))
-        .show_default();
-    verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
+    add_learn_flags(verb, flags);
     face::landmarks::TrainModelOptions& options = flags.options;
     bind_all(verb, options.shape);
     if (kind == Kind::kTrees || kind == Kind::kTracker) {
@@ -171,22 +191,14 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
   add_verb<TrainFlags>(parent, name, help, context, add_flags, run);
 }
 
-struct VisibilityFlags {
-  SetFlags set;
+struct VisibilityFlags : LearnFlags {
   std::string model;
-  std::string output;
-  std::string terms;
-  int hold_out = 0;
-  bool mirror = false;
   face::landmarks::PointStateOptions options;
 };
 
 ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
   const Stopwatch watch;
-  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
-  if (flags.mirror && set.mirror.empty())
-    throw UsageError(
-        "--mirror: the set does not say which points are left and right of each other");
+  const face::shape::LandmarkSet set = set_of(flags);
   face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.model);
   if (model.points() != set.points())
     throw InputError(flags.set.input,
@@ -203,29 +215,15 @@ ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
                                                      *context.progress, context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
   face::landmarks::write_landmark_model(flags.output, model, about);
-  nlohmann::ordered_json line{{"output", flags.output},
-                              {"samples", set.samples.size()},
-                              {"seconds", rounded(watch.seconds(), 1)}};
-  if (context.json) {
-    print_json(line);
-  } else if (!context.quiet) {
-    print_text(fmt::format("{}: {} samples, {} s\n", flags.output, set.samples.size(),
-                           line["seconds"].get<double>()));
-  }
+  print_learnt(flags, set.samples.size(), watch,
+               {{"output", flags.output}, {"samples", set.samples.size()}}, context);
   return ExitStatus::kDone;
 }
 
 void add_visibility(Command& parent, Context& context) {
   const auto add_flags = [](Command& verb, VisibilityFlags& flags) {
-    add_set_flags(verb, flags.set);
+    add_learn_flags(verb, flags);
     verb.add_option("--model", flags.model, "tracker to add it to (.json)").required();
-    verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-    verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-    verb.add_option("--hold-out", flags.hold_out,
-                    "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-        .check(range(0, 1000000))
-        .show_default();
-    verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
     bind_all(verb, flags.options);
   };
   add_verb<VisibilityFlags>(
