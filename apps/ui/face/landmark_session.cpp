@@ -42,7 +42,7 @@ void LandmarkSession::draw(cv::Mat& image) {
   const face::shape::ShapeModel& shape = tracker_.model().shape;
   for (const face::landmarks::TrackedFace& face : result_.faces) {
     style.radius_px = std::clamp(face.box.width / 90, 0.7, 6.0);
-    style.hidden = face.states.hidden();
+    style.hidden = face.visibility.hidden();
     face::shape::draw_landmarks(image, face.points, shape.connections, shape.mirror, style);
     if (!result_.tracked) continue;
     image::draw::TextStyle text;

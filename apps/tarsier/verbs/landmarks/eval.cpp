@@ -81,22 +81,22 @@ std::string text_of(const face::landmarks::LandmarkScore& score) {
       100 * score.failures, score.auc, score.dx, score.dy);
 }
 
-nlohmann::ordered_json json_of(const face::landmarks::PointStateScore& states) {
-  return {{"hidden", states.hidden},
-          {"hidden_found", states.hidden_found},
-          {"seen", states.seen},
-          {"seen_flagged", states.seen_flagged},
-          {"within_sigma", rounded(states.coverage(), 4)}};
+nlohmann::ordered_json json_of(const face::landmarks::VisibilityScore& visibility) {
+  return {{"hidden", visibility.hidden},
+          {"hidden_found", visibility.hidden_found},
+          {"seen", visibility.seen},
+          {"seen_flagged", visibility.seen_flagged},
+          {"within_sigma", rounded(visibility.coverage(), 4)}};
 }
 
-std::string text_of(const face::landmarks::PointStateScore& states) {
+std::string text_of(const face::landmarks::VisibilityScore& visibility) {
   std::string hidden;
-  if (states.hidden > 0)
+  if (visibility.hidden > 0)
     hidden =
         fmt::format("{:.1f} % of {} hidden points flagged, {:.1f} % of the flagged are hidden; ",
-                    100 * states.recall(), states.hidden, 100 * states.precision());
-  return fmt::format("{}{:.1f} % of {} points within sigma_px\n", hidden, 100 * states.coverage(),
-                     states.hidden + states.seen);
+                    100 * visibility.recall(), visibility.hidden, 100 * visibility.precision());
+  return fmt::format("{}{:.1f} % of {} points within sigma_px\n", hidden,
+                     100 * visibility.coverage(), visibility.hidden + visibility.seen);
 }
 
 ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet& set,
@@ -197,7 +197,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   std::vector<face::landmarks::FitOutcome> outcomes;
   std::string lines;
   double milliseconds = 0;
-  face::landmarks::PointStateScore states;
+  face::landmarks::VisibilityScore visibility;
   const Rng root(context.seed);
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
   for (const face::shape::LandmarkSample& sample : set.samples) {
@@ -205,7 +205,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     context.progress->advance();
     const auto index = static_cast<std::size_t>(&sample - set.samples.data());
     std::vector<bool> hidden(static_cast<std::size_t>(set.points()), false);
-    std::optional<face::landmarks::PointStates> seen_states;
+    std::optional<face::landmarks::Visibility> seen_visibility;
     std::optional<Eigen::Matrix2Xd> points;
     double ms = 0;
     if (tracker) {
@@ -228,7 +228,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
       milliseconds += ms;
       if (!result.faces.empty()) {
         points = result.faces.front().points;
-        if (tracker->model().states) seen_states = result.faces.front().states;
+        if (tracker->model().visibility) seen_visibility = result.faces.front().visibility;
       }
       nlohmann::ordered_json line{{"image", sample.image}};
       line.update(to_json(result));
@@ -240,7 +240,8 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     outcome.image = sample.image;
     outcome.person = sample.person;
     outcome.ms = ms;
-    if (seen_states && !outcome.wrong) states.add(*seen_states, *points, sample.points, hidden);
+    if (seen_visibility && !outcome.wrong)
+      visibility.add(*seen_visibility, *points, sample.points, hidden);
     outcomes.push_back(std::move(outcome));
   }
   context.progress->end();
@@ -256,12 +257,12 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
   if (context.json) {
     nlohmann::ordered_json line = json_of(score);
-    if (states.hidden + states.seen > 0) line["states"] = json_of(states);
+    if (visibility.hidden + visibility.seen > 0) line["visibility"] = json_of(visibility);
     if (tracker) line["ms"] = rounded(milliseconds / std::max(1, score.faces), 2);
     print_json(line);
   } else {
     print_text(text_of(score));
-    if (states.hidden + states.seen > 0) print_text(text_of(states));
+    if (visibility.hidden + visibility.seen > 0) print_text(text_of(visibility));
   }
   return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }

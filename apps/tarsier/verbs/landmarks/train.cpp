@@ -193,7 +193,7 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
 
 struct VisibilityFlags : LearnFlags {
   std::string model;
-  face::landmarks::PointStateOptions options;
+  face::landmarks::VisibilityOptions options;
 };
 
 ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
@@ -211,8 +211,8 @@ ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
                          {"terms", flags.terms}};
   flags.options.seed = context.seed;
   std::vector<std::string> skipped;
-  model.states = face::landmarks::train_point_states(set, flags.mirror, flags.options,
-                                                     *context.progress, context.stop, skipped);
+  model.visibility = face::landmarks::train_visibility_model(
+      set, flags.mirror, flags.options, *context.progress, context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
   face::landmarks::write_landmark_model(flags.output, model, about);
   print_learnt(flags, set.samples.size(), watch,

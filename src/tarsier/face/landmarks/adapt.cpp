@@ -64,7 +64,7 @@ std::vector<double> errors_left_out(const LandmarkModel& base,
                  "models");
   LandmarkModel model = base;
   model.quality.reset();
-  model.states.reset();
+  model.visibility.reset();
   for (int fold = 0; fold < folds; ++fold) {
     std::vector<TrainingFace> kept;
     std::vector<TrainingFace> out;

@@ -18,7 +18,7 @@
 //   R = argmin |D - Phi R|^2 + lambda |R - R0|^2,
 // Phi: what the stage sees at starts scattered around the faces (descent: its descriptors and a
 // constant; trees: the leaves of the last level), D: the steps to the true points. Solved in its
-// dual form, whose size is the number of starts. Shape model, patches, quality and point states stay.
+// dual form, whose size is the number of starts. Shape model, patches, quality and visibility stay.
 namespace tarsier::face::landmarks {
 
 struct AdaptOptions {

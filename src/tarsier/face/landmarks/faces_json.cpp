@@ -87,9 +87,9 @@ nlohmann::ordered_json faces_json(const std::vector<TrackedFace>& faces, bool wi
     if (with_ids) item["id"] = face.id;
     item["box"] = box_json(face.box);
     item["points"] = points_json(face.points);
-    if (face.states.visible.size() > 0) {
-      item["visible"] = numbers_json(face.states.visible);
-      item["sigma_px"] = numbers_json(face.states.sigma_px);
+    if (face.visibility.visible.size() > 0) {
+      item["visible"] = numbers_json(face.visibility.visible);
+      item["sigma_px"] = numbers_json(face.visibility.sigma_px);
     }
     item["score"] = thousandth(face.score);
     if (!with_ids) item["detection"] = thousandth(face.detection);

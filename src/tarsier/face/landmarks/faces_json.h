@@ -16,7 +16,7 @@ namespace tarsier::face::landmarks {
 
 // [{"id", "box": [x, y, w, h], "points": [[x, y] ..], "visible": [..], "sigma_px": [..], "score",
 // "detection"}]; the id only of followed faces, the detector's score only of others, "visible" and
-// "sigma_px" (PointStates) only where the model tells them.
+// "sigma_px" (Visibility) only where the model tells them.
 [[nodiscard]] nlohmann::ordered_json faces_json(const std::vector<TrackedFace>& faces,
                                                 bool with_ids);
 

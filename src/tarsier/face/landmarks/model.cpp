@@ -104,9 +104,9 @@ void LandmarkModel::check() const {
   TARSIER_REQUIRE(!patches || patches->points() == n, "there are {} patches", patches->points());
   TARSIER_REQUIRE(!quality || quality->mean.cols() == n, "quality has {} points",
                   quality->mean.cols());
-  TARSIER_REQUIRE(!states || states->points() == n, "point states have {} points",
-                  states->points());
-  if (states) states->check();
+  TARSIER_REQUIRE(!visibility || visibility->points() == n, "visibility have {} points",
+                  visibility->points());
+  if (visibility) visibility->check();
 }
 
 void FitOptions::check() const {
@@ -146,7 +146,8 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
       break;
   }
   if (model.quality) fit.score = quality_of(*model.quality, gray, fit.points, workspace.descent);
-  if (model.states) fit.states = point_states(*model.states, gray, fit.points, workspace.states);
+  if (model.visibility)
+    fit.visibility = visibility_of(*model.visibility, gray, fit.points, workspace.visibility);
   show_points(debug, name_of(method), model, gray, fit.points);
   return fit;
 }

@@ -6,9 +6,9 @@
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/face_finder.h"
 #include "tarsier/face/landmarks/patches.h"
-#include "tarsier/face/landmarks/point_states.h"
 #include "tarsier/face/landmarks/quality.h"
 #include "tarsier/face/landmarks/trees.h"
+#include "tarsier/face/landmarks/visibility.h"
 #include "tarsier/face/shape/shape_model.h"
 
 #include <Eigen/Core>
@@ -44,7 +44,7 @@ struct LandmarkModel {
   std::optional<Descent> descent;
   std::optional<PatchModels> patches;
   std::optional<Quality> quality;
-  std::optional<PointStateModel> states;
+  std::optional<VisibilityModel> visibility;
 
   [[nodiscard]] int points() const { return shape.points(); }
   // kBoth where both are there, else the one that is; throws std::invalid_argument where none is.
@@ -75,13 +75,13 @@ struct FitOptions {
 struct FitWorkspace {
   DescentWorkspace descent;
   PatchWorkspace patches;
-  PointStateWorkspace states;
+  VisibilityWorkspace visibility;
 };
 
 struct Fit {
   Eigen::Matrix2Xd points;  // 2 x n, px
-  double score = 1;    // 0..1, what the fit is worth (Quality); 1 where the model has no such part
-  PointStates states;  // of the points; empty where the model has no such part
+  double score = 1;  // 0..1, what the fit is worth (Quality); 1 where the model has no such part
+  Visibility visibility;  // of the points; empty where the model has no such part
 };
 
 // From a shape near the object (CV_8UC1). `debug` gets the start, what each method makes of it, and

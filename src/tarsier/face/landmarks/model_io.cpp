@@ -21,7 +21,7 @@ void write_landmark_model(const std::string& path, const LandmarkModel& model,
   if (model.descent) payload["descent"] = to_json(*model.descent);
   if (model.patches) payload["patches"] = to_json(*model.patches);
   if (model.quality) payload["quality"] = to_json(*model.quality);
-  if (model.states) payload["states"] = to_json(*model.states);
+  if (model.visibility) payload["visibility"] = to_json(*model.visibility);
   write_archive(path, {kType, kVersion, provenance, std::move(payload)});
 }
 
@@ -46,7 +46,8 @@ LandmarkModel read_landmark_model(const std::string& path) {
     model.patches = patch_models_from_json(payload["patches"], path);
   }
   if (payload.contains("quality")) model.quality = quality_from_json(payload["quality"], path);
-  if (payload.contains("states")) model.states = point_states_from_json(payload["states"], path);
+  if (payload.contains("visibility"))
+    model.visibility = visibility_from_json(payload["visibility"], path);
   try {
     model.check();
   } catch (const std::invalid_argument& error) {

@@ -117,7 +117,7 @@ std::vector<bool> draw_occlusion(cv::Mat& gray, const Eigen::Matrix2Xd& points,
         hidden[static_cast<std::size_t>(p)] = is_hidden;
         count += is_hidden ? 1 : 0;
       }
-      // A face of which hardly anything is left is none.
+      // A face that is nearly all hidden teaches nothing.
       if (count == 0 || count > 0.7 * static_cast<double>(points.cols())) continue;
       cv::GaussianBlur(mask, mask, {}, rng.uniform(0.3, 1.5));
       const cv::Rect part = cv::boundingRect(mask);

@@ -126,7 +126,7 @@ class Step {
                                                 std::max(1.0, 1.6 * shape_size(fit.points)))
                             : fit.points;
     track.face.score = fit.score;
-    track.face.states = fit.states;
+    track.face.visibility = fit.visibility;
     track.face.box = box;
     track.seen = state_.time;
     track.lost = false;

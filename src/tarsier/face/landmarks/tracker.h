@@ -40,7 +40,7 @@ struct TrackedFace {
   double score = 1;         // 0..1
   cv::Rect2d box;           // px, as a detector would draw it
   double detection = 1;     // of stills: score of the detector, 0..1
-  PointStates states;       // of the points; empty where the model has no such part
+  Visibility visibility;    // of the points; empty where the model has no such part
 };
 
 struct TrackerState {

@@ -72,7 +72,7 @@ LandmarkResult LandmarkTracker::process(const Frame& frame, LandmarkState& state
              *model_, fit_, gray, *state.finder, state.workspace, tracking_.min_new, debug)) {
       result.faces.push_back({static_cast<int>(result.faces.size()) + 1,
                               std::move(found.fit.points), found.fit.score, found.box,
-                              found.detection, std::move(found.fit.states)});
+                              found.detection, std::move(found.fit.visibility)});
     }
   } else {
     result.faces = landmarks::track_faces(*model_, fit_, tracking_, *state.finder, state.tracker,

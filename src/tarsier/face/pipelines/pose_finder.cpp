@@ -120,7 +120,7 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
       if (again.score >= face.score - kMuchWorse) {
         face.points = std::move(again.points);
         face.score = again.score;
-        face.states = std::move(again.states);
+        face.visibility = std::move(again.visibility);
       }
     }
     head::HeadPoseResult better = pose(face.points, learn);
@@ -152,7 +152,7 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
     start.points = std::move(found.fit.points);
     start.score = first;
     start.box = found.box;
-    start.states = std::move(found.fit.states);
+    start.visibility = std::move(found.fit.visibility);
     PosedFace face = pose_of(std::move(start), gray, camera, nullptr, false, workspace, debug);
     if (landmarks_->quality && std::max(first, face.face.score) < min_score) continue;
     face.face.id = static_cast<int>(faces.size()) + 1;

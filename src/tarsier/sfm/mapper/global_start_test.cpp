@@ -3,6 +3,7 @@
 
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
+#include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/mapper/trust.h"
 #include "tarsier/synth/observed_site.h"
 
@@ -74,27 +75,6 @@ Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 25
                      options, progress, {});
 }
 
-// Largest distance of a centre from the truth after the best similarity, by the truth's extent.
-double worst_center(const Model& model, const synth::ObservedSite& site) {
-  std::vector<Eigen::Vector3d> from;
-  std::vector<Eigen::Vector3d> to;
-  for (std::size_t i = 0; i < model.images.size(); ++i) {
-    if (!model.images[i].registered) continue;
-    from.push_back(model.images[i].pose.center());
-    to.push_back(site.poses[i].center());
-  }
-  const auto similarity =
-      geometry::similarity_between(geometry::columns_of(from), geometry::columns_of(to));
-  if (!similarity) return 1e9;
-  double worst = 0;
-  double extent = 0;
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    worst = std::max(worst, (*similarity * from[i] - to[i]).norm());
-    extent = std::max(extent, (to[i] - to[0]).norm());
-  }
-  return worst / extent;
-}
-
 int registered(const Reconstruction& built) {
   return built.models.empty() ? 0 : statistics_of(built.models[0]).registered;
 }
@@ -105,7 +85,7 @@ TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
     const Reconstruction built = run(site, MapperChoice::kGlobal);
     ASSERT_EQ(built.models.size(), 1U);
     EXPECT_EQ(registered(built), 50);
-    EXPECT_LT(worst_center(built.models[0], site.site), 0.003);
+    EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.003);
     EXPECT_GT(built.trust[0], 0.8);
     EXPECT_TRUE(built.outcomes[7].registered);
     EXPECT_GT(built.outcomes[7].trust, 0.5);
@@ -154,7 +134,7 @@ TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
   const Reconstruction built = run(site, MapperChoice::kGlobal);
   ASSERT_FALSE(built.models.empty());
   EXPECT_GE(registered(built), 76);
-  EXPECT_LT(worst_center(built.models[0], site.site), 0.005);
+  EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
   ASSERT_FALSE(built.refused.empty());
   EXPECT_FALSE(built.refused[0].reason.empty());
 }

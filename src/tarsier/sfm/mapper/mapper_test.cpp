@@ -5,6 +5,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/sfm/mapper/bundle.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
+#include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/synth/relief.h"
 
@@ -160,27 +161,6 @@ Problem two_scenes(int first, int second) {
   return problem;
 }
 
-// Largest distance of a centre from the truth after the best similarity, by the truth's extent.
-double worst_center(const Model& model, const synth::PointProblem& truth) {
-  std::vector<Eigen::Vector3d> from;
-  std::vector<Eigen::Vector3d> to;
-  for (std::size_t i = 0; i < model.images.size(); ++i) {
-    if (!model.images[i].registered) continue;
-    from.push_back(model.images[i].pose.center());
-    to.push_back(truth.poses[i].center());
-  }
-  const auto similarity =
-      geometry::similarity_between(geometry::columns_of(from), geometry::columns_of(to));
-  if (!similarity) return 1e9;
-  double worst = 0;
-  double extent = 0;
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    worst = std::max(worst, (*similarity * from[i] - to[i]).norm());
-    extent = std::max(extent, (to[i] - to[0]).norm());
-  }
-  return worst / extent;
-}
-
 TEST(Reconstruct, WithoutNoiseItIsExact) {
   const Problem problem = problem_of(synth::make_point_problem(1, 7, 300, 0, 0));
   const Reconstruction built = run(problem);
@@ -188,7 +168,7 @@ TEST(Reconstruct, WithoutNoiseItIsExact) {
   const ModelStatistics statistics = statistics_of(built.models[0]);
   EXPECT_EQ(statistics.registered, 7);
   EXPECT_LT(statistics.reprojection_px, 1e-3);  // features are single precision
-  EXPECT_LT(worst_center(built.models[0], problem.truth), 1e-4);
+  EXPECT_LT(worst_center(built.models[0], problem.truth.poses), 1e-4);
   EXPECT_GT(built.models[0].points.size(), 250U);
   EXPECT_EQ(built.models[0].points[0].color, cv::Vec3b(10, 20, 30));
 }
@@ -198,7 +178,7 @@ TEST(Reconstruct, NoiseAndOutliersAreHeldOff) {
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 1U);
   EXPECT_EQ(statistics_of(built.models[0]).registered, 8);
-  EXPECT_LT(worst_center(built.models[0], problem.truth), 0.005);
+  EXPECT_LT(worst_center(built.models[0], problem.truth.poses), 0.005);
   EXPECT_LT(statistics_of(built.models[0]).reprojection_px, 0.8);
 }
 
@@ -475,7 +455,7 @@ TEST(Adjust, MovesAwayFromTheTruthComeBack) {
   const BundleReport report = adjust(model, {});
   EXPECT_GT(report.before_px, 1);
   EXPECT_LT(report.after_px, 1e-2);
-  EXPECT_LT(worst_center(model, problem.truth), 1e-3);
+  EXPECT_LT(worst_center(model, problem.truth.poses), 1e-3);
 }
 
 TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {

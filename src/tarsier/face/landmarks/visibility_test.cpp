@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/face/landmarks/point_states.h"
+#include "tarsier/face/landmarks/visibility.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/face/landmarks/descent.h"
@@ -17,11 +17,11 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-PointStateModel train(const std::vector<TrainingFace>& faces, int steps) {
-  PointStateOptions options;
+VisibilityModel train(const std::vector<TrainingFace>& faces, int steps) {
+  VisibilityOptions options;
   options.steps = steps;
   NoProgress silent;
-  return train_point_states(faces, options, silent, {});
+  return train_visibility_model(faces, options, silent, {});
 }
 
 TEST(Occlusion, HidesSomeOfThePointsAndLeavesTheRestAsTheyAre) {
@@ -52,19 +52,19 @@ TEST(Occlusion, RefusesPointsOutsideTheImage) {
 }
 
 // On faces that it never saw: what is hidden is said to be, and sigma holds.
-TEST(PointStates, FindsWhatIsHiddenOnOtherFaces) {
+TEST(Visibility, FindsWhatIsHiddenOnOtherFaces) {
   const std::vector<TrainingFace> faces = testing::blob_faces(40, 7);
-  const PointStateModel model = train(faces, 120);
+  const VisibilityModel model = train(faces, 120);
   NoProgress silent;
   DescentOptions options;
   options.folds = 2;
   const Descent descent =
       train_descent(faces, scattered_starts(faces, model.mean, 6, 1), options, silent, {});
   const std::vector<TrainingFace> others = testing::blob_faces(40, 99);
-  PointStateScore score;
+  VisibilityScore score;
   double of_hidden = 0;
   double of_seen = 0;
-  PointStateWorkspace workspace;
+  VisibilityWorkspace workspace;
   DescentWorkspace fitting;
   Rng rng(3);
   const std::vector<Start> starts = scattered_starts(others, model.mean, 1, 2);
@@ -72,17 +72,17 @@ TEST(PointStates, FindsWhatIsHiddenOnOtherFaces) {
     cv::Mat gray = others[f].gray.clone();
     const std::vector<bool> hidden = draw_occlusion(gray, others[f].points, faces[f].gray, rng);
     const Eigen::Matrix2Xd fit = fit_descent(descent, gray, starts[f].points, fitting);
-    const PointStates states = point_states(model, gray, fit, workspace);
-    score.add(states, fit, others[f].points, hidden);
+    const Visibility visibility = visibility_of(model, gray, fit, workspace);
+    score.add(visibility, fit, others[f].points, hidden);
     for (std::size_t p = 0; p < hidden.size(); ++p)
-      (hidden[p] ? of_hidden : of_seen) += states.visible[static_cast<Eigen::Index>(p)];
+      (hidden[p] ? of_hidden : of_seen) += visibility.visible[static_cast<Eigen::Index>(p)];
   }
   EXPECT_LT(of_hidden / score.hidden, 0.65);
   EXPECT_GT(of_seen / score.seen, 0.85);
   EXPECT_NEAR(score.coverage(), 0.68, 0.25);
 }
 
-TEST(PointStates, TheNumberOfThreadsChangesNothing) {
+TEST(Visibility, TheNumberOfThreadsChangesNothing) {
   const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
@@ -93,54 +93,54 @@ TEST(PointStates, TheNumberOfThreadsChangesNothing) {
   EXPECT_EQ(one, three);
 }
 
-TEST(PointStates, AreReadAsTheyWereWritten) {
+TEST(Visibility, AreReadAsTheyWereWritten) {
   const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
-  const PointStateModel model = train(faces, 3);
+  const VisibilityModel model = train(faces, 3);
   nlohmann::json json = to_json(model);
-  const PointStateModel again = point_states_from_json(json, "file.json");
-  PointStateWorkspace workspace;
-  const PointStates before = point_states(model, faces[0].gray, faces[0].points, workspace);
-  const PointStates after = point_states(again, faces[0].gray, faces[0].points, workspace);
+  const VisibilityModel again = visibility_from_json(json, "file.json");
+  VisibilityWorkspace workspace;
+  const Visibility before = visibility_of(model, faces[0].gray, faces[0].points, workspace);
+  const Visibility after = visibility_of(again, faces[0].gray, faces[0].points, workspace);
   EXPECT_TRUE(before.visible.isApprox(after.visible, 1e-5));
   EXPECT_TRUE(before.sigma_px.isApprox(after.sigma_px, 1e-5));
 
   json["hidden_slope"] = 1e9;
-  EXPECT_THROW((void)point_states_from_json(json, "file.json"), ModelError);
+  EXPECT_THROW((void)visibility_from_json(json, "file.json"), ModelError);
   json["hidden_slope"] = 1;
   json["network"] =
       linalg::network_to_json({{linalg::convolution(1, 18, 5, 5)}});  // 18 numbers for each pixel
-  EXPECT_THROW((void)point_states_from_json(json, "file.json"), ModelError);
+  EXPECT_THROW((void)visibility_from_json(json, "file.json"), ModelError);
 }
 
-TEST(PointStates, AreScoredByWhatIsSo) {
-  PointStates states;
-  states.visible = Eigen::Vector4d(0.1, 0.9, 0.05, 0.8);
-  states.sigma_px = Eigen::Vector4d(1, 1, 2, 2);
+TEST(Visibility, AreScoredByWhatIsSo) {
+  Visibility visibility;
+  visibility.visible = Eigen::Vector4d(0.1, 0.9, 0.05, 0.8);
+  visibility.sigma_px = Eigen::Vector4d(1, 1, 2, 2);
   Eigen::Matrix2Xd fitted = Eigen::Matrix2Xd::Zero(2, 4);
   Eigen::Matrix2Xd truth = fitted;
   truth(0, 0) = 0.9;
   truth(1, 2) = 2.1;
-  PointStateScore score;
-  score.add(states, fitted, truth, {true, true, false, false});
+  VisibilityScore score;
+  score.add(visibility, fitted, truth, {true, true, false, false});
   EXPECT_EQ(score.hidden, 2);
   EXPECT_EQ(score.hidden_found, 1);
   EXPECT_EQ(score.seen_flagged, 1);
   EXPECT_DOUBLE_EQ(score.recall(), 0.5);
   EXPECT_DOUBLE_EQ(score.precision(), 0.5);
   EXPECT_DOUBLE_EQ(score.coverage(), 0.75);
-  EXPECT_THROW(score.add(states, fitted, truth, {true}), std::invalid_argument);
+  EXPECT_THROW(score.add(visibility, fitted, truth, {true}), std::invalid_argument);
 }
 
-TEST(PointStates, OfNoFaceAreHidden) {
+TEST(Visibility, OfPointsInOnePlaceIsNone) {
   const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
-  const PointStateModel model = train(faces, 3);
-  PointStateWorkspace workspace;
-  const PointStates states =
-      point_states(model, faces[0].gray, Eigen::Matrix2Xd::Constant(2, 9, 20), workspace);
-  EXPECT_EQ(states.visible.maxCoeff(), 0);
+  const VisibilityModel model = train(faces, 3);
+  VisibilityWorkspace workspace;
+  const Visibility visibility =
+      visibility_of(model, faces[0].gray, Eigen::Matrix2Xd::Constant(2, 9, 20), workspace);
+  EXPECT_EQ(visibility.visible.maxCoeff(), 0);
 }
 
-TEST(PointStates, NeedTenFaces) {
+TEST(Visibility, NeedTenFaces) {
   EXPECT_THROW((void)train(testing::blob_faces(9, 1), 3), std::invalid_argument);
 }
 

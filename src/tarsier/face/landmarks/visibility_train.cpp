@@ -4,8 +4,8 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/occlusion.h"
-#include "tarsier/face/landmarks/point_states_inner.h"
 #include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/landmarks/visibility_input.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/linalg/losses.h"
 #include "tarsier/linalg/trainer.h"
@@ -58,7 +58,7 @@ Eigen::Matrix2Xd mean_of(const std::vector<TrainingFace>& faces) {
 class Fits {
  public:
   Fits(const std::vector<TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
-       const PointStateOptions& options, Progress& progress, const std::stop_token& stop)
+       const VisibilityOptions& options, Progress& progress, const std::stop_token& stop)
       : faces_(faces), mean_(mean), options_(options) {
     int own = -1;  // number of the face that this one is, or was made of
     for (const TrainingFace& face : faces) {
@@ -90,7 +90,7 @@ class Fits {
   // The network's input and target: n times 1 (hidden) or 0, n times the log of the error.
   void make(std::size_t f, Rng& rng, linalg::Example& example) const {
     thread_local DescentWorkspace descent_workspace;
-    thread_local PointStateWorkspace workspace;
+    thread_local VisibilityWorkspace workspace;
     const TrainingFace& face = faces_[f];
     const auto n = static_cast<std::size_t>(mean_.cols());
     std::vector<bool> hidden(n, false);
@@ -104,8 +104,8 @@ class Fits {
     const Start start = scattered_starts({face}, mean_, 1, rng()).front();
     const Eigen::Matrix2Xd fit = fit_descent(descents_[static_cast<std::size_t>(own_[f] % 2)], gray,
                                              start.points, descent_workspace);
-    point_state_input(mean_, gray, fit, workspace);
-    example.shape = {1, kPointStateSide, kPointStateSide};
+    visibility_input(mean_, gray, fit, workspace);
+    example.shape = {1, kVisibilitySide, kVisibilitySide};
     example.input = workspace.input;
     example.target.resize(2 * n);
     const double size = shape_size(fit);
@@ -120,14 +120,14 @@ class Fits {
  private:
   const std::vector<TrainingFace>& faces_;
   const Eigen::Matrix2Xd& mean_;
-  const PointStateOptions& options_;
+  const VisibilityOptions& options_;
   std::vector<int> own_;
   std::array<Descent, 2> descents_;  // [k]: for faces whose number is k modulo 2
 };
 
 // -log of the probability of what is hidden, and the errors' Huber loss; means over the points.
-double state_loss(const linalg::Example& example, const std::vector<float>& output,
-                  std::vector<float>& derivative) {
+double visibility_loss(const linalg::Example& example, const std::vector<float>& output,
+                       std::vector<float>& derivative) {
   const std::size_t n = output.size() / 2;
   derivative.resize(output.size());
   double loss = 0;
@@ -150,7 +150,7 @@ struct Judged {
 };
 
 // a, b of P(hidden) = 1 / (1 + exp(-(a h + b))), most likely (Platt 1999), by Newton's method.
-void calibrate_hidden(const Judged& judged, PointStateModel& model) {
+void calibrate_hidden(const Judged& judged, VisibilityModel& model) {
   double& a = model.hidden_slope;
   double& b = model.hidden_offset;
   const std::size_t n = static_cast<std::size_t>(model.points());
@@ -183,7 +183,7 @@ void calibrate_hidden(const Judged& judged, PointStateModel& model) {
   }
 }
 
-void calibrate_sigma(const Judged& judged, PointStateModel& model) {
+void calibrate_sigma(const Judged& judged, VisibilityModel& model) {
   const std::size_t n = static_cast<std::size_t>(model.points());
   std::vector<float> residuals;
   for (std::size_t i = 0; i < judged.output.size(); ++i)
@@ -197,11 +197,11 @@ void calibrate_sigma(const Judged& judged, PointStateModel& model) {
 
 }  // namespace
 
-PointStateModel train_point_states(const std::vector<TrainingFace>& faces,
-                                   const PointStateOptions& options, Progress& progress,
-                                   const std::stop_token& stop) {
+VisibilityModel train_visibility_model(const std::vector<TrainingFace>& faces,
+                                       const VisibilityOptions& options, Progress& progress,
+                                       const std::stop_token& stop) {
   options.check();
-  PointStateModel model;
+  VisibilityModel model;
   model.mean = mean_of(faces);
   const Fits fits(faces, model.mean, options, progress, stop);
   model.network = untrained(model.points());
@@ -218,9 +218,9 @@ PointStateModel train_point_states(const std::vector<TrainingFace>& faces,
   };
   const auto loss = [](const linalg::Example& example, const std::vector<float>& output,
                        linalg::Shape, std::vector<float>& derivative) {
-    return state_loss(example, output, derivative);
+    return visibility_loss(example, output, derivative);
   };
-  linalg::train(model.network, training, "point states", make, loss, progress, stop);
+  linalg::train(model.network, training, "visibility", make, loss, progress, stop);
 
   const std::vector<std::size_t> kept = fits.numbers(true);
   Judged judged;
@@ -246,9 +246,10 @@ PointStateModel train_point_states(const std::vector<TrainingFace>& faces,
   return model;
 }
 
-PointStateModel train_point_states(const shape::LandmarkSet& set, bool mirror,
-                                   const PointStateOptions& options, Progress& progress,
-                                   const std::stop_token& stop, std::vector<std::string>& skipped) {
+VisibilityModel train_visibility_model(const shape::LandmarkSet& set, bool mirror,
+                                       const VisibilityOptions& options, Progress& progress,
+                                       const std::stop_token& stop,
+                                       std::vector<std::string>& skipped) {
   LoadOptions load;
   load.mirror = mirror;
   load.largest = kLargest;
@@ -261,7 +262,7 @@ PointStateModel train_point_states(const shape::LandmarkSet& set, bool mirror,
       faces = load_training_faces(set, "", load, progress, stop, skipped);
     }
   }
-  return train_point_states(faces, options, progress, stop);
+  return train_visibility_model(faces, options, progress, stop);
 }
 
 }  // namespace tarsier::face::landmarks

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/face/landmarks/point_states.h"
+#include "tarsier/face/landmarks/visibility.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/packing.h"
-#include "tarsier/face/landmarks/point_states_inner.h"
+#include "tarsier/face/landmarks/visibility_input.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/media/archive.h"
 
@@ -16,35 +16,34 @@
 
 namespace tarsier::face::landmarks {
 
-std::vector<bool> PointStates::hidden() const {
+std::vector<bool> Visibility::hidden() const {
   std::vector<bool> out;
   for (const double chance : visible) out.push_back(chance < kHiddenBelow);
   return out;
 }
 
-void PointStateModel::check() const {
+void VisibilityModel::check() const {
   network.check();
-  const linalg::Shape out = network.output({1, kPointStateSide, kPointStateSide});
+  const linalg::Shape out = network.output({1, kVisibilitySide, kVisibilitySide});
   TARSIER_REQUIRE((out == linalg::Shape{2 * points(), 1, 1}),
-                  "the network of point states gives {} numbers for {} points", out.size(),
-                  points());
+                  "the visibility network gives {} numbers for {} points", out.size(), points());
   for (const double number : {hidden_slope, hidden_offset, sigma_offset})
     TARSIER_REQUIRE(std::abs(number) <= 100, "a calibration of {}", number);
 }
 
-void point_state_input(const Eigen::Matrix2Xd& mean, const cv::Mat& gray,
-                       const Eigen::Matrix2Xd& points, PointStateWorkspace& workspace) {
-  const Reduced reduced = reduce_around(gray, points, kPointStateScale);
+void visibility_input(const Eigen::Matrix2Xd& mean, const cv::Mat& gray,
+                      const Eigen::Matrix2Xd& points, VisibilityWorkspace& workspace) {
+  const Reduced reduced = reduce_around(gray, points, kVisibilityScale);
   const Eigen::Matrix2Xd there = (points.colwise() - reduced.offset) / reduced.scale;
   const shape::Similarity2d place = shape::fit_similarity(mean, there);
   // From px of the frame to px of the reduced image.
-  constexpr double kMiddle = (kPointStateSide - 1) / 2.0;
-  const double a = place.a / kPointStateScale;
-  const double b = place.b / kPointStateScale;
+  constexpr double kMiddle = (kVisibilitySide - 1) / 2.0;
+  const double a = place.a / kVisibilityScale;
+  const double b = place.b / kVisibilityScale;
   const cv::Matx23d image_from_frame(a, -b, place.tx - kMiddle * (a - b), b, a,
                                      place.ty - kMiddle * (a + b));
   cv::warpAffine(reduced.gray, workspace.frame, image_from_frame,
-                 cv::Size(kPointStateSide, kPointStateSide),
+                 cv::Size(kVisibilitySide, kVisibilitySide),
                  cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
   cv::Scalar middle;
   cv::Scalar deviation;
@@ -52,64 +51,64 @@ void point_state_input(const Eigen::Matrix2Xd& mean, const cv::Mat& gray,
   const auto shift = static_cast<float>(middle[0]);
   const auto scale = static_cast<float>(1 / std::max(4.0, deviation[0]));
   workspace.input.resize(workspace.frame.total());
-  for (int y = 0; y < kPointStateSide; ++y) {
+  for (int y = 0; y < kVisibilitySide; ++y) {
     const auto* row = workspace.frame.ptr<std::uint8_t>(y);
-    float* out = workspace.input.data() + static_cast<std::ptrdiff_t>(y) * kPointStateSide;
-    for (int x = 0; x < kPointStateSide; ++x) out[x] = scale * (static_cast<float>(row[x]) - shift);
+    float* out = workspace.input.data() + static_cast<std::ptrdiff_t>(y) * kVisibilitySide;
+    for (int x = 0; x < kVisibilitySide; ++x) out[x] = scale * (static_cast<float>(row[x]) - shift);
   }
 }
 
-PointStates point_states(const PointStateModel& model, const cv::Mat& gray,
-                         const Eigen::Matrix2Xd& points, PointStateWorkspace& workspace) {
+Visibility visibility_of(const VisibilityModel& model, const cv::Mat& gray,
+                         const Eigen::Matrix2Xd& points, VisibilityWorkspace& workspace) {
   const Eigen::Index n = model.mean.cols();
   TARSIER_REQUIRE(points.cols() == n, "{} points, the model has {}", points.cols(), n);
-  PointStates states;
+  Visibility visibility;
   const double size = points.allFinite() ? shape_size(points) : 0;
   if (size < 1) {
-    states.visible = Eigen::VectorXd::Zero(n);
-    states.sigma_px = Eigen::VectorXd::Constant(n, size);
-    return states;
+    visibility.visible = Eigen::VectorXd::Zero(n);
+    visibility.sigma_px = Eigen::VectorXd::Constant(n, size);
+    return visibility;
   }
-  point_state_input(model.mean, gray, points, workspace);
+  visibility_input(model.mean, gray, points, workspace);
   const std::vector<float>& out =
-      linalg::run(model.network, workspace.input.data(), {1, kPointStateSide, kPointStateSide},
+      linalg::run(model.network, workspace.input.data(), {1, kVisibilitySide, kVisibilitySide},
                   workspace.network);
   const Eigen::ArrayXd values =
       Eigen::Map<const Eigen::VectorXf>(out.data(), 2 * n).cast<double>().array();
-  states.visible = 1 / (1 + (model.hidden_slope * values.head(n) + model.hidden_offset).exp());
+  visibility.visible = 1 / (1 + (model.hidden_slope * values.head(n) + model.hidden_offset).exp());
   // A point is never known better than to a thousandth, nor lies beyond the face's surroundings.
-  states.sigma_px =
+  visibility.sigma_px =
       size * (values.tail(n) + model.sigma_offset).max(std::log(1e-3)).min(std::log(2.0)).exp();
-  return states;
+  return visibility;
 }
 
-void PointStateScore::add(const PointStates& states, const Eigen::Matrix2Xd& fitted,
+void VisibilityScore::add(const Visibility& visibility, const Eigen::Matrix2Xd& fitted,
                           const Eigen::Matrix2Xd& truth, const std::vector<bool>& is_hidden) {
-  TARSIER_REQUIRE(fitted.cols() == truth.cols() && states.visible.size() == truth.cols() &&
+  TARSIER_REQUIRE(fitted.cols() == truth.cols() && visibility.visible.size() == truth.cols() &&
                       is_hidden.size() == static_cast<std::size_t>(truth.cols()),
-                  "{} points, {} fitted, {} states, {} hidden or not", truth.cols(), fitted.cols(),
-                  states.visible.size(), is_hidden.size());
-  const std::vector<bool> flagged = states.hidden();
+                  "{} points, {} fitted, {} visibilities, {} hidden or not", truth.cols(),
+                  fitted.cols(), visibility.visible.size(), is_hidden.size());
+  const std::vector<bool> flagged = visibility.hidden();
   for (Eigen::Index p = 0; p < truth.cols(); ++p) {
     const auto k = static_cast<std::size_t>(p);
     (is_hidden[k] ? hidden : seen) += 1;
     if (flagged[k]) (is_hidden[k] ? hidden_found : seen_flagged) += 1;
-    if ((fitted.col(p) - truth.col(p)).norm() <= states.sigma_px[p]) ++within;
+    if ((fitted.col(p) - truth.col(p)).norm() <= visibility.sigma_px[p]) ++within;
   }
 }
 
-double PointStateScore::recall() const {
+double VisibilityScore::recall() const {
   return hidden == 0 ? 1 : static_cast<double>(hidden_found) / hidden;
 }
-double PointStateScore::precision() const {
+double VisibilityScore::precision() const {
   const int flagged = hidden_found + seen_flagged;
   return flagged == 0 ? 1 : static_cast<double>(hidden_found) / flagged;
 }
-double PointStateScore::coverage() const {
+double VisibilityScore::coverage() const {
   return hidden + seen == 0 ? 1 : static_cast<double>(within) / (hidden + seen);
 }
 
-nlohmann::json to_json(const PointStateModel& model) {
+nlohmann::json to_json(const VisibilityModel& model) {
   model.check();
   return {{"mean", packed(model.mean.cast<float>())},
           {"network", linalg::network_to_json(model.network)},
@@ -118,8 +117,8 @@ nlohmann::json to_json(const PointStateModel& model) {
           {"sigma_offset", model.sigma_offset}};
 }
 
-PointStateModel point_states_from_json(const nlohmann::json& value, const std::string& path) {
-  PointStateModel model;
+VisibilityModel visibility_from_json(const nlohmann::json& value, const std::string& path) {
+  VisibilityModel model;
   model.mean = mean_from_json(value, path);
   model.network = linalg::network_from_json(member(value, "network", path), path);
   model.hidden_slope = number_member(value, "hidden_slope", path, -100, 100);
