@@ -10,6 +10,7 @@
 #include "tarsier/sfm/pipelines/shard_files.h"
 #include "tarsier/sfm/scene/colmap_binary.h"
 #include "tarsier/sfm/scene/testing_model.h"
+#include "tarsier/sfm/surface/surface_files.h"
 
 #include "seeds.h"
 #include <filesystem>
@@ -95,6 +96,13 @@ void reconstructions() {
   sfm::write_colmap_map(seed("depth_map", "depth.bin"), cv::Mat(6, 8, CV_32FC1, cv::Scalar(2)));
   sfm::write_colmap_map(seed("depth_map", "normals.bin"),
                         cv::Mat(6, 8, CV_32FC3, cv::Scalar(0, 0, -1)));
+
+  sfm::TexturedSurface surface;
+  surface.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  surface.mesh.faces = {{0, 2, 1}, {0, 1, 3}};
+  sfm::write_surface(seed("surface_ply", "bare.ply"), surface);
+  surface.mesh.colors.assign(4, cv::Vec3b(1, 2, 3));
+  sfm::write_surface(seed("surface_ply", "colours.ply"), surface);
 }
 
 }  // namespace

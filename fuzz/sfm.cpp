@@ -14,9 +14,11 @@
 #include "tarsier/sfm/scene/colmap.h"
 #include "tarsier/sfm/scene/colmap_binary.h"
 #include "tarsier/sfm/scene/exif.h"
+#include "tarsier/sfm/surface/surface_files.h"
 
 #include "fuzz.h"
 #include <cmath>
+#include <optional>
 
 namespace tarsier::fuzz {
 
@@ -70,6 +72,14 @@ TARSIER_FUZZ_TARGET(depth_map, kBytes) {
       if (channels == 3 && read == 0) throw;
     }
   }
+}
+
+TARSIER_FUZZ_TARGET(surface_ply, kBytes) {
+  const SurfaceMesh mesh = read_surface(file_of(input, "mesh.ply"));
+  mesh.check();
+  const std::string copy = scratch_folder() + "/copy.ply";
+  write_surface(copy, {mesh, std::nullopt});
+  expect(read_surface(copy).faces == mesh.faces, "faces change when written");
 }
 
 TARSIER_FUZZ_TARGET(sfm_plan, kJson) {

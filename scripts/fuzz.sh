@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# scripts/fuzz.sh [--jobs N] [--no-build] [--budget S] [--keep] [SECONDS [TARGET..]]     e.g.  scripts/fuzz.sh 60 camera_file obj
+# scripts/fuzz.sh [--jobs N] [--no-build] [--budget S] [--in-all] [--keep] [SECONDS [TARGET..]]
+# e.g.  scripts/fuzz.sh 60 camera_file obj
 # Builds the fuzzing programs (preset fuzz; needs clang 16 or later) and runs each target of fuzz/ for SECONDS (600), N
 # (1) at a time, from the inputs in fuzz/corpus, those that fuzz_seeds makes, and what earlier runs came upon
 # (build/fuzz/corpus). One line for each target; what was found lies in build/fuzz/finds/TARGET, with the log beside it.
 # Runs add up: fuzz/seconds.txt has the CPU seconds that each target has had in all, and those with the fewest go first.
 # (Seconds by the clock would count the waiting on a busy machine.)
 # --budget S: no new target is begun after S seconds, so that a run of any length is of use.
+# --in-all: a target runs until it has had SECONDS of CPU time with what earlier runs gave it.
 # --keep: afterwards what was come upon is reduced to what covers code that nothing in fuzz/corpus does, and goes there (at
 # most 90 kB a target, 40 files a run). With SECONDS 0 nothing else is done.
 # Exit status 1 where there are findings.
@@ -18,12 +20,14 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 jobs=1
 build=yes
 budget=0
+in_all=no
 keep=no
 while [[ ${1:-} == --* ]]; do
   case $1 in
     --jobs) jobs=${2:?--jobs needs a number}; shift 2 ;;
     --no-build) build=no; shift ;;
     --budget) budget=${2:?--budget needs a number of seconds}; shift 2 ;;
+    --in-all) in_all=yes; shift ;;
     --keep) keep=yes; shift ;;
     *) die "unknown option $1" ;;
   esac
@@ -74,10 +78,9 @@ add_seconds() {
   ) 9>"$TARSIER_FUZZ_TMP/lock"
 }
 
-# One target: a line of its figures on stdout; status 1 for findings.
-run_target() {
-  if [ "$budget" -gt 0 ] && [ $(($(date +%s) - begun)) -ge "$budget" ]; then return 0; fi
-  local target=$1 program corpus=$out/corpus/$1 finds=$out/finds/$1 log dictionary=() folders=() status=0 place
+# One target for S seconds of the clock: a line of its figures on stdout; status 1 for findings.
+run_for() {
+  local target=$1 length=$2 program corpus=$out/corpus/$1 finds=$out/finds/$1 log dictionary=() folders=() status=0 place
   program=$(sed -n "s/^$target //p" "$list")
   mkdir -p "$corpus" "$finds"
   log=$finds.log
@@ -87,7 +90,7 @@ run_target() {
   done
   local TIMEFORMAT='%0U' used
   # -max_len: far above what the readers need, far below their limits of size.
-  used=$( { time TARSIER_FUZZ=$target "$out/bin/$program" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=1024 \
+  used=$( { time TARSIER_FUZZ=$target "$out/bin/$program" -max_total_time="$length" -timeout=10 -rss_limit_mb=1024 \
     -malloc_limit_mb=1024 -max_len=65536 -print_final_stats=1 -artifact_prefix="$finds/" "${dictionary[@]}" \
     "$corpus" "${folders[@]}" >"$log" 2>&1 </dev/null; } 2>&1 ) || status=$?
   add_seconds "$target" "${used:-0}"
@@ -100,6 +103,21 @@ run_target() {
   printf '%-17s %10s executions %7s/s %6s edges  %s\n' "$target" "${executions:-?}" "${rate:-?}" "${coverage:-?}" \
     "$([ "$found" -eq 0 ] && echo "nothing found" || echo "FOUND $found: $(sed -n 's/^SUMMARY: //p' "$log" | tail -1) ($log)")"
   [ "$found" -eq 0 ]
+}
+
+out_of_budget() { [ "$budget" -gt 0 ] && [ $(($(date +%s) - begun)) -ge "$budget" ]; }
+
+# One target for SECONDS; with --in-all for what it lacks, again until it has it (beside other work the clock goes faster).
+run_target() {
+  local lacks=$seconds
+  ! out_of_budget || return 0
+  if [ "$in_all" = no ]; then
+    run_for "$1" "$seconds"
+    return
+  fi
+  while lacks=$((seconds - $(had "$1"))) && [ "$lacks" -gt 0 ] && ! out_of_budget; do
+    run_for "$1" $((lacks < 5 ? 5 : lacks)) || return 1
+  done
 }
 
 # keep_corpus TARGET: what covers code that neither fuzz/corpus nor the seeds do goes to fuzz/corpus, the smallest first.
@@ -123,9 +141,9 @@ keep_corpus() {
   done < <(find "$all" -type f -newer "$TARSIER_FUZZ_TMP/before-$target" -printf '%s %p\n' | sort -n)
   printf '%-17s %5d inputs kept, %7d bytes now\n' "$target" "$new" "$total"
 }
-export -f run_target add_seconds keep_corpus
+export -f run_target run_for out_of_budget had add_seconds keep_corpus
 begun=$(date +%s)
-export out seconds list budget begun ledger
+export out seconds list budget begun ledger in_all
 touch "$TARSIER_FUZZ_TMP/begin"
 status=0
 if [ "$seconds" -gt 0 ]; then

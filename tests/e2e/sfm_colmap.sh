@@ -71,4 +71,24 @@ good triangulated "COLMAP's points for our cameras"
 run sfm reconstruct scene/images --database own.db --camera-file scene/camera.yaml --no-cache -o from-colmap
 expect_status 0
 good from-colmap "our mapper on COLMAP's database"
+
+# Its fusion of our dense workspace: the points lie where ours are. Its Poisson surface is read.
+run sfm synth -o dense-scene --images 5 --size 240x180 --depth --quiet
+expect_status 0
+run sfm dense dense-scene/truth/sparse --images dense-scene/images -o dense --threads 1 --quiet
+expect_status 0
+colmap stereo_fusion --workspace_path dense --output_path dense/fused.ply --StereoFusion.min_num_pixels 3 >>colmap.log 2>&1 </dev/null ||
+  fail "colmap stereo_fusion"
+# exact FIELD WHAT: of the cloud or the surface at least 90 % is within 1 % of the extent.
+exact() {
+  python3 -c "import json, sys; sys.exit(not json.loads(sys.argv[1])$1[2]['accuracy'] >= 0.9)" "$out" || fail "$2: $out"
+}
+run sfm eval dense --dense --truth dense-scene/truth --json
+expect_status 0
+exact '["cloud"]' "COLMAP's fusion of our depth maps"
+colmap poisson_mesher --input_path dense/fused.ply --output_path poisson.ply --PoissonMeshing.trim 7 >>colmap.log 2>&1 </dev/null ||
+  fail "colmap poisson_mesher"
+run sfm eval dense --dense --mesh poisson.ply --truth dense-scene/truth --json
+expect_status 0
+exact '["mesh"]["thresholds"]' "COLMAP's surface of our depth maps"
 finish

@@ -57,6 +57,28 @@ print(len(errors), errors[len(errors) // 2])
 sys.exit(not (len(errors) > 1000 and errors[len(errors) // 2] < 0.03))  # voxels of about 0.06
 PY
 
+# --- and fit the true surface that synth wrote ---
+run sfm eval $dense --dense --mesh mesh.ply --truth scene/truth --errors errors --json
+expect_status 0
+python3 - "$out" <<'PY' || fail "the surface of exact depth maps: $out"
+import json, sys
+mesh = json.loads(sys.argv[1])["mesh"]
+half = [t for t in mesh["thresholds"] if t["threshold"] == 0.005][0]
+sys.exit(not (half["accuracy"] > 0.99 and half["completeness"] > 0.95 and mesh["distance_median"] < 1e-3 * mesh["extent"]))
+PY
+head -c 3 errors/mesh.ply | grep -q ply || fail "no errors/mesh.ply"
+run sfm eval $dense --mesh mesh.ply --truth scene/truth
+expect_status 2
+expect_error "--dense"
+run sfm eval $dense --dense --mesh mesh.glb --truth scene/truth
+expect_status 3
+expect_error ".ply"
+mv scene/truth/mesh.ply true.ply
+run sfm eval $dense --dense --mesh mesh.ply --truth scene/truth
+expect_status 3
+expect_error "sfm synth --depth"
+mv true.ply scene/truth/mesh.ply
+
 # --- a known distance ---
 run sfm mesh $dense -o other.obj --faces 1000 --texture 256 --distance-between 0000.jpg 0004.jpg --distance 1000 --json
 expect_status 0

@@ -46,6 +46,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--cost",
     "--count",
     "--country",
+    "--dark-level",
     "--days",
     "--dense",
     "--dense-quality",

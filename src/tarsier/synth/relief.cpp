@@ -6,6 +6,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/synth/height_field.h"
 #include "tarsier/synth/noise.h"
+#include "tarsier/synth/relief_surface.h"
 #include "tarsier/synth/relief_texture.h"
 
 #include <Eigen/Geometry>
@@ -49,24 +50,6 @@ enum Stream : std::uint64_t {
   kHeightStream,
   kBoxStream,
   kPoseStream
-};
-
-// Stands on z = 0, turned about z.
-struct Box {
-  double x = 0;
-  double y = 0;
-  double half[2] = {};
-  double top = 0;
-  double cosine = 1;
-  double sine = 0;
-  cv::Vec3f tint;
-
-  [[nodiscard]] Eigen::Vector3d to_own(const Eigen::Vector3d& v) const {
-    return {cosine * v[0] + sine * v[1], -sine * v[0] + cosine * v[1], v[2]};
-  }
-  [[nodiscard]] Eigen::Vector3d from_own(const Eigen::Vector3d& v) const {
-    return {cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]};
-  }
 };
 
 struct Hit {
@@ -326,6 +309,30 @@ struct ReliefScene::Parts {
     return hit;
   }
 
+  // A box (x, y) around what the cameras see, by rays of each in steps of a 32nd of its image.
+  [[nodiscard]] cv::Rect2d region_in_view() const {
+    constexpr int kRays = 32;
+    Eigen::Array2d low(1e9, 1e9);
+    Eigen::Array2d high(-1e9, -1e9);
+    for (const geometry::Rigid3& pose : poses) {
+      const View view = view_of(pose);
+      for (int k = 0; k < (kRays + 1) * (kRays + 1); ++k) {
+        const double u = static_cast<double>(k % (kRays + 1)) / kRays * (camera.width - 1);
+        const double v = static_cast<double>(k / (kRays + 1)) / kRays * (camera.height - 1);
+        const Eigen::Vector3d direction = ray(view, u, v);
+        const double t = field.first_hit(view.center, direction, kFar);
+        if (!(t < kFar)) continue;
+        const Eigen::Array2d at = (view.center + t * direction).head<2>().array();
+        low = low.min(at);
+        high = high.max(at);
+      }
+    }
+    if (!(low[0] <= high[0])) return {};
+    const double margin = 0.02 * (high - low).maxCoeff();
+    return {low[0] - margin, low[1] - margin, high[0] - low[0] + 2 * margin,
+            high[1] - low[1] + 2 * margin};
+  }
+
   // Squares of 1.5 units without texture, of kPatchy.
   [[nodiscard]] bool is_bare(const Eigen::Vector3d& at) const {
     if (options.content != Content::kPatchy) return false;
@@ -420,6 +427,13 @@ std::optional<double> ReliefScene::depth(int index, cv::Point2d pixel) const {
   const Hit hit = parts.trace(view, parts.ray(view, pixel.x, pixel.y), pixel.x, pixel.y);
   if (!hit.is_any) return std::nullopt;
   return hit.t;
+}
+
+SceneSurface ReliefScene::surface(double step, const std::stop_token& stop) const {
+  TARSIER_REQUIRE(step >= 0.005 && step <= 1, "steps of {} units", step);
+  const Parts& parts = *parts_;
+  return triangulate(parts.field, parts.boxes, parts.camera, parts.poses, parts.region_in_view(),
+                     step, stop);
 }
 
 PointProblem make_point_problem(std::uint64_t seed, int images, int points, double noise_px,

@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -58,6 +59,12 @@ struct SceneOptions {
   void check() const;  // throws std::invalid_argument naming the bad value
 };
 
+// A surface of triangles, counter-clockwise as seen from outside, in the world's units.
+struct SceneSurface {
+  std::vector<Eigen::Vector3f> vertices;
+  std::vector<std::array<int, 3>> triangles;
+};
+
 // Const after construction; copies share what they hold. The same options give the same scene, and
 // another size or focal length the same scene seen by another camera. Scenes of different seeds
 // share no texture.
@@ -76,6 +83,11 @@ class ReliefScene {
   // z in the camera of what `pixel` sees, from the exact surface, to 1e-8 units; also outside the
   // image. Empty where nothing is within 100 units.
   [[nodiscard]] std::optional<double> depth(int index, cv::Point2d pixel) const;
+  // The exact surface at points `step` units apart or less (0.005..1), in triangles: what lies in
+  // the view of a camera, hidden or not, without the ground below boxes and what of boxes is below
+  // the ground; patches of ground, sides and tops share no vertices. Throws
+  // std::invalid_argument, Interrupted.
+  [[nodiscard]] SceneSurface surface(double step, const std::stop_token& stop = {}) const;
 
   struct Parts;
 

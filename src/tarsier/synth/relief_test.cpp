@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/relief.h"
 
+#include <Eigen/Geometry>
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
@@ -121,11 +122,52 @@ TEST(ReliefScene, NothingIsOneColour) {
   EXPECT_GT(deviation[1], 20);
 }
 
+TEST(ReliefScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
+  for (const Content content :
+       {Content::kRelief, Content::kBoxes, Content::kRoom, Content::kThin}) {
+    for (const Trajectory trajectory : {Trajectory::kArc, Trajectory::kRing, Trajectory::kLine}) {
+      const ReliefScene scene(small(content, trajectory));
+      const SceneSurface surface = scene.surface(0.07);
+      const geometry::Camera camera = scene.camera();
+      const auto corner = [&](const std::array<int, 3>& triangle, std::size_t k) {
+        return surface.vertices[static_cast<std::size_t>(triangle[k])].cast<double>().eval();
+      };
+      int seen = 0;
+      int facing = 0;
+      cv::Mat1b covered(camera.height, camera.width, static_cast<unsigned char>(0));
+      for (const std::array<int, 3>& triangle : surface.triangles) {
+        const Eigen::Vector3d middle =
+            (corner(triangle, 0) + corner(triangle, 1) + corner(triangle, 2)) / 3;
+        const Eigen::Vector3d normal = (corner(triangle, 1) - corner(triangle, 0))
+                                           .cross(corner(triangle, 2) - corner(triangle, 0));
+        const Eigen::Vector3d at = scene.pose(1) * middle;
+        const auto pixel = camera.project(at);
+        if (!pixel || !cv::Rect2d(0, 0, camera.width - 1, camera.height - 1).contains(*pixel))
+          continue;
+        // Nothing that is drawn lies behind a triangle, but for the sag between its corners.
+        const auto depth = scene.depth(1, *pixel);
+        ASSERT_TRUE(depth.has_value());
+        if (*depth < at[2] - 0.05) continue;  // hidden
+        ++seen;
+        facing += normal.dot(scene.pose(1).center() - middle) > 0 ? 1 : 0;
+        EXPECT_NEAR(*depth, at[2], 0.05);
+        covered(cvRound(pixel->y), cvRound(pixel->x)) = 255;
+      }
+      ASSERT_GT(seen, 1000);
+      EXPECT_GT(facing, 0.97 * seen);
+      // And it leaves out nothing of what is seen.
+      cv::dilate(covered, covered, cv::Mat::ones(5, 5, CV_8U));
+      EXPECT_GT(cv::countNonZero(covered), 0.99 * static_cast<double>(covered.total()));
+    }
+  }
+}
+
 TEST(ReliefScene, ImpossibleOptionsAreRefused) {
   SceneOptions options = small();
   options.images = 0;
   EXPECT_THROW(ReliefScene{options}, std::invalid_argument);
   EXPECT_THROW((void)ReliefScene(small()).render(5), std::invalid_argument);
+  EXPECT_THROW((void)ReliefScene(small()).surface(0), std::invalid_argument);
 }
 
 TEST(PointProblem, WithoutNoiseItReprojectsExactly) {

@@ -99,6 +99,7 @@ void add_flags(Command& verb, Flags& flags) {
                    "px, largest side; 0: colours of vertices [4096; of .ply: 0]"});
   bind_field(verb, mesh.options.volume, mesh.options.volume.voxel);
   bind_field(verb, mesh.options.volume, mesh.options.volume.trim_px);
+  bind_field(verb, mesh.options.volume, mesh.options.volume.dark_level);
   bind_field(verb, mesh.options, mesh.options.close_holes);
   bind_field(verb, mesh.options, mesh.options.smoothing);
   bind_field(verb, mesh.options, mesh.options.min_part);

@@ -9,6 +9,8 @@
 #include "tarsier/sfm/dense/workspace.h"
 #include "tarsier/sfm/mapper/evaluation.h"
 #include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/surface/surface_evaluation.h"
+#include "tarsier/sfm/surface/surface_files.h"
 
 #include <fmt/format.h>
 
@@ -16,6 +18,7 @@
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 namespace tarsier::cli {
 namespace {
@@ -24,8 +27,39 @@ struct EvalFlags {
   std::string model;
   std::string truth;
   bool dense = false;
+  std::string mesh;
   std::string errors;
 };
+
+std::string lines_of(const std::vector<sfm::ThresholdScore>& scores, double extent) {
+  std::string text;
+  for (const sfm::ThresholdScore& score : scores) {
+    text += fmt::format(
+        "within {:.2f} % of the extent ({:.4g}): accuracy {:.1f} %, completeness {:.1f} %, F1 "
+        "{:.3f}\n",
+        100 * score.threshold, extent * score.threshold, 100 * score.accuracy,
+        100 * score.completeness, score.f1);
+  }
+  return text;
+}
+
+// The surface beside the true one, truth/mesh.ply.
+sfm::SurfaceScores evaluate_mesh(const EvalFlags& flags, const sfm::Workspace& truth,
+                                 const sfm::Workspace& model, const Context& context) {
+  const std::filesystem::path exact = std::filesystem::path(flags.truth) / "mesh.ply";
+  std::error_code ignored;
+  if (!std::filesystem::exists(exact, ignored))
+    throw InputError(exact.string(), "is missing: sfm synth --depth writes it");
+  sfm::SurfaceScores scores =
+      sfm::evaluate_surface(truth, sfm::read_surface(exact.string()), sfm::read_surface(flags.mesh),
+                            sfm::align_workspaces(truth, model), *context.progress, context.stop);
+  if (!flags.errors.empty()) {
+    make_folder(flags.errors);
+    sfm::write_surface((std::filesystem::path(flags.errors) / "mesh.ply").string(),
+                       {scores.errors, std::nullopt});
+  }
+  return scores;
+}
 
 ExitStatus evaluate_dense(const EvalFlags& flags, const Context& context) {
   const sfm::Workspace truth = sfm::Workspace::open(flags.truth);
@@ -39,8 +73,12 @@ ExitStatus evaluate_dense(const EvalFlags& flags, const Context& context) {
       flags.errors.empty()
           ? sfm::evaluate_dense(truth, model, {}, *context.progress, context.stop)
           : sfm::evaluate_dense(truth, model, show, *context.progress, context.stop);
+  std::optional<sfm::SurfaceScores> mesh;
+  if (!flags.mesh.empty()) mesh = evaluate_mesh(flags, truth, model, context);
   if (context.json) {
-    print_json(sfm::to_json(scores));
+    nlohmann::ordered_json json = sfm::to_json(scores);
+    if (mesh) json["mesh"] = sfm::to_json(*mesh);
+    print_json(json);
     return ExitStatus::kDone;
   }
   std::string text;
@@ -49,12 +87,10 @@ ExitStatus evaluate_dense(const EvalFlags& flags, const Context& context) {
                         image.name, 100 * image.median, 100 * image.within_one, 100 * image.known);
   }
   text += fmt::format("median depth error {:.4f} %\n", 100 * scores.depth_median);
-  for (const auto& cloud : scores.cloud) {
-    text += fmt::format(
-        "within {:.2f} % of the extent ({:.4g}): accuracy {:.1f} %, completeness {:.1f} %, F1 "
-        "{:.3f}\n",
-        100 * cloud.threshold, scores.extent * cloud.threshold, 100 * cloud.accuracy,
-        100 * cloud.completeness, cloud.f1);
+  if (!scores.cloud.empty()) text += "cloud\n" + lines_of(scores.cloud, scores.extent);
+  if (mesh) {
+    text += fmt::format("mesh: median distance {:.4g}\n{}", mesh->distance_median,
+                        lines_of(mesh->thresholds, mesh->extent));
   }
   print_text(text);
   return ExitStatus::kDone;
@@ -88,7 +124,12 @@ void add_eval_flags(Command& verb, EvalFlags& flags) {
   Flag& dense =
       verb.add_flag("--dense", flags.dense,
                     "MODEL is a folder of sfm dense, and the truth is truth/ of sfm synth --depth");
-  verb.add_option("--errors", flags.errors, "folder for images of the depths' errors").needs(dense);
+  verb.add_option("--mesh", flags.mesh,
+                  ".ply or .obj of sfm mesh in the units of MODEL, compared with truth/mesh.ply")
+      .needs(dense);
+  verb.add_option("--errors", flags.errors,
+                  "folder for images of the depths' errors, and the mesh coloured by its own")
+      .needs(dense);
 }
 
 }  // namespace

@@ -155,8 +155,9 @@ void add_flags(Command& verb, SynthFlags& flags) {
       .check(one_of(names_of(kContents)))
       .show_default();
   bind_field(verb, flags.scene, flags.scene.noise);
-  verb.add_flag("--depth", flags.depth,
-                "truth/: exact cameras, points and depth maps, as sfm dense has them");
+  verb.add_flag(
+      "--depth", flags.depth,
+      "truth/: exact cameras, points, depth maps and surface, as sfm dense and mesh have them");
   verb.add_option("--focal", flags.scene.focal_px, "px; 0: the larger side").show_default();
   bind_field(verb, flags.scene, flags.scene.pure_rotation);
   verb.add_flag("--observations", flags.observations,

@@ -5,18 +5,22 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/dense/workspace.h"
 #include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/surface/surface_files.h"
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <utility>
 #include <vector>
 
 namespace tarsier::cli {
 namespace {
 
+constexpr double kUsualDistance = 10;  // units, of the cameras of a drawn scene
 constexpr int kPointsAcross = 40;      // of the points, in the width of an image
 constexpr double kSameDepth = 1e-3;    // of the depth: the same surface
 constexpr double kSameSurface = 0.05;  // of the depth, between neighbours: no edge
@@ -115,6 +119,17 @@ sfm::Model true_model(const synth::ReliefScene& scene, const std::stop_token& st
   return model;
 }
 
+// The exact surface at points about two pixels apart.
+void write_mesh(const std::string& folder, const synth::ReliefScene& scene,
+                const std::stop_token& stop) {
+  const double pixel = kUsualDistance / scene.camera().fx;
+  synth::SceneSurface surface = scene.surface(std::clamp(2 * pixel, 0.02, 0.2), stop);
+  sfm::TexturedSurface mesh;
+  mesh.mesh.vertices = std::move(surface.vertices);
+  mesh.mesh.faces = std::move(surface.triangles);
+  sfm::write_surface((std::filesystem::path(folder) / "mesh.ply").string(), mesh);
+}
+
 }  // namespace
 
 void write_depth_truth(const std::string& folder, const synth::ReliefScene& scene,
@@ -131,6 +146,7 @@ void write_depth_truth(const std::string& folder, const synth::ReliefScene& scen
     context.progress->advance();
   }
   context.progress->end();
+  write_mesh(folder, scene, context.stop);
 }
 
 }  // namespace tarsier::cli

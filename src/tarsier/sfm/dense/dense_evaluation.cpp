@@ -5,6 +5,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/opencv_types.h"
 #include "tarsier/sfm/dense/point_grid.h"
+#include "tarsier/sfm/dense/surface_truth.h"
 
 #include <Eigen/Core>
 #include <fmt/format.h>
@@ -23,67 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kThresholds[] = {0.0025, 0.005, 0.01};
-constexpr double kSpacing = 0.001;   // of the true surface's points, of the extent
-constexpr double kSameDepth = 0.01;  // of the depth: seen by the other image, too
+constexpr double kSpacing = 0.001;  // of the true surface's points, of the extent
 constexpr float kWorstShown = 0.01F;
-
-struct View {
-  cv::Mat1f depth;
-  geometry::Camera camera;
-  geometry::Rigid3 pose;
-
-  [[nodiscard]] Eigen::Vector3d world_of(int x, int y) const {
-    const double z = depth(y, x);
-    return pose.rotation.transpose() *
-           (Eigen::Vector3d((x - camera.cx) / camera.fx * z, (y - camera.cy) / camera.fy * z, z) -
-            pose.translation);
-  }
-  [[nodiscard]] bool sees(const Eigen::Vector3d& world) const {
-    const Eigen::Vector3d there = pose * world;
-    const auto pixel = camera.project(there);
-    if (!pixel || !(pixel->x > -0.5 && pixel->y > -0.5 && pixel->x < camera.width - 0.5 &&
-                    pixel->y < camera.height - 0.5))
-      return false;
-    const float z =
-        depth(static_cast<int>(std::lround(pixel->y)), static_cast<int>(std::lround(pixel->x)));
-    return z > 0 && std::abs(z / there.z() - 1) < kSameDepth;
-  }
-};
-
-View view_of(const Workspace& workspace, int index) {
-  View view;
-  view.depth = workspace.read_depth_map(index).depth;
-  view.camera = camera_of_map(workspace.camera(index), view.depth.size());
-  view.pose = workspace.pose(index);
-  return view;
-}
-
-double at_part(std::vector<float>& values, double part) {
-  if (values.empty()) return 0;
-  const auto place =
-      values.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), place, values.end());
-  return *place;
-}
-
-double extent_of(const std::vector<cv::Vec3f>& points) {
-  double sum = 0;
-  for (int k = 0; k < 3; ++k) {
-    std::vector<float> values;
-    for (const cv::Vec3f& point : points) values.push_back(point[k]);
-    const double side = at_part(values, 0.995) - at_part(values, 0.005);
-    sum += side * side;
-  }
-  return std::sqrt(sum);
-}
-
-double share_below(const std::vector<float>& values, double limit) {
-  if (values.empty()) return 0;
-  const auto count =
-      std::count_if(values.begin(), values.end(), [&](float value) { return value <= limit; });
-  return static_cast<double>(count) / static_cast<double>(values.size());
-}
 
 // Of each point the distance to the nearest one of the grid.
 std::vector<float> distances(const std::vector<cv::Vec3f>& points, const PointGrid& grid,
@@ -129,19 +71,19 @@ class Evaluation {
     progress.begin("depths", truth_.count(), "images");
     for (int i = 0; i < truth_.count(); ++i) {
       throw_if_stopped(stop);
-      views_.push_back(view_of(truth_, i));
+      views_.push_back(true_view(truth_, i));
       scores.images.push_back(score_image(i, show, all));
       progress.advance();
     }
     progress.end();
-    scores.depth_median = at_part(all, 0.5);
+    scores.depth_median = quantile(all, 0.5);
   }
 
   void score_cloud(const std::stop_token& stop, DenseScores& scores) {
     std::vector<cv::Vec3f> surface;
     for (std::size_t i = 0; i < views_.size(); ++i) {
       throw_if_stopped(stop);
-      const View& view = views_[i];
+      const TrueView& view = views_[i];
       for (int y = 0; y < view.depth.rows; ++y) {
         for (int x = 0; x < view.depth.cols; ++x) {
           if (!(view.depth(y, x) > 0)) continue;
@@ -165,21 +107,13 @@ class Evaluation {
           similarity_ * Eigen::Vector3d(point.position[0], point.position[1], point.position[2]);
       points.emplace_back(geometry::to_cv(moved));
     }
-    const auto limit = static_cast<float>(scores.extent * kThresholds[2] * 1.01);
-    const auto cell = static_cast<float>(scores.extent * kThresholds[0]);
+    const float limit = distance_limit(scores.extent);
+    const float cell = distance_cell(scores.extent);
     const PointGrid true_grid(thinned(surface, static_cast<float>(scores.extent * kSpacing)), cell);
     const PointGrid grid(points, cell);
-    const std::vector<float> off = distances(points, true_grid, limit, stop);
-    const std::vector<float> missing = distances(true_grid.points(), grid, limit, stop);
-    for (const double threshold : kThresholds) {
-      DenseScores::Cloud cloud;
-      cloud.threshold = threshold;
-      cloud.accuracy = share_below(off, threshold * scores.extent);
-      cloud.completeness = share_below(missing, threshold * scores.extent);
-      const double sum = cloud.accuracy + cloud.completeness;
-      cloud.f1 = sum > 0 ? 2 * cloud.accuracy * cloud.completeness / sum : 0;
-      scores.cloud.push_back(cloud);
-    }
+    scores.cloud =
+        score_thresholds(distances(points, true_grid, limit, stop),
+                         distances(true_grid.points(), grid, limit, stop), scores.extent);
   }
 
  private:
@@ -191,7 +125,7 @@ class Evaluation {
     score.name = truth_.name(index);
     const auto found = by_name_.find(score.name);
     if (found == by_name_.end() || !model_.has_depth_map(found->second)) return score;
-    const View& truth = views_.back();
+    const TrueView& truth = views_.back();
     const cv::Mat1f depth = model_.read_depth_map(found->second).depth;
     cv::Mat1f errors(depth.size(), -1.F);
     std::vector<float> values;
@@ -214,10 +148,10 @@ class Evaluation {
     all.insert(all.end(), values.begin(), values.end());
     score.known =
         possible > 0 ? static_cast<double>(values.size()) / static_cast<double>(possible) : 0;
-    score.within_tenth = share_below(values, 0.001);
-    score.within_half = share_below(values, 0.005);
-    score.within_one = share_below(values, 0.01);
-    score.median = at_part(values, 0.5);
+    score.within_tenth = share_within(values, 0.001);
+    score.within_half = share_within(values, 0.005);
+    score.within_one = share_within(values, 0.01);
+    score.median = quantile(values, 0.5);
     return score;
   }
 
@@ -244,7 +178,7 @@ class Evaluation {
   const Workspace& model_;
   const geometry::Sim3 similarity_;
   std::map<std::string, int> by_name_;
-  std::vector<View> views_;  // of the truth
+  std::vector<TrueView> views_;  // of the truth
 };
 
 }  // namespace
@@ -260,17 +194,10 @@ nlohmann::ordered_json to_json(const DenseScores& scores) {
                       {"within_1", rounded(image.within_one)},
                       {"known", rounded(image.known)}});
   }
-  nlohmann::ordered_json cloud = nlohmann::ordered_json::array();
-  for (const DenseScores::Cloud& one : scores.cloud) {
-    cloud.push_back({{"threshold", one.threshold},
-                     {"accuracy", rounded(one.accuracy)},
-                     {"completeness", rounded(one.completeness)},
-                     {"f1", rounded(one.f1)}});
-  }
   return {{"images", std::move(images)},
           {"depth_median", rounded(scores.depth_median)},
           {"extent", rounded(scores.extent)},
-          {"cloud", std::move(cloud)}};
+          {"cloud", to_json(scores.cloud)}};
 }
 
 geometry::Sim3 align_workspaces(const Workspace& truth, const Workspace& model) {

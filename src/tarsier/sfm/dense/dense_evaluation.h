@@ -4,6 +4,7 @@
 #include "tarsier/core/progress.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/dense/cloud.h"
+#include "tarsier/sfm/dense/surface_truth.h"
 #include "tarsier/sfm/dense/workspace.h"
 
 #include <opencv2/core/mat.hpp>
@@ -26,16 +27,10 @@ struct DenseScores {
     double within_one = 0;    // and 1 %
     double known = 0;         // share of the true depths that are known
   };
-  struct Cloud {
-    double threshold = 0;     // of the extent
-    double accuracy = 0;      // share of the points that are so near to the true surface
-    double completeness = 0;  // share of the true surface that is so near to a point
-    double f1 = 0;            // their harmonic mean
-  };
   std::vector<Depth> images;
   double depth_median = 0;  // of all pixels of all images
   double extent = 0;        // world units of the truth: diagonal of the box around the true surface
-  std::vector<Cloud> cloud;  // of 0.25, 0.5 and 1 % of the extent; empty without a cloud
+  std::vector<ThresholdScore> cloud;  // empty without a cloud
 };
 // {"images": [..], "depth_median", "extent", "cloud": [{"threshold", "accuracy", "completeness", "f1"}]}
 [[nodiscard]] nlohmann::ordered_json to_json(const DenseScores& scores);

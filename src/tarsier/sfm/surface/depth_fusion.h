@@ -28,7 +28,8 @@ struct VolumeOptions {
             {"trim_px", trim_px, range(0, 100), "--trim",
              "px of a depth map, left out next to what is unknown in it"},
             {"carving", carving, range(0, 1)},
-            {"dark_level", dark_level, range(0, 255)},
+            {"dark_level", dark_level, range(0, 255), "--dark-level",
+             "grey level up to which a background is empty; 0: none is"},
             {"memory_gb", memory_gb, range(0.01, 1024)}};
   }
   void check() const { check_fields(*this); }  // throws std::invalid_argument

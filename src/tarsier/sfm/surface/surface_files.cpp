@@ -6,19 +6,27 @@
 #include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/render/obj_io.h"
+#include "tarsier/sfm/dense/ply_file.h"
 #include "tarsier/sfm/surface/glb.h"
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <iterator>
 
 namespace tarsier::sfm {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr int kMaxElements = 20'000'000;  // vertices, faces of a file that is read
+constexpr std::int64_t kMaxObjBytes = 2'000'000'000;
+constexpr int kMaxCorners = 1000;  // of a face, and of its other lists
 
 std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
@@ -102,6 +110,109 @@ std::string obj_of(const TexturedSurface& surface, const std::string& library) {
   return text;
 }
 
+SurfaceMesh mesh_of_obj(const std::string& path) {
+  render::ObjLimits limits;
+  limits.max_bytes = kMaxObjBytes;
+  limits.max_faces = kMaxElements;
+  const render::ObjFile file = render::read_obj(path, limits);
+  SurfaceMesh mesh;
+  for (const cv::Vec3f& x : file.mesh.positions) mesh.vertices.emplace_back(x[0], x[1], x[2]);
+  for (const render::Triangle& triangle : file.mesh.triangles)
+    mesh.faces.push_back(triangle.position);
+  return mesh;
+}
+
+// Reads records of a PLY file, one number after the other.
+class PlyRecords {
+ public:
+  PlyRecords(std::istream& stream, const std::string& path) : stream_(stream), path_(path) {}
+
+  double number(PlyType type) {
+    char bytes[8];
+    read(bytes, type.bytes);
+    return type.read(bytes);
+  }
+  void read(char* bytes, std::size_t count) {
+    if (!stream_.read(bytes, static_cast<std::streamsize>(count)))
+      throw InputError(path_, "is cut short: it ends before its last record");
+  }
+
+ private:
+  std::istream& stream_;
+  const std::string& path_;
+};
+
+void read_vertices(PlyRecords& records, const PlyElement& element, const std::string& path,
+                   SurfaceMesh& mesh) {
+  const PlyProperty* const place[] = {element.find("x"), element.find("y"), element.find("z")};
+  const PlyProperty* const color[] = {element.find("blue"), element.find("green"),
+                                      element.find("red")};
+  if (std::count(std::begin(place), std::end(place), nullptr) > 0)
+    throw InputError(path, "has no vertices with x, y and z");
+  const bool is_colored = std::count(std::begin(color), std::end(color), nullptr) == 0;
+  std::vector<char> record(element.bytes);
+  for (std::int64_t i = 0; i < element.count; ++i) {
+    records.read(record.data(), record.size());
+    const auto number = [&](const PlyProperty* property) {
+      return property->type.read(record.data() + property->offset);
+    };
+    Eigen::Vector3f vertex;
+    for (int k = 0; k < 3; ++k) vertex[k] = static_cast<float>(number(place[k]));
+    if (!vertex.allFinite())
+      throw InputError(path, fmt::format("vertex {} has numbers that are not finite", i));
+    mesh.vertices.push_back(vertex);
+    if (!is_colored) continue;
+    cv::Vec3b bgr;
+    for (int k = 0; k < 3; ++k) bgr[k] = cv::saturate_cast<std::uint8_t>(number(color[k]));
+    mesh.colors.push_back(bgr);
+  }
+}
+
+void read_faces(PlyRecords& records, const PlyElement& element, const std::string& path,
+                SurfaceMesh& mesh) {
+  const PlyProperty* indices = element.find("vertex_indices");
+  if (indices == nullptr) indices = element.find("vertex_index");
+  if (indices == nullptr || !indices->is_list())
+    throw InputError(path, "has faces without a list vertex_indices");
+  const auto vertices = static_cast<double>(mesh.vertices.size());
+  std::vector<int> polygon;
+  for (std::int64_t i = 0; i < element.count; ++i) {
+    polygon.clear();
+    for (const PlyProperty& property : element.properties) {
+      const double count = property.is_list() ? records.number(property.count) : 1;
+      if (!(count >= 0 && count <= kMaxCorners))
+        throw InputError(path, fmt::format("face {} has a list of {} numbers", i, count));
+      for (int k = 0; k < static_cast<int>(count); ++k) {
+        const double value = records.number(property.type);
+        if (&property != indices) continue;
+        if (!(value >= 0 && value < vertices))
+          throw InputError(path, fmt::format("face {} has vertex {} of {}", i, value, vertices));
+        polygon.push_back(static_cast<int>(value));
+      }
+    }
+    for (std::size_t k = 2; k < polygon.size(); ++k)
+      mesh.faces.push_back({polygon[0], polygon[k - 1], polygon[k]});
+    if (mesh.faces.size() > kMaxElements)
+      throw InputError(path, fmt::format("has more than {} triangles", kMaxElements));
+  }
+}
+
+SurfaceMesh mesh_of_ply(const std::string& path) {
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) throw InputError(path, "cannot be read");
+  const std::vector<PlyElement> elements = read_ply_header(stream, path);
+  SurfaceMesh mesh;
+  if (elements.size() < 2 || elements[1].name != "face") return mesh;
+  for (const PlyElement& element : elements) {
+    if (element.count > kMaxElements)
+      throw InputError(path, fmt::format("has more than {} of '{}'", kMaxElements, element.name));
+  }
+  PlyRecords records(stream, path);
+  read_vertices(records, elements[0], path, mesh);
+  read_faces(records, elements[1], path, mesh);
+  return mesh;
+}
+
 }  // namespace
 
 SurfaceFormat surface_format_of(const std::string& path) {
@@ -146,6 +257,23 @@ void write_surface(const std::string& path, const TexturedSurface& surface,
                              image_name));
   }
   write_file_atomically(path, obj_of(surface, fs::path(library).filename().string()));
+}
+
+SurfaceMesh read_surface(const std::string& path) {
+  const std::string ending = fs::path(path).extension().string();
+  SurfaceMesh mesh;
+  if (ending == ".obj") {
+    mesh = mesh_of_obj(path);
+  } else if (ending == ".ply") {
+    mesh = mesh_of_ply(path);
+  } else {
+    throw InputError(path, "is no .ply or .obj file: sfm mesh writes either with -o NAME.ply");
+  }
+  std::erase_if(mesh.faces, [](const Face& face) {
+    return face[0] == face[1] || face[1] == face[2] || face[2] == face[0];
+  });
+  if (mesh.faces.empty()) throw InputError(path, "has no faces: it is no surface");
+  return mesh;
 }
 
 render::Mesh render_mesh(const TexturedSurface& surface) {

@@ -38,6 +38,12 @@ enum class SurfaceFormat { kPly, kObj, kGlb };
 void write_surface(const std::string& path, const TexturedSurface& surface,
                    const Eigen::Matrix3d& upright = Eigen::Matrix3d::Identity());
 
+// A surface without its texture: .ply (binary little endian; x y z and faces first, colours where
+// there are red, green and blue; polygons become fans) or .obj (read_obj() of render/obj_io.h).
+// Faces that use a vertex twice are left out. Throws InputError: no such file, no faces, an index
+// out of range, numbers that are not finite, more than 20 million vertices or faces.
+[[nodiscard]] SurfaceMesh read_surface(const std::string& path);
+
 // For render(): with the texture, or each face in the mean colour of its corners, or grey.
 [[nodiscard]] render::Mesh render_mesh(const TexturedSurface& surface);
 

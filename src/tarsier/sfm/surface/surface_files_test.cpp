@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/surface/surface_files.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cstdint>
+#include <string>
+
+namespace tarsier::sfm {
+namespace {
+
+using SurfaceFiles = FolderTest;
+using testing::HasSubstr;
+
+SurfaceMesh two_triangles() {
+  SurfaceMesh mesh;
+  mesh.vertices = {{0, 0, 0.25F}, {1, 0, 0.5F}, {1, 1, -2}, {0, 1, 3}};
+  mesh.colors = {{1, 2, 3}, {40, 50, 60}, {0, 0, 255}, {255, 255, 255}};
+  mesh.faces = {{0, 1, 2}, {0, 2, 3}};
+  return mesh;
+}
+
+std::string error_of_reading(const std::string& path) {
+  try {
+    (void)read_surface(path);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST_F(SurfaceFiles, PlyComesBack) {
+  const SurfaceMesh mesh = two_triangles();
+  write_surface(path("mesh.ply"), {mesh, std::nullopt});
+  const SurfaceMesh read = read_surface(path("mesh.ply"));
+  EXPECT_EQ(read.vertices, mesh.vertices);
+  EXPECT_EQ(read.colors, mesh.colors);
+  EXPECT_EQ(read.faces, mesh.faces);
+}
+
+TEST_F(SurfaceFiles, ObjComesBackWithoutColours) {
+  const SurfaceMesh mesh = two_triangles();
+  write_surface(path("mesh.obj"), {mesh, std::nullopt});
+  const SurfaceMesh read = read_surface(path("mesh.obj"));
+  EXPECT_EQ(read.vertices, mesh.vertices);
+  EXPECT_EQ(read.faces, mesh.faces);
+}
+
+void put(std::string& bytes, float value) {
+  const auto word = std::bit_cast<std::uint32_t>(value);
+  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(word >> shift));
+}
+
+// Four vertices; a face of four corners with a number before its list and a list behind it.
+std::string other_layout(const std::string& corners = std::string("\x04\0\x01\x02\x03", 5),
+                         const std::string& header = "element face 1\n") {
+  std::string bytes =
+      "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
+      "property float y\nproperty float z\n" +
+      header +
+      "property short label\nproperty list uchar uchar vertex_index\n"
+      "property list uchar float texcoord\nend_header\n";
+  for (const Eigen::Vector3f& vertex : two_triangles().vertices)
+    for (int k = 0; k < 3; ++k) put(bytes, vertex[k]);
+  bytes.append("ab");
+  bytes += corners;
+  bytes.push_back(1);
+  put(bytes, 0.5F);
+  return bytes;
+}
+
+TEST_F(SurfaceFiles, PolygonsOfOthersBecomeFans) {
+  write_file_atomically(path("other.ply"), other_layout());
+  const SurfaceMesh read = read_surface(path("other.ply"));
+  EXPECT_EQ(read.vertices, two_triangles().vertices);
+  EXPECT_TRUE(read.colors.empty());
+  EXPECT_EQ(read.faces, two_triangles().faces);
+}
+
+TEST_F(SurfaceFiles, SaysWhatIsWrong) {
+  const auto error_with = [&](const std::string& content) {
+    write_file_atomically(path("bad.ply"), content);
+    return error_of_reading(path("bad.ply"));
+  };
+  const std::string whole = other_layout();
+  EXPECT_THAT(error_with(whole.substr(0, whole.size() - 1)), HasSubstr("cut short"));
+  EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x04", 4))),
+              HasSubstr("vertex 4 of 4"));
+  EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x01", 4))), HasSubstr("no faces"));
+  EXPECT_THAT(error_with(other_layout("", "element face 2000000000\n")), HasSubstr("more than"));
+  EXPECT_THAT(error_with("ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n"),
+              HasSubstr("no faces"));
+  EXPECT_THAT(error_of_reading(path("none.ply")), HasSubstr("cannot be read"));
+  EXPECT_THAT(error_of_reading(path("mesh.glb")), HasSubstr("no .ply or .obj"));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm
