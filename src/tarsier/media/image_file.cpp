@@ -191,7 +191,10 @@ void write_image(const std::string& path, const cv::Mat& image, int jpeg_quality
   write_file_atomically(path, std::span<const std::uint8_t>(bytes));
 }
 
-std::string read_file(const std::string& path, std::int64_t max_bytes) {
+namespace {
+
+// Up to `max_bytes` of a file; `whole`: throws where there are more.
+std::string read_bytes(const std::string& path, std::int64_t max_bytes, bool whole) {
   TARSIER_REQUIRE(max_bytes >= 1, "limit of {} bytes", max_bytes);
   const auto reason = [](int error) {
     return error == ENOENT ? std::string("no such file") : std::generic_category().message(error);
@@ -210,12 +213,13 @@ std::string read_file(const std::string& path, std::int64_t max_bytes) {
     return InputError(path, fmt::format("larger than the limit of {} bytes", max_bytes));
   };
   const bool regular = S_ISREG(info.st_mode);
-  if (regular && info.st_size > max_bytes) throw too_large();
+  if (whole && regular && info.st_size > max_bytes) throw too_large();
   try {
     std::string bytes;
     // Pipes, and files of /proc, do not tell their size: they are read to their end.
     // One more than the file, so that its end is seen without growing.
-    bytes.resize(regular && info.st_size > 0 ? static_cast<std::size_t>(info.st_size) + 1 : 65536);
+    const std::int64_t known = std::min<std::int64_t>(info.st_size, max_bytes);
+    bytes.resize(regular && known > 0 ? static_cast<std::size_t>(known) + 1 : 65536);
     std::size_t size = 0;
     while (true) {
       if (size == bytes.size())
@@ -227,13 +231,26 @@ std::string read_file(const std::string& path, std::int64_t max_bytes) {
       }
       if (got == 0) break;
       size += static_cast<std::size_t>(got);
-      if (size > static_cast<std::size_t>(max_bytes)) throw too_large();
+      if (size <= static_cast<std::size_t>(max_bytes)) continue;
+      if (whole) throw too_large();
+      size = static_cast<std::size_t>(max_bytes);
+      break;
     }
     bytes.resize(size);
     return bytes;
   } catch (const std::bad_alloc&) {
     throw InputError(path, "not enough memory to read it");
   }
+}
+
+}  // namespace
+
+std::string read_start(const std::string& path, std::int64_t most) {
+  return read_bytes(path, most, false);
+}
+
+std::string read_file(const std::string& path, std::int64_t max_bytes) {
+  return read_bytes(path, max_bytes, true);
 }
 
 }  // namespace tarsier

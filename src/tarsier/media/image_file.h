@@ -55,6 +55,9 @@ void write_image(const std::string& path, const cv::Mat& image, int jpeg_quality
 // True for the endings that write_image knows.
 [[nodiscard]] bool is_image_path(std::string_view path);
 
+// The first bytes of a file, `most` or fewer. Throws InputError as read_file().
+[[nodiscard]] std::string read_start(const std::string& path, std::int64_t most);
+
 // The bytes of a whole file. Throws InputError (missing, a folder, larger than `max_bytes`).
 [[nodiscard]] std::string read_file(const std::string& path, std::int64_t max_bytes);
 

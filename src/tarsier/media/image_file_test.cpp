@@ -335,6 +335,10 @@ TEST(ImageFile, FilesFoldersAndMissingOnesHaveTheirOwnWords) {
   std::ofstream(folder / "big") << std::string(100, 'x');
   EXPECT_EQ(read_file(folder / "big", 100).size(), 100U);
   EXPECT_THROW((void)read_file(folder / "big", 99), InputError);
+  EXPECT_EQ(read_start(folder / "big", 99), read_file(folder / "big", 100).substr(0, 99));
+  EXPECT_EQ(read_start(folder / "big", 1000).size(), 100U);
+  EXPECT_EQ(read_start("/dev/zero", 1000).size(), 1000U);
+  EXPECT_THROW((void)read_start(folder / "none", 99), InputError);
   EXPECT_THROW((void)read_file("/dev/zero", 100'000), InputError);
   EXPECT_EQ(read_file("/dev/null", 100), "");
 }

@@ -146,7 +146,7 @@ PairChoice pair_choice(const PipelineOptions& options, int images) {
 }
 
 std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
-                                    const DescriptorSource& descriptors,
+                                    const KnownPlaces& places, const DescriptorSource& descriptors,
                                     const PipelineOptions& options) {
   const auto count = static_cast<int>(names.size());
   switch (pair_choice(options, count)) {
@@ -158,7 +158,7 @@ std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
       RetrievalOptions retrieval;
       retrieval.nearest = options.nearest;
       retrieval.seed = options.seed;
-      return Retrieval(count, descriptors, options.features.kind, retrieval).pairs();
+      return Retrieval(count, descriptors, options.features.kind, retrieval).pairs(places);
     }
     case PairChoice::kAuto:
     case PairChoice::kExhaustive:

@@ -66,8 +66,10 @@ void compare_images(const ImageFeatures& first, const ImageFeatures& second,
 
 // The images to compare, by their indices: the smaller one first, sorted, each pair once. `names` are those of the
 // images that could be read; `descriptors` is asked for them where images are found by what they show
-// (Retrieval). Throws InputError (pairs_file).
+// (Retrieval), and `places` says where they were taken (empty: nothing is known). Throws InputError
+// (pairs_file).
 [[nodiscard]] std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
+                                                  const KnownPlaces& places,
                                                   const DescriptorSource& descriptors,
                                                   const PipelineOptions& options);
 

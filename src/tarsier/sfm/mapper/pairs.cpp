@@ -249,6 +249,34 @@ std::vector<float> vlad(const cv::Mat& descriptors, FeatureKind kind,
   return result;
 }
 
+// Whether an image was taken no farther from image `from` than the `most` nearest ones.
+class NearPlace {
+ public:
+  NearPlace(const KnownPlaces& places, int from, int most)
+      : places_(places), from_(*places[static_cast<std::size_t>(from)]) {
+    std::vector<double> distances;
+    for (std::size_t i = 0; i < places.size(); ++i)
+      if (places[i] && static_cast<int>(i) != from) distances.push_back(squared(*places[i]));
+    if (static_cast<int>(distances.size()) <= most) return;  // all are near
+    std::nth_element(distances.begin(), distances.begin() + most - 1, distances.end());
+    farthest_ = distances[static_cast<std::size_t>(most - 1)];
+  }
+
+  [[nodiscard]] bool operator()(int image) const {
+    const auto& place = places_[static_cast<std::size_t>(image)];
+    return place && squared(*place) <= farthest_;
+  }
+
+ private:
+  [[nodiscard]] double squared(const Eigen::Vector3d& place) const {
+    return (place - from_).squaredNorm();
+  }
+
+  const KnownPlaces& places_;
+  const Eigen::Vector3d from_;
+  double farthest_ = std::numeric_limits<double>::infinity();
+};
+
 }  // namespace
 
 std::vector<ImagePair> exhaustive_pairs(int count) {
@@ -400,8 +428,12 @@ double Retrieval::similarity(int first, int second) const {
          static_cast<double>(scales_[static_cast<std::size_t>(second)]);
 }
 
-std::vector<ImagePair> Retrieval::pairs() const {
+std::vector<ImagePair> Retrieval::pairs(const KnownPlaces& places) const {
   const int images = count();
+  TARSIER_REQUIRE(places.empty() || static_cast<int>(places.size()) == images,
+                  "{} places of {} images", places.size(), images);
+  for (const auto& place : places)
+    TARSIER_REQUIRE(!place || place->allFinite(), "a place that is not finite");
   const int blocks = (images + kRows - 1) / kRows;
   std::vector<std::vector<ImagePair>> of_block(static_cast<std::size_t>(blocks));
   cv::parallel_for_(cv::Range(0, blocks), [&](const cv::Range& range) {
@@ -447,11 +479,25 @@ std::vector<ImagePair> Retrieval::pairs() const {
           row[other] *= scale;
           order.push_back(other);
         }
-        const auto end = order.begin() + std::min(static_cast<std::ptrdiff_t>(options_.nearest),
-                                                  static_cast<std::ptrdiff_t>(order.size()));
-        std::partial_sort(order.begin(), end, order.end(),
-                          [&](int a, int b) { return row[a] != row[b] ? row[a] > row[b] : a < b; });
-        for (auto other = order.begin(); other != end; ++other)
+        const auto is_more_similar = [&](int a, int b) {
+          return row[a] != row[b] ? row[a] > row[b] : a < b;
+        };
+        const auto first_of = [&](std::ptrdiff_t most) {
+          return order.begin() + std::min(most, static_cast<std::ptrdiff_t>(order.size()));
+        };
+        const bool has_place =
+            !places.empty() && places[static_cast<std::size_t>(image)].has_value();
+        const int by_look = has_place ? std::max(1, options_.nearest / 3) : options_.nearest;
+        auto chosen = first_of(by_look);
+        std::partial_sort(order.begin(), chosen, order.end(), is_more_similar);
+        if (has_place) {
+          const auto near =
+              std::partition(chosen, order.end(), NearPlace(places, image, 4 * options_.nearest));
+          const auto end = std::min(near, first_of(options_.nearest));
+          std::partial_sort(chosen, end, near, is_more_similar);
+          chosen = end;
+        }
+        for (auto other = order.begin(); other != chosen; ++other)
           of_block[static_cast<std::size_t>(block)].push_back(std::minmax(image, *other));
       }
     }

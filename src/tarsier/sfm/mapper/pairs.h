@@ -4,10 +4,12 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/mapper/features.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -32,6 +34,9 @@ using ImagePair = std::pair<int, int>;
 // image that is paired with itself, and files that are no text of this kind.
 [[nodiscard]] std::vector<ImagePair> read_pairs_list(const std::string& path,
                                                      const std::vector<std::string>& names);
+
+// Where images were taken, of those of which it is known; in one frame, any unit.
+using KnownPlaces = std::vector<std::optional<Eigen::Vector3d>>;
 
 struct RetrievalOptions {
   int words = 64;     // of the vocabulary
@@ -72,7 +77,14 @@ class Retrieval {
 
   // Each image with its `options.nearest` most similar others. One that has no descriptors is
   // in no pair. All similarities are computed, as one product of matrices.
-  [[nodiscard]] std::vector<ImagePair> pairs() const;
+  //
+  // `places`, one for each image or empty: where images were taken. Two thirds of the `nearest`
+  // others of an image with a place are then the most similar among those that were taken nearest
+  // to it, four times `nearest` of them and what is as near; the others are the most similar of
+  // all, since a landmark is seen from afar and a receiver may be wrong. Of an image without a
+  // place all are. Throws std::invalid_argument for another number of places and numbers that are
+  // not finite.
+  [[nodiscard]] std::vector<ImagePair> pairs(const KnownPlaces& places = {}) const;
 
  private:
   RetrievalOptions options_;

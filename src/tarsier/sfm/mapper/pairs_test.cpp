@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 
 namespace tarsier::sfm {
@@ -187,6 +188,51 @@ TEST(Retrieval, IsTheSameForAnyNumberOfThreads) {
   for (int i = 0; i < 150; ++i) EXPECT_TRUE(has(pairs[0], i, (i + 1) % 150)) << i;
   options.seed = 2;
   EXPECT_NE(retrieval_of(images, FeatureKind::kSift, options).similarity(3, 5), similarities[0]);
+}
+
+TEST(Retrieval, PlacesTellTwinsApart) {
+  // The same ring twice, so far apart that only the places tell which is which.
+  auto images = ring(60, FeatureKind::kSift, 5);
+  for (const cv::Mat& twin : ring(60, FeatureKind::kSift, 5)) images.push_back(twin);
+  KnownPlaces places;
+  for (int i = 0; i < 120; ++i) {
+    const double angle = 2 * CV_PI * (i % 60) / 60;
+    places.emplace_back(Eigen::Vector3d(i < 60 ? 0 : 500, std::cos(angle), std::sin(angle)));
+  }
+  RetrievalOptions options;
+  options.nearest = 6;
+  const Retrieval retrieval = retrieval_of(images, FeatureKind::kSift, options);
+  const auto between_rings = [](const std::vector<ImagePair>& pairs) {
+    return std::count_if(pairs.begin(), pairs.end(), [](const ImagePair& pair) {
+      return pair.first < 60 && pair.second >= 60;
+    });
+  };
+  const auto by_look = retrieval.pairs();
+  const auto guided = retrieval.pairs(places);
+  EXPECT_TRUE(in_order(guided));
+  EXPECT_GT(between_rings(by_look), static_cast<int>(by_look.size()) / 3);
+  // A third of each image's pairs is by look alone.
+  EXPECT_LE(between_rings(guided), 2 * 120);
+  for (int i = 0; i < 60; ++i) {
+    for (const int first : {0, 60}) {
+      EXPECT_TRUE(has(guided, first + i, first + (i + 1) % 60)) << i;
+      EXPECT_TRUE(has(guided, first + i, first + (i + 2) % 60)) << i;
+    }
+  }
+}
+
+TEST(Retrieval, PlacesThatTellNothingChangeNothing) {
+  const auto images = ring(40, FeatureKind::kSift, 6);
+  RetrievalOptions options;
+  options.nearest = 6;
+  const Retrieval retrieval = retrieval_of(images, FeatureKind::kSift, options);
+  const auto by_look = retrieval.pairs();
+  // A receiver that stood still, and images of which no place is known.
+  EXPECT_EQ(retrieval.pairs(KnownPlaces(40, Eigen::Vector3d(1, 2, 3))), by_look);
+  EXPECT_EQ(retrieval.pairs(KnownPlaces(40)), by_look);
+  EXPECT_THROW((void)retrieval.pairs(KnownPlaces(39)), std::invalid_argument);
+  EXPECT_THROW((void)retrieval.pairs(KnownPlaces(40, Eigen::Vector3d(1, NAN, 3))),
+               std::invalid_argument);
 }
 
 TEST(Retrieval, BearsEmptyAndEqualImages) {

@@ -386,7 +386,9 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
 
   ImageSet image_set(options);
   std::vector<std::string> names;
+  KnownPlaces places;
   for (const ImageFeatures& image_features : images) {
+    places.push_back(inputs[at(image_features.input)].place);
     image_set.add(image_features, inputs[at(image_features.input)].name);
     names.push_back(inputs[at(image_features.input)].name);
     result.images[at(image_features.input)].focal_from = image_features.lens.from;
@@ -398,7 +400,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     const bool has_matches = options.flow || !options.database.empty();
     if (!has_matches) {
       const auto descriptors = [&](int i) { return images[at(i)].features.descriptors; };
-      for (const auto& [first, second] : choose_pairs(names, descriptors, options)) {
+      for (const auto& [first, second] : choose_pairs(names, places, descriptors, options)) {
         Pair pair;
         pair.first = first;
         pair.second = second;

@@ -68,6 +68,9 @@ struct PipelineOptions {
 struct Input {
   std::string name;  // in the model
   std::string path;  // of the file; "": there is none, the database knows all
+  // Where it was taken, where that is known: any unit and frame, the same for all. It guides
+  // kRetrieval.
+  std::optional<Eigen::Vector3d> place = std::nullopt;
 };
 
 struct StageTime {

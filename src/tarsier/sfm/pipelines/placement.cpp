@@ -7,6 +7,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/exif.h"
 
@@ -25,6 +26,7 @@ std::string source_of(const PlacementOptions& options) {
   return options.alignment == Alignment::kGps ? "positions by GPS" : options.positions_file;
 }
 
+constexpr std::int64_t kExifBytes = 1 << 20;  // before the image come the segments with EXIF
 constexpr const char* kDistanceError = "the known distance: ";
 
 // The two images of the known distance. Throws where they tell no scale.
@@ -98,13 +100,32 @@ nlohmann::ordered_json to_json(const Placement& placement) {
   return json;
 }
 
+std::vector<Input> with_places(std::vector<Input> inputs, const Positions& known,
+                               const PipelineOptions& options, const std::stop_token& stop) {
+  const auto has_place = [](const Input& input) { return input.place.has_value(); };
+  if (!options.database.empty() || options.flow ||
+      std::any_of(inputs.begin(), inputs.end(), has_place) ||
+      pair_choice(options, static_cast<int>(inputs.size())) != PairChoice::kRetrieval)
+    return inputs;
+  const Positions places = known.empty() ? gps_positions(inputs, stop) : known;
+  std::size_t count = 0;
+  for (Input& input : inputs) {
+    const auto found = places.find(input.name);
+    if (found == places.end()) continue;
+    input.place = found->second;
+    ++count;
+  }
+  if (count > 0) log_info("pairs: positions of {} of {} images guide them", count, inputs.size());
+  return inputs;
+}
+
 Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token& stop) {
   std::vector<std::string> names;
   std::vector<Eigen::Vector3d> positions;
   for (const Input& input : inputs) {
     throw_if_stopped(stop);
     try {
-      const auto gps = parse_exif(read_file(input.path, 512'000'000)).gps;
+      const auto gps = parse_exif(read_start(input.path, kExifBytes)).gps;
       if (!gps) continue;
       names.push_back(input.name);
       positions.push_back(*gps);

@@ -65,6 +65,13 @@ struct Placement {
 [[nodiscard]] Positions gps_positions(const std::vector<Input>& inputs,
                                       const std::stop_token& stop);
 
+// The inputs with their places, where pairs are chosen by retrieval (pipeline.h): those of `known`, or
+// where it is empty those in EXIF. Inputs of other choices, and those of which one has a place, come back
+// as they are. Throws Interrupted.
+[[nodiscard]] std::vector<Input> with_places(std::vector<Input> inputs, const Positions& known,
+                                             const PipelineOptions& options,
+                                             const std::stop_token& stop);
+
 // Those of `known` (kGps: of EXIF) that belong to the images that take part. Throws what would
 // otherwise show when all the work is done: InputError for positions that could place no model,
 // UsageError where the images of the known distance are not among the inputs.

@@ -240,6 +240,15 @@ TEST_F(Gps, PositionsAreInMetres) {
   PlacementOptions options;
   options.alignment = Alignment::kGps;
   EXPECT_EQ(positions_of(options, {}, inputs, {}), found);
+  // They guide the choice of pairs where that is by look; positions that are given go first.
+  PipelineOptions pipeline;
+  pipeline.pairs = PairChoice::kRetrieval;
+  EXPECT_EQ(with_places(inputs, {}, pipeline, {})[1].place, found.at("1.jpg"));
+  EXPECT_FALSE(with_places(inputs, {}, pipeline, {})[3].place.has_value());
+  const Eigen::Vector3d given(1, 2, 3);
+  EXPECT_EQ(with_places(inputs, {{"none.jpg", given}}, pipeline, {})[3].place, given);
+  pipeline.pairs = PairChoice::kExhaustive;
+  EXPECT_FALSE(with_places(inputs, {}, pipeline, {})[1].place.has_value());
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW((void)gps_positions(inputs, stop.get_token()), Interrupted);

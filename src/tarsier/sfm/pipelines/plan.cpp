@@ -12,6 +12,7 @@
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/pairs.h"
 #include "tarsier/sfm/pipelines/inputs.h"
+#include "tarsier/sfm/pipelines/placement.h"
 #include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>
@@ -189,6 +190,19 @@ geometry::Camera camera_of(const Members& json) {
   return c;
 }
 
+Eigen::Vector3d place_of(const Members& image) {
+  const Json& numbers = image.get("place");
+  if (!numbers.is_array() || numbers.size() != 3) image.fail("place");
+  Eigen::Vector3d place;
+  for (int k = 0; k < 3; ++k) {
+    const Json& number = numbers[static_cast<std::size_t>(k)];
+    if (!number.is_number()) image.fail("place");
+    place[k] = number.get<double>();
+  }
+  if (!place.allFinite()) image.fail("place");
+  return place;
+}
+
 PipelineOptions options_of(const Members& json) {
   PipelineOptions options;
   for (const NamedFields& part : parts_of(options)) {
@@ -229,7 +243,7 @@ void require_utf8(const std::string& text) {
 
 std::vector<Input> Plan::inputs() const {
   std::vector<Input> inputs;
-  for (const PlannedImage& image : images) inputs.push_back({image.name, image.path});
+  for (const PlannedImage& image : images) inputs.push_back({image.name, image.path, image.place});
   return inputs;
 }
 
@@ -262,10 +276,10 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   }
   progress.begin("plan", static_cast<std::int64_t>(inputs.size()), "images");
   OrderedJson images = OrderedJson::array();
-  for (const Input& input : inputs) {
+  for (const Input& input : with_places(inputs, {}, given, stop)) {
     throw_if_stopped(stop);
     const std::string file = path_from(folder, input.path);
-    PlannedImage image{input.name, (fs::path(folder) / file).string(), ""};
+    PlannedImage image{input.name, (fs::path(folder) / file).string(), "", input.place};
     require_utf8(image.name);
     require_utf8(file);
     try {
@@ -274,6 +288,8 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
       log_warning("{} (will be left out)", error.what());
     }
     images.push_back({{"name", image.name}, {"file", file}, {"sha256", image.sha256}});
+    if (image.place)
+      images.back()["place"] = {(*image.place)[0], (*image.place)[1], (*image.place)[2]};
     plan.images.push_back(std::move(image));
     progress.advance();
   }
@@ -333,6 +349,7 @@ Plan read_plan(const std::string& folder) {
     const Members image(entry, path);
     PlannedImage& planned = plan.images.emplace_back(
         PlannedImage{image.text("name"), image.text("file"), image.text("sha256")});
+    if (image.has("place")) planned.place = place_of(image);
     if (!trouble_of_name(planned.name).empty() || !names.insert(planned.name).second)
       members.fail("name");
     if (planned.path.empty() || planned.path.find('\0') != std::string::npos) members.fail("file");

@@ -4,6 +4,9 @@
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/mapper/pipeline.h"
 
+#include <Eigen/Core>
+
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -18,6 +21,7 @@ struct PlannedImage {
   std::string name;    // in the model
   std::string path;    // of the file, as the folder of the plan is named
   std::string sha256;  // of its bytes; "": it could not be read
+  std::optional<Eigen::Vector3d> place = std::nullopt;  // as Input has it
 };
 
 struct Plan {

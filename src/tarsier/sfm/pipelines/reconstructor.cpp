@@ -176,7 +176,8 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
     };
   }
   ReconstructorResult result;
-  result.pipeline = run_pipeline(inputs, options_.pipeline, progress, stop, pipeline_hooks);
+  result.pipeline = run_pipeline(with_places(inputs, positions_, options_.pipeline, stop),
+                                 options_.pipeline, progress, stop, pipeline_hooks);
   result.pipeline.names_files = options_.names_files;
   write_models(result, around);
   if (hooks.on_models) hooks.on_models(result);

@@ -67,7 +67,7 @@ class ShardedReconstructor::Readable {
         if (gone != info.left_out.end() && gone->first == i)
           ++gone;
         else
-          names_.push_back(plan.images[at(i)].name);
+          add(plan.images[at(i)]);
       }
     }
     key_ = sum_of(sums);
@@ -75,6 +75,7 @@ class ShardedReconstructor::Readable {
 
   [[nodiscard]] int count() const { return static_cast<int>(names_.size()); }
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+  [[nodiscard]] const KnownPlaces& places() const { return places_; }
   [[nodiscard]] const std::vector<ShardInfo>& infos() const { return infos_; }
   [[nodiscard]] const std::string& key() const { return key_; }  // of all features
   // The index of the first image of infos()[shard].
@@ -84,8 +85,14 @@ class ShardedReconstructor::Readable {
   }
 
  private:
+  void add(const PlannedImage& image) {
+    names_.push_back(image.name);
+    places_.push_back(image.place);
+  }
+
   std::vector<ShardInfo> infos_;
   std::vector<std::string> names_;
+  KnownPlaces places_;
   std::vector<int> first_;
   std::string key_;
 };
@@ -289,7 +296,7 @@ ShardReport ShardedReconstructor::choose_pairs(Progress& progress,
   };
   progress.begin("pairs", 1, "steps");
   const std::vector<ImagePair> pairs =
-      sfm::choose_pairs(readable.names(), descriptors, plan_.options);
+      sfm::choose_pairs(readable.names(), readable.places(), descriptors, plan_.options);
   progress.advance();
   progress.end();
   ShardInfo info;
@@ -303,7 +310,8 @@ ShardReport ShardedReconstructor::choose_pairs(Progress& progress,
 std::pair<std::vector<ImagePair>, std::string> ShardedReconstructor::pairs_of(
     const Readable& readable) const {
   if (pair_choice(plan_.options, readable.count()) != PairChoice::kRetrieval)
-    return {sfm::choose_pairs(readable.names(), {}, plan_.options), readable.key()};
+    return {sfm::choose_pairs(readable.names(), readable.places(), {}, plan_.options),
+            readable.key()};
   const std::string path = path_of(ShardStage::kPairs, 1);
   try {
     const ShardInfo info = require(ShardStage::kPairs, 1, readable.key());

@@ -241,6 +241,23 @@ TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
   EXPECT_THROW(plan(0), std::invalid_argument);
 }
 
+TEST_F(Sharded, ThePlanKeepsWhereImagesWereTaken) {
+  std::vector<Input> placed = inputs();
+  placed[0].place = Eigen::Vector3d(0.1 + 0.2, -1e6, 3);
+  (void)write_plan(path("work"), placed, options_, 2, progress_, {});
+  const Plan read = read_plan(path("work"));
+  EXPECT_EQ(read.inputs()[0].place, placed[0].place);
+  EXPECT_FALSE(read.inputs()[1].place.has_value());
+  const std::string text = contents(path("work/plan.json"));
+  for (const nlohmann::json& value :
+       std::vector<nlohmann::json>{{1, 2}, {1, 2, "3"}, {1, 2, nullptr}, "north"}) {
+    nlohmann::json json = nlohmann::json::parse(text);
+    json["images"][1]["place"] = value;
+    write_file_atomically(path("work/plan.json"), json.dump());
+    expect_error([&] { (void)read_plan(path("work")); }, "'place'");
+  }
+}
+
 TEST_F(Sharded, StopsWithNothingHalfWritten) {
   plan(1);
   const ShardedReconstructor sharded(path("work"));
