@@ -7,6 +7,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/image_inputs.h"
 #include "tarsier/media/sha256.h"
+#include "tarsier/media/still_source.h"
 
 #include <fmt/format.h>
 
@@ -15,7 +16,6 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
-#include <optional>
 #include <set>
 #include <utility>
 
@@ -64,58 +64,6 @@ nlohmann::ordered_json header_of(const PartInfo& info, const BatchTable& table) 
           {"settings", info.settings},
           {"table", !table.path.empty()}};
 }
-
-class ShareSource final : public FrameSource {
- public:
-  ShareSource(Batch& batch, std::vector<std::int64_t> inputs)
-      : batch_(batch), inputs_(std::move(inputs)) {}
-
-  std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token& stop) override {
-    while (at_ < inputs_.size() && !stop.stop_requested()) {
-      const std::int64_t input = inputs_[at_++];
-      Frame frame;
-      frame.name = batch_.names()[static_cast<std::size_t>(input)];
-      try {
-        frame.image = read_image(frame.name);
-      } catch (const InputError& error) {
-        log_warning("{}; skipped", error.what());
-        skipped_.emplace_back(error.what());
-        batch_.skip(input, error.what());
-        continue;
-      }
-      frame.index = input;
-      frame.still = true;
-      frame.captured = std::chrono::steady_clock::now();
-      detail_ = fmt::format("{}x{} image", frame.image.cols, frame.image.rows);
-      ++read_;
-      return frame;
-    }
-    return std::nullopt;
-  }
-
-  [[nodiscard]] bool ended() const override { return at_ >= inputs_.size(); }
-  [[nodiscard]] bool is_live() const override { return false; }
-  [[nodiscard]] SourceStatus status() const override {
-    SourceStatus status;
-    status.state = ended() ? SourceState::kEnded : SourceState::kLive;
-    status.detail = detail_;
-    status.received = read_;
-    return status;
-  }
-  [[nodiscard]] double fps() const override { return 0; }
-  [[nodiscard]] std::int64_t count() const override {
-    return static_cast<std::int64_t>(inputs_.size());
-  }
-  [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
-
- private:
-  Batch& batch_;
-  const std::vector<std::int64_t> inputs_;
-  std::size_t at_ = 0;
-  std::int64_t read_ = 0;
-  std::string detail_ = "images";
-  std::vector<std::string> skipped_;
-};
 
 }  // namespace
 
@@ -176,7 +124,11 @@ std::unique_ptr<FrameSource> Batch::open() {
   log_info("shard {}/{}: {} of {} images, {} of them done before", info_.shard.number,
            info_.shard.count, share_, info_.inputs,
            share_ - static_cast<std::int64_t>(left_.size()));
-  return std::make_unique<ShareSource>(*this, left_);
+  std::vector<BatchImage> images;
+  for (const std::int64_t input : left_)
+    images.push_back({input, names_[static_cast<std::size_t>(input)]});
+  return make_batch_source(
+      images, [this](std::int64_t input, const std::string& reason) { skip(input, reason); });
 }
 
 void Batch::record(std::int64_t input, const nlohmann::ordered_json& line,

@@ -190,6 +190,29 @@ TEST_F(FrameSourceTest, GlobsAndListsAndSeveralInputsFollowEachOther) {
   EXPECT_LT(read.frames[2].time, read.frames[4].time);  // the second video comes after the first
 }
 
+TEST_F(FrameSourceTest, ABatchKeepsItsNumbersAndTellsWhatItSkips) {
+  image("1.jpg", 1);
+  write("2.jpg", "this is no image");
+  std::vector<std::int64_t> skipped;
+  const auto on_skip = [&](std::int64_t number, const std::string& reason) {
+    EXPECT_THAT(reason, HasSubstr(path("2.jpg") + ": "));
+    skipped.push_back(number);
+  };
+  const auto source = make_batch_source({{70, path("2.jpg")}, {30, path("1.jpg")}}, on_skip);
+  EXPECT_EQ(source->count(), 2);
+  const auto frame = source->next(std::chrono::milliseconds(0), {});
+  ASSERT_TRUE(frame.has_value());
+  EXPECT_EQ(frame->index, 30);
+  EXPECT_TRUE(frame->still);
+  EXPECT_EQ(skipped, std::vector<std::int64_t>{70});
+  EXPECT_TRUE(source->ended());
+  // One that cannot be read is no error here, and there may be none.
+  const auto broken = make_batch_source({{5, path("2.jpg")}}, on_skip);
+  EXPECT_FALSE(broken->next(std::chrono::milliseconds(0), {}).has_value());
+  EXPECT_EQ(skipped.back(), 5);
+  EXPECT_TRUE(make_batch_source({}, on_skip)->ended());
+}
+
 TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndTold) {
   image("1.jpg", 1);
   write("2.jpg", "this is no image");

@@ -24,30 +24,44 @@ constexpr std::int64_t kMaxListBytes = 64'000'000;
 int lower(char c) { return std::tolower(static_cast<unsigned char>(c)); }
 bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
+using OnSkip = std::function<void(std::int64_t, const std::string&)>;
+
 class StillSource final : public FrameSource {
  public:
   StillSource(std::vector<std::string> paths, const SourceOptions& options)
       : paths_(std::move(paths)),
         sequence_(options.sequence),
         fps_(options.fps > 0 ? options.fps : 25) {}
+  StillSource(const std::vector<BatchImage>& images, OnSkip on_skip)
+      : StillSource({}, SourceOptions{}) {
+    on_skip_ = std::move(on_skip);
+    for (const BatchImage& image : images) {
+      paths_.push_back(image.path);
+      numbers_.push_back(image.number);
+    }
+  }
 
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token& stop) override {
     while (at_ < paths_.size() && !stop.stop_requested()) {
-      const std::string& path = paths_[at_++];
+      const std::size_t place = at_++;
+      const std::string& path = paths_[place];
       Frame frame;
       try {
         frame.image = read_image(path);
       } catch (const InputError& error) {
-        if (paths_.size() == 1) throw;
+        if (paths_.size() == 1 && !on_skip_) throw;
         log_warning("{}; skipped", error.what());
         skipped_.emplace_back(error.what());
-        if (at_ == paths_.size() && read_ == 0) {
+        if (on_skip_) {
+          on_skip_(numbers_[place], error.what());
+        } else if (at_ == paths_.size() && read_ == 0) {
           throw InputError(paths_.front(),
                            fmt::format("none of the {} images could be read", paths_.size()));
         }
         continue;
       }
-      frame.index = read_++;
+      frame.index = on_skip_ ? numbers_[place] : read_;
+      ++read_;
       frame.time = sequence_ ? static_cast<double>(frame.index) / fps_ : 0;
       frame.name = path;
       frame.still = !sequence_;
@@ -74,7 +88,9 @@ class StillSource final : public FrameSource {
   [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
 
  private:
-  const std::vector<std::string> paths_;
+  std::vector<std::string> paths_;
+  std::vector<std::int64_t> numbers_;  // of a batch
+  OnSkip on_skip_;                     // of a batch
   const bool sequence_;
   const double fps_;
   std::size_t at_ = 0;
@@ -196,6 +212,12 @@ std::unique_ptr<FrameSource> make_still_source(std::vector<std::string> paths,
                                                const SourceOptions& options) {
   TARSIER_REQUIRE(!paths.empty(), "no paths");
   return std::make_unique<StillSource>(std::move(paths), options);
+}
+
+std::unique_ptr<FrameSource> make_batch_source(const std::vector<BatchImage>& images,
+                                               OnSkip on_skip) {
+  TARSIER_REQUIRE(on_skip, "nobody to tell what is skipped");
+  return std::make_unique<StillSource>(images, std::move(on_skip));
 }
 
 }  // namespace tarsier

@@ -3,6 +3,8 @@
 
 #include "tarsier/media/frame_source.h"
 
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -37,5 +39,16 @@ namespace tarsier {
 // those that cannot are skipped, and only if none could be read the last next() throws.
 [[nodiscard]] std::unique_ptr<FrameSource> make_still_source(std::vector<std::string> paths,
                                                              const SourceOptions& options);
+
+// An image of a batch.
+struct BatchImage {
+  std::int64_t number = 0;  // Frame::index
+  std::string path;
+};
+// The images of a batch one after the other. Those that cannot be read are told to `on_skip` with
+// the reason and passed over, also where it is all of them. There may be none.
+[[nodiscard]] std::unique_ptr<FrameSource> make_batch_source(
+    const std::vector<BatchImage>& images,
+    std::function<void(std::int64_t number, const std::string& reason)> on_skip);
 
 }  // namespace tarsier
