@@ -45,7 +45,7 @@ struct BatchImage {
   std::int64_t number = 0;  // Frame::index
   std::string path;
 };
-// The images of a batch one after the other. Those that cannot be read are told to `on_skip` with
+// The images of a batch one after the other. Those that cannot be read are reported to `on_skip` with
 // the reason and passed over, also where it is all of them. There may be none.
 [[nodiscard]] std::unique_ptr<FrameSource> make_batch_source(
     const std::vector<BatchImage>& images,

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/head/evaluation.h"
+#include "tarsier/face/landmarks/occlusion.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 
@@ -31,6 +33,7 @@ struct EvalFlags {
   std::string compare;
   std::string output;
   std::string csv;
+  bool occlude = false;
 };
 
 // Poses of the faces of one image, each as `pose track` finds them in stills.
@@ -39,10 +42,23 @@ struct Finder {
   face::PoseState state;
   face::landmarks::FaceFinder faces_only;
   std::string lines;  // what was found, as `pose track --json` writes it
+  cv::Mat gray;
 
   explicit Finder(const face::PoseTrackerOptions& options)
       : tracker(load_pose_models(options), options),
         faces_only(tracker.landmarks().detector().make_finder()) {}
+
+  // The image in grey levels with something drawn before each face that is found in it, by `rng`; a
+  // part of `texture`, or of one tone.
+  cv::Mat occluded(const cv::Mat& image, const cv::Mat& texture, Rng rng) {
+    Frame frame;
+    frame.image = face::gray_of(image, gray).clone();
+    frame.still = true;
+    cv::Mat result = frame.image.clone();
+    for (const face::PosedFace& face : tracker.process(frame, state).faces)
+      (void)face::landmarks::draw_occlusion(result, face.face.points, texture, rng);
+    return result;
+  }
 
   std::vector<face::PosedFace> faces(const std::string& name, const cv::Mat& image) {
     Frame frame;
@@ -114,12 +130,19 @@ std::vector<face::head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
                                          const std::vector<face::head::PoseLine>& truth,
                                          Context& context) {
   std::vector<face::head::PoseLine> found;
+  const Rng root(context.seed);
   context.progress->begin("poses", static_cast<std::int64_t>(truth.size()), "images");
   for (const face::head::PoseLine& line : truth) {
     throw_if_stopped(context.stop);
     context.progress->advance();
-    const std::vector<face::PosedFace> faces =
-        finder.faces(line.image, read_image(image_of_truth(flags.truth, line.image)));
+    cv::Mat image = read_image(image_of_truth(flags.truth, line.image));
+    if (flags.occlude) {
+      const auto index = static_cast<std::size_t>(&line - truth.data());
+      const face::head::PoseLine& other = truth[(index + truth.size() / 2) % truth.size()];
+      image = finder.occluded(image, read_gray_image(image_of_truth(flags.truth, other.image)),
+                              root.fork(index));
+    }
+    const std::vector<face::PosedFace> faces = finder.faces(line.image, image);
     face::head::PoseLine result;
     result.image = line.image;
     if (!faces.empty() && faces.front().pose) {
@@ -170,6 +193,8 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   if (flags.pointing.empty() && flags.truth.empty() && flags.compare.empty()) {
     throw UsageError("give --pointing DIR, --truth FILE or --compare FILE");
   }
+  if (flags.occlude && (flags.truth.empty() || !flags.results.empty()))
+    throw UsageError("--occlude judges poses found in images: with --truth, not --results");
   if (!flags.results.empty() && flags.truth.empty()) {
     throw UsageError("--results needs --truth FILE");
   }
@@ -222,6 +247,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
                   "running the models");
   verb.add_option("--compare", flags.compare,
                   "file of 3D landmarks: how far the mean head is from it");
+  verb.add_flag("--occlude", flags.occlude,
+                "draw something before each face of --truth (by --seed)");
   verb.add_option("-o,--output", flags.output, "file for the poses found, JSON lines");
   verb.add_option("--csv", flags.csv, "table of --pointing to write, one row an image");
 }

@@ -24,6 +24,8 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr int kFewest = 6;
+// Of a Gaussian of deviation 1 in both coordinates 68 % lie within this: sqrt(-2 ln 0.32).
+constexpr double kRadiusOf68 = 1.51;
 
 // Of the normal equations' turns (the first three unknowns) only that about the unit vector `axis`
 // is left free; those across it come out as 0.
@@ -76,36 +78,40 @@ HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
   }
 }
 
-HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera) const {
-  return solve(points, camera, nullptr, nullptr, nullptr);
+HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera,
+                               const VectorXd& sigma_px) const {
+  return solve(points, sigma_px, camera, nullptr, nullptr, nullptr);
 }
 
 HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera,
-                               HeadIdentity& identity) const {
+                               HeadIdentity& identity, const VectorXd& sigma_px) const {
   const Index m = model_.mode_count();
   TARSIER_REQUIRE(identity.frames == 0 || identity.vector.size() == m,
                   "an identity of {} modes for a model of {}", identity.vector.size(), m);
-  return solve(points, camera, &identity, &identity, nullptr);
+  return solve(points, sigma_px, camera, &identity, &identity, nullptr);
 }
 
 HeadPoseResult HeadPoser::pose_towards(const Matrix2Xd& points, const geometry::Camera& camera,
                                        const Eigen::Matrix3d& camera_from_head,
-                                       const HeadIdentity* identity) const {
+                                       const HeadIdentity* identity,
+                                       const VectorXd& sigma_px) const {
   TARSIER_REQUIRE(identity == nullptr || identity->frames == 0 ||
                       identity->vector.size() == model_.mode_count(),
                   "an identity of {} modes for a model of {}", identity->vector.size(),
                   model_.mode_count());
   TARSIER_REQUIRE(geometry::is_rotation(camera_from_head, 1e-3), "not a rotation");
-  return solve(points, camera, identity, nullptr, &camera_from_head);
+  return solve(points, sigma_px, camera, identity, nullptr, &camera_from_head);
 }
 
-HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera& camera,
-                                const HeadIdentity* known, HeadIdentity* learning,
-                                const Eigen::Matrix3d* towards) const {
+HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_px,
+                                const geometry::Camera& camera, const HeadIdentity* known,
+                                HeadIdentity* learning, const Eigen::Matrix3d* towards) const {
   camera.check();
   const Index n = model_.points();
   if (points.cols() != n)
     return {std::nullopt, "the landmarks are not as many as the model's points"};
+  TARSIER_REQUIRE(sigma_px.size() == 0 || (sigma_px.size() == n && sigma_px.minCoeff() > 0),
+                  "{} deviations of {} points, or one that is not above 0", sigma_px.size(), n);
   // Normalised coordinates; points that are missing do not count.
   Matrix2Xd seen(2, n);
   std::vector<Index> present;
@@ -177,7 +183,10 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
       const double u = x[0] * inverse;
       const double v = x[1] * inverse;
       const Vector2d residual(seen(0, i) - u, seen(1, i) - v);
-      const double sigma = std::hypot(model_.noise[i] * inverse, options_.noise_px / focal);
+      const double measured = sigma_px.size() == 0
+                                  ? options_.noise_px
+                                  : std::max(options_.noise_px, sigma_px[i] / kRadiusOf68);
+      const double sigma = std::hypot(model_.noise[i] * inverse, measured / focal);
       const double strange = residual.squaredNorm() / std::pow(options_.robust_sigmas * sigma, 2);
       double weight = 1 / ((1 + strange) * (1 + strange));
       if (is_outline_[static_cast<std::size_t>(i)] != 0 && shape(0, i) * yaw < 0) weight *= far;

@@ -19,7 +19,8 @@
 // together, the most probable given
 //   sum_i w_i |x_i - project(R (mean_i + modes_i b) + t)|^2 / sigma_i^2 + sum_k b_k^2 /
 //   deviation_k^2,
-// sigma_i = the model's noise of the point, in px at the head's distance, and noise_px together;
+// sigma_i = the model's noise of the point, in px at the head's distance, and of its measurement
+// together: noise_px, or more where `sigma_px` says so;
 // w_i = robust weight, times that of the outline's far side in turned heads (as in training).
 namespace tarsier::face::head {
 
@@ -91,12 +92,15 @@ class HeadPoser {
   // landmarks(Eigen::all, mapping.landmarks). NaN
   // where missing, at least 6 not coplanar must be there. No pose: too few points, points that are
   // no head (the iteration leaves the space before the camera).
-  [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points,
-                                    const geometry::Camera& camera) const;
+  // sigma_px: n, the distance from the truth that 68 % of such a point's measurements stay within
+  // (landmarks/visibility.h), each above 0, so that hidden points count less; empty: not known.
+  [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
+                                    const Eigen::VectorXd& sigma_px = {}) const;
   // The same with what earlier frames showed of the person, and learns from this one. A frame without
   // an answer leaves `identity` as it was.
   [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
-                                    HeadIdentity& identity) const;
+                                    HeadIdentity& identity,
+                                    const Eigen::VectorXd& sigma_px = {}) const;
 
   // The pose that looks where `camera_from_head` looks: of its rotation only the direction of the
   // head's z axis counts, the turn about it, the translation and the shape are found. `identity`
@@ -104,16 +108,18 @@ class HeadPoser {
   [[nodiscard]] HeadPoseResult pose_towards(const Eigen::Matrix2Xd& points,
                                             const geometry::Camera& camera,
                                             const Eigen::Matrix3d& camera_from_head,
-                                            const HeadIdentity* identity = nullptr) const;
+                                            const HeadIdentity* identity = nullptr,
+                                            const Eigen::VectorXd& sigma_px = {}) const;
 
   // Where the head's points are in the image, 2 x n px; NaN behind the camera.
   [[nodiscard]] Eigen::Matrix2Xd project(const HeadPose& pose,
                                          const geometry::Camera& camera) const;
 
  private:
-  [[nodiscard]] HeadPoseResult solve(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
-                                     const HeadIdentity* known, HeadIdentity* learning,
-                                     const Eigen::Matrix3d* towards) const;
+  [[nodiscard]] HeadPoseResult solve(const Eigen::Matrix2Xd& points,
+                                     const Eigen::VectorXd& sigma_px,
+                                     const geometry::Camera& camera, const HeadIdentity* known,
+                                     HeadIdentity* learning, const Eigen::Matrix3d* towards) const;
 
   HeadModel model_;
   HeadPoseOptions options_;

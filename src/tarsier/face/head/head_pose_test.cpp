@@ -156,6 +156,40 @@ TEST(HeadPose, BearsMissingPointsAndOutliers) {
   EXPECT_LT(worst, 3);
 }
 
+TEST(HeadPose, PointsThatAreKnownToBeOffCountLess) {
+  const HeadPoser poser(testing_head(8));
+  const geometry::Camera camera = testing_camera();
+  double trusted = 0;
+  double weighed = 0;
+  for (int k = 0; k < 40; ++k) {
+    Rng rng = Rng(11).fork(static_cast<std::uint64_t>(k));
+    const geometry::Rigid3 truth = random_pose(rng);
+    Matrix2Xd points =
+        image_of(shape_of(poser.model(), random_b(poser.model(), rng)), truth, camera, 1, rng);
+    // A hand before every third point: all of these are moved the same way, by less than an outlier.
+    VectorXd sigma_px = VectorXd::Constant(points.cols(), 1);
+    const Eigen::Vector2d off(rng.normal(0, 6), 6);
+    for (Eigen::Index i = 0; i < points.cols(); i += 3) {
+      points.col(i) += off;
+      sigma_px[i] = 9;
+    }
+    const auto error = [&](const HeadPoseResult& result) {
+      return degrees_between(result.pose.value().camera_from_head, truth);
+    };
+    trusted += error(poser.pose(points, camera)) / 40;
+    weighed += error(poser.pose(points, camera, sigma_px)) / 40;
+    HeadIdentity identity;
+    EXPECT_NEAR(error(poser.pose(points, camera, identity, sigma_px)),
+                error(poser.pose(points, camera, sigma_px)), 1e-9);
+  }
+  EXPECT_LT(weighed, 0.7 * trusted) << trusted;
+  const Matrix2Xd points = Matrix2Xd::Random(2, poser.model().points()) * 100 +
+                           Matrix2Xd::Constant(2, poser.model().points(), 200);
+  EXPECT_THROW((void)poser.pose(points, camera, VectorXd::Ones(3)), std::invalid_argument);
+  EXPECT_THROW((void)poser.pose(points, camera, VectorXd::Zero(points.cols())),
+               std::invalid_argument);
+}
+
 TEST(HeadPose, RefusesWithAReason) {
   const HeadPoser poser(testing_head(2));
   const geometry::Camera camera = testing_camera();

@@ -56,12 +56,14 @@ std::optional<head::HeadPose> refined_pose(const ViewModel& model, const head::H
                                            const Eigen::Matrix2Xd& points, const cv::Mat& gray,
                                            const geometry::Camera& camera,
                                            const head::HeadPose& pose,
-                                           const head::HeadIdentity* identity) {
+                                           const head::HeadIdentity* identity,
+                                           const Eigen::VectorXd& sigma_px) {
   const std::optional<HeadView> view = view_of_head(gray, camera, pose.camera_from_head);
   // A head seen from behind is no face.
   if (!view || std::abs(view->angles.yaw_deg) > 89) return std::nullopt;
   return poser
-      .pose_towards(points, camera, rotation_towards(*view, looks_to(model, *view)), identity)
+      .pose_towards(points, camera, rotation_towards(*view, looks_to(model, *view)), identity,
+                    sigma_px)
       .pose;
 }
 

@@ -45,7 +45,7 @@ struct ViewModel {
 [[nodiscard]] std::optional<head::HeadPose> refined_pose(
     const ViewModel& model, const head::HeadPoser& poser, const Eigen::Matrix2Xd& points,
     const cv::Mat& gray, const geometry::Camera& camera, const head::HeadPose& pose,
-    const head::HeadIdentity* identity);
+    const head::HeadIdentity* identity, const Eigen::VectorXd& sigma_px = {});
 
 // Files of type "head-view", version 1. Reading throws ModelError(path).
 void write_view_model(const std::string& path, const ViewModel& model,

@@ -99,13 +99,19 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
                               const geometry::Camera& camera, head::HeadIdentity* identity,
                               bool learn, landmarks::FitWorkspace& workspace,
                               DebugSink* debug) const {
-  const auto pose = [&](const Eigen::Matrix2Xd& points, bool keep) {
-    if (identity == nullptr) return poser_.pose(points(Eigen::all, chosen_), camera);
-    if (keep) return poser_.pose(points(Eigen::all, chosen_), camera, *identity);
-    head::HeadIdentity known = *identity;
-    return poser_.pose(points(Eigen::all, chosen_), camera, known);
+  // Of the points that the head has; empty where nothing is known.
+  const auto sigmas = [&]() -> Eigen::VectorXd {
+    if (face.visibility.sigma_px.size() == 0) return {};
+    return face.visibility.sigma_px(chosen_);
   };
-  head::HeadPoseResult found = pose(face.points, learn && !is_whole_);
+  const auto pose = [&](bool keep) {
+    const Eigen::Matrix2Xd points = face.points(Eigen::all, chosen_);
+    if (identity == nullptr) return poser_.pose(points, camera, sigmas());
+    if (keep) return poser_.pose(points, camera, *identity, sigmas());
+    head::HeadIdentity known = *identity;
+    return poser_.pose(points, camera, known, sigmas());
+  };
+  head::HeadPoseResult found = pose(learn && !is_whole_);
   if (is_whole_ && found.pose) {
     show_pose(debug, "first pose", gray, face.points, camera, poser_.model(), *found.pose);
     SecondFit second(debug);
@@ -123,12 +129,12 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
         face.visibility = std::move(again.visibility);
       }
     }
-    head::HeadPoseResult better = pose(face.points, learn);
+    head::HeadPoseResult better = pose(learn);
     if (better.pose) found = std::move(better);
   }
   if (view_ != nullptr && found.pose) {
     if (auto refined = head_view::refined_pose(*view_, poser_, face.points(Eigen::all, chosen_),
-                                               gray, camera, *found.pose, identity)) {
+                                               gray, camera, *found.pose, identity, sigmas())) {
       found.pose = std::move(refined);
     }
   }
