@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/synth/glyphs.h"
+#include "tarsier/synth/plate_painter.h"
 #include "tarsier/synth/plate_texts.h"
 #include "tarsier/synth/street.h"
 
@@ -10,7 +11,9 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include <cmath>
 #include <map>
+#include <memory>
 #include <set>
 
 namespace tarsier::synth {
@@ -263,6 +266,66 @@ TEST_F(Streets, ImpossibleOptionsAreRefused) {
   options = {};
   options.seconds = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);
+}
+
+// A plain ground, and what a painter did to it.
+struct Painted {
+  cv::Mat image{200, 600, CV_8UC3, cv::Scalar::all(250)};
+  std::shared_ptr<const GlyphSet> glyphs = load_glyphs();
+  Rng rng;
+  PlateLook look;
+
+  explicit Painted(std::uint64_t seed) : rng(seed) {}
+  [[nodiscard]] PlatePainter painter() { return {image, 1.0, *glyphs, rng}; }
+  [[nodiscard]] cv::Rect changed() const {
+    cv::Mat gray;
+    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+    return cv::boundingRect(gray != 250);
+  }
+  [[nodiscard]] double change() const {
+    return cv::norm(image, cv::Mat(image.size(), CV_8UC3, cv::Scalar::all(250)), cv::NORM_L1);
+  }
+};
+
+TEST(PlateOrnaments, CrestsStayWhereTheyArePainted) {
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    Painted painted(seed);
+    crest(painted.painter(), painted.look, 300, 100, 30);
+    const cv::Rect where = painted.changed();
+    EXPECT_GT(where.area(), 400) << seed;
+    EXPECT_EQ(where & cv::Rect(262, 62, 77, 77), where) << seed;
+  }
+}
+
+TEST(PlateOrnaments, GhostsAreFainterThanCrests) {
+  double ghosts = 0;
+  double crests = 0;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Painted faint(seed);
+    ghost(faint.painter(), faint.look, 300, 100);
+    ghosts += faint.change();
+    Painted full(seed);
+    const double radius = full.look.cap * 0.7;
+    crest(full.painter(), full.look, 300, 100, radius);
+    crests += full.change();
+  }
+  EXPECT_GT(ghosts, 1e5);
+  EXPECT_LT(ghosts, 0.7 * crests);
+}
+
+TEST(PlateOrnaments, SymbolsBesideTheTextEndOrBeginWhereTold) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    for (const bool ends : {false, true}) {
+      Painted painted(seed);
+      const double width = aside_symbols(painted.painter(), painted.look, 300, 100, ends);
+      const cv::Rect where = painted.changed();
+      EXPECT_GT(where.height, 15) << seed;
+      EXPECT_LT(where.height, 0.7 * painted.look.cap) << seed;
+      const double middle = where.x + where.width / 2.0;
+      EXPECT_EQ(middle < 300, ends) << seed;
+      EXPECT_LT(std::abs(middle - 300), width) << seed;
+    }
+  }
 }
 
 }  // namespace
