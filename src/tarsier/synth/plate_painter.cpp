@@ -182,7 +182,10 @@ void separator(const PlatePainter& p, const PlateLook& look, PlateSeparator kind
       disc(p, x, y + look.cap * 0.24, radius);
       break;
     case PlateSeparator::kEmblem:
-      emblem(p, x, y, radius * 1.3);
+      if (look.crests)
+        crest(p, look, x, y, radius * p.rng.uniform(1, 1.5));
+      else
+        emblem(p, x, y, radius * 1.3);
       break;
     case PlateSeparator::kDashAndSeal:
       dash();

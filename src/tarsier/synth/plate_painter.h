@@ -51,6 +51,8 @@ struct PlateLook {
   double relief_strength = 0;  // 0..1
   double worn = 0;             // share of the paint that is gone where most of it is
   double emblem = 0;           // size of what stands between groups, shares of the cap height
+  bool crests = false;         // what stands there has parts, as seals and coats of arms have
+  bool aside = false;          // small symbols in one line with the text that are no part of it
   double lattice = 0;          // grey levels of a pattern in the ground
 };
 
@@ -105,5 +107,12 @@ void lattice(const PlatePainter& p, const PlateLook& look);
 void slogans(const PlatePainter& p, const PlateLook& look);
 // Two small letters centred at (x, y), mm; returns their width.
 double stacked_letters(const PlatePainter& p, const PlateLook& look, double x, double y);
+// One to three small symbols beside the text (the year, a class of vehicle), from or, `ends`, up to x; mm;
+// returns their width.
+double aside_symbols(const PlatePainter& p, const PlateLook& look, double x, double y, bool ends);
+// A coat of arms, a map, an animal, a square with a sign: what has an outline and parts.
+void crest(const PlatePainter& p, const PlateLook& look, double x, double y, double radius);
+// A faint image behind the text, as states print them.
+void ghost(const PlatePainter& p, const PlateLook& look, double x, double y);
 
 }  // namespace tarsier::synth

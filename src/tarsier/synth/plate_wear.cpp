@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 // What plates in the wild have beside their text, and what time does to them.
 namespace tarsier::synth {
@@ -41,6 +42,8 @@ void make_wild(PlateLook& look, bool slogans, Rng& rng) {
     look.ink = look.ink * (1 - share) + look.ground * share;
   }
   look.lattice = chance(0.15) ? rng.uniform(4, 22) : 0;
+  look.crests = chance(0.7);
+  look.aside = chance(0.06);
 }
 
 void wear(cv::Mat& mask, double strength, Rng& rng) {
@@ -87,7 +90,10 @@ void slogans(const PlatePainter& p, const PlateLook& look) {
     const double cap = std::clamp(room * p.rng.uniform(0.4, 0.75), 5.0, 22.0);
     const double y = above ? room / 2 : look.height - room / 2;
     std::string text = random_word(p.rng, 2, 10);
-    if (p.chance(0.6)) text += " " + random_word(p.rng, 2, 9);
+    if (p.chance(0.6)) {
+      text += ' ';
+      text += random_word(p.rng, 2, 9);
+    }
     if (p.chance(0.3)) text = random_word(p.rng, 1, 2) + " " + text;
     const Color color = p.chance(0.7) ? look.ink : p.any_color();
     const double stretch = p.rng.uniform(0.8, 1.5);
@@ -106,6 +112,81 @@ double stacked_letters(const PlatePainter& p, const PlateLook& look, double x, d
     small_text(p, one, x, y + side * look.cap * 0.26, cap, look.ink, 0.9);
   }
   return cap * 0.8;
+}
+
+double aside_symbols(const PlatePainter& p, const PlateLook& look, double x, double y, bool ends) {
+  std::string text;
+  const bool digits = p.chance(0.5);
+  for (int i = p.rng.integer(1, 3); i > 0; --i)
+    text += kPlateSymbols[static_cast<std::size_t>(digits ? p.rng.integer(0, 9)
+                                                          : p.rng.integer(10, 35))];
+  const double cap = look.cap * p.rng.uniform(0.3, 0.6);
+  const double width = cap * 0.62 * static_cast<double>(text.size());
+  const double down = p.rng.uniform(-0.5, 0.5) * (look.cap - cap);
+  const Color color = p.chance(0.8) ? look.ink : p.any_color();
+  small_text(p, text, ends ? x - width / 2 : x + width / 2, y + down, cap, color, 0.9);
+  return width * 1.15;
+}
+
+void crest(const PlatePainter& p, const PlateLook& look, double x, double y, double radius) {
+  const auto any_tone = [&] { return p.chance(0.3) ? look.ink : p.any_color(); };
+  // Its outline.
+  std::vector<cv::Point> outline;
+  const double narrow = p.rng.uniform(0.6, 1.05);
+  const double kind = p.rng.uniform();
+  if (kind < 0.4) {  // a shield
+    const double shoulder = p.rng.uniform(0, 0.5);
+    outline = {p.at(x - radius * narrow, y - radius), p.at(x + radius * narrow, y - radius),
+               p.at(x + radius * narrow, y + radius * shoulder), p.at(x, y + radius * 1.1),
+               p.at(x - radius * narrow, y + radius * shoulder)};
+  } else if (kind < 0.6) {  // a square
+    outline = {p.at(x - radius * narrow, y - radius), p.at(x + radius * narrow, y - radius),
+               p.at(x + radius * narrow, y + radius), p.at(x - radius * narrow, y + radius)};
+  } else {  // a map, a bird: a round thing with a rough edge
+    const int corners = p.rng.integer(9, 20);
+    const double rough = p.rng.uniform(0.1, 0.6);
+    for (int i = 0; i < corners; ++i) {
+      const double a = 2 * CV_PI * i / corners;
+      const double r = radius * (1 - rough * p.rng.uniform());
+      outline.push_back(p.at(x + r * narrow * std::cos(a), y + r * std::sin(a)));
+    }
+  }
+  cv::Mat mask(p.image.size(), CV_8UC1, Color(0));
+  const std::vector<std::vector<cv::Point>> shape{outline};
+  const bool line_only = p.chance(0.2);
+  if (!line_only) {
+    cv::fillPoly(mask, shape, Color(255), cv::LINE_AA);
+    blend(p.image, mask, {0, 0}, any_tone());
+    // Fields and charges, within the outline.
+    cv::Mat inside(p.image.size(), CV_8UC1, Color(0));
+    for (int i = p.rng.integer(1, 5); i > 0; --i) {
+      inside.setTo(0);
+      const double across = p.rng.uniform(-0.7, 0.7) * radius;
+      const double down = p.rng.uniform(-0.8, 0.8) * radius;
+      const double wide = p.rng.uniform(0.1, 0.6) * radius;
+      const double high = p.rng.uniform(0.1, 0.6) * radius;
+      const cv::Size axes{std::max(1, p.px(wide)), std::max(1, p.px(high))};
+      if (p.chance(0.5))
+        cv::ellipse(inside, p.at(x + across, y + down), axes, p.rng.uniform(0, 180), 0, 360,
+                    Color(255), cv::FILLED, cv::LINE_AA);
+      else
+        cv::rectangle(inside,
+                      cv::Rect(p.at(x + across - wide, y + down - high),
+                               p.at(x + across + wide, y + down + high)),
+                      Color(255), cv::FILLED);
+      cv::bitwise_and(inside, mask, inside);
+      blend(p.image, inside, {0, 0}, any_tone());
+    }
+  }
+  if (line_only || p.chance(0.5))
+    cv::polylines(p.image, shape, true, any_tone(), std::max(1, p.px(radius * 0.12)), cv::LINE_AA);
+}
+
+void ghost(const PlatePainter& p, const PlateLook& look, double x, double y) {
+  const cv::Mat before = p.image.clone();
+  crest(p, look, x, y, look.cap * p.rng.uniform(0.4, 1));
+  const double strength = p.rng.uniform(0.1, 0.6);
+  cv::addWeighted(p.image, strength, before, 1 - strength, 0, p.image);
 }
 
 }  // namespace tarsier::synth

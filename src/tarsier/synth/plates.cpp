@@ -295,9 +295,14 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
                   std::max(1, p.px(look.border)));
   }
   slogans(p, look);
+  if (wild && !options.infrared && rng.uniform() < (options.kind == PlateKind::kUs ? 0.3 : 0.05)) {
+    const double across = look.width * rng.uniform(0.05, 0.95);
+    ghost(p, look, across, look.height * look.centre);
+  }
   PlateSeparator between = choose_separator(options.kind, random, rng);
   if (wild && rng.uniform() < (options.kind == PlateKind::kBrazil ? 0.5 : 0.1))
     between = PlateSeparator::kDot;
+  if (wild && rng.uniform() < 0.2) between = PlateSeparator::kEmblem;
   const bool embossed = random && rng.uniform() < 0.4;
   const double margin = options.kind == PlateKind::kUs ? 10 : 14;
   for (std::size_t row = 0; row < rows.size(); ++row) {
@@ -310,7 +315,7 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
     }
     // A shield or image that stands before or behind the text, now and then.
     double until = to;
-    if (random && rows.size() == 1 && rng.uniform() < 0.22) {
+    if (random && rows.size() == 1 && rng.uniform() < (wild ? 0.3 : 0.22)) {
       const double room = rng.uniform(22, 42) * look.width / 520 + 8;
       const bool before = rng.uniform() < 0.7;
       const double x = before ? from + room / 2 - 6 : to - room / 2 + 6;
@@ -329,6 +334,12 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
         from += stacked_letters(p, look, from + look.cap * 0.18, y) + look.gap;
       else
         until -= stacked_letters(p, look, until - look.cap * 0.18, y) + look.gap;
+    }
+    if (look.aside && rows.size() == 1) {
+      if (rng.uniform() < 0.4)
+        from += aside_symbols(p, look, from, y, false) + look.gap;
+      else
+        until -= aside_symbols(p, look, until, y, true) + look.gap;
     }
     const Line line = lay_out(rows[row], look, glyphs, from, until);
     for (const Line::Gap& gap : line.gaps) separator(p, look, between, gap.x, y, gap.room);

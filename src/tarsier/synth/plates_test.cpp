@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/synth/glyphs.h"
+#include "tarsier/synth/plate_painter.h"
 #include "tarsier/synth/plate_texts.h"
 #include "tarsier/synth/street.h"
 
@@ -10,7 +11,10 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <map>
+#include <memory>
 #include <set>
 
 namespace tarsier::synth {
@@ -263,6 +267,71 @@ TEST_F(Streets, ImpossibleOptionsAreRefused) {
   options = {};
   options.seconds = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);
+}
+
+std::shared_ptr<const GlyphSet> known_glyphs() {
+  static const std::shared_ptr<const GlyphSet> glyphs = load_glyphs();
+  return glyphs;
+}
+
+// A plain ground, and what a painter did to it.
+struct Painted {
+  cv::Mat image{200, 600, CV_8UC3, cv::Scalar::all(250)};
+  std::shared_ptr<const GlyphSet> glyphs = known_glyphs();
+  Rng rng;
+  PlateLook look;
+
+  explicit Painted(std::uint64_t seed) : rng(seed) {}
+  [[nodiscard]] PlatePainter painter() { return {image, 1.0, *glyphs, rng}; }
+  [[nodiscard]] cv::Rect changed() const {
+    cv::Mat gray;
+    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+    return cv::boundingRect(gray != 250);
+  }
+  [[nodiscard]] double strongest() const {
+    return cv::norm(image, cv::Mat(image.size(), CV_8UC3, cv::Scalar::all(250)), cv::NORM_INF);
+  }
+};
+
+TEST(PlateOrnaments, CrestsStayWhereTheyArePainted) {
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    Painted painted(seed);
+    crest(painted.painter(), painted.look, 300, 100, 30);
+    const cv::Rect where = painted.changed();
+    EXPECT_GT(where.area(), 400) << seed;
+    EXPECT_EQ(where & cv::Rect(262, 62, 77, 77), where) << seed;
+  }
+}
+
+TEST(PlateOrnaments, GhostsAreFainterThanCrests) {
+  double most = 0;
+  double ghosts = 0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    Painted faint(seed);
+    ghost(faint.painter(), faint.look, 300, 100);
+    ghosts = std::max(ghosts, faint.strongest());
+    Painted full(seed);
+    crest(full.painter(), full.look, 300, 100, 30);
+    most = std::max(most, full.strongest());
+  }
+  EXPECT_GT(ghosts, 20);
+  EXPECT_LE(ghosts, 0.6 * 250 + 1);
+  EXPECT_GT(most, 200);
+}
+
+TEST(PlateOrnaments, SymbolsBesideTheTextEndOrBeginWhereTold) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    for (const bool ends : {false, true}) {
+      Painted painted(seed);
+      const double width = aside_symbols(painted.painter(), painted.look, 300, 100, ends);
+      const cv::Rect where = painted.changed();
+      EXPECT_GT(where.height, 15) << seed;
+      EXPECT_LT(where.height, 0.7 * painted.look.cap) << seed;
+      const double middle = where.x + where.width / 2.0;
+      EXPECT_EQ(middle < 300, ends) << seed;
+      EXPECT_LT(std::abs(middle - 300), width) << seed;
+    }
+  }
 }
 
 }  // namespace

@@ -155,6 +155,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   }
   nlohmann::json learnt_from = provenance(flags, context);
   if (start) learnt_from["from"] = fs::path(flags.from).filename().string();
+  if (start && flags.options.keep > 0) learnt_from["keep"] = flags.options.keep;
   if (!split.test.empty()) {
     const plate::CharacterErrors errors = plate::test_line_reader(model.line, split.test);
     log_info("{} plates held out: {} of {} characters read wrong ({:.2f} %)", split.test.size(),
@@ -234,6 +235,7 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
           "that a place is a plate")
       .needs(from);
   bind_field(verb, flags.options, flags.options.line_steps);
+  bind_field(verb, flags.options, flags.options.keep).needs(from);
   verb.add_option("--calibration", flags.calibration,
                   "drawn plates that the confidence is fitted to; 0: not fitted")
       .show_default();

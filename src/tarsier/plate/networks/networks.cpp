@@ -278,7 +278,7 @@ Quad line_quad(int width) {
 }
 
 cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width, const linalg::Network& network,
-                  linalg::Workspace& workspace) {
+                  linalg::Workspace& workspace, cv::Mat* features) {
   const cv::Mat canvas = sample(gray, text, line_quad(width), {width, kLineHeight});
   std::vector<float> input;
   normalize(canvas, input);
@@ -296,6 +296,11 @@ cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width, const linalg
     float sum = 0;
     for (int c = 0; c < kClasses; ++c) sum += row[c] = std::exp(row[c] - top);
     for (int c = 0; c < kClasses; ++c) row[c] /= sum;
+  }
+  if (features != nullptr) {
+    std::vector<float>& last = workspace.maps[workspace.maps.size() - 2];
+    const int planes = static_cast<int>(last.size()) / columns;
+    cv::transpose(cv::Mat(planes, columns, CV_32F, last.data()), *features);
   }
   return result;
 }

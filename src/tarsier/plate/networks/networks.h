@@ -105,8 +105,10 @@ inline constexpr int kColumn = 4;  // px of the canvas for one column of the out
 // Zero mean and unit deviation, the input of aligner and line reader.
 void normalize(const cv::Mat& gray, std::vector<float>& values);
 
-// Class probabilities, width / kColumn rows x kClasses, CV_32F.
+// Class probabilities, width / kColumn rows x kClasses, CV_32F. `features`, if given, becomes what the
+// last layer makes them of: as many rows x the layer's planes, CV_32F.
 [[nodiscard]] cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width,
-                                const linalg::Network& network, linalg::Workspace& workspace);
+                                const linalg::Network& network, linalg::Workspace& workspace,
+                                cv::Mat* features = nullptr);
 
 }  // namespace tarsier::plate

@@ -4,6 +4,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/plate/networks/looks.h"
 #include "tarsier/plate/networks/rivals.h"
+#include "tarsier/plate/networks/same_plate.h"
 #include "tarsier/plate/text/ctc.h"
 
 #include <opencv2/core/utility.hpp>
@@ -42,6 +43,7 @@ struct Lines {
   };
   std::vector<Line> lines;
   cv::Mat probabilities;
+  cv::Mat features;  // of the first look, of plates of one row
   bool two_rows = false;
 };
 
@@ -85,8 +87,19 @@ Lines read_lines(const cv::Mat& gray, const Quad& text, bool two_rows,
   gap.at<float>(0, kBlank) = 1;
   for (const Lines::Line& line : result.lines) {
     if (!result.probabilities.empty()) result.probabilities.push_back(gap);
-    result.probabilities.push_back(read_line(gray, line.quad, line.width, network, workspace));
+    result.probabilities.push_back(read_line(gray, line.quad, line.width, network, workspace,
+                                             two_rows ? nullptr : &result.features));
   }
+  return result;
+}
+
+// The lines of a plate of one row by what its characters tell of each other.
+Lines compared(const cv::Mat& gray, const Lines& lines, const Decoded& best) {
+  Lines result = lines;
+  const Lines::Line& line = lines.lines.front();
+  const cv::Mat canvas = sample(gray, line.quad, line_quad(line.width), {line.width, kLineHeight});
+  result.probabilities = compared_with_itself({canvas, lines.features, lines.probabilities},
+                                              {best.text, best.confidences, best.columns});
   return result;
 }
 
@@ -297,6 +310,9 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
   if (!once && reading.unfit.empty() && alignment.score > 0.8F &&
       (chosen.texts.empty() || is_worth_more(chosen.texts.front())))
     chosen = attempt(pooled(gray, chosen.lines, reader_.line, workspace));
+  if (!chosen.lines.two_rows && reading.unfit.empty() && !chosen.texts.empty() &&
+      !is_sure(chosen.texts.front()))
+    chosen = attempt(compared(gray, chosen.lines, chosen.texts.front()));
   const Lines& lines = chosen.lines;
   const std::vector<Decoded>& texts = chosen.texts;
   reading.rows = lines.two_rows ? 2 : 1;

@@ -66,6 +66,10 @@ bool same_text(const std::string& a, const std::string& b) {
   return a.size() >= kTellingText && fold_symbols(a) == fold_symbols(b);
 }
 
+bool has_digit(const std::string& text) {
+  return text.find_first_of("0123456789") != std::string::npos;
+}
+
 bool is_candidate(const std::string& text, const std::vector<Candidate>& candidates) {
   return std::any_of(candidates.begin(), candidates.end(),
                      [&](const Candidate& candidate) { return candidate.text == text; });
@@ -94,6 +98,7 @@ void add_reading(Track& track, const Reading& reading, const TrackedFrame& frame
   track.last_seen = frame.seen;
   track.read_now = true;
   ++track.frames;
+  if (!has_digit(reading.text)) ++track.words;
   track.evidence.push_back(
       {{frame.index, time, reading.text, reading.confidence, reading.box}, ballot_of(reading)});
   track.surest = std::max(track.surest, reading.confidence);
@@ -134,9 +139,10 @@ void vote_if_due(Track& track, const TrackerOptions& options) {
 
 bool is_confirmed(const Track& track, const TrackerOptions& options) {
   if (track.frames < options.min_readings || track.voted.empty()) return false;
-  const std::string text = text_of(track);
-  const bool has_digit = text.find_first_of("0123456789") != std::string::npos;
-  if (track.surest < options.min_single || (!has_digit && !options.words)) return false;
+  // A sign stays one where the vote, in which texts without a digit count little, finds a layout with a
+  // digit that resembles it (a D as 0).
+  const bool is_word = !has_digit(text_of(track)) || 2 * track.words > track.frames;
+  if (track.surest < options.min_single || (is_word && !options.words)) return false;
   const bool never_moved = is_parked(track) && track.anchor_time - track.first_time < kParkedAfter;
   if (never_moved) return confidence_of(track) >= options.min_standing;
   // What moves and is read much the same for long is a plate, though its text may be in doubt.
@@ -154,6 +160,7 @@ void absorb(Track& track, Track&& earlier, const TrackerOptions& options) {
   track.announced_last = earlier.announced_last;
   track.next_update = track.last_time;  // what is known of both is worth saying
   track.frames += earlier.frames;
+  track.words += earlier.words;
   track.surest = std::max(track.surest, earlier.surest);
   if (cv::norm(track.anchor - earlier.anchor) <= 0.5 * track.size.width) {
     track.anchor_time = earlier.anchor_time;

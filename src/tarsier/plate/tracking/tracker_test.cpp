@@ -159,6 +159,36 @@ TEST_F(NewsTest, WhatTurnsOutToBeASignIsTakenBack) {
   EXPECT_THAT(finish(), ElementsAre("withdrawn 1 NO12"));
 }
 
+// A reading as a reader gives it of a sign: the word hardly, as few plates are one, and now and then what
+// a layout makes of it, surely.
+Reading sign_at(int k, double x) {
+  const bool digit = k % 3 == 0;
+  Reading reading = reading_at(digit ? "C0HKCDY" : "CDHKCDY", x, 100, 100, digit ? 0.95 : 0.06);
+  reading.candidates = {{reading.text, reading.confidence, "pl"}};
+  return reading;
+}
+
+TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsASign) {
+  Road road;
+  for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100)});
+  EXPECT_THAT(road.finish(), testing::IsEmpty());
+}
+
+TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsAVehicleWhereWordsAre) {
+  TrackerOptions options;
+  options.words = true;
+  Road road(options);
+  for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100 + 12 * k)});
+  EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
+}
+
+TEST(TrackerTest, APlateWhoseDigitIsMissedNowAndThenIsAVehicle) {
+  Road road;
+  for (int k = 0; k < 60; ++k)
+    road.frame({reading_at(k % 3 == 0 ? "CDHKCDY" : "C0HKCDY", 100 + 12 * k, 100)});
+  EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
+}
+
 TEST_F(NewsTest, AVehicleThatWasTakenForANewOneIsTakenBack) {
   for (int k = 0; k < 10; ++k) (void)frame({reading_at("1234BCD", 20 * k, 100)});
   for (int k = 0; k < 30; ++k) (void)frame({});

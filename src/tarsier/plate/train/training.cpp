@@ -273,6 +273,18 @@ bool real_line(const LabelledCrop& crop, Rng& rng, cv::Mat& canvas, std::vector<
   return true;
 }
 
+// network = (1 - share) network + share other
+void mix(linalg::Network& network, const linalg::Network& other, float share) {
+  const auto mean = [&](std::vector<float>& values, const std::vector<float>& others) {
+    for (std::size_t i = 0; i < values.size(); ++i)
+      values[i] = (1 - share) * values[i] + share * others[i];
+  };
+  for (std::size_t k = 0; k < network.layers.size(); ++k) {
+    mean(network.layers[k].weights, other.layers[k].weights);
+    mean(network.layers[k].bias, other.layers[k].bias);
+  }
+}
+
 void run_training(linalg::Network& network, int steps, double rate, std::uint64_t seed,
                   std::string_view stage, const linalg::MakeExample& make, const linalg::Loss& loss,
                   Progress& progress, std::stop_token stop, bool goes_on = false) {
@@ -463,6 +475,7 @@ linalg::Network train_line_reader(const ViewMaker& views, const std::vector<Labe
         make_line_example(views, crops, rng, example.shape, example.input, example.target);
       },
       line_loss, progress, stop, start != nullptr);
+  if (start != nullptr && options.keep > 0) mix(network, *start, static_cast<float>(options.keep));
   return network;
 }
 

@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -251,6 +252,33 @@ TEST_F(Training, TenCorrectionsTeachATypeface) {
   EXPECT_LT(new_errors.wrong, old_errors.wrong / 2);
   EXPECT_LT(new_errors.wrong, control.wrong / 2);
   EXPECT_LE(new_known.wrong, old_known.wrong + 6);
+}
+
+TEST_F(Training, KeepsAShareOfWhatItGoesOnFrom) {
+  Rng rng(5);
+  linalg::Network start = line_network();
+  linalg::initialize(start, rng);
+  TrainingOptions options;
+  options.line_steps = 2;
+  NoProgress progress;
+  const auto train = [&](double keep) {
+    options.keep = keep;
+    return train_line_reader(views_, {}, options, progress, {}, &start);
+  };
+  const linalg::Network whole = train(0);
+  const linalg::Network mean = train(0.25);
+  const linalg::Network none = train(1);
+  double moved = 0;
+  for (std::size_t k = 0; k < start.layers.size(); ++k) {
+    for (std::size_t i = 0; i < start.layers[k].weights.size(); ++i) {
+      const float before = start.layers[k].weights[i];
+      const float after = whole.layers[k].weights[i];
+      moved += std::abs(static_cast<double>(after - before));
+      ASSERT_NEAR(mean.layers[k].weights[i], 0.75F * after + 0.25F * before, 1e-6F);
+      ASSERT_FLOAT_EQ(none.layers[k].weights[i], before);
+    }
+  }
+  EXPECT_GT(moved, 0.1);
 }
 
 TEST_F(Training, GoesOnFromAFittingNetworkAlone) {
