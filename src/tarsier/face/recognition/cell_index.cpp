@@ -387,6 +387,8 @@ CellIndex::CellIndex(CellIndex&& other) noexcept
       templates_(other.templates_),
       dimension_(other.dimension_),
       centres_(std::move(other.centres_)),
+      centre_scales_(std::move(other.centre_scales_)),
+      exact_centres_(std::move(other.exact_centres_)),
       cells_(std::move(other.cells_)),
       learned_from_(std::move(other.learned_from_)),
       seen_(std::move(other.seen_)) {}
@@ -442,10 +444,17 @@ void CellIndex::read_head() {
   templates_ = head.templates;
   dimension_ = head.dimension;
   const char* at = rest.data() + sizeof head;
-  centres_.resize(head.cells, head.dimension);
-  std::memcpy(centres_.data(), at, static_cast<std::size_t>(centres_.size()) * sizeof(float));
-  at += static_cast<std::size_t>(centres_.size()) * sizeof(float);
-  if (!centres_.allFinite()) refuse("is damaged");
+  exact_centres_.resize(head.cells, head.dimension);
+  const auto numbers = static_cast<std::size_t>(exact_centres_.size());
+  std::memcpy(exact_centres_.data(), at, numbers * sizeof(float));
+  at += numbers * sizeof(float);
+  if (!exact_centres_.allFinite() || !(exact_centres_.cwiseAbs().maxCoeff() < 2))
+    refuse("is damaged");
+  const std::size_t stride = stride_of(head.dimension);
+  centres_.resize(cells * stride);
+  for (std::size_t c = 0; c < cells; ++c)
+    centre_scales_.push_back(encode(exact_centres_.row(static_cast<Eigen::Index>(c)).data(),
+                                    head.dimension, centres_.data() + c * stride, stride));
   cells_.resize(cells);
   auto offset = static_cast<std::int64_t>(end);
   for (Cell& cell : cells_) {
@@ -481,12 +490,16 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
                   probe.size(), dimension_);
   TARSIER_REQUIRE(probes > 0 && count > 0, "{} cells, {} candidates", probes, count);
   const linalg::GemmKernels& kernels = linalg::gemm_kernels();
-  const auto d = static_cast<std::ptrdiff_t>(dimension_);
   const std::size_t stride = stride_of(dimension_);
 
-  std::vector<float> likeness(cells_.size(), 0.0F);
-  kernels.dots(1, cells(), dimension_, probe.data(), d, centres_.data(), d, likeness.data(),
-               static_cast<std::ptrdiff_t>(cells_.size()));
+  std::vector<std::int8_t> codes(stride);
+  const float own_scale = encode(probe.data(), dimension_, codes.data(), stride);
+  std::vector<std::int32_t> centre_dots(cells_.size());
+  kernels.byte_dots(cells(), static_cast<int>(stride), codes.data(), centres_.data(),
+                    centre_dots.data());
+  std::vector<float> likeness(cells_.size());
+  for (std::size_t i = 0; i < likeness.size(); ++i)
+    likeness[i] = centre_scales_[i] * static_cast<float>(centre_dots[i]);
   std::vector<std::size_t> order(cells_.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   const auto looked = std::min(order.size(), static_cast<std::size_t>(probes));
@@ -495,8 +508,6 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
                       return likeness[a] != likeness[b] ? likeness[a] > likeness[b] : a < b;
                     });
 
-  std::vector<std::int8_t> codes(stride);
-  const float own_scale = encode(probe.data(), dimension_, codes.data(), stride);
   const auto better = [](const Candidate& a, const Candidate& b) {
     return a.score != b.score ? a.score > b.score : a.id < b.id;
   };
@@ -522,6 +533,7 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
         std::memcpy(&scale, block.data() + rows * sizeof(std::int64_t) + i * sizeof(float),
                     sizeof scale);
         own[i].score = own_scale * scale * static_cast<float>(dots[i]);
+        if (!std::isfinite(own[i].score)) own[i].score = std::numeric_limits<float>::lowest();
       }
       if (own.size() > most) {
         std::nth_element(own.begin(), own.begin() + static_cast<std::ptrdiff_t>(most), own.end(),
@@ -607,7 +619,7 @@ CellIndexReport CellIndex::write_without(const std::string& path,
                   static_cast<std::int64_t>(learned_from_.size()),
                   dimension_,
                   cells()};
-  file.finish(head_bytes(head, centres_, entries, learned_from_, report.sum));
+  file.finish(head_bytes(head, exact_centres_, entries, learned_from_, report.sum));
   report.bytes = offset;
   return report;
 }

@@ -24,10 +24,10 @@
 namespace tarsier::face::recognition {
 
 struct CellIndexOptions {
-  int cells = 0;           // 0: by the number of templates, see cells_for()
-  int learn_from = 32;     // templates for each cell that the centres are learned from
-  int rounds = 8;          // of k-means
-  double memory_gb = 2.5;  // for the templates that are written in one pass over them all
+  int cells = 0;         // 0: by the number of templates, see cells_for()
+  int learn_from = 32;   // templates for each cell that the centres are learned from
+  int rounds = 8;        // of k-means
+  double memory_gb = 3;  // for the templates that are written in one pass over them all
 
   [[nodiscard]] OptionFields fields() {
     return {{"cells", cells, range(0, 65536), "--cells",
@@ -131,7 +131,9 @@ class CellIndex {
   std::string sum_;
   std::int64_t templates_ = 0;
   int dimension_ = 0;
-  Rows centres_;
+  std::vector<std::int8_t> centres_;  // `stride` each
+  std::vector<float> centre_scales_;
+  Rows exact_centres_;
   std::vector<Cell> cells_;
   std::vector<std::int64_t> learned_from_;
   mutable std::unique_ptr<std::atomic<bool>[]> seen_;  // cells whose sum is right

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/recognition/recognizer.h"
+
+#include "framework/cli.h"
+#include <cstdint>
+#include <string>
+
+// Large galleries of drawn templates: for bench_people.cpp.
+namespace tarsier::cli {
+
+// The most memory that this process had so far, MB.
+[[nodiscard]] double peak_memory();
+
+void bench_template_index(Context& context, const face::recognition::Background& background,
+                          std::int64_t count, double spread, const std::string& folder);
+
+}  // namespace tarsier::cli
