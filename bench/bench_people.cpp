@@ -346,8 +346,10 @@ std::int64_t faces_of(const std::string& text) {
   return value;
 }
 
-// --size templates:N or templates:N:SPREAD.
-bool is_of_templates(const std::string& text) { return text.starts_with("templates:"); }
+// --size templates:N or templates:N:SPREAD, indexed:N or indexed:N:SPREAD.
+bool is_of_templates(const std::string& text) {
+  return text.starts_with("templates:") || text.starts_with("indexed:");
+}
 
 void bench_templates(Context& context, const std::string& text) {
   const std::string rest = text.substr(text.find(':') + 1);
@@ -358,13 +360,14 @@ void bench_templates(Context& context, const std::string& text) {
     const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), spread);
     if (error != std::errc() || end != number.data() + number.size() || !(spread > 0) ||
         spread > 100)
-      throw UsageError(fmt::format("--size {}: templates:N:SPREAD", text));
+      throw UsageError(fmt::format("--size {}: templates:N:SPREAD or indexed:N:SPREAD", text));
   }
   const std::int64_t count = faces_of(rest.substr(0, colon));
   const auto background = find_background({});
   if (!background) throw InputError("people-background.json", "is needed");
   const Scratch scratch;
-  bench_template_index(context, *background, count, spread, scratch / "");
+  (text.starts_with("indexed:") ? bench_indexed_gallery : bench_template_index)(
+      context, *background, count, spread, scratch / "");
 }
 
 }  // namespace
@@ -377,7 +380,8 @@ double peak_memory() {
   return 0;
 }
 
-// Drawn faces. --size: faces of the gallery; templates:N: so many drawn templates.
+// Drawn faces. --size: faces of the gallery; templates:N: so many drawn templates in an index,
+// indexed:N: in a gallery with an index.
 ExitStatus bench_people(Context& context, const BenchOptions& options) {
   std::vector<std::int64_t> sizes;
   bool any = false;

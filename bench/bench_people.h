@@ -16,4 +16,8 @@ namespace tarsier::cli {
 void bench_template_index(Context& context, const face::recognition::Background& background,
                           std::int64_t count, double spread, const std::string& folder);
 
+// A whole gallery of them, in the folder: with the index and without.
+void bench_indexed_gallery(Context& context, const face::recognition::Background& background,
+                           std::int64_t count, double spread, const std::string& folder);
+
 }  // namespace tarsier::cli
