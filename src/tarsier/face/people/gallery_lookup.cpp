@@ -73,8 +73,8 @@ std::vector<PersonTemplate> Gallery::templates_beside(std::span<const std::int64
     while (rows.step()) people.push_back(rows.integer(0));
   }
   Statement rows(database_, fmt::format("SELECT person, face, numbers FROM face INDEXED BY "
-                                        "face_by_person JOIN template ON template.face = face.id "
-                                        "WHERE person IN ({}) AND space = ?",
+                                        "face_by_person CROSS JOIN template ON template.face = "
+                                        "face.id WHERE person IN ({}) AND +space = ?",
                                         listed(people)));
   rows.bind(1, space);
   while (rows.step())

@@ -542,7 +542,15 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
       }
     }
   };
-  cv::parallel_for_({0, static_cast<int>(looked)}, look);
+  // Waking other threads takes longer than a few megabytes do.
+  constexpr std::int64_t kAlone = 16'384;
+  std::int64_t rows = 0;
+  for (std::size_t k = 0; k < looked; ++k) rows += cells_[order[k]].count;
+  const cv::Range all(0, static_cast<int>(looked));
+  if (rows <= kAlone)
+    look(all);
+  else
+    cv::parallel_for_(all, look);
   std::vector<Candidate> out;
   for (const std::vector<Candidate>& own : found) out.insert(out.end(), own.begin(), own.end());
   if (out.size() > most) {
