@@ -823,20 +823,42 @@ Recognition recognize(const Recognizer& model, const std::vector<float>& feature
   return recognition_of(model, *found, false_accepts, static_cast<int>(model.labels.size()));
 }
 
-std::vector<std::string> other_names(const Recognizer& model, const std::vector<cv::Mat>& crops,
-                                     const std::string& name) {
-  constexpr double kRate = 0.001;
+namespace {
+
+constexpr double kSameRate = 0.001;
+
+template <typename Name>
+std::vector<std::string> often_taken_for(const std::vector<cv::Mat>& crops, const std::string& name,
+                                         const Name& recognise) {
   std::map<std::string, std::size_t> taken_for;
   for (const cv::Mat& crop : crops) {
-    const Recognition seen = recognize(
-        model, recognition::template_of(model, recognizer_input(model.options.algorithm, crop)),
-        kRate);
+    const Recognition seen = recognise(crop);
     if (seen.known && seen.label != name) ++taken_for[seen.label];
   }
   std::vector<std::string> out;
   for (const auto& [label, count] : taken_for)
     if (2 * count > crops.size()) out.push_back(label);
   return out;
+}
+
+std::vector<float> template_of_crop(const Recognizer& model, const cv::Mat& crop) {
+  return recognition::template_of(model, recognizer_input(model.options.algorithm, crop));
+}
+
+}  // namespace
+
+std::vector<std::string> other_names(const Recognizer& model, const std::vector<cv::Mat>& crops,
+                                     const std::string& name) {
+  return often_taken_for(crops, name, [&](const cv::Mat& crop) {
+    return recognize(model, template_of_crop(model, crop), kSameRate);
+  });
+}
+
+std::vector<std::string> other_names(GalleryFollower& follower, const std::vector<cv::Mat>& crops,
+                                     const std::string& name) {
+  return often_taken_for(crops, name, [&](const cv::Mat& crop) {
+    return follower.recognize(template_of_crop(*follower.recognizer(), crop), kSameRate);
+  });
 }
 
 }  // namespace tarsier::face::people

@@ -195,5 +195,9 @@ struct Recognition {
 [[nodiscard]] std::vector<std::string> other_names(const recognition::Recognizer& model,
                                                    const std::vector<cv::Mat>& crops,
                                                    const std::string& name);
+// The same of a gallery, as the follower knows it.
+[[nodiscard]] std::vector<std::string> other_names(GalleryFollower& follower,
+                                                   const std::vector<cv::Mat>& crops,
+                                                   const std::string& name);
 
 }  // namespace tarsier::face::people

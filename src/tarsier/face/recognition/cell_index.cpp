@@ -19,6 +19,7 @@
 #include <cstring>
 #include <fcntl.h>
 #include <limits>
+#include <mutex>
 #include <string_view>
 #include <sys/stat.h>
 #include <system_error>
@@ -512,10 +513,21 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
     return a.score != b.score ? a.score > b.score : a.id < b.id;
   };
   const auto most = static_cast<std::size_t>(count);
-  std::vector<std::vector<Candidate>> found(looked);
+  std::vector<Candidate> out;
+  std::mutex mutex;
+  // Of a set the best; `least`: none that is worse can be among them.
+  const auto reduce = [&](std::vector<Candidate>& set, float& least) {
+    if (set.size() <= most) return;
+    std::nth_element(set.begin(), set.begin() + static_cast<std::ptrdiff_t>(most) - 1, set.end(),
+                     better);
+    set.resize(most);
+    least = set.back().score;
+  };
   const auto look = [&](const cv::Range& range) {
     std::vector<std::uint8_t> block;
     std::vector<std::int32_t> dots;
+    std::vector<Candidate> own;
+    float least = std::numeric_limits<float>::lowest();
     for (int k = range.start; k < range.end; ++k) {
       const std::size_t cell = order[static_cast<std::size_t>(k)];
       const auto rows = static_cast<std::size_t>(cells_[cell].count);
@@ -525,22 +537,21 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
       kernels.byte_dots(static_cast<int>(rows), static_cast<int>(stride), codes.data(),
                         reinterpret_cast<const std::int8_t*>(block.data() + rows * kRowBytes),
                         dots.data());
-      std::vector<Candidate>& own = found[static_cast<std::size_t>(k)];
-      own.resize(rows);
+      const std::uint8_t* const scales = block.data() + rows * sizeof(std::int64_t);
       for (std::size_t i = 0; i < rows; ++i) {
         float scale = 0;
-        std::memcpy(&own[i].id, block.data() + i * sizeof(std::int64_t), sizeof(std::int64_t));
-        std::memcpy(&scale, block.data() + rows * sizeof(std::int64_t) + i * sizeof(float),
-                    sizeof scale);
-        own[i].score = own_scale * scale * static_cast<float>(dots[i]);
-        if (!std::isfinite(own[i].score)) own[i].score = std::numeric_limits<float>::lowest();
+        std::memcpy(&scale, scales + i * sizeof(float), sizeof scale);
+        const float score = own_scale * scale * static_cast<float>(dots[i]);
+        if (!(score >= least)) continue;  // nor what is no number, in a file of somebody else
+        Candidate one;
+        std::memcpy(&one.id, block.data() + i * sizeof(std::int64_t), sizeof(std::int64_t));
+        one.score = score;
+        own.push_back(one);
       }
-      if (own.size() > most) {
-        std::nth_element(own.begin(), own.begin() + static_cast<std::ptrdiff_t>(most), own.end(),
-                         better);
-        own.resize(most);
-      }
+      reduce(own, least);
     }
+    const std::lock_guard lock(mutex);
+    out.insert(out.end(), own.begin(), own.end());
   };
   // Waking other threads takes longer than a few megabytes do.
   constexpr std::int64_t kAlone = 16'384;
@@ -551,13 +562,8 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
     look(all);
   else
     cv::parallel_for_(all, look);
-  std::vector<Candidate> out;
-  for (const std::vector<Candidate>& own : found) out.insert(out.end(), own.begin(), own.end());
-  if (out.size() > most) {
-    std::nth_element(out.begin(), out.begin() + static_cast<std::ptrdiff_t>(most), out.end(),
-                     better);
-    out.resize(most);
-  }
+  float least = 0;
+  reduce(out, least);
   std::sort(out.begin(), out.end(), better);
   return out;
 }
