@@ -163,7 +163,7 @@ LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
 # The examples name files that are not there: all say so, with this status, but those that need no file.
 EXAMPLE_STATUS = {
     "aam explore": 0, "pose synth": 0, "plate synth": 0, "sfm synth": 0, "ar marker-sheet": 0, "ar synth": 0, "models list": 0,
-    "models info": 0, "people list": 1, "people group": 1, "people groups": 1, "people log": 1, "people forget": 1, "people export": 1, "people train": 1, "people show": 1,
+    "models info": 0, "people list": 1, "people group": 1, "people groups": 1, "people log": 1, "people forget": 1, "people export": 1, "people train": 1, "people index": 1, "people show": 1,
     "models verify": 0, "models remove": 1, "doctor": 0, "plate watch add": 0,
 }
 

@@ -151,7 +151,7 @@ std::string forget_text(const std::string& name, const face::people::ForgetRepor
       search.folders, search.bytes, report.searched, report.pieces,
       report.proven() ? "none is left." : "NOT PROVEN.");
   if (report.index == face::people::IndexFate::kRewritten)
-    text += "The index was written anew without them.\n";
+    text += "The index was written again, without them.\n";
   if (report.index == face::people::IndexFate::kDeleted)
     text += "The index is deleted: `people index` makes another.\n";
   if (report.shared > 0) {

@@ -58,6 +58,8 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
     face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
     return check_index(gallery, context);
   }
+  // A wrong path is reported in any case.
+  if (!flags.people.background.empty()) static_cast<void>(find_background(flags.people));
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   face::settle_templates(gallery, template_kind(flags.people), ModelStore::find(), false,
                          own_network(flags.people));
@@ -65,6 +67,7 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
   if (faces < flags.least) {
     log_info("{}: {} faces: with fewer than {} comparing all is as fast, no index is made",
              flags.people.gallery, faces, flags.least);
+    if (context.json) print_json({{"index", nullptr}, {"faces", faces}, {"least", flags.least}});
     return ExitStatus::kNothingFound;
   }
   const auto background = face::background_for(

@@ -159,7 +159,7 @@ GalleryIndexState gallery_index_state(Gallery& gallery) {
       state.trouble = "is of another state of the gallery";
     } else if (!stored || stored->id != index.label().model ||
                stored->space != index.label().space) {
-      state.trouble = "is of templates that were made anew since";
+      state.trouble = "is of templates that were made again since";
     } else {
       state.current = true;
       state.newer = gallery.template_count(stored->space, std::numeric_limits<std::int64_t>::max(),
@@ -188,7 +188,7 @@ std::unique_ptr<GalleryIndex> GalleryIndex::open(Gallery& gallery,
     if (!gallery.is_index(cells.sum())) return unused("is of another state of the gallery");
     if (stored.id != cells.label().model || stored.space != cells.label().space ||
         cells.dimension() != subspace.template_length())
-      return unused("is of templates that were made anew since");
+      return unused("is of templates that were made again since");
     return std::unique_ptr<GalleryIndex>(
         new GalleryIndex(gallery, background, std::move(cells), subspace));
   } catch (const InputError& error) {

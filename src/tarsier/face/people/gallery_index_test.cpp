@@ -319,10 +319,10 @@ TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
   EXPECT_EQ(running.recognize(probe(*running.recognizer(), 3), 0.01).label, "p3");
   EXPECT_EQ(running.index(), nullptr);
   EXPECT_EQ(running.recognizer()->templates.rows(), static_cast<Eigen::Index>(kFaces));
-  // Templates that were made anew.
+  // Templates that were made again.
   put(whole);
   (void)load_gallery_model(gallery_, &background(), true, Learn::kNow, progress_, {});
-  unused("is of templates that were made anew");
+  unused("is of templates that were made again");
 }
 
 TEST_F(GalleryIndexTest, WhoIsForgottenWhileItIsMadeIsNotInIt) {
