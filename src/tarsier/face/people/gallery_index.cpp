@@ -102,10 +102,11 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
     const std::int64_t removals = gallery.removals();
     const auto stored = gallery.model();
     const std::int64_t space = -recognition::fingerprint(background);
-    if (!stored || stored->space != space)
+    if (gallery.face_count_up_to(kLearnedWhole + 1) <= kLearnedWhole || !stored ||
+        stored->space != space)
       throw InputError(gallery.path(),
-                       fmt::format("has no model in coordinates (more than {} faces, or deep "
-                                   "templates): nothing can be indexed",
+                       fmt::format("only galleries of more than {} faces, of the default or deep "
+                                   "templates, can be indexed",
                                    kLearnedWhole));
     const Recognizer subspace = recognition::recognizer_from_text(stored->body, gallery.path());
     const recognition::CoordinateProjection projection(subspace, background);

@@ -21,7 +21,12 @@ constexpr const char* kIndex = "index";        // sums of index files that are t
 constexpr const char* kRemovals = "removals";  // how often faces were removed
 
 std::string listed(std::span<const std::int64_t> numbers) {
-  return fmt::format("{}", fmt::join(numbers, ","));
+  std::string text;
+  for (const std::int64_t number : numbers) {
+    if (!text.empty()) text += ',';
+    text += std::to_string(number);
+  }
+  return text;
 }
 
 std::int64_t number_of(const std::string& text) {
