@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include "bench_people.h"
+
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
@@ -107,15 +109,6 @@ class Scratch {
  private:
   std::string path_;
 };
-
-// The most memory that this process had so far, MB.
-double peak_memory() {
-  std::ifstream status("/proc/self/status");
-  std::string line;
-  while (std::getline(status, line))
-    if (line.starts_with("VmHWM:")) return std::atof(line.c_str() + 6) / 1024;
-  return 0;
-}
 
 class PeopleBench {
  public:
@@ -353,12 +346,54 @@ std::int64_t faces_of(const std::string& text) {
   return value;
 }
 
+// --size templates:N or templates:N:SPREAD, indexed:N or indexed:N:SPREAD.
+bool is_of_templates(const std::string& text) {
+  return text.starts_with("templates:") || text.starts_with("indexed:");
+}
+
+void bench_templates(Context& context, const std::string& text) {
+  const std::string rest = text.substr(text.find(':') + 1);
+  const std::size_t colon = rest.find(':');
+  double spread = 1;
+  if (colon != std::string::npos) {
+    const std::string number = rest.substr(colon + 1);
+    const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), spread);
+    if (error != std::errc() || end != number.data() + number.size() || !(spread > 0) ||
+        spread > 100)
+      throw UsageError(fmt::format("--size {}: templates:N:SPREAD or indexed:N:SPREAD", text));
+  }
+  const std::int64_t count = faces_of(rest.substr(0, colon));
+  const auto background = find_background({});
+  if (!background) throw InputError("people-background.json", "is needed");
+  const Scratch scratch;
+  (text.starts_with("indexed:") ? bench_indexed_gallery : bench_template_index)(
+      context, *background, count, spread, scratch / "");
+}
+
 }  // namespace
 
-// Drawn faces. --size: faces of the gallery.
+double peak_memory() {
+  std::ifstream status("/proc/self/status");
+  std::string line;
+  while (std::getline(status, line))
+    if (line.starts_with("VmHWM:")) return std::atof(line.c_str() + 6) / 1024;
+  return 0;
+}
+
+// Drawn faces. --size: faces of the gallery; templates:N: so many drawn templates in an index,
+// indexed:N: in a gallery with an index.
 ExitStatus bench_people(Context& context, const BenchOptions& options) {
   std::vector<std::int64_t> sizes;
-  for (const std::string& text : options.sizes) sizes.push_back(faces_of(text));
+  bool any = false;
+  for (const std::string& text : options.sizes) {
+    if (is_of_templates(text)) {
+      bench_templates(context, text);
+      any = true;
+    } else {
+      sizes.push_back(faces_of(text));
+    }
+  }
+  if (any && sizes.empty()) return ExitStatus::kDone;
   PeopleBench bench(context, options);
   if (sizes.empty()) {
     bench.small();

@@ -16,6 +16,7 @@
 #include "tarsier/face/onnx/testing_onnx.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/cell_index.h"
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/recognizer.h"
 #include "tarsier/face/recognition/testing_deep.h"
@@ -283,6 +284,15 @@ void people_models() {
 "paths": ["shard.bin"]}])"));
   write_background(seed("background", "small.json"),
                    learn_background(others.faces, general, quiet, kGoOn), kNothing);
+
+  (void)write_cell_index(
+      seed("face_index", "small"), 3, 5,
+      [](std::int64_t step, const auto& take) {
+        std::vector<std::int64_t> ids;
+        for (std::int64_t i = 1; i <= 5; i += step) ids.push_back(i);
+        take(ids, Rows::Constant(static_cast<Eigen::Index>(ids.size()), 3, 0.5F));
+      },
+      {5, -1, 1}, {.cells = 2}, quiet, kGoOn);
 
   const std::string path = seed("gallery", "one.db");
   fs::remove(path);

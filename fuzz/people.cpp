@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: MIT
 // Recognisers, lists of faces and galleries.
 #include "tarsier/core/errors.h"
+#include "tarsier/core/progress.h"
 #include "tarsier/face/onnx/network_file.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/cell_index.h"
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/evaluation.h"
 #include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/media/sha256.h"
 
 #include <opencv2/core.hpp>
 
 #include "fuzz.h"
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 
@@ -62,6 +66,44 @@ TARSIER_FUZZ_TARGET(onnx_input_form, kBytes) {
 }
 
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }
+
+// An index as it is, and with the sum of its head put right: behind that is more to read.
+TARSIER_FUZZ_TARGET(face_index, kBytes) {
+  constexpr std::size_t kDigits = 8;  // where they begin, after the mark
+  constexpr std::size_t kHead = kDigits + 64;
+  const auto read = [](const std::string& path) {
+    const CellIndex index(path);
+    expect(index.templates() > 0 && index.cells() > 0 && index.dimension() > 0, "an empty index");
+    const std::vector<float> probe(static_cast<std::size_t>(index.dimension()), 0.25F);
+    expect(index.search(probe, 3, 5).size() <= 5, "more than was asked for");
+    NoProgress quiet;
+    index.each_cell([](std::span<const std::int64_t>) {}, quiet, {});
+  };
+  try {
+    read(file_of(input, "people.db.index"));
+    return;
+  } catch (const InputError&) {
+  }
+  std::string bytes(text_of(input));
+  if (bytes.size() < kHead + 48) return;
+  std::int64_t learned_from = 0;
+  std::int32_t dimension = 0;
+  std::int32_t cells = 0;
+  std::memcpy(&learned_from, bytes.data() + kHead + 32, sizeof learned_from);
+  std::memcpy(&dimension, bytes.data() + kHead + 40, sizeof dimension);
+  std::memcpy(&cells, bytes.data() + kHead + 44, sizeof cells);
+  if (learned_from < 0 || learned_from > 1000 || dimension <= 0 || dimension > 64 || cells <= 0 ||
+      cells > 64)
+    return;
+  const std::size_t size =
+      48 + static_cast<std::size_t>(cells) * (4 * static_cast<std::size_t>(dimension) + 24) +
+      8 * static_cast<std::size_t>(learned_from);
+  if (bytes.size() < kHead + size) return;
+  Sha256 sha;
+  sha.add(std::string_view(bytes).substr(kHead, size));
+  bytes.replace(kDigits, 64, sha.hex());
+  read(file_of(bytes, "people.db.index"));
+}
 
 TARSIER_FUZZ_TARGET(gallery, kBytes) {
   face::people::Gallery gallery(file_of(input, "people.db"), DatabaseAccess::kRead, 0);

@@ -31,6 +31,7 @@
 #include "tarsier/face/pipelines/annotator.h"
 #include "tarsier/face/pipelines/identifier.h"
 #include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/cell_index.h"
 #include "tarsier/face/recognition/evaluation.h"
 #include "tarsier/face/recognition/lbp.h"
 #include "tarsier/face/recognition/normalize.h"
@@ -78,6 +79,7 @@ std::vector<OptionsCase> face_options() {
       options_case<face::AnnotatorOptions>("face::AnnotatorOptions"),
       options_case<face::NamingOptions>("face::NamingOptions"),
       options_case<face::recognition::BackgroundOptions>("face::recognition::BackgroundOptions"),
+      options_case<face::recognition::CellIndexOptions>("face::recognition::CellIndexOptions"),
       options_case<face::recognition::EvaluationOptions>("face::recognition::EvaluationOptions"),
       options_case<face::recognition::LbpOptions>("face::recognition::LbpOptions"),
       options_case<face::recognition::TanTriggsOptions>("face::recognition::TanTriggsOptions"),

@@ -108,6 +108,7 @@ VALID = {
     "people correct split": dict(words="Ann Zoe --face 1"),
     "people correct undo": dict(words="--gallery seen.db"),
     "people log": dict(words="--gallery seen.db"),
+    "people index": dict(words="", status=1),
     "people identify": dict(words=f"{FACE} -o named.png"),
     "people verify": dict(words=f"Ann {FACE} --far 0.5"),
     "people show": dict(words="-o inside.png"),
@@ -162,7 +163,7 @@ LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
 # The examples name files that are not there: all say so, with this status, but those that need no file.
 EXAMPLE_STATUS = {
     "aam explore": 0, "pose synth": 0, "plate synth": 0, "sfm synth": 0, "ar marker-sheet": 0, "ar synth": 0, "models list": 0,
-    "models info": 0, "people list": 1, "people group": 1, "people groups": 1, "people log": 1, "people forget": 1, "people export": 1, "people train": 1, "people show": 1,
+    "models info": 0, "people list": 1, "people group": 1, "people groups": 1, "people log": 1, "people forget": 1, "people export": 1, "people train": 1, "people index": 1, "people show": 1,
     "models verify": 0, "models remove": 1, "doctor": 0, "plate watch add": 0,
 }
 
@@ -415,7 +416,7 @@ INTERRUPTED = {
 }
 # These end by themselves within a moment: nothing in them grows with what they are given, or as fast as files are read.
 SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list", "people group", "people groups", "people name", "people correct not", "people correct move",
-         "people correct merge", "people correct split", "people correct undo", "people log", "people show", "people forget", "people export", "plate log",
+         "people correct merge", "people correct split", "people correct undo", "people log", "people index", "people show", "people forget", "people export", "plate log",
          "plate watch add", "plate watch remove", "plate watch list", "plate watch test", "sfm plan", "sfm eval", "ar marker-sheet", "models list", "models info",
          "models verify", "models import", "models install", "models remove", "doctor", "merge"}
 # What may pass from SIGINT to the end: processor time. Each runs with one thread, so on an idle machine it is the time that a

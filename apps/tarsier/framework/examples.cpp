@@ -50,6 +50,7 @@ std::string example_of(const std::string& verb) {
       {"people correct undo", ""},
       {"people log", "--limit 20"},
       {"people train", "--algorithm lbph"},
+      {"people index", "people.db --check"},
       {"people identify", "party.jpg -o named.png"},
       {"people verify", "Ann door.jpg"},
       {"people show", "-o inside.png"},

@@ -122,7 +122,8 @@ void PeopleSession::collect() {
 
 // Begins to learn. Whoever can be named already is named meanwhile.
 void PeopleSession::train() {
-  training_.emplace(gallery_, identity_.background(), true, face::people::Learn::kWhenDue);
+  training_.emplace(gallery_, identity_.background(), true, face::people::Learn::kWhenDue,
+                    face::people::Searching::kByIndex);
   mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
 }
 

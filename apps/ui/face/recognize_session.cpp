@@ -61,11 +61,8 @@ void RecognizeSession::process(const Frame& frame) {
 bool RecognizeSession::idle() {
   // Nor does the last frame of a source that stalls go on naming who was forgotten.
   if (!state_.follow()) return false;
-  const face::recognition::Recognizer* model = state_.recognizer();
   for (face::NamedFace& face : result_.faces)
-    if (model == nullptr || std::find(model->labels.begin(), model->labels.end(),
-                                      face.name.label) == model->labels.end())
-      face.name = {};
+    if (!state_.knows(face.name.label)) face.name = {};
   return true;
 }
 

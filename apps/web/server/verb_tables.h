@@ -448,6 +448,7 @@ inline constexpr auto kInputExceptions = std::to_array<InputException>({
     {"people name", "NAME", InputKind::kFreeText},
     {"people name", "GROUP", InputKind::kValue},
     {"people group", "GALLERY", InputKind::kState},
+    {"people index", "GALLERY", InputKind::kState},
     {"people correct move", "TO", InputKind::kFreeText},
     {"people correct merge", "FROM", InputKind::kFreeText},
     {"people correct merge", "INTO", InputKind::kFreeText},

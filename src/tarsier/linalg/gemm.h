@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 // The matrix products that convolutions are made of, compiled once for each instruction set
 // from one source (gemm.inl) and chosen at run time. Single precision; the order of summation
@@ -9,6 +10,8 @@
 namespace tarsier::linalg {
 
 inline constexpr int kPanel = 48;  // columns of a panel
+inline constexpr int kByteStep = 64;
+inline constexpr int kMaxBytes = 65536;
 
 struct GemmKernels {
   // out[m][0..kPanel) = sum over k of a[m * row + k * column] * b[k * b_stride + 0..kPanel)
@@ -25,6 +28,11 @@ struct GemmKernels {
   // columns.
   void (*dots)(int rows, int columns, int length, const float* a, std::ptrdiff_t a_stride,
                const float* b, std::ptrdiff_t b_stride, float* out, std::ptrdiff_t out_stride);
+
+  // out[n] = dot(a, b + n * length, length) of whole numbers from -127 to 127, n < rows; `length`
+  // is a multiple of kByteStep, and at most kMaxBytes. The same with every instruction set.
+  void (*byte_dots)(int rows, int length, const std::int8_t* a, const std::int8_t* b,
+                    std::int32_t* out);
 };
 
 [[nodiscard]] const GemmKernels& gemm_kernels();

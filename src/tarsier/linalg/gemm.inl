@@ -144,7 +144,37 @@ void dots(int rows, int columns, int length, const float* a, std::ptrdiff_t a_st
   }
 }
 
-constexpr GemmKernels kKernels{&panel, &panel_at, &dots};
+using Bytes = std::int8_t __attribute__((vector_size(TARSIER_VECTOR_BYTES / 2)));
+using Shorts = std::int16_t __attribute__((vector_size(TARSIER_VECTOR_BYTES)));
+using Words = std::int32_t __attribute__((vector_size(TARSIER_VECTOR_BYTES)));
+
+inline Shorts widened(const std::int8_t* p) {
+  Bytes bytes;
+  std::memcpy(&bytes, p, sizeof bytes);
+  return __builtin_convertvector(bytes, Shorts);
+}
+
+// Two products of at most 127^2 fit into 16 bits together.
+void byte_dots(int rows, int length, const std::int8_t* a, const std::int8_t* b,
+               std::int32_t* out) {
+  constexpr int kHalf = TARSIER_VECTOR_BYTES / 2;
+  static_assert(kByteStep % (2 * kHalf) == 0);
+  for (int n = 0; n < rows; ++n, b += length) {
+    Words sum = {};
+    for (int i = 0; i < length; i += 2 * kHalf) {
+      const Shorts two =
+          widened(a + i) * widened(b + i) + widened(a + i + kHalf) * widened(b + i + kHalf);
+      Words pairs;
+      std::memcpy(&pairs, &two, sizeof pairs);
+      sum += (pairs << 16 >> 16) + (pairs >> 16);
+    }
+    std::int32_t total = 0;
+    for (int i = 0; i < TARSIER_VECTOR_BYTES / 4; ++i) total += sum[i];
+    out[n] = total;
+  }
+}
+
+constexpr GemmKernels kKernels{&panel, &panel_at, &dots, &byte_dots};
 
 }  // namespace
 

@@ -146,8 +146,9 @@ std::optional<face::recognition::Background> background_to_enroll(face::people::
 
 std::optional<face::people::GalleryModel> load_model(
     face::people::Gallery& gallery, const face::recognition::Background* background,
-    Context& context, face::people::Learn learn) {
-  return face::learn_gallery(gallery, background, learn, *context.progress, context.stop);
+    Context& context, face::people::Learn learn, face::people::Searching searching) {
+  return face::learn_gallery(gallery, background, learn, *context.progress, context.stop,
+                             searching);
 }
 
 std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gallery& gallery,

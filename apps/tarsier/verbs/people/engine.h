@@ -65,7 +65,8 @@ void add_template_flags(Command& verb, PeopleFlags& flags);
 // face::learn_gallery().
 [[nodiscard]] std::optional<face::people::GalleryModel> load_model(
     face::people::Gallery& gallery, const face::recognition::Background* background,
-    Context& context, face::people::Learn learn = face::people::Learn::kWhenDue);
+    Context& context, face::people::Learn learn = face::people::Learn::kWhenDue,
+    face::people::Searching searching = face::people::Searching::kAll);
 // The recogniser alone.
 [[nodiscard]] std::optional<face::recognition::Recognizer> model_of_gallery(
     face::people::Gallery& gallery, const PeopleFlags& flags, Context& context,

@@ -45,23 +45,25 @@ class Enrolment {
     const auto source = open_sources(flags_.inputs, flags_.source, input_schemes());
     // Before this person is there: whom the faces would be taken for. What is due is learned, so
     // that the new faces get their templates as they come.
-    before_ = model();
+    if (auto known = model(face::people::Searching::kByIndex)) {
+      coordinates_ = known->space < 0;
+      before_.emplace(gallery_, background(), std::move(known), face::people::Searching::kByIndex);
+    }
     while (!source->ended() && taken() < flags_.most && !context_.stop.stop_requested()) {
       const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
       if (frame) take(*frame);
     }
     const std::vector<std::string> others =
-        before_ && !crops_.empty()
-            ? face::people::other_names(before_->recognizer, crops_, flags_.name)
-            : std::vector<std::string>();
+        before_ && !crops_.empty() ? face::people::other_names(*before_, crops_, flags_.name)
+                                   : std::vector<std::string>();
     for (const std::string& other : others)
       log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
                   other);
     report(others);
     if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
     // Ready for the next question. In a large gallery the templates are there already.
-    const bool fixed = before_ && before_->space < 0 && !face::has_deep_templates(gallery_);
-    if (taken() > 0 && !fixed) (void)model();
+    const bool fixed = coordinates_ && !face::has_deep_templates(gallery_);
+    if (taken() > 0 && !fixed) (void)model(face::people::Searching::kNothing);
     return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
   }
 
@@ -72,9 +74,9 @@ class Enrolment {
     return background_ ? &*background_ : nullptr;
   }
 
-  std::optional<face::people::GalleryModel> model() {
+  std::optional<face::people::GalleryModel> model(face::people::Searching searching) {
     try {
-      return load_model(gallery_, background(), context_);
+      return load_model(gallery_, background(), context_, face::people::Learn::kWhenDue, searching);
     } catch (const InputError& error) {
       log_warning("{}", error.what());  // Fisherfaces with one person
       return std::nullopt;
@@ -140,7 +142,8 @@ class Enrolment {
   face::people::Gallery gallery_;
   std::optional<face::recognition::Background> background_;
   face::Enroller enroller_;
-  std::optional<face::people::GalleryModel> before_;
+  std::optional<face::people::GalleryFollower> before_;
+  bool coordinates_ = false;  // faces are kept as these
   std::vector<cv::Mat> crops_;
   std::string source_name_;
 };

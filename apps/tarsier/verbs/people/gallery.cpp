@@ -125,6 +125,20 @@ bool agreed(const std::string& name, const std::string& what) {
   return answer == 'y' || answer == 'Y';
 }
 
+std::string_view index_word(face::people::IndexFate fate) {
+  switch (fate) {
+    case face::people::IndexFate::kKept:
+      return "kept";
+    case face::people::IndexFate::kRewritten:
+      return "rewritten";
+    case face::people::IndexFate::kDeleted:
+      return "deleted";
+    case face::people::IndexFate::kNone:
+      break;
+  }
+  return "none";
+}
+
 // What was removed, what was looked for and where, and what was not proven.
 std::string forget_text(const std::string& name, const face::people::ForgetReport& report) {
   const face::people::SearchReport& search = report.search;
@@ -136,6 +150,10 @@ std::string forget_text(const std::string& name, const face::people::ForgetRepor
       report.unlearned ? ", and what was learned from them" : "", search.files.size(),
       search.folders, search.bytes, report.searched, report.pieces,
       report.proven() ? "none is left." : "NOT PROVEN.");
+  if (report.index == face::people::IndexFate::kRewritten)
+    text += "The index was written again, without them.\n";
+  if (report.index == face::people::IndexFate::kDeleted)
+    text += "The index is deleted: `people index` makes another.\n";
   if (report.shared > 0) {
     std::string others;
     for (const std::string& other : report.shared_with)
@@ -164,6 +182,7 @@ ExitStatus tell_forgotten(const face::people::Gallery& gallery, const std::strin
                 {"faces", report.person.faces},
                 {"sightings", report.sightings},
                 {"unlearned", report.unlearned},
+                {"index", index_word(report.index)},
                 {"pieces", report.pieces},
                 {"pieces_searched", report.searched},
                 {"pieces_shared", report.shared},

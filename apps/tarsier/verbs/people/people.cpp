@@ -12,6 +12,7 @@ void add_people(Command& app, Context& context) {
   add_people_groups(area, context);
   add_people_correct(area, context);
   add_people_train(area, context);
+  add_people_index(area, context);
   add_people_identify(area, context);
   add_people_verify(area, context);
   add_people_show(area, context);

@@ -5,6 +5,7 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/people/gallery_index.h"
 #include "tarsier/face/people/gallery_rows.h"
 #include "tarsier/face/people/name.h"
 #include "tarsier/media/frame_source.h"
@@ -424,6 +425,22 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
       kSecrets, secrets)));
   each_secret(secrets, id,
               [&](std::int64_t, std::span<const std::uint8_t> bytes) { pieces.add(bytes); });
+  const auto learned_from_them = [&] {
+    return !group && model_id() != 0 &&
+           count(
+               "SELECT count(*) FROM learned_face WHERE face IN (SELECT id FROM face WHERE "
+               "person " +
+               own + ")") > 0;
+  };
+  IndexRemoval index(*this);
+  index.prepare(
+      [&] {
+        std::vector<std::int64_t> stay;
+        for (const FaceRef& ref : face_refs())
+          if (group || (what == Forgotten::kPerson && ref.person != id)) stay.push_back(ref.id);
+        return stay;
+      },
+      learned_from_them(), stop);
   {
     Transaction transaction(database_);
     report.sightings = count("SELECT count(*) FROM sighting WHERE " + seen);
@@ -433,11 +450,7 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
       (void)removal.step();
     };
     if (!group) {
-      report.unlearned =
-          model_id() != 0 && count(
-                                 "SELECT count(*) FROM learned_face WHERE face IN (SELECT id FROM "
-                                 "face WHERE person " +
-                                 own + ")") > 0;
+      report.unlearned = learned_from_them();
       if (report.unlearned) drop_model();
     }
     remove("DELETE FROM sighting WHERE " + seen);  // and their faces
@@ -464,9 +477,13 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
           "DELETE FROM correction WHERE undoes > 0 AND undoes NOT IN (SELECT id FROM correction)");
     }
     drop_empty_groups();
+    if (!group) count_removal();
+    put_setting("index", index.replace(setting("index")));
+    report.index = index.fate();
     changed();
     transaction.commit();
   }
+  index.finish();
   report.log_emptied = give_back_room();
   report.search = search_below(pieces, folder_of(path()), stop, limits);
   if (!report.search.found.empty() && what != Forgotten::kAll) {

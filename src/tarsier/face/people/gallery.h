@@ -117,6 +117,21 @@ struct CorrectionStamp {
   std::string actor;
 };
 
+// What became of a gallery's index (gallery_index.h) when somebody was forgotten.
+enum class IndexFate {
+  kNone,       // there was none
+  kKept,       // it held none of the faces
+  kRewritten,  // it was written without them
+  kDeleted,    // it was learned from them, or could not be used
+};
+
+// A template with whose it is.
+struct PersonTemplate {
+  std::int64_t person = 0;
+  std::int64_t face = 0;
+  std::vector<float> numbers;
+};
+
 struct ForgetReport {
   Person person;            // with the number of faces that were removed; of all: no name
   std::int64_t people = 0;  // that were removed
@@ -129,6 +144,7 @@ struct ForgetReport {
   // Of so many removed crops and templates less than half of the pieces could be looked for (the
   // same image is enrolled under another name): nothing is proven of them.
   std::int64_t unproven = 0;
+  IndexFate index = IndexFate::kNone;
   SearchReport search;
   bool log_emptied = true;  // false: another program still reads the write-ahead log
   // What was removed was looked for, all that is in and below the folder could be searched, and
@@ -211,6 +227,35 @@ class Gallery {
   [[nodiscard]] std::vector<float> template_of(std::int64_t face, std::int64_t space);  // or empty
   // Faces without a template of this space, by rising id.
   [[nodiscard]] std::vector<std::int64_t> without_template(std::int64_t space);
+  // gallery_lookup.cpp: what an index of the gallery (gallery_index.h) needs.
+  [[nodiscard]] std::int64_t last_face();  // the greatest id; 0: there are none
+  [[nodiscard]] std::int64_t people_with_faces();
+  // Templates of a space of faces up to `last`, and after `after`.
+  [[nodiscard]] std::int64_t template_count(std::int64_t space, std::int64_t last,
+                                            std::int64_t after = 0);
+  // At most `most` of these, by rising id: a large gallery is read in pieces, so that others can
+  // empty its log meanwhile.
+  void each_template_after(
+      std::int64_t space, std::int64_t after, std::int64_t last, std::int64_t most,
+      const std::function<void(std::int64_t face, std::span<const float>)>& take);
+  // All templates of the people who have one of these faces.
+  [[nodiscard]] std::vector<PersonTemplate> templates_beside(std::span<const std::int64_t> faces,
+                                                             std::int64_t space);
+  [[nodiscard]] std::string name_of(std::int64_t person);  // empty: they are gone
+  [[nodiscard]] std::int64_t removals();  // how often enrolled faces were removed: rises
+  // Whether an index of this sum is that of the gallery as it is.
+  [[nodiscard]] bool is_index(std::string_view sum);
+  // The sums of those that are; empty: none is.
+  [[nodiscard]] std::string index_record();
+  // Faces after `after` without a template of this space, by rising id.
+  [[nodiscard]] std::vector<std::int64_t> without_template_after(std::int64_t space,
+                                                                 std::int64_t after);
+  // An index that was made of the templates of `model` is the gallery's from now on: `put` puts the
+  // file into its place. False, and nothing is done, where faces were removed since `removals` or
+  // the model is another. After a kill the old one or the new one is the gallery's.
+  bool put_index(std::int64_t removals, std::int64_t model, std::string_view sum,
+                 const std::function<void()>& put);
+
   // "default" where nothing was set.
   [[nodiscard]] std::string algorithm();
   void set_algorithm(std::string_view name);
@@ -302,6 +347,8 @@ class Gallery {
  private:
   [[nodiscard]] std::string setting(const char* name);  // empty: not set
   void set_setting(const char* name, std::string_view value);
+  void put_setting(const char* name, std::string_view value);
+  void count_removal();
   void changed();
   void drop_model();
   [[nodiscard]] StoredFace face_at(const Statement& row, bool crops);

@@ -188,6 +188,7 @@ std::int64_t Gallery::not_this_face(std::int64_t face, const CorrectionStamp& st
   write_change(id, "face", face, negative);
   run_statement(database_, "DELETE FROM template WHERE face = ?", face);
   run_statement(database_, "DELETE FROM face WHERE id = ?", face);
+  count_removal();
   changed();
   transaction.commit();
   return id;
@@ -592,6 +593,7 @@ void Gallery::take_back(const Step& step) {
       if (change.kind == "face") {
         run("DELETE FROM template WHERE face = ?1", change.row);
         run("DELETE FROM face WHERE id = ?1", change.row);
+        count_removal();
       } else {
         run("UPDATE sighting SET known = 0, person = (SELECT id FROM person WHERE id = ?2) WHERE "
             "id "

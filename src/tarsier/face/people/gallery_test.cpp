@@ -316,7 +316,12 @@ TEST_F(GalleryTest, QueriesUseTheirIndices) {
        {"SELECT id FROM face LEFT JOIN template ON template.face = face.id WHERE person = 1 "
         "ORDER BY id",
         "SELECT face FROM template WHERE space > 0", "SELECT name FROM person WHERE name = 'x'",
-        "SELECT id FROM sighting WHERE time < 5 ORDER BY time LIMIT 500"}) {
+        "SELECT id FROM sighting WHERE time < 5 ORDER BY time LIMIT 500",
+        "SELECT DISTINCT person FROM face WHERE id IN (1,2)",
+        "SELECT person, face, numbers FROM face INDEXED BY face_by_person CROSS JOIN template ON "
+        "template.face = face.id WHERE person IN (1,2) AND +space = -5",
+        "SELECT face, numbers FROM template NOT INDEXED WHERE face > 3 AND face <= 9 AND space = "
+        "-5 ORDER BY face LIMIT 7"}) {
     Statement plan(database, std::string("EXPLAIN QUERY PLAN ") + query);
     while (plan.step()) {
       EXPECT_THAT(plan.text(3), testing::Not(testing::StartsWith("SCAN"))) << query;

@@ -2,9 +2,11 @@
 #include "tarsier/face/people/model.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/people/classical.h"
+#include "tarsier/face/people/gallery_index.h"
 #include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/training.h"
 
@@ -197,6 +199,36 @@ std::optional<GalleryModel> stored_model(Gallery& gallery, const Background* bac
   return model;
 }
 
+// A stored model with the gallery's index. Nothing where there is none that can be used.
+std::optional<GalleryModel> indexed_model(Gallery& gallery, const Background* background) {
+  if (!has_directions(background)) return std::nullopt;
+  const std::int64_t generation = gallery.generation();
+  const std::optional<StoredModel> stored = gallery.model();
+  if (!stored || stored->space != space_of(*background)) return std::nullopt;
+  GalleryModel model;
+  try {
+    model.recognizer = recognition::recognizer_from_text(stored->body, gallery.path());
+  } catch (const Error&) {
+    return std::nullopt;
+  }
+  if (model.recognizer.mean.size() != background->mean.size() ||
+      model.recognizer.options.algorithm !=
+          (background->network ? Algorithm::kDeep : Algorithm::kDefault))
+    return std::nullopt;
+  model.recognizer.network = background->network;
+  std::string trouble;
+  model.index = GalleryIndex::open(gallery, *background, *stored, model.recognizer, trouble);
+  if (!trouble.empty()) log_warning("{}", trouble);
+  if (!model.index) return std::nullopt;
+  if (index_is_behind(model.index->newer()))
+    log_info("{}: {} faces are newer than the index: `people index` makes the search faster",
+             gallery.path(), model.index->newer());
+  model.id = stored->id;
+  model.space = stored->space;
+  model.generation = generation;
+  return model;
+}
+
 // What is stored of a model: the subspace and the calibration. The templates are by themselves.
 std::string body_of(const Recognizer& model) {
   Recognizer subspace = model;
@@ -219,20 +251,32 @@ cv::Mat recognizer_input(Algorithm algorithm, const cv::Mat& crop) {
 }
 
 struct GalleryTraining::Impl {
-  enum class Stage { kLook, kCoordinates, kRead, kTrain, kStore, kTemplates, kLoad, kDone };
+  enum class Stage {
+    kLook,
+    kNewest,
+    kCoordinates,
+    kRead,
+    kTrain,
+    kStore,
+    kTemplates,
+    kLoad,
+    kDone
+  };
 
-  Impl(Gallery& of, const Background* general, bool may_store, Learn what)
-      : gallery(of), background(general), store(may_store), learn(what) {}
+  Impl(Gallery& of, const Background* general, bool may_store, Learn what, Searching how)
+      : gallery(of), background(general), store(may_store), learn(what), searching(how) {}
 
   Gallery& gallery;
   const Background* background;
   bool store;
   Learn learn;
+  Searching searching;
 
   Stage stage = Stage::kLook;
   double work = 1;
   Algorithm algorithm = Algorithm::kDefault;
   bool coordinates = false;
+  bool newest_made = false;  // templates of faces that are newer than the index
   std::int64_t generation = 0;
   std::vector<FaceRef> refs;
   std::optional<StoredModel> stored;
@@ -257,6 +301,21 @@ struct GalleryTraining::Impl {
 void GalleryTraining::Impl::look() {
   generation = gallery.generation();
   algorithm = algorithm_of(gallery);
+  if (searching == Searching::kByIndex && learn == Learn::kWhenDue &&
+      uses_coordinates(algorithm, background, gallery.face_count_up_to(kLearnedWhole + 1)) &&
+      gallery.face_count_up_to(kLearnedWhole + 1) > kLearnedWhole) {
+    if ((result = indexed_model(gallery, background))) {
+      missing = gallery.without_template_after(result->space, result->index->cells().label().last);
+      stage = Stage::kDone;
+      if (missing.empty() || !store || newest_made) return;
+      // Of faces that were named from a group, say.
+      newest_made = true;
+      result.reset();
+      coordinates = true;
+      stage = Stage::kNewest;
+      return;
+    }
+  }
   refs = gallery.face_refs();
   if (refs.empty()) {
     stage = Stage::kDone;
@@ -465,7 +524,7 @@ void GalleryTraining::Impl::load() {
   refs = std::move(now);
   work = 1 + 1e-2 * static_cast<double>(refs.size());
   stage = Stage::kDone;
-  if (refs.empty()) return;
+  if (refs.empty() || searching == Searching::kNothing) return;
   result = stored_model(gallery, background, *stored, refs, own);
   if (result) {
     result->generation = generation;
@@ -479,8 +538,8 @@ void GalleryTraining::Impl::load() {
 }
 
 GalleryTraining::GalleryTraining(Gallery& gallery, const Background* background, bool store,
-                                 Learn learn)
-    : impl_(std::make_unique<Impl>(gallery, background, store, learn)) {}
+                                 Learn learn, Searching searching)
+    : impl_(std::make_unique<Impl>(gallery, background, store, learn, searching)) {}
 GalleryTraining::~GalleryTraining() = default;
 GalleryTraining::GalleryTraining(GalleryTraining&&) noexcept = default;
 GalleryTraining& GalleryTraining::operator=(GalleryTraining&&) noexcept = default;
@@ -493,6 +552,9 @@ bool GalleryTraining::step(Progress& progress, const std::stop_token& stop) {
   switch (impl.stage) {
     case Impl::Stage::kLook:
       impl.look();
+      break;
+    case Impl::Stage::kNewest:
+      impl.make_missing(progress, space_of(*impl.background), Impl::Stage::kLook);
       break;
     case Impl::Stage::kCoordinates:
       impl.make_missing(progress, space_of(*impl.background),
@@ -528,8 +590,8 @@ std::optional<GalleryModel> GalleryTraining::take() {
 
 std::optional<GalleryModel> load_gallery_model(Gallery& gallery, const Background* background,
                                                bool store, Learn learn, Progress& progress,
-                                               const std::stop_token& stop) {
-  GalleryTraining training(gallery, background, store, learn);
+                                               const std::stop_token& stop, Searching searching) {
+  GalleryTraining training(gallery, background, store, learn, searching);
   while (training.step(progress, stop)) {
   }
   return training.take();
@@ -587,14 +649,15 @@ void TemplateMaker::fill(StoredFace& face) {
 }
 
 GalleryFollower::GalleryFollower(Gallery& gallery, const Background* background,
-                                 std::optional<GalleryModel> model)
-    : gallery_(gallery), background_(background) {
+                                 std::optional<GalleryModel> model, Searching searching)
+    : gallery_(gallery), background_(background), searching_(searching) {
   replace(std::move(model));
 }
 
 void GalleryFollower::replace(std::optional<GalleryModel> model) {
   model_ = std::move(model);
   generation_ = model_ ? model_->generation : -1;
+  if (searching_ == Searching::kByIndex) tried_index_ = gallery_.index_record();
 }
 
 GalleryFollower::Change GalleryFollower::update() {
@@ -602,6 +665,14 @@ GalleryFollower::Change GalleryFollower::update() {
   if (generation == generation_) return Change::kNone;
   generation_ = generation;
   const std::int64_t id = gallery_.model_id();
+  if (model_ && model_->index) {
+    if (model_->id == id && model_->index->follow(model_->recognizer)) return Change::kFaces;
+    // Another index; or none any more: then all faces are read.
+    if (take_index()) return Change::kModel;
+    read_all();
+    return Change::kModel;
+  }
+  if (take_index()) return Change::kModel;
   if (id != 0 && (!model_ || model_->id != id)) {
     // Another program learned. Its model is taken as soon as all its templates are there.
     const std::optional<StoredModel> stored = gallery_.model();
@@ -616,6 +687,58 @@ GalleryFollower::Change GalleryFollower::update() {
   if (!model_) return Change::kNone;
   follow_faces();
   return Change::kFaces;
+}
+
+bool GalleryFollower::take_index() {
+  if (searching_ != Searching::kByIndex) return false;
+  std::string record = gallery_.index_record();
+  if (record.empty() || record == tried_index_) return false;
+  tried_index_ = std::move(record);
+  auto model = indexed_model(gallery_, background_);
+  if (!model) return false;
+  model_ = std::move(model);
+  return true;
+}
+
+// The model that is stored, with all templates; else the subspace that is known, with those of the
+// faces that are there.
+void GalleryFollower::read_all() {
+  const std::vector<FaceRef> refs = gallery_.face_refs();
+  const std::optional<StoredModel> stored = gallery_.model();
+  if (stored && !refs.empty()) {
+    if (auto model = stored_model(gallery_, background_, *stored, refs, {})) {
+      model_ = std::move(model);
+      return;
+    }
+  }
+  model_->index.reset();
+  model_->faces.clear();
+  model_->recognizer.templates.resize(0, model_->recognizer.template_length());
+  follow_faces();
+}
+
+Recognition GalleryFollower::recognize(const std::vector<float>& features, double false_accepts) {
+  TARSIER_REQUIRE(model_.has_value(), "nobody is enrolled");
+  if (model_->index) {
+    try {
+      return model_->index->recognize(features, false_accepts);
+    } catch (const InputError& error) {
+      if (error.path() != index_path(gallery_)) throw;
+      log_warning("{}: not used any more, all faces are compared; `people index` makes it again",
+                  error.what());
+    }
+    const std::int64_t id = model_->id;
+    read_all();
+    if (!model_ || model_->id != id) return {};  // the template is of another model
+  }
+  return people::recognize(model_->recognizer, features, false_accepts);
+}
+
+bool GalleryFollower::knows(const std::string& name) const {
+  if (!model_) return false;
+  if (model_->index) return gallery_.find(name).has_value();
+  const auto& labels = model_->recognizer.labels;
+  return std::find(labels.begin(), labels.end(), name) != labels.end();
 }
 
 void GalleryFollower::follow_faces() {
@@ -676,39 +799,66 @@ void GalleryFollower::follow_faces() {
   recognizer.refresh();
 }
 
-Recognition recognize(const Recognizer& model, const std::vector<float>& features,
-                      double false_accepts) {
+Recognition recognition_of(const Recognizer& model, const recognition::PersonScore& best,
+                           double false_accepts, int people) {
   TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
   Recognition out;
-  const auto found = recognition::best_person(model, features);
-  if (!found) return out;
-  const recognition::PersonScore& best = *found;
   out.label = model.labels[static_cast<std::size_t>(best.person)];
   out.score = best.score;
   out.nearest = best.nearest;
   if (!model.calibration) return out;
   const recognition::Calibration& calibration = *model.calibration;
-  out.threshold = calibration.threshold(false_accepts, static_cast<int>(model.labels.size()));
+  out.threshold = calibration.threshold(false_accepts, people);
   out.known = out.score >= out.threshold;
   const double slope = calibration.slope > 0 ? calibration.slope : 1 / calibration.scale;
   out.confidence = 1 / (1 + std::exp(-slope * (out.score - out.threshold)));
   return out;
 }
 
-std::vector<std::string> other_names(const Recognizer& model, const std::vector<cv::Mat>& crops,
-                                     const std::string& name) {
-  constexpr double kRate = 0.001;
+Recognition recognize(const Recognizer& model, const std::vector<float>& features,
+                      double false_accepts) {
+  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
+  const auto found = recognition::best_person(model, features);
+  if (!found) return {};
+  return recognition_of(model, *found, false_accepts, static_cast<int>(model.labels.size()));
+}
+
+namespace {
+
+constexpr double kSameRate = 0.001;
+
+template <typename Name>
+std::vector<std::string> often_taken_for(const std::vector<cv::Mat>& crops, const std::string& name,
+                                         const Name& recognise) {
   std::map<std::string, std::size_t> taken_for;
   for (const cv::Mat& crop : crops) {
-    const Recognition seen = recognize(
-        model, recognition::template_of(model, recognizer_input(model.options.algorithm, crop)),
-        kRate);
+    const Recognition seen = recognise(crop);
     if (seen.known && seen.label != name) ++taken_for[seen.label];
   }
   std::vector<std::string> out;
   for (const auto& [label, count] : taken_for)
     if (2 * count > crops.size()) out.push_back(label);
   return out;
+}
+
+std::vector<float> template_of_crop(const Recognizer& model, const cv::Mat& crop) {
+  return recognition::template_of(model, recognizer_input(model.options.algorithm, crop));
+}
+
+}  // namespace
+
+std::vector<std::string> other_names(const Recognizer& model, const std::vector<cv::Mat>& crops,
+                                     const std::string& name) {
+  return often_taken_for(crops, name, [&](const cv::Mat& crop) {
+    return recognize(model, template_of_crop(model, crop), kSameRate);
+  });
+}
+
+std::vector<std::string> other_names(GalleryFollower& follower, const std::vector<cv::Mat>& crops,
+                                     const std::string& name) {
+  return often_taken_for(crops, name, [&](const cv::Mat& crop) {
+    return follower.recognize(template_of_crop(*follower.recognizer(), crop), kSameRate);
+  });
 }
 
 }  // namespace tarsier::face::people

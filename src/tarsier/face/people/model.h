@@ -39,7 +39,10 @@ inline constexpr int kMaxClassical = 1000;
 // the face as it is, the classical ones classical_face().
 [[nodiscard]] cv::Mat recognizer_input(recognition::Algorithm algorithm, const cv::Mat& crop);
 
-// A recogniser with the gallery's people.
+class GalleryIndex;  // gallery_index.h
+
+// A recogniser with the gallery's people. With an index the recogniser holds none of them: they are
+// looked up in the gallery.
 struct GalleryModel {
   recognition::Recognizer recognizer;
   std::vector<std::int64_t> faces;   // id of the face of each template, rising
@@ -49,12 +52,20 @@ struct GalleryModel {
   std::int64_t generation = 0;       // of the gallery that it is the model of
   // Templates of the gallery's negatives, by their id: made once.
   std::map<std::int64_t, std::vector<float>> negatives;
+  std::shared_ptr<GalleryIndex> index;  // or null
 };
 
 // Which model a gallery needs.
 enum class Learn {
   kWhenDue,  // the one that is stored, where it will do
   kNow,      // another one
+};
+
+// Whether a large gallery may be searched by its index, where it has one that can be used.
+enum class Searching {
+  kAll,  // all faces are read and compared
+  kByIndex,
+  kNothing,  // nobody is: templates are made and what is due is learned, and there is no model
 };
 
 // The model of a gallery, in small steps, for callers that do other work meanwhile. Makes
@@ -67,7 +78,7 @@ class GalleryTraining {
   // Throws std::invalid_argument for what the algorithm cannot be trained on (Fisherfaces: one
   // person; classical ones: too many faces).
   GalleryTraining(Gallery& gallery, const recognition::Background* background, bool store,
-                  Learn learn);
+                  Learn learn, Searching searching = Searching::kAll);
   ~GalleryTraining();
   GalleryTraining(GalleryTraining&&) noexcept;
   GalleryTraining& operator=(GalleryTraining&&) noexcept;
@@ -85,7 +96,7 @@ class GalleryTraining {
 // All its steps.
 [[nodiscard]] std::optional<GalleryModel> load_gallery_model(
     Gallery& gallery, const recognition::Background* background, bool store, Learn learn,
-    Progress& progress, const std::stop_token& stop);
+    Progress& progress, const std::stop_token& stop, Searching searching = Searching::kAll);
 
 // The recogniser alone.
 [[nodiscard]] std::optional<recognition::Recognizer> gallery_model(
@@ -113,13 +124,15 @@ class TemplateMaker {
   std::optional<recognition::Recognizer> recognizer_;
 };
 
+struct Recognition;
+
 // Keeps the model of a running program up with its gallery, whichever program changes that. What is
 // learned stays what it was until another program has learned and stored something else.
 class GalleryFollower {
  public:
   // Both must outlive it; `background` may be null. `model`: nothing where nobody is enrolled.
   GalleryFollower(Gallery& gallery, const recognition::Background* background,
-                  std::optional<GalleryModel> model);
+                  std::optional<GalleryModel> model, Searching searching = Searching::kAll);
 
   enum class Change {
     kNone,
@@ -136,14 +149,22 @@ class GalleryFollower {
   }
   [[nodiscard]] Gallery& gallery() const { return gallery_; }
   [[nodiscard]] const recognition::Background* background() const { return background_; }
-  // The face of a template, by its index.
-  [[nodiscard]] std::int64_t face(std::size_t index) const { return model_->faces[index]; }
+  // As recognize() below; through the index where there is one. An index that turns out to be
+  // damaged is left, with a warning: all faces are read then. Somebody must be enrolled.
+  [[nodiscard]] Recognition recognize(const std::vector<float>& features, double false_accepts);
+  // Whether somebody of this name is enrolled.
+  [[nodiscard]] bool knows(const std::string& name) const;
+  [[nodiscard]] const GalleryIndex* index() const { return model_ ? model_->index.get() : nullptr; }
 
  private:
+  [[nodiscard]] bool take_index();
+  void read_all();
   void follow_faces();
   Gallery& gallery_;
   const recognition::Background* background_;
   std::optional<GalleryModel> model_;
+  Searching searching_;
+  std::string tried_index_;  // Gallery::index_record() of one that could not be used
   std::int64_t generation_ = -1;
 };
 
@@ -154,7 +175,7 @@ struct Recognition {
   double threshold = 0;   // of the score, at the stated rate of false accepts
   double confidence = 0;  // 0..1
   bool known = false;
-  int nearest = -1;  // index of the nearest template
+  int nearest = -1;  // index of the nearest template; -1 with an index of the gallery, too
 };
 
 // `false_accepts`: rate that `known` may be wrong for strangers, (0, 1). Without calibration (one
@@ -163,10 +184,19 @@ struct Recognition {
 [[nodiscard]] Recognition recognize(const recognition::Recognizer& model,
                                     const std::vector<float>& features, double false_accepts);
 
+// The same of a score that is known, among so many people.
+[[nodiscard]] Recognition recognition_of(const recognition::Recognizer& model,
+                                         const recognition::PersonScore& best, double false_accepts,
+                                         int people);
+
 // People of the gallery, other than `name`, whom these new faces (cut_face()) are taken for at a
 // false accept rate of one in a thousand by more than half of them: probably the same person under
 // another name. Empty where there are none.
 [[nodiscard]] std::vector<std::string> other_names(const recognition::Recognizer& model,
+                                                   const std::vector<cv::Mat>& crops,
+                                                   const std::string& name);
+// The same of a gallery, as the follower knows it.
+[[nodiscard]] std::vector<std::string> other_names(GalleryFollower& follower,
                                                    const std::vector<cv::Mat>& crops,
                                                    const std::string& name);
 

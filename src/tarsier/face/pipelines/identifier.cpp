@@ -208,9 +208,10 @@ people::Gallery open_gallery(const std::string& path) {
 std::optional<people::GalleryModel> learn_gallery(people::Gallery& gallery,
                                                   const recognition::Background* background,
                                                   people::Learn learn, Progress& progress,
-                                                  const std::stop_token& stop) {
+                                                  const std::stop_token& stop,
+                                                  people::Searching searching) {
   const auto load = [&](bool store) {
-    return people::load_gallery_model(gallery, background, store, learn, progress, stop);
+    return people::load_gallery_model(gallery, background, store, learn, progress, stop, searching);
   };
   try {
     try {
@@ -241,6 +242,15 @@ nlohmann::ordered_json to_json(const NamedFace& face) {
 
 void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
                 std::vector<NamedFace>& faces, PooledTemplates& pool) {
+  const NameOfTemplate name = [&](const std::vector<float>& features, double false_accepts) {
+    return people::recognize(*model, features, false_accepts);
+  };
+  name_faces(model, name, cropped, options, faces, pool);
+}
+
+void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name, bool cropped,
+                const NamingOptions& options, std::vector<NamedFace>& faces,
+                PooledTemplates& pool) {
   std::set<int> seen;
   for (NamedFace& face : faces) {
     const bool tracked = face.face.id > 0;
@@ -256,8 +266,7 @@ void name_faces(const recognition::Recognizer* model, bool cropped, const Naming
         latest.erase(latest.begin());
       features = recognition::pooled(*model, latest);
     }
-    face.name =
-        people::recognize(*model, features, (tracked ? kTrackedShare : 1) * options.false_accepts);
+    face.name = name(features, (tracked ? kTrackedShare : 1) * options.false_accepts);
   }
   std::erase_if(pool, [&](const auto& track) { return !seen.contains(track.first); });
 }
@@ -299,6 +308,19 @@ IdentifierState& IdentifierState::operator=(IdentifierState&&) noexcept = defaul
 
 const recognition::Recognizer* IdentifierState::recognizer() const {
   return follower_ != nullptr ? follower_->recognizer() : model_.get();
+}
+
+people::Recognition IdentifierState::recognize(const std::vector<float>& features,
+                                               double false_accepts) {
+  if (follower_ != nullptr) return follower_->recognize(features, false_accepts);
+  TARSIER_REQUIRE(model_ != nullptr, "nobody is enrolled");
+  return people::recognize(*model_, features, false_accepts);
+}
+
+bool IdentifierState::knows(const std::string& name) const {
+  if (follower_ != nullptr) return follower_->knows(name);
+  return model_ != nullptr &&
+         std::find(model_->labels.begin(), model_->labels.end(), name) != model_->labels.end();
 }
 
 people::Gallery* IdentifierState::gallery() const {
@@ -373,12 +395,14 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   const recognition::Background* background = opened->background ? &*opened->background : nullptr;
   std::optional<people::GalleryModel> model;
   try {
-    model = learn_gallery(opened->gallery, background, people::Learn::kWhenDue, progress, stop);
+    model = learn_gallery(opened->gallery, background, people::Learn::kWhenDue, progress, stop,
+                          people::Searching::kByIndex);
   } catch (const InputError& error) {
     if (!options_.enroll) throw;
     log_warning("{}", error.what());  // Fisherfaces with one person
   }
-  opened->follower.emplace(opened->gallery, background, std::move(model));
+  opened->follower.emplace(opened->gallery, background, std::move(model),
+                           people::Searching::kByIndex);
   IdentifierState state(reader_->make_reader(), *opened->follower);
   state.gallery_ = std::move(opened);
   return state;
@@ -420,7 +444,10 @@ std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& sta
 }
 
 void Identifier::name(std::vector<NamedFace>& faces, IdentifierState& state) const {
-  name_faces(state.recognizer(), cropped_, naming_, faces, state.pool_);
+  const NameOfTemplate name = [&](const std::vector<float>& features, double false_accepts) {
+    return state.recognize(features, false_accepts);
+  };
+  name_faces(state.recognizer(), name, cropped_, naming_, faces, state.pool_);
 }
 
 void Enroller::enroll(const std::string& name, const std::string& note, const people::Face& face,

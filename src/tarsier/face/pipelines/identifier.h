@@ -15,6 +15,7 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
@@ -100,7 +101,8 @@ void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
 // recogniser cannot be trained on, Interrupted.
 [[nodiscard]] std::optional<people::GalleryModel> learn_gallery(
     people::Gallery& gallery, const recognition::Background* background, people::Learn learn,
-    Progress& progress, const std::stop_token& stop);
+    Progress& progress, const std::stop_token& stop,
+    people::Searching searching = people::Searching::kAll);
 
 // --- names ---
 
@@ -137,6 +139,12 @@ using PooledTemplates = std::map<int, std::vector<std::vector<float>>>;
 // the recogniser takes them. `model` may be null: nobody is named.
 void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
                 std::vector<NamedFace>& faces, PooledTemplates& pool);
+// The same where somebody else says who is nearest: at most so many strangers may be taken for
+// somebody.
+using NameOfTemplate =
+    std::function<people::Recognition(const std::vector<float>& features, double false_accepts)>;
+void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name, bool cropped,
+                const NamingOptions& options, std::vector<NamedFace>& faces, PooledTemplates& pool);
 
 // --- the pipeline ---
 
@@ -178,8 +186,14 @@ class IdentifierState {
   IdentifierState(IdentifierState&&) noexcept;
   IdentifierState& operator=(IdentifierState&&) noexcept;
 
-  // Null where nobody is enrolled.
+  // Null where nobody is enrolled. Of a gallery that is searched by its index it holds nobody: what
+  // makes templates, alone.
   [[nodiscard]] const recognition::Recognizer* recognizer() const;
+  // Whose template this is; somebody must be enrolled.
+  [[nodiscard]] people::Recognition recognize(const std::vector<float>& features,
+                                              double false_accepts);
+  // Whether somebody of this name is enrolled.
+  [[nodiscard]] bool knows(const std::string& name) const;
   // Null for the people of a recogniser.
   [[nodiscard]] people::Gallery* gallery() const;
   // What is known of faces in general; null where nothing is, see background_for().

@@ -94,26 +94,34 @@ std::int64_t fingerprint(const Background& background, const DescriptorOptions& 
 
 Rows templates_of_coordinates(const Recognizer& model, const Background& background,
                               const Rows& coordinates) {
+  return CoordinateProjection(model, background)(coordinates);
+}
+
+CoordinateProjection::CoordinateProjection(const Recognizer& model, const Background& background)
+    : importance_(model.importance), rest_(model.rest) {
   require_directions(background);
-  const Eigen::Index m = background.basis.rows();
-  TARSIER_REQUIRE(coordinates.rows() == 0 || coordinates.cols() == m + 1,
-                  "coordinates of {} numbers, the background has {} directions", coordinates.cols(),
-                  m);
   TARSIER_REQUIRE(model.mean.size() == background.mean.size(), "a model of {} inputs, {} wanted",
                   model.mean.size(), background.mean.size());
   // The directions are orthonormal, and the model's lie in their span.
-  const Rows shift = products(Rows(model.mean - background.mean), background.basis);  // 1 x m
-  const Rows inner = products(model.components, background.basis);                    // c x m
-  Rows out(coordinates.rows(), model.components.rows());
+  shift_ = products(Rows(model.mean - background.mean), background.basis);
+  inner_ = products(model.components, background.basis);
+}
+
+Rows CoordinateProjection::operator()(const Rows& coordinates) const {
+  const Eigen::Index m = inner_.cols();
+  TARSIER_REQUIRE(coordinates.rows() == 0 || coordinates.cols() == m + 1,
+                  "coordinates of {} numbers, the background has {} directions", coordinates.cols(),
+                  m);
+  Rows out(coordinates.rows(), inner_.rows());
   constexpr Eigen::Index kBlock = 1024;
   for (Eigen::Index first = 0; first < coordinates.rows(); first += kBlock) {
     const Eigen::Index count = std::min(kBlock, coordinates.rows() - first);
     const Rows centred =
-        coordinates.block(first, 0, count, m).rowwise() - Eigen::RowVectorXf(shift.row(0));
+        coordinates.block(first, 0, count, m).rowwise() - Eigen::RowVectorXf(shift_.row(0));
     const Eigen::VectorXd square = centred.cast<double>().rowwise().squaredNorm() +
                                    coordinates.block(first, m, count, 1).cast<double>();
-    Rows block = products(centred, inner);
-    scale_rows(block, square, model.importance, model.rest);
+    Rows block = products(centred, inner_);
+    scale_rows(block, square, importance_, rest_);
     out.middleRows(first, count) = block;
   }
   return out;

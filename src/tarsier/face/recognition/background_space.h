@@ -46,4 +46,21 @@ namespace tarsier::face::recognition {
 [[nodiscard]] Rows templates_of_coordinates(const Recognizer& model, const Background& background,
                                             const Rows& coordinates);
 
+// The same for callers that come back with a few rows at a time: what does not depend on these is
+// made once.
+class CoordinateProjection {
+ public:
+  // Throws std::invalid_argument for a background without directions, or of another model.
+  CoordinateProjection(const Recognizer& model, const Background& background);
+  [[nodiscard]] Rows operator()(const Rows& coordinates) const;
+  [[nodiscard]] int coordinates() const { return static_cast<int>(inner_.cols()) + 1; }
+  [[nodiscard]] int numbers() const { return static_cast<int>(inner_.rows()); }
+
+ private:
+  Rows shift_;  // 1 x m
+  Rows inner_;  // c x m
+  Eigen::VectorXd importance_;
+  double rest_ = 1;
+};
+
 }  // namespace tarsier::face::recognition

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/recognition/recognizer.h"
+
+#include "framework/cli.h"
+#include <cstdint>
+#include <string>
+
+// Large galleries of drawn templates: for bench_people.cpp.
+namespace tarsier::cli {
+
+// The most memory that this process had so far, MB.
+[[nodiscard]] double peak_memory();
+
+void bench_template_index(Context& context, const face::recognition::Background& background,
+                          std::int64_t count, double spread, const std::string& folder);
+
+// A whole gallery of them, in the folder: with the index and without.
+void bench_indexed_gallery(Context& context, const face::recognition::Background& background,
+                           std::int64_t count, double spread, const std::string& folder);
+
+}  // namespace tarsier::cli
