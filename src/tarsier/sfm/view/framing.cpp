@@ -10,6 +10,8 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kWithin = 0.95;          // of the points
+constexpr double kMost = 0.8;             // of the points: what an image is of
+constexpr double kMoreForRest = 1.6;      // times the size of these, at most: hills behind a statue
 constexpr double kMoreForCameras = 1.35;  // times the points' own size, at most
 constexpr double kMargin = 1.08;
 
@@ -105,6 +107,11 @@ Framing frame_model(const Model& model, bool with_cameras) {
 
   framing.center = median_of(points.empty() ? centers : points);
   Extent extent = extent_of(points, framing, kWithin);
+  const Extent most = extent_of(points, framing, kMost);
+  if (const double size_of_most = std::max(most.across, most.upright); size_of_most > 0) {
+    extent.across = std::min(extent.across, kMoreForRest * size_of_most);
+    extent.upright = std::min(extent.upright, kMoreForRest * size_of_most);
+  }
   const Extent cameras = extent_of(centers, framing, 0.8);
   double size = std::max(extent.across, extent.upright);
   if (!(size > 0)) {

@@ -130,6 +130,17 @@ TEST(Render, StrayPointsDoNotChangeTheFraming) {
   EXPECT_NO_THROW((void)render_model(model, options));
 }
 
+TEST(Render, HillsBehindAStatueDoNotMakeItSmall) {
+  Model model = model_with_camera();
+  for (int i = 0; i < 1000; ++i)
+    add_point(model, {std::sin(0.7 * i), std::cos(1.3 * i), std::sin(2.1 * i)}, kBlue);
+  const Framing statue = frame_model(model, false);
+  for (int i = 0; i < 120; ++i) add_point(model, {5 + 0.1 * i, 0, 30}, kRed);
+  const Framing both = frame_model(model, false);
+  EXPECT_GT(both.scale(), statue.scale());
+  EXPECT_LT(both.scale(), 1.8 * statue.scale());
+}
+
 TEST(Render, EmptyModelIsPlainBackground) {
   ViewOptions options;
   options.size = {200, 100};
