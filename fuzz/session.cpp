@@ -19,14 +19,14 @@ TARSIER_FUZZ_TARGET(annotate_journal, kJson) {
   AnnotateState state;
   {
     AnnotateJournal journal(path);
-    for (const nlohmann::json& record : journal.open()) state.apply(record, path);
+    state.replay(journal.open(), path);
     (void)state.finished();
     journal.restart(state.difference(AnnotateState(), "all of it"));
   }
   // What one run leaves, the next reads, and has the same.
   AnnotateState again;
   AnnotateJournal journal(path);
-  for (const nlohmann::json& record : journal.open()) again.apply(record, path);
+  again.replay(journal.open(), path);
   expect(again.difference(AnnotateState(), "") == state.difference(AnnotateState(), ""),
          "a journal of everything does not bring everything back");
 }

@@ -68,7 +68,7 @@ void AnnotateSession::load() {
                          ? AnnotateStage::kImages
                          : AnnotateStage::kPoints);
   }
-  for (const nlohmann::json& record : records) state_.apply(record, journal_path);
+  state_.replay(records, journal_path);
   if (!records.empty())
     message_ = fmt::format("Went on where the last run stopped ({} {})", records.size(),
                            records.size() == 1 ? "step" : "steps");

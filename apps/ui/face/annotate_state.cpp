@@ -354,6 +354,20 @@ json AnnotateState::unfinished() const {
 }
 
 void AnnotateState::apply(const json& record, const std::string& path) {
+  apply(record, path, nullptr);
+}
+
+void AnnotateState::replay(const std::vector<json>& records, const std::string& path) {
+  AnnotateState next = *this;
+  std::set<int> cut;
+  for (const json& record : records) next.apply(record, path, &cut);
+  if (!cut.empty())
+    throw InputError(path, fmt::format("does not belong to the set: {} has more points than {}",
+                                       next.image(*cut.begin()).path, next.points_));
+  *this = std::move(next);
+}
+
+void AnnotateState::apply(const json& record, const std::string& path, std::set<int>* cut) {
   if (!record.is_object()) throw InputError(path, "a line is no object");
   AnnotateState next = *this;
   if (!record.contains("points")) throw InputError(path, "a line's 'points' is missing");
@@ -375,7 +389,9 @@ void AnnotateState::apply(const json& record, const std::string& path) {
         part(value, "path", json::value_t::string, path).get_ref<const std::string&>();
     if (name.empty() || name.find('\0') != std::string::npos || name.size() > 4096)
       throw InputError(path, "a line's image has no usable path");
-    AnnotatedImage& here = next.change(next.add_image(name));
+    const int index = next.add_image(name);
+    if (cut != nullptr) cut->erase(index);
+    AnnotatedImage& here = next.change(index);
     take_points(here, value, count, path);
     here.touched = part(value, "touched", json::value_t::boolean, path).get<bool>();
     here.done = part(value, "done", json::value_t::boolean, path).get<bool>() && count > 0;
@@ -384,10 +400,21 @@ void AnnotateState::apply(const json& record, const std::string& path) {
     if (next.image(k).points.cols() == count) continue;
     // When a point comes or goes, each image that has points is in the record, or only got
     // longer.
-    if (next.image(k).has_points() && next.image(k).points.cols() > count)
+    const bool is_longer = next.image(k).has_points() && next.image(k).points.cols() > count;
+    if (is_longer && cut != nullptr) {
+      cut->insert(k);
+    } else if (is_longer) {
       throw InputError(path, fmt::format("does not belong to the set: {} has more points than {}",
                                          next.image(k).path, count));
+    }
     resize(next.change(k), count);
+  }
+  if (cut != nullptr && !cut->empty()) {
+    const auto is_beyond = [&](int point) { return point >= count; };
+    std::replace_if(next.mirror_.begin(), next.mirror_.end(), is_beyond, -1);
+    std::erase_if(next.connections_, [&](const std::array<int, 2>& line) {
+      return is_beyond(line[0]) || is_beyond(line[1]);
+    });
   }
   try {
     if (record.contains("mirror")) {

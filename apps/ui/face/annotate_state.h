@@ -9,6 +9,7 @@
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -86,9 +87,16 @@ class AnnotateState {
   [[nodiscard]] nlohmann::json unfinished() const;
   // Throws InputError(path, reason) for what no such record can hold; then nothing has changed.
   void apply(const nlohmann::json& record, const std::string& path);
+  // A whole journal over the set beside it. A run that was killed when it had written the set and
+  // before it began the journal anew leaves records of fewer points than the set has, then those
+  // that added the rest. Throws InputError(path, reason) where the rest does not come: it is the
+  // journal of another set. Then nothing has changed.
+  void replay(const std::vector<nlohmann::json>& records, const std::string& path);
 
  private:
   AnnotatedImage& change(int index);  // a copy of its own
+  // `cut`: images that had more points than the record, and lost them; null: that is refused.
+  void apply(const nlohmann::json& record, const std::string& path, std::set<int>* cut);
 
   std::vector<std::shared_ptr<const AnnotatedImage>> images_;
   int points_ = 0;

@@ -157,6 +157,36 @@ TEST(AnnotateState, WhatTheSetCannotHoldIsInTheRest) {
   EXPECT_EQ(text_of(other), text_of(state));
 }
 
+// Killed when the set was written and the journal was still the old one.
+TEST(AnnotateState, AnOldJournalMayBeginWithFewerPointsThanTheSet) {
+  AnnotateState state = four_points();
+  state.set_points(1, square(3));
+  state.set_done(1, true);
+  std::vector<nlohmann::json> records{state.unfinished()};
+  const auto add = [&](const Eigen::Vector2d& place) {
+    const AnnotateState before = state;
+    state.add_point(0, place);
+    records.push_back(state.difference(before, "add"));
+  };
+  add({70, 80});
+  {
+    const AnnotateState before = state;
+    state.toggle_connection(0, 4);
+    records.push_back(state.difference(before, "connect"));
+  }
+  add({90, 10});
+  AnnotateState other = three_images();
+  other.load(state.finished(), "/p/set.yaml");
+  other.replay(records, "journal");
+  EXPECT_EQ(text_of(other), text_of(state));
+  // Of another set: its points are not thrown away.
+  AnnotateState foreign = three_images();
+  foreign.load(state.finished(), "/p/set.yaml");
+  const std::string whole = text_of(foreign);
+  EXPECT_THROW(foreign.replay({records[0]}, "journal"), InputError);
+  EXPECT_EQ(text_of(foreign), whole);
+}
+
 TEST(AnnotateState, OlderJournalsNameTheImagesPictures) {
   AnnotateState state = four_points();
   state.apply(
