@@ -88,7 +88,7 @@ class AnnotateState {
   // Throws InputError(path, reason) for what no such record can hold; then nothing has changed.
   void apply(const nlohmann::json& record, const std::string& path);
   // A whole journal over the set beside it. A run that was killed when it had written the set and
-  // before it began the journal anew leaves records of fewer points than the set has, then those
+  // before it began the journal again leaves records of fewer points than the set has, then those
   // that added the rest. Throws InputError(path, reason) where the rest does not come: it is the
   // journal of another set. Then nothing has changed.
   void replay(const std::vector<nlohmann::json>& records, const std::string& path);
