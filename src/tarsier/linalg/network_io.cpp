@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
-#include <stdexcept>
+#include <utility>
 
 namespace tarsier::linalg {
 
@@ -71,12 +71,7 @@ Network network_from_json(const nlohmann::json& value, const std::string& path) 
     layer.bias = unpack<float>(member(item, "bias", path), path, "bias", {out}).values;
     network.layers.push_back(std::move(layer));
   }
-  try {
-    network.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, error.what());
-  }
-  return network;
+  return checked(std::move(network), path);
 }
 
 }  // namespace tarsier::linalg

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/errors.h"
+
 #include <cstdint>
 #include <initializer_list>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -79,5 +82,16 @@ template <typename T>
                                           std::int64_t high);
 [[nodiscard]] std::string text_member(const nlohmann::json& object, const std::string& name,
                                       const std::string& path, std::size_t max_bytes = 4096);
+
+// What was read, once its check() has passed: what that throws becomes ModelError(path).
+template <typename Model>
+[[nodiscard]] Model checked(Model model, const std::string& path) {
+  try {
+    model.check();
+  } catch (const std::invalid_argument& error) {
+    throw ModelError(path, error.what());
+  }
+  return model;
+}
 
 }  // namespace tarsier

@@ -4,6 +4,7 @@
 #include "tarsier/media/archive.h"
 
 #include <exception>
+#include <utility>
 
 namespace tarsier::face::landmarks {
 
@@ -48,12 +49,7 @@ LandmarkModel read_landmark_model(const std::string& path) {
   if (payload.contains("quality")) model.quality = quality_from_json(payload["quality"], path);
   if (payload.contains("visibility"))
     model.visibility = visibility_from_json(payload["visibility"], path);
-  try {
-    model.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, error.what());
-  }
-  return model;
+  return checked(std::move(model), path);
 }
 
 nlohmann::json landmark_model_provenance(const std::string& path) {

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
 #include <utility>
 
 namespace tarsier::face::landmarks {
@@ -66,12 +65,7 @@ PatchModels patch_models_from_json(const nlohmann::json& value, const std::strin
     std::copy_n(patches.values.begin() + i * side * side, side * side, patch.ptr<float>());
     model.patches.push_back(patch);
   }
-  try {
-    model.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, error.what());
-  }
-  return model;
+  return checked(std::move(model), path);
 }
 
 }  // namespace tarsier::face::landmarks

@@ -7,7 +7,6 @@
 
 #include <cstring>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
 #include <utility>
 
 namespace tarsier::face::landmarks {
@@ -106,12 +105,7 @@ Trees trees_from_json(const json& value, const std::string& path) {
     level.step = static_cast<float>(number_member(item, "step", path, 0, 1));
     model.levels.push_back(std::move(level));
   }
-  try {
-    model.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, error.what());
-  }
-  return model;
+  return checked(std::move(model), path);
 }
 
 }  // namespace tarsier::face::landmarks

@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace tarsier::face::landmarks {
 
@@ -124,12 +125,7 @@ VisibilityModel visibility_from_json(const nlohmann::json& value, const std::str
   model.hidden_slope = number_member(value, "hidden_slope", path, -100, 100);
   model.hidden_offset = number_member(value, "hidden_offset", path, -100, 100);
   model.sigma_offset = number_member(value, "sigma_offset", path, -100, 100);
-  try {
-    model.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, error.what());
-  }
-  return model;
+  return checked(std::move(model), path);
 }
 
 }  // namespace tarsier::face::landmarks

@@ -228,7 +228,7 @@ class Gallery {
   // Faces without a template of this space, by rising id.
   [[nodiscard]] std::vector<std::int64_t> without_template(std::int64_t space);
   // gallery_lookup.cpp: what an index of the gallery (gallery_index.h) needs.
-  [[nodiscard]] std::int64_t last_face();  // the greatest id; 0: there are none
+  [[nodiscard]] std::int64_t last_face();  // the greatest id; 0: no faces
   [[nodiscard]] std::int64_t people_with_faces();
   // Templates of a space of faces up to `last`, and after `after`.
   [[nodiscard]] std::int64_t template_count(std::int64_t space, std::int64_t last,

@@ -47,7 +47,7 @@ struct GalleryIndexReport {
 // Makes the index of a gallery afresh, and puts it into its place: the old one is used until then,
 // and a kill at any moment leaves the old one or the new one. Others may enrol and forget
 // meanwhile; where somebody is forgotten it begins again. Throws InputError where the gallery has
-// no model yet or is none of coordinates (see model.h); OutputError, Interrupted. Stages of
+// no model yet or does not keep coordinates (see model.h); OutputError, Interrupted. Stages of
 // `progress` as write_cell_index().
 [[nodiscard]] GalleryIndexReport build_gallery_index(Gallery& gallery,
                                                      const recognition::Background& background,
@@ -71,8 +71,8 @@ struct GalleryIndexState {
 // A gallery that is searched through its index. The gallery must outlive it. One thread at a time.
 class GalleryIndex {
  public:
-  // Nothing where there is no index that can be used; `trouble` says why in one line, and is empty
-  // where there is none. `background` must outlive it.
+  // Null where no index can be used; `trouble` says why in one line, and is empty where there is no
+  // index file. `background` must outlive it.
   [[nodiscard]] static std::unique_ptr<GalleryIndex> open(Gallery& gallery,
                                                           const recognition::Background& background,
                                                           const StoredModel& stored,

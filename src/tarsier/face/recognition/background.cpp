@@ -17,7 +17,7 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
+#include <utility>
 #include <vector>
 
 namespace tarsier::face::recognition {
@@ -176,12 +176,7 @@ Background read_background(const std::string& path) {
   if ((within - within.transpose()).cwiseAbs().maxCoeff() >
       1e-4 * (1e-9 + within.cwiseAbs().maxCoeff()))
     throw ModelError(path, "'within' is not symmetric");
-  try {
-    out.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, error.what());
-  }
-  return out;
+  return checked(std::move(out), path);
 }
 
 }  // namespace tarsier::face::recognition

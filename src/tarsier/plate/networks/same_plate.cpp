@@ -57,7 +57,7 @@ std::array<double, kBlank> likenesses(const SeenLine& line, const LetteredText& 
 
 // Nats for a character at place `i`, against none.
 double character_evidence(const std::vector<double>& ink, std::size_t i) {
-  // Logistic regression on the characters read on drawn plates, of which 2 % are none.
+  // Logistic regression on the characters read on drawn plates; 2 % of them stand where no character is.
   constexpr double kInk = 1.05;
   constexpr double kInner = 0.4;
   constexpr double kEnd = -0.5;

@@ -36,21 +36,22 @@ std::string error_of_reading(const std::string& path) {
   return "no error";
 }
 
+SurfaceMesh written_and_read(const std::string& path) {
+  write_surface(path, {two_triangles(), std::nullopt});
+  return read_surface(path);
+}
+
 TEST_F(SurfaceFiles, PlyComesBack) {
-  const SurfaceMesh mesh = two_triangles();
-  write_surface(path("mesh.ply"), {mesh, std::nullopt});
-  const SurfaceMesh read = read_surface(path("mesh.ply"));
-  EXPECT_EQ(read.vertices, mesh.vertices);
-  EXPECT_EQ(read.colors, mesh.colors);
-  EXPECT_EQ(read.faces, mesh.faces);
+  const SurfaceMesh read = written_and_read(path("mesh.ply"));
+  EXPECT_EQ(read.vertices, two_triangles().vertices);
+  EXPECT_EQ(read.colors, two_triangles().colors);
+  EXPECT_EQ(read.faces, two_triangles().faces);
 }
 
 TEST_F(SurfaceFiles, ObjComesBackWithoutColours) {
-  const SurfaceMesh mesh = two_triangles();
-  write_surface(path("mesh.obj"), {mesh, std::nullopt});
-  const SurfaceMesh read = read_surface(path("mesh.obj"));
-  EXPECT_EQ(read.vertices, mesh.vertices);
-  EXPECT_EQ(read.faces, mesh.faces);
+  const SurfaceMesh read = written_and_read(path("mesh.obj"));
+  EXPECT_EQ(read.vertices, two_triangles().vertices);
+  EXPECT_EQ(read.faces, two_triangles().faces);
 }
 
 void put(std::string& bytes, float value) {

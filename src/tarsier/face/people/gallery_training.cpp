@@ -1,0 +1,409 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/people/gallery_index.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/people/stored_model.h"
+#include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/training.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+#include <unordered_map>
+#include <utility>
+
+namespace tarsier::face::people {
+namespace {
+
+using recognition::Algorithm;
+using recognition::Background;
+using recognition::Recognizer;
+using recognition::Rows;
+
+using NamedTemplate = std::pair<std::int64_t, std::vector<float>>;
+
+std::vector<float> template_for(Algorithm algorithm, const Background* background,
+                                const Recognizer* model, const cv::Mat& crop) {
+  if (model == nullptr) return recognition::coordinates_of(*background, crop);
+  return recognition::template_of(*model, recognizer_input(algorithm, crop));
+}
+
+// What is stored of a model: the subspace and the calibration. The templates are by themselves.
+std::string body_of(const Recognizer& model) {
+  Recognizer subspace = model;
+  subspace.labels.clear();
+  subspace.people.clear();
+  subspace.negatives.resize(0, model.template_length());
+  subspace.negative_people.clear();
+  subspace.templates.resize(0, model.template_length());
+  return recognition::recognizer_text(subspace);
+}
+
+std::vector<float> row_of(const Rows& rows, Eigen::Index i) {
+  return {rows.row(i).data(), rows.row(i).data() + rows.cols()};
+}
+
+}  // namespace
+
+struct GalleryTraining::Impl {
+  enum class Stage {
+    kLook,
+    kNewest,
+    kCoordinates,
+    kRead,
+    kTrain,
+    kStore,
+    kTemplates,
+    kLoad,
+    kDone
+  };
+
+  Impl(Gallery& of, const Background* general, bool may_store, Learn what, Searching how)
+      : gallery(of), background(general), store(may_store), learn(what), searching(how) {}
+
+  Gallery& gallery;
+  const Background* background;
+  bool store;
+  Learn learn;
+  Searching searching;
+
+  Stage stage = Stage::kLook;
+  double work = 1;
+  Algorithm algorithm = Algorithm::kDefault;
+  bool coordinates = false;
+  bool newest_made = false;  // templates of faces that are newer than the index
+  std::int64_t generation = 0;
+  std::vector<FaceRef> refs;
+  std::optional<StoredModel> stored;
+  std::vector<std::int64_t> missing;  // faces whose templates are to be made
+  std::size_t at = 0;
+  std::map<std::int64_t, std::vector<float>> own;  // templates that may not be stored
+  std::vector<std::int64_t> learned;               // faces that are learned from
+  std::vector<cv::Mat> inputs;
+  std::optional<recognition::Training> training;
+  std::optional<Recognizer> recognizer;  // makes templates of missing faces, of `stored`
+  std::optional<GalleryModel> result;
+
+  void look();
+  void make_missing(Progress& progress, std::int64_t space, Stage following);
+  void choose();
+  void read();
+  void finish_training();
+  void load();
+};
+
+// What there is and what is to be done.
+void GalleryTraining::Impl::look() {
+  generation = gallery.generation();
+  algorithm = algorithm_of(gallery);
+  const std::int64_t some = gallery.face_count_up_to(kLearnedWhole + 1);
+  if (searching == Searching::kByIndex && learn == Learn::kWhenDue && some > kLearnedWhole &&
+      uses_coordinates(algorithm, background, some)) {
+    if ((result = indexed_model(gallery, background))) {
+      missing = gallery.without_template_after(result->space, result->index->cells().label().last);
+      stage = Stage::kDone;
+      if (missing.empty() || !store || newest_made) return;
+      // Of faces that were named from a group, say.
+      newest_made = true;
+      result.reset();
+      coordinates = true;
+      stage = Stage::kNewest;
+      return;
+    }
+  }
+  refs = gallery.face_refs();
+  if (refs.empty()) {
+    stage = Stage::kDone;
+    return;
+  }
+  const auto count = static_cast<std::int64_t>(refs.size());
+  if (!recognition::is_whitened(algorithm) && count > kMaxClassical) {
+    throw std::invalid_argument(fmt::format(
+        "'{}' compares each face with each: at most {} faces, there are {} (people train "
+        "--algorithm default)",
+        recognition::name_of(algorithm), kMaxClassical, count));
+  }
+  coordinates = uses_coordinates(algorithm, background, count);
+  stored = gallery.model();
+  bool due = learn == Learn::kNow || !stored;
+  if (coordinates) {
+    due = due || stored->space != space_of(*background);
+    // Of a small gallery of deep templates: once more after each change, it takes moments.
+    due = due || (algorithm == Algorithm::kDeep && count <= kLearnedWhole &&
+                  stored->generation != generation);
+  } else {
+    // A model in coordinates that nobody can read here, and one of fewer faces than there are.
+    due = due || stored->space < 0 ||
+          (count <= recognition::kMaxLearnedFaces && stored->generation != generation);
+  }
+  if (due) stored.reset();
+  if (coordinates) {
+    missing = gallery.without_template(space_of(*background));
+    stage = Stage::kCoordinates;
+  } else if (due) {
+    choose();
+    stage = Stage::kRead;
+  } else {
+    missing = gallery.without_template(stored->space);
+    stage = Stage::kTemplates;
+  }
+  if (stored && !missing.empty() && stored->space > 0) {
+    try {
+      recognizer = recognition::recognizer_from_text(stored->body, gallery.path());
+    } catch (const Error&) {
+      stored.reset();
+      choose();
+      stage = Stage::kRead;
+    }
+  }
+  work = 1 + 1e-3 * static_cast<double>(refs.size());
+}
+
+// Some dozens of templates.
+void GalleryTraining::Impl::make_missing(Progress& progress, std::int64_t space, Stage following) {
+  constexpr std::size_t kChunk = 32;
+  if (at == 0 && !missing.empty())
+    progress.begin("templates", static_cast<std::int64_t>(missing.size()), "faces");
+  const std::size_t last = std::min(missing.size(), at + kChunk);
+  std::vector<NamedTemplate> made;
+  std::vector<cv::Mat> crops;
+  for (; at < last; ++at) {
+    if (auto face = gallery.face(missing[at])) {  // else it was removed meanwhile
+      made.emplace_back(face->id, std::vector<float>());
+      crops.push_back(face->crop);
+    }
+  }
+  cv::parallel_for_({0, static_cast<int>(made.size())}, [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      made[k].second =
+          template_for(algorithm, background, recognizer ? &*recognizer : nullptr, crops[k]);
+    }
+  });
+  if (!made.empty()) {
+    if (store) {
+      gallery.store_templates(space, made);
+    } else {
+      for (NamedTemplate& one : made) own.insert(std::move(one));
+    }
+    progress.advance(static_cast<std::int64_t>(made.size()));
+  }
+  work = 2 * static_cast<double>(made.size()) + 1;
+  if (at < missing.size()) return;
+  if (!missing.empty()) progress.end();
+  missing.clear();
+  at = 0;
+  stage = following;
+}
+
+// The faces that are learned from.
+void GalleryTraining::Impl::choose() {
+  std::unordered_map<std::int64_t, int> index;
+  std::vector<int> people;
+  for (const FaceRef& ref : refs)
+    people.push_back(index.try_emplace(ref.person, static_cast<int>(index.size())).first->second);
+  learned.clear();
+  for (const std::size_t i : recognition::learning_sample(people, recognition::kMaxLearnedFaces))
+    learned.push_back(refs[i].id);
+}
+
+// Their crops, some at a time; then the training can begin. Of coordinates: these.
+void GalleryTraining::Impl::read() {
+  const auto names = names_of(gallery);
+  const auto label_of = [&](std::int64_t face) {
+    const auto ref = std::lower_bound(refs.begin(), refs.end(), face,
+                                      [](const FaceRef& a, std::int64_t id) { return a.id < id; });
+    return name_of_person(names, ref->person, gallery.path());
+  };
+  std::vector<std::string> labels;
+  recognition::RecognizerOptions options;
+  options.algorithm = algorithm;
+  work = static_cast<double>(learned.size()) / 2;
+  if (coordinates) {
+    const int length = recognition::coordinate_count(*background);
+    Rows rows(static_cast<Eigen::Index>(learned.size()), length);
+    Eigen::Index filled = 0;
+    std::vector<std::int64_t> there;
+    for (const std::int64_t face : learned) {
+      std::vector<float> numbers = gallery.template_of(face, space_of(*background));
+      if (numbers.empty())
+        if (const auto made = own.find(face); made != own.end()) numbers = made->second;
+      if (static_cast<int>(numbers.size()) != length) continue;  // removed meanwhile
+      rows.row(filled++) = Eigen::Map<const Eigen::RowVectorXf>(numbers.data(), length);
+      labels.push_back(label_of(face));
+      there.push_back(face);
+    }
+    if (there.empty()) throw InputError(gallery.path(), "templates of faces are damaged");
+    learned = std::move(there);
+    training.emplace(Rows(rows.topRows(filled)), std::move(labels), options, *background);
+    stage = Stage::kTrain;
+    return;
+  }
+  constexpr std::size_t kChunk = 64;
+  const std::size_t last = std::min(learned.size(), at + kChunk);
+  for (; at < last; ++at) {
+    auto face = gallery.face(learned[at]);
+    if (!face) {  // removed meanwhile: from the beginning
+      inputs.clear();
+      at = 0;
+      stage = Stage::kLook;
+      return;
+    }
+    inputs.push_back(recognizer_input(algorithm, face->crop));
+  }
+  work = static_cast<double>(kChunk) / 2;
+  if (at < learned.size()) return;
+  at = 0;
+  for (const std::int64_t face : learned) labels.push_back(label_of(face));
+  const bool general = recognition::is_whitened(algorithm);
+  if (!general) {
+    // A classical recogniser has no other defence against faces that look the other way.
+    for (std::size_t i = 0, n = inputs.size(); i < n; ++i) {
+      cv::Mat mirrored;
+      cv::flip(inputs[i], mirrored, 1);
+      inputs.push_back(mirrored);
+      labels.push_back(labels[i]);
+    }
+  }
+  training.emplace(std::exchange(inputs, {}), std::move(labels), options,
+                   general ? background : nullptr, 2 * recognition::kMaxLearnedFaces);
+  stage = Stage::kTrain;
+}
+
+void GalleryTraining::Impl::finish_training() {
+  recognizer = training->take();
+  training.reset();
+  const auto own_count = static_cast<Eigen::Index>(learned.size());
+  std::vector<NamedTemplate> templates;
+  if (!coordinates) {  // templates of mirrored faces were for learning
+    for (Eigen::Index i = 0; i < own_count; ++i)
+      templates.emplace_back(learned[static_cast<std::size_t>(i)],
+                             row_of(recognizer->templates, i));
+  }
+  stored.emplace();
+  stored->body = body_of(*recognizer);
+  stored->generation = generation;
+  stored->space = coordinates ? space_of(*background) : 0;
+  if (store) {
+    const auto id =
+        gallery.store_model(stored->body, generation, stored->space, learned, templates);
+    if (!id) {  // one of the faces was removed meanwhile: nothing of it may stay
+      recognizer.reset();
+      stored.reset();
+      stage = Stage::kLook;
+      return;
+    }
+    stored->id = *id;
+    if (!coordinates) stored->space = *id;
+    generation += 1;
+  } else {
+    own.insert(templates.begin(), templates.end());
+  }
+  if (!coordinates && refs.size() > learned.size()) {
+    std::vector<std::int64_t> chosen = learned;
+    std::sort(chosen.begin(), chosen.end());
+    for (const FaceRef& ref : refs)
+      if (!std::binary_search(chosen.begin(), chosen.end(), ref.id)) missing.push_back(ref.id);
+  }
+  stage = Stage::kTemplates;
+}
+
+void GalleryTraining::Impl::load() {
+  // Others may have enrolled or forgotten meanwhile: these are the faces of now.
+  generation = gallery.generation();
+  std::vector<FaceRef> now = gallery.face_refs();
+  std::erase_if(now, [&](const FaceRef& ref) {
+    return !std::binary_search(refs.begin(), refs.end(), ref,
+                               [](const FaceRef& a, const FaceRef& b) { return a.id < b.id; });
+  });
+  refs = std::move(now);
+  work = 1 + 1e-2 * static_cast<double>(refs.size());
+  stage = Stage::kDone;
+  if (refs.empty() || searching == Searching::kNothing) return;
+  result = stored_model(gallery, background, *stored, refs, own);
+  if (result) {
+    result->generation = generation;
+    return;
+  }
+  // Damaged: once more from the beginning, from the faces alone.
+  if (learn == Learn::kNow) throw InputError(gallery.path(), "templates of faces are damaged");
+  learn = Learn::kNow;
+  recognizer.reset();
+  stage = Stage::kLook;
+}
+
+GalleryTraining::GalleryTraining(Gallery& gallery, const Background* background, bool store,
+                                 Learn learn, Searching searching)
+    : impl_(std::make_unique<Impl>(gallery, background, store, learn, searching)) {}
+GalleryTraining::~GalleryTraining() = default;
+GalleryTraining::GalleryTraining(GalleryTraining&&) noexcept = default;
+GalleryTraining& GalleryTraining::operator=(GalleryTraining&&) noexcept = default;
+
+double GalleryTraining::work() const { return impl_->work; }
+
+bool GalleryTraining::step(Progress& progress, const std::stop_token& stop) {
+  throw_if_stopped(stop);
+  Impl& impl = *impl_;
+  switch (impl.stage) {
+    case Impl::Stage::kLook:
+      impl.look();
+      break;
+    case Impl::Stage::kNewest:
+      impl.make_missing(progress, space_of(*impl.background), Impl::Stage::kLook);
+      break;
+    case Impl::Stage::kCoordinates:
+      impl.make_missing(progress, space_of(*impl.background),
+                        impl.stored ? Impl::Stage::kLoad : Impl::Stage::kRead);
+      if (impl.stage == Impl::Stage::kRead) impl.choose();
+      break;
+    case Impl::Stage::kRead:
+      impl.read();
+      break;
+    case Impl::Stage::kTrain:
+      if (!impl.training->step(progress, stop)) impl.stage = Impl::Stage::kStore;
+      impl.work = impl.training->work();
+      break;
+    case Impl::Stage::kStore:
+      impl.finish_training();
+      break;
+    case Impl::Stage::kTemplates:
+      impl.make_missing(progress, impl.stored->space, Impl::Stage::kLoad);
+      break;
+    case Impl::Stage::kLoad:
+      impl.load();
+      break;
+    case Impl::Stage::kDone:
+      return false;
+  }
+  return impl.stage != Impl::Stage::kDone;
+}
+
+std::optional<GalleryModel> GalleryTraining::take() {
+  TARSIER_REQUIRE(impl_->stage == Impl::Stage::kDone, "the model is not there yet");
+  return std::exchange(impl_->result, std::nullopt);
+}
+
+std::optional<GalleryModel> load_gallery_model(Gallery& gallery, const Background* background,
+                                               bool store, Learn learn, Progress& progress,
+                                               const std::stop_token& stop, Searching searching) {
+  GalleryTraining training(gallery, background, store, learn, searching);
+  while (training.step(progress, stop)) {
+  }
+  return training.take();
+}
+
+std::optional<Recognizer> gallery_model(Gallery& gallery, const Background* background, bool store,
+                                        Progress& progress, const std::stop_token& stop,
+                                        Learn learn) {
+  auto model = load_gallery_model(gallery, background, store, learn, progress, stop);
+  if (!model) return std::nullopt;
+  return std::move(model->recognizer);
+}
+
+}  // namespace tarsier::face::people
