@@ -376,13 +376,16 @@ class SessionTest(pages.PageTest):
           const one = document.querySelector('.live-view canvas');
           const box = one.getBoundingClientRect();
           const scale = Math.min(box.width / one.width, box.height / one.height);
-          return {x: box.left + box.width / 2, y: box.top + box.height / 2, w: one.width, h: one.height, scale};
+          return {x: box.left + box.width / 2, y: box.top + box.height / 2, shown: one.width * scale};
         })()""")
-        self.page.click_at(box["x"] + 50 * box["scale"], box["y"] - 20 * box["scale"])
+        # The server may send the image in another size between now and the click: an event says of which width
+        # its pixels are.
+        self.page.click_at(box["x"] + box["shown"] / 8, box["y"] - box["shown"] / 16)
         self.page.wait("window.sent.some((one) => one.mouse === 'left-up')")
         down = self.page.evaluate("window.sent.find((one) => one.mouse === 'left-down')")
-        self.assertAlmostEqual(down["x"], box["w"] / 2 + 50 - 0.5, delta=1)
-        self.assertAlmostEqual(down["y"], box["h"] / 2 - 20 - 0.5, delta=1)
+        width, height = down["width"], down["width"] * 3 / 4
+        self.assertAlmostEqual(down["x"], width * (1 / 2 + 1 / 8) - 0.5, delta=1)
+        self.assertAlmostEqual(down["y"], height / 2 - width / 16 - 0.5, delta=1)
         self.page.reload()
         self.page.wait(IMAGE)
 

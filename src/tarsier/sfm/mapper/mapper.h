@@ -27,7 +27,7 @@ enum class MapperChoice {
 struct MapperOptions {
   MapperChoice choice = MapperChoice::kIncremental;
   int auto_global = 250;           // images that hang together
-  double reprojection_px = 2.0;    // an observation farther off is dropped
+  double reprojection_px = 1.5;    // an observation farther off is dropped
   double min_angle_deg = 1.5;      // a point needs two rays that differ by this
   double first_angle_deg = 4;      // of the first pair, at the median
   int first_inliers = 60;          // of the first pair

@@ -252,7 +252,7 @@ TEST_F(Images, TheMapperGoesOnWhereItWas) {
 
   // With other options it begins again, and one checkpoint is kept.
   how.cache_folder = folder_ + "/cache";
-  how.mapper.reprojection_px = 1.5;
+  how.mapper.reprojection_px = 2.5;
   EXPECT_EQ(run(inputs, how).resumed, 0);
   EXPECT_EQ(run(inputs, how).resumed, 6);
   int checkpoints = 0;
