@@ -15,6 +15,7 @@ plate::Reading reading_at(cv::Rect box, const std::string& text = "4725BKZ",
   plate::Reading reading;
   reading.text = text;
   reading.confidence = confidence;
+  reading.plate = 0.95;
   reading.country = "es";
   reading.box = box;
   const cv::Rect2f r(box);

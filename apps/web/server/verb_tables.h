@@ -314,6 +314,7 @@ inline constexpr auto kInputFlags = std::to_array<std::string_view>({"--appearan
                                                                      "--detector",
                                                                      "--detector-model",
                                                                      "--embedding",
+                                                                     "--found",
                                                                      "--from",
                                                                      "--head",
                                                                      "--image",

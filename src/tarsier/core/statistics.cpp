@@ -62,4 +62,9 @@ Interval wilson_interval_of_rate(double rate, double trials, double confidence) 
           rate == 1 ? 1 : std::min(1.0, middle + half)};
 }
 
+double log_odds(double p, double margin) {
+  p = std::clamp(p, margin, 1 - margin);
+  return std::log(p / (1 - p));
+}
+
 }  // namespace tarsier

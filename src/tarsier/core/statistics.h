@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-// Order statistics, and confidence intervals of rates.
+// Order statistics, confidence intervals of rates, log odds.
 namespace tarsier {
 
 // The median; of an even number of values the upper one of the two in the middle. 0 for no values.
@@ -33,5 +33,8 @@ struct Interval {
 // on the same cases adds little.
 [[nodiscard]] Interval wilson_interval_of_rate(double rate, double trials,
                                                double confidence = 0.95);
+
+// ln(p / (1 - p)), with p kept `margin` (> 0, < 0.5) from 0 and from 1.
+[[nodiscard]] double log_odds(double p, double margin = 1e-4);
 
 }  // namespace tarsier

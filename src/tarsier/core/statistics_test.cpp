@@ -5,10 +5,19 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <stdexcept>
 
 namespace tarsier {
 namespace {
+
+TEST(LogOdds, AreZeroAtAHalfAndBounded) {
+  EXPECT_EQ(log_odds(0.5), 0);
+  EXPECT_NEAR(log_odds(0.9), std::log(9), 1e-12);
+  EXPECT_NEAR(log_odds(0.2), -log_odds(0.8), 1e-12);
+  EXPECT_NEAR(log_odds(1), std::log(9999), 1e-9);
+  EXPECT_NEAR(log_odds(0, 0.01), -std::log(99), 1e-9);
+}
 
 TEST(WilsonInterval, AgreesWithValuesByHand) {
   // z = 1.959964, z^2 = 3.841459.

@@ -31,6 +31,7 @@ constexpr std::uint64_t kUnseen = 1000;  // from the seed of typefaces that are 
 struct TrainFlags {
   std::vector<std::string> inputs;
   std::vector<std::string> scenes;
+  std::vector<std::string> found;
   std::string output;
   std::string detector;
   std::string countries;
@@ -39,7 +40,7 @@ struct TrainFlags {
   std::string terms;
   plate::TrainingOptions options;
   int calibration = 3000;
-  bool keep = false;
+  bool confidence_only = false;
   bool wild = false;
   double hold_out = 0;
   ClassicTrainFlags classic;
@@ -63,20 +64,22 @@ std::shared_ptr<const synth::GlyphSet> glyphs_of(const TrainFlags& flags, std::u
   return flags.wild ? synth::load_many_glyphs(seed) : synth::load_glyphs();
 }
 
+// The last two names of each path.
+std::vector<std::string> short_names(const std::vector<std::string>& paths) {
+  std::vector<std::string> result;
+  for (const std::string& path : paths) {
+    const fs::path clean = fs::path(path).lexically_normal();
+    const fs::path last = clean.has_filename() ? clean : clean.parent_path();
+    result.push_back((last.parent_path().filename() / last.filename()).string());
+  }
+  return result;
+}
+
 nlohmann::json provenance(const TrainFlags& flags, const Context& context) {
-  const auto names = [](const std::vector<std::string>& paths) {
-    std::vector<std::string> result;
-    for (const std::string& path : paths) {
-      const fs::path clean = fs::path(path).lexically_normal();
-      const fs::path last = clean.has_filename() ? clean : clean.parent_path();
-      result.push_back((last.parent_path().filename() / last.filename()).string());
-    }
-    return result;
-  };
   return {{"program", fmt::format("tarsier {}", version())},
           {"seed", context.seed},
-          {"scenes", names(flags.scenes)},
-          {"inputs", names(flags.inputs)},
+          {"scenes", short_names(flags.scenes)},
+          {"inputs", short_names(flags.inputs)},
           {"drawn_plates", true},
           {"wild", flags.wild},
           {"terms", flags.terms}};
@@ -113,9 +116,11 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   }
   flags.options.seed = context.seed;
   flags.options.check();
-  // What is found in whole images.
-  const std::vector<std::string> found = flags.keep ? flags.inputs : std::vector<std::string>();
-  if (flags.scenes.empty() && !(flags.keep && flags.calibration == 0))
+  if (flags.confidence_only) {
+    flags.found.insert(flags.found.begin(), flags.inputs.begin(), flags.inputs.end());
+    flags.inputs.clear();
+  }
+  if (flags.scenes.empty() && !(flags.confidence_only && flags.calibration == 0))
     throw UsageError("--scenes: images that the drawn plates are set into are needed");
   const ModelStore models = ModelStore::find();
   std::optional<plate::ReaderModel> start;
@@ -124,17 +129,16 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     const bool ships = flags.from.find_first_of("/.") == std::string::npos;
     const std::string path = ships ? models.path(flags.from + ".json") : flags.from;
     start = plate::read_reader_model(path);
-    if (flags.keep) before = read_any_archive(path).provenance;
+    if (flags.confidence_only) before = read_any_archive(path).provenance;
   }
   plate::DetectorModel detector_model;
-  if (flags.calibration > 0 || !found.empty()) {
+  if (flags.calibration > 0 || !flags.found.empty()) {
     detector_model =
         plate::read_detector_model(models.path_or(flags.detector, "plate-detector.json"));
   }
   plate::ViewMaker views = view_maker(flags.scenes, glyphs_of(flags, context.seed));
   views.wild = flags.wild;
   std::vector<plate::LabelledCrop> crops;
-  if (flags.keep) flags.inputs.clear();
   for (const std::string& folder : flags.inputs) {
     auto more = plate::read_labelled_crops(folder);
     log_info("{}: {} labelled plates", folder, more.size());
@@ -149,7 +153,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   }
   plate::ReaderModel model;
   if (start) model = *start;
-  if (!flags.keep) {
+  if (!flags.confidence_only) {
     model.line = plate::train_line_reader(views, split.train, flags.options, *context.progress,
                                           context.stop, start ? &start->line : nullptr);
   }
@@ -174,13 +178,12 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
                                                context.seed + 99, *context.progress, context.stop);
   }
-  if (!found.empty()) {
-    const plate::FoundCounts counts = plate::fit_to_found(detector_model, countries(), found, model,
-                                                          *context.progress, context.stop);
+  if (!flags.found.empty()) {
+    const plate::FoundCounts counts = plate::fit_to_found(detector_model, countries(), flags.found,
+                                                          model, *context.progress, context.stop);
     log_info("{} finds in {} images, {} of them plates; of {} texts that are known {} were read",
              counts.finds, counts.images, counts.plates, counts.texts, counts.right);
-    flags.inputs = found;
-    learnt_from["found"] = provenance(flags, context)["inputs"];
+    learnt_from["found"] = short_names(flags.found);
   }
   if (before.is_object()) {
     before["confidence"] = std::move(learnt_from);
@@ -213,14 +216,16 @@ void add_detector_flags(Command& verb, TrainFlags& flags) {
   add_classic_detector_flags(verb, flags.classic);
 }
 void add_reader_flags(Command& verb, TrainFlags& flags) {
-  verb.add_option(
-          "INPUT", flags.inputs,
-          "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
-          "OCR.xml, or a folder with one folder a class; with --confidence-only: folders of "
-          "images with truth.csv, or without plates, in which plates are found")
+  verb.add_option("INPUT", flags.inputs,
+                  "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
+                  "OCR.xml, or a folder with one folder a class; with --confidence-only as --found")
       .type_name("");
   add_shared(verb, flags);
   verb.add_option("--scenes", flags.scenes, "folders of images behind the drawn plates")
+      .type_name("");
+  verb.add_option("--found", flags.found,
+                  "folders of images with truth.csv, or without plates: in the end the confidence, "
+                  "and the chance that a place is a plate, are fitted to what is found in them")
       .type_name("");
   verb.add_option("--detector", flags.detector,
                   "model whose corners the confidence is fitted with; default: what ships");
@@ -229,7 +234,7 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
       "model to go on from (a file, or plate-reader: what ships), for one typeface more: some "
       "hundred steps and a few labelled plates are enough");
   verb.add_flag(
-          "--confidence-only", flags.keep,
+          "--confidence-only", flags.confidence_only,
           "learn no characters: only the confidence is fitted again, to drawn plates "
           "(--calibration) and then, with INPUT, to what is found in images, as is the chance "
           "that a place is a plate")

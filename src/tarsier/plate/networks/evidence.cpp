@@ -2,6 +2,7 @@
 #include "tarsier/plate/networks/evidence.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/plate/networks/quad.h"
 
 #include <algorithm>
@@ -9,11 +10,6 @@
 #include <numeric>
 
 namespace tarsier::plate {
-
-double logit(double p) {
-  p = std::clamp(p, 1e-4, 1 - 1e-4);
-  return std::log(p / (1 - p));
-}
 
 double probability_of(double odds) { return 1 / (1 + std::exp(-odds)); }
 
@@ -46,7 +42,7 @@ FindFeatures find_features(const Detection& detection, const Alignment& alignmen
   const double height = std::max(4.0, static_cast<double>(mean_height(alignment.text)));
   const bool has_digit = lettering.text.find_first_of("0123456789") != std::string::npos;
   return {1,
-          logit(static_cast<double>(alignment.score)),
+          log_odds(static_cast<double>(alignment.score)),
           std::log(found / (1 - found)),
           sum / std::max(1.0, length),
           std::min(0.0, std::log(height / 20)),
@@ -63,7 +59,7 @@ void compare(const std::vector<Reading>& readings, std::vector<FindFeatures>& fe
   TARSIER_REQUIRE(readings.size() == features.size(), "{} readings, {} features", readings.size(),
                   features.size());
   const auto evidence = [](const Reading& reading) {
-    return log_confidence(reading) + logit(reading.plate);
+    return log_confidence(reading) + log_odds(reading.plate);
   };
   for (std::size_t i = 0; i < readings.size(); ++i) {
     double& lead = features[i].back();

@@ -11,8 +11,6 @@
 // What speaks for a place being a plate, and for what is read there being right.
 namespace tarsier::plate {
 
-// ln(p / (1 - p)), p kept 1e-4 from both ends.
-[[nodiscard]] double logit(double p);
 // 1 / (1 + exp(-odds))
 [[nodiscard]] double probability_of(double odds);
 // ln of the reading's confidence, at least ln 1e-5.
@@ -31,7 +29,7 @@ struct OddsCurve {
 // What is known of a find, besides the others of its image; in this order the weights of
 // PlateJudge.
 //   0 1
-//   1 logit of the aligner's score
+//   1 log_odds() of the aligner's score
 //   2 ln(p / (1 - p)) of the detector's surest cell, p kept 1e-3 from both ends
 //   3 mean ln of the characters' confidences, each at least 1e-3
 //   4 min(0, ln(text height in px / 20)): little is to be read in small plates
@@ -60,7 +58,7 @@ struct Lettering {
 [[nodiscard]] FindFeatures find_features(const Detection& detection, const Alignment& alignment,
                                          const Lettering& lettering);
 
-// Fills in the last feature of each: by ln(confidence) + logit(plate) of the readings, where
+// Fills in the last feature of each: by ln(confidence) + log_odds(plate) of the readings, where
 // `plate` is the aligner's score still. Overlapping finds (box_cover() of 0.3) do not count: they are
 // rivals for one place. The two have the same size.
 void compare(const std::vector<Reading>& readings, std::vector<FindFeatures>& features);

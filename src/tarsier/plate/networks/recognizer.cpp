@@ -2,6 +2,7 @@
 #include "tarsier/plate/networks/recognizer.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/plate/networks/looks.h"
 #include "tarsier/plate/networks/rivals.h"
 #include "tarsier/plate/networks/same_plate.h"
@@ -130,11 +131,7 @@ double odds_of(const Calibration& calibration, const CalibrationFeatures& featur
 
 Lettering lettering_of(const Decoded& text) { return {text.text, text.confidences, text.country}; }
 
-// ln(p / (1 - p)), p kept 1e-5 from both ends.
-double sure_odds(double p) {
-  p = std::clamp(p, 1e-5, 1 - 1e-5);
-  return std::log(p / (1 - p));
-}
+constexpr double kOddsMargin = 1e-5;  // of texts and characters
 
 // The quad of the characters' columns first..last of all lines' columns.
 Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
@@ -173,8 +170,8 @@ CalibrationFeatures calibration_features(double posterior, double min_character,
           std::log(score / (1 - score)),
           std::log(std::max(4.0, height_px) / 20),
           1.0,
-          sure_odds(posterior),
-          sure_odds(min_character)};
+          log_odds(posterior, kOddsMargin),
+          log_odds(min_character, kOddsMargin)};
 }
 
 Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice countries,
@@ -323,7 +320,7 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
   for (std::size_t i = 0; i < best.text.size(); ++i) {
     Character character;
     character.symbol = best.text[i];
-    seen.character_odds.push_back(sure_odds(best.confidences[i]));
+    seen.character_odds.push_back(log_odds(best.confidences[i], kOddsMargin));
     character.confidence = probability_of(reader_.character(seen.character_odds.back()));
     character.corners = character_quad(lines, best.columns[i]);
     reading.characters.push_back(character);

@@ -52,7 +52,7 @@ struct RecognizerOptions {
   DetectorOptions detector;
   float min_plate = 0.9F;  // the aligner's score of what is taken for a plate
   // Least logit of the chance that it is a plate (PlateJudge) of what is reported.
-  double min_evidence = -0.75;
+  double min_evidence = -2;
   int refinements = 2;    // passes of the aligner
   bool parallel = false;  // plates and large maps on OpenCV's threads; changes no result
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/networks/rivals.h"
 
+#include "tarsier/core/statistics.h"
 #include "tarsier/plate/networks/evidence.h"
 #include "tarsier/plate/networks/quad.h"
 
@@ -55,7 +56,7 @@ std::vector<bool> are_slogans(const std::vector<Reading>& readings) {
 // plate may read as well as the whole one, but the aligner knows it is not.
 std::vector<Reading> without_rivals(std::vector<Reading> readings) {
   const auto key = [&](std::size_t i) {
-    return log_confidence(readings[i]) + 0.5 * logit(std::min(readings[i].plate, 0.998));
+    return log_confidence(readings[i]) + 0.5 * log_odds(std::min(readings[i].plate, 0.998));
   };
   std::vector<std::size_t> order(readings.size());
   std::iota(order.begin(), order.end(), std::size_t{0});

@@ -21,6 +21,7 @@ using testing::IsEmpty;
 
 Reading reading_at(cv::Rect box, const std::string& text) {
   Reading reading;
+  reading.plate = 0.95;
   reading.text = text;
   reading.confidence = 0.9;
   reading.country = "es";

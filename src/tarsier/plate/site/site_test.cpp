@@ -70,6 +70,7 @@ VideoReader reader_of(const std::string& text) {
             Reading reading;
             reading.text = text;
             reading.confidence = 0.9;
+            reading.plate = 0.95;
             reading.box = box;
             reading.candidates.push_back({text, 0.9, ""});
             result.plates.push_back(reading);

@@ -29,6 +29,7 @@ inline char confused_with(char symbol, Rng& rng) {
 inline Reading noisy_reading(const std::string& text, cv::Rect box, double error, Rng& rng) {
   Reading reading;
   reading.box = box;
+  reading.plate = 0.95;
   reading.confidence = 1;
   std::string runner_up;
   double least = 2;

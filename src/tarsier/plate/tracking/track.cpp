@@ -2,6 +2,7 @@
 #include "tarsier/plate/tracking/track.h"
 
 #include "tarsier/core/boxes.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/plate/text/text.h"
 
 #include <algorithm>
@@ -99,6 +100,7 @@ void add_reading(Track& track, const Reading& reading, const TrackedFrame& frame
   track.read_now = true;
   ++track.frames;
   if (!has_digit(reading.text)) ++track.words;
+  track.plate_odds += log_odds(reading.plate);
   track.evidence.push_back(
       {{frame.index, time, reading.text, reading.confidence, reading.box}, ballot_of(reading)});
   track.surest = std::max(track.surest, reading.confidence);
@@ -144,6 +146,9 @@ bool is_confirmed(const Track& track, const TrackerOptions& options) {
   const bool is_word = !has_digit(text_of(track)) || 2 * track.words > track.frames;
   if (track.surest < options.min_single || (is_word && !options.words)) return false;
   const bool never_moved = is_parked(track) && track.anchor_time - track.first_time < kParkedAfter;
+  const bool has_moved = track.anchor_time > track.first_time;
+  const double odds = track.plate_odds / static_cast<double>(track.frames);
+  if ((never_moved || !has_moved) && odds < options.min_standing_odds) return false;
   if (never_moved) return confidence_of(track) >= options.min_standing;
   // What moves and is read much the same for long is a plate, though its text may be in doubt.
   const bool lasting = track.frames >= kLasting && track.agreement >= kLastingAgreement;
@@ -161,6 +166,7 @@ void absorb(Track& track, Track&& earlier, const TrackerOptions& options) {
   track.next_update = track.last_time;  // what is known of both is worth saying
   track.frames += earlier.frames;
   track.words += earlier.words;
+  track.plate_odds += earlier.plate_odds;
   track.surest = std::max(track.surest, earlier.surest);
   if (cv::norm(track.anchor - earlier.anchor) <= 0.5 * track.size.width) {
     track.anchor_time = earlier.anchor_time;

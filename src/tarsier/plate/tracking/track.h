@@ -24,6 +24,7 @@ struct Track {
   double last_time = 0;  // of the latest reading
   std::int64_t frames = 0;
   std::int64_t words = 0;          // of these, readings without a digit
+  double plate_odds = 0;           // sum over the readings of log_odds(Reading::plate)
   std::vector<Evidence> evidence;  // in order of time
   std::vector<Candidate> voted;    // best first; may be some readings behind, see vote_if_due
   double agreement = 0;            // 0..1: how much the readings resemble the voted text

@@ -34,7 +34,10 @@ struct TrackerOptions {
   // Of the voted text: below it is no vehicle, unless ten readings or more resemble it
   double min_confidence = 0.5;
   double min_standing = 0.8;  // the same of what never moved: it may be a sign
-  double min_single = 0.05;   // of the surest single reading: what never reads well is none
+  // Of what has not moved, the mean of its readings' log odds of being a plate (Reading::plate): a sign
+  // may be read as the same text for hours, which makes its vote sure.
+  double min_standing_odds = 0;
+  double min_single = 0.05;  // of the surest single reading: what never reads well is none
   // Texts without a digit are vehicles too. Few plates are such, and many signs.
   bool words = false;
   int max_readings = 500;  // that an event lists
@@ -51,6 +54,7 @@ struct TrackerOptions {
              "frames in which a vehicle must be read"},
             {"min_confidence", min_confidence, range(0, 1)},
             {"min_standing", min_standing, range(0, 1)},
+            {"min_standing_odds", min_standing_odds, range(-100, 100)},
             {"min_single", min_single, range(0, 1)},
             {"words", words, "--words",
              "texts without a digit are vehicles too (a few plates; many signs)"},

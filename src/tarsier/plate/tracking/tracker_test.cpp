@@ -24,6 +24,7 @@ Reading reading_at(const std::string& text, double x, double y, double width = 1
   Reading reading;
   reading.text = text;
   reading.confidence = confidence;
+  reading.plate = 0.95;
   reading.box = {static_cast<int>(std::lround(x)), static_cast<int>(std::lround(y)),
                  static_cast<int>(std::lround(width)), static_cast<int>(std::lround(width / 4.7))};
   return reading;
@@ -172,6 +173,24 @@ TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsASign) {
   Road road;
   for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100)});
   EXPECT_THAT(road.finish(), testing::IsEmpty());
+}
+
+// Each reading is surely this text, but doubtfully a plate.
+Reading lettering_at(double x) {
+  Reading reading = reading_at("CH00GOB", x, 100);
+  reading.plate = 0.3;
+  return reading;
+}
+
+TEST_F(NewsTest, WhatStandsAndHardlyLooksLikeAPlateIsNoVehicle) {
+  for (int k = 0; k < 100; ++k) EXPECT_THAT(frame({lettering_at(100)}), testing::IsEmpty());
+  EXPECT_THAT(finish(), testing::IsEmpty());
+}
+
+TEST(TrackerTest, WhatMovesIsAVehicleThoughItsPlateIsHardToSee) {
+  Road road;
+  for (int k = 0; k < 8; ++k) road.frame({lettering_at(100 + 60 * k)});
+  EXPECT_THAT(texts_of(road.finish()), ElementsAre("CH00GOB"));
 }
 
 TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsAVehicleWhereWordsAre) {

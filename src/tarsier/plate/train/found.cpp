@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/plate/networks/quad.h"
@@ -76,7 +77,7 @@ bool touches(const Image& image, const SeenPlate& find) {
 const SeenPlate* find_of(const Image& image, const TruthPlate& plate, float min_plate) {
   const SeenPlate* best = nullptr;
   const auto rank = [](const SeenPlate& find) {
-    return log_confidence(find.reading) + 0.5 * logit(find.reading.plate);
+    return log_confidence(find.reading) + 0.5 * log_odds(find.reading.plate);
   };
   for (const SeenPlate& find : image.seen) {
     if (find.reading.text.empty() || find.reading.plate < static_cast<double>(min_plate)) continue;
