@@ -122,9 +122,8 @@ def models_with(name, factor, parts=None):
 def plates():
     """The reader that ships, no country given; none of these images was learned from."""
     models_with("plate-reader.json", 0.8)
-    # Of docs/results.md: 34 of 37, 23 of 24; each may lose one plate. Of the 94 American ones 79, which may lose two; of the
-    # 39 Brazilian ones 33, which may lose none.
-    for name, found, exact in (("plates-eu", 36, 33), ("plates-es", 23, 22), ("plates-us", 90, 77), ("plates-br", 37, 33)):
+    # Of docs/results.md: 34 of 37, 24 of 24, 77 of 94 American ones, 33 of 39 Brazilian ones; each set may lose one plate.
+    for name, found, exact in (("plates-eu", 36, 33), ("plates-es", 23, 23), ("plates-us", 92, 76), ("plates-br", 38, 32)):
         score = tarsier("plate", "eval", data(name, "images"), "--truth", data(name, "truth.csv"))[0]
         at_least(f"{name}: plates found of {score['truth']}", round(score["recall"] * score["truth"]), found, touched=False)
         at_least(f"{name}: whole plates right", round(score["exact"] * score["truth"]), exact)
