@@ -39,8 +39,9 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   };
   face::landmarks::FitWorkspace workspace;
   for (const face::landmarks::FitMethod method :
-       {face::landmarks::FitMethod::kBoth, face::landmarks::FitMethod::kTrees,
-        face::landmarks::FitMethod::kDescent, face::landmarks::FitMethod::kPatches}) {
+       {face::landmarks::FitMethod::kMean, face::landmarks::FitMethod::kTrees,
+        face::landmarks::FitMethod::kDescent, face::landmarks::FitMethod::kNetwork,
+        face::landmarks::FitMethod::kPatches}) {
     throw_if_stopped(context.stop);
     if (!whole.has(method)) continue;
     face::landmarks::LandmarkModel model = whole;

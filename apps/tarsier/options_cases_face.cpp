@@ -65,6 +65,8 @@ std::vector<OptionsCase> face_options() {
       options_case<face::landmarks::FitOptions>("face::landmarks::FitOptions"),
       options_case<face::landmarks::PatchOptions>("face::landmarks::PatchOptions"),
       options_case<face::landmarks::PatchFitOptions>("face::landmarks::PatchFitOptions"),
+      options_case<face::landmarks::RegressionNetworkOptions>(
+          "face::landmarks::RegressionNetworkOptions"),
       options_case<face::landmarks::VisibilityOptions>("face::landmarks::VisibilityOptions"),
       options_case<face::landmarks::SteadyOptions>("face::landmarks::SteadyOptions"),
       options_case<face::landmarks::TrackerOptions>("face::landmarks::TrackerOptions"),

@@ -77,6 +77,7 @@ VALID = {
     "landmarks train detector": dict(words="head/set.json -o detector.json"),
     "landmarks train trees": dict(words="head/set.json -o trees.json --levels 1 --trees 2"),
     "landmarks train tracker": dict(words="head/set.json -o tracker.json --levels 1 --trees 2 --without sdm"),
+    "landmarks train network": dict(words=f"head/set.json --model {TRACKER} -o network.json --steps 2"),
     "landmarks train visibility": dict(words=f"head/set.json --model {TRACKER} -o visibility.json --steps 2"),
     "landmarks train face-detector": dict(words="head/set.json -o finder.json --window 40 --no-mirror"),
     "landmarks train face-networks": dict(words="head/set.json -o networks.json --without markers/images --scan-steps 3 --judge-steps 3 --check-steps 3 --drawings 0 --turned 1"),
@@ -371,6 +372,7 @@ INTERRUPTED = {
     "landmarks train detector": "head/crowd.json -o stopped.json",
     "landmarks train tracker": "head/set.json -o stopped.json",
     "landmarks train trees": "head/set.json -o stopped.json",
+    "landmarks train network": f"head/crowd.json --model {TRACKER} -o stopped.json",
     "landmarks train visibility": f"head/crowd.json --model {TRACKER} -o stopped.json",
     "landmarks train face-detector": "head/set.json -o stopped.json --window 40",
     "landmarks fit": "@faces.txt -o stopped",
@@ -402,7 +404,7 @@ INTERRUPTED = {
     "plate sweep": "letters --train 60 --splits 1000",
     "sfm reconstruct": "views/images -o stopped --no-cache",
     "sfm features": "fresh",
-    "sfm match": "matchless",
+    "sfm match": "unmatched",
     "sfm map": "matched -o stopped --no-cache",
     "sfm dense": "model -o stopped --quality high --images views/images",
     "sfm mesh": "depths -o stopped.glb",
@@ -609,6 +611,10 @@ def make_inputs_here():
         made("sfm", "plan", "views/images", "-o", work, "--shards", "2", "--quiet")
         for stage in ("features", "match")[: ("fresh", "matchless", "matched").index(work)]:
             made("sfm", stage, work, "--quiet")
+    # Enough pairs that matching them takes a while.
+    made("sfm", "synth", "-o", "ring", "--images", "16", "--size", "480x360", "--quiet")
+    made("sfm", "plan", "ring/images", "-o", "unmatched", "--quiet")
+    made("sfm", "features", "unmatched", "--quiet")
     made("sfm", "dense", "model", "-o", "depths", "--quality", "draft", "--quiet")
     make_crowds()
 

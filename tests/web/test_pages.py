@@ -298,7 +298,7 @@ class SessionTest(pages.PageTest):
         self.page.click("button", "Stages")
         self.page.wait("!document.querySelector('.stages')")
         # Sessions whose first frames take long have them, too.
-        for verb, name in (("pose track", b"second/both"), ("people live", b"light taken out")):
+        for verb, name in (("pose track", b"second/mean"), ("people live", b"light taken out")):
             id = self.start(verb, SMALL)
             self.go(f"/session/{id}")
             self.page.wait(IMAGE)

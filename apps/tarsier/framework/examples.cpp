@@ -19,6 +19,7 @@ std::string example_of(const std::string& verb) {
       {"landmarks train detector", "set.yaml -o detector.json"},
       {"landmarks train trees", "set.yaml -o trees.json --mirror"},
       {"landmarks train tracker", "set.yaml -o mine.json --mirror --hold-out 5"},
+      {"landmarks train network", "set.yaml --model mine.json -o mine2.json --mirror"},
       {"landmarks train visibility", "set.yaml --model mine.json -o mine2.json --mirror"},
       {"landmarks train face-detector", "boxes.xml -o finder.json"},
       {"landmarks train face-networks", "boxes.xml --without streets -o finder.json"},

@@ -133,8 +133,8 @@ TEST_F(Pose, GivesTheStagesToWhoLooks) {
     EXPECT_TRUE(stages.names.empty());
     stages.watched = true;
     const View view = watched.on_frame(frame(1, still), {});
-    EXPECT_THAT(stages.names, ::testing::IsSupersetOf({"start", "both", "first pose",
-                                                       "second/start", "second/both", "pose"}));
+    EXPECT_THAT(stages.names, ::testing::IsSupersetOf({"start", "mean", "first pose",
+                                                       "second/start", "second/mean", "pose"}));
     EXPECT_EQ(stages.names.back(), "pose");
     EXPECT_TRUE(stages.are_images);
     EXPECT_EQ(cv::norm(view.output, plain.on_frame(frame(1, still), {}).output, cv::NORM_INF), 0)

@@ -9,9 +9,9 @@ namespace tarsier::cli {
 
 void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
   verb.add_option("--model", flags.model, "model file [landmarks68.json, which ships]");
-  verb.add_option(
-      "--method", flags.method,
-      "both (mean of trees and sdm), trees, sdm or patch [the best that the model has]");
+  verb.add_option("--method", flags.method,
+                  "mean (of trees, sdm and, if there is one, cnn), trees, sdm, cnn or patch [the "
+                  "best that the model has]");
   bind_field(verb, flags.fit, flags.fit.starts);
   add_min_face_flag(verb, flags.min_face);
   verb.add_option("--face-detector", flags.detector,

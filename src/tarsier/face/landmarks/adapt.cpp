@@ -30,6 +30,7 @@ void adapt_parts(LandmarkModel& model, const LandmarkModel& base,
   const std::vector<Start> starts = scattered_starts(faces, base.shape.mean, each, options.seed);
   if (base.trees) model.trees = adapt_trees(*base.trees, faces, starts, ridge, stop);
   if (base.descent) model.descent = adapt_descent(*base.descent, faces, starts, ridge, stop);
+  if (base.network) model.network = adapt_network(*base.network, faces, starts, ridge, stop);
 }
 
 // Mean over the faces, in sizes of the shape.
@@ -74,6 +75,7 @@ std::vector<double> errors_left_out(const LandmarkModel& base,
     const double share = static_cast<double>(out.size()) / static_cast<double>(faces.size());
     model.trees = base.trees;
     model.descent = base.descent;
+    model.network = base.network;
     errors[0] += share * error_of(model, out, options.seed, stop);
     for (std::size_t c = 0; c < choices.size(); ++c) {
       adapt_parts(model, base, kept, options, choices[c], stop);

@@ -17,7 +17,7 @@
 // Gaussian prior around R0),
 //   R = argmin |D - Phi R|^2 + lambda |R - R0|^2,
 // Phi: what the stage sees at starts scattered around the faces (descent: its descriptors and a
-// constant; trees: the leaves of the last level), D: the steps to the true points. Solved in its
+// constant; trees: the leaves of the last level; network: what its last layer sees), D: the steps to the true points. Solved in its
 // dual form, whose size is the number of starts. Shape model, patches, quality and visibility stay.
 namespace tarsier::face::landmarks {
 
@@ -45,6 +45,11 @@ struct AdaptOptions {
 [[nodiscard]] Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& faces,
                                     const std::vector<Start>& starts, double ridge,
                                     const std::stop_token& stop);
+// Only the last layer changes.
+[[nodiscard]] RegressionNetwork adapt_network(const RegressionNetwork& base,
+                                              const std::vector<TrainingFace>& faces,
+                                              const std::vector<Start>& starts, double ridge,
+                                              const std::stop_token& stop);
 // Only the leaves of the last level change.
 [[nodiscard]] Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
                                 const std::vector<Start>& starts, double ridge,

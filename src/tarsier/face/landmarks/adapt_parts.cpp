@@ -176,6 +176,49 @@ Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& face
   return model;
 }
 
+RegressionNetwork adapt_network(const RegressionNetwork& base,
+                                const std::vector<TrainingFace>& faces,
+                                const std::vector<Start>& starts, double ridge,
+                                const std::stop_token& stop) {
+  check(faces, starts, base.mean.cols(), ridge);
+  RegressionNetwork model = base;
+  linalg::Layer& last = model.network.layers.back();
+  const auto count = static_cast<Eigen::Index>(starts.size());
+  const auto width = static_cast<Eigen::Index>(last.depth());
+  const Eigen::Index n = base.mean.cols();
+  Eigen::MatrixXd features(count, width + 1);
+  Eigen::MatrixXd errors(count, 2 * n);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(count)), [&](const cv::Range& range) {
+    RegressionNetworkWorkspace workspace;
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const Start& start = starts[static_cast<std::size_t>(i)];
+      const TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
+      const Eigen::Matrix2Xd fit = fit_network(base, face.gray, start.points, workspace);
+      const std::vector<float>& seen = *(workspace.network.maps.end() - 2);
+      features.row(i).head(width) =
+          Eigen::Map<const Eigen::RowVectorXf>(seen.data(), width).cast<double>();
+      const shape::Similarity2d mean_from_px =
+          shape::fit_similarity(base.mean, start.points).inverse();
+      const Eigen::Matrix2Xd off = mean_from_px(face.points) - mean_from_px(fit);
+      errors.row(i) << off.row(0), off.row(1);
+    }
+  });
+  throw_if_stopped(stop);
+  // As in problem_of().
+  const double constant = std::sqrt(
+      std::max(1e-9, features.leftCols(width).squaredNorm() / static_cast<double>(count)));
+  features.col(width).setConstant(constant);
+  const Eigen::MatrixXd kernel = features * features.transpose();
+  const Eigen::MatrixXd change =
+      features.transpose() * dual(kernel, errors, lambda_of(ridge, kernel, faces.size()));
+  using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  Eigen::Map<Rows>(last.weights.data(), 2 * n, width) +=
+      change.topRows(width).transpose().cast<float>();
+  Eigen::Map<Eigen::VectorXf>(last.bias.data(), 2 * n) +=
+      (constant * change.row(width)).transpose().cast<float>();
+  return model;
+}
+
 namespace {
 
 // Leaves of the last level that each start ends in, and what is left to its true points there.

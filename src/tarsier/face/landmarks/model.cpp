@@ -17,11 +17,16 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr NameTable<FitMethod, 4> kMethods{"method",
-                                           {{{FitMethod::kBoth, "both"},
+constexpr NameTable<FitMethod, 5> kMethods{"method",
+                                           {{{FitMethod::kMean, "mean"},
                                              {FitMethod::kTrees, "trees"},
                                              {FitMethod::kDescent, "sdm"},
+                                             {FitMethod::kNetwork, "cnn"},
                                              {FitMethod::kPatches, "patch"}}}};
+
+// Trees and descent that disagree by d sizes are taken to be wrong by as much, the network always by so many
+// sizes: so large is its share of a mean that is weighted by inverse variances, d^2 / (d^2 + this^2).
+constexpr double kNetworkError = 0.08;
 
 // Where the trees begin besides the start itself: shift in sizes, and scale. The mean of their fits
 // is steadier than each.
@@ -73,12 +78,14 @@ FitMethod parse_fit_method(std::string_view name) { return kMethods.parse(name);
 
 bool LandmarkModel::has(FitMethod method) const {
   switch (method) {
-    case FitMethod::kBoth:
+    case FitMethod::kMean:
       return trees && descent;
     case FitMethod::kTrees:
       return trees.has_value();
     case FitMethod::kDescent:
       return descent.has_value();
+    case FitMethod::kNetwork:
+      return network.has_value();
     case FitMethod::kPatches:
       return patches.has_value();
   }
@@ -86,12 +93,12 @@ bool LandmarkModel::has(FitMethod method) const {
 }
 
 FitMethod LandmarkModel::best_method() const {
-  for (const FitMethod method :
-       {FitMethod::kBoth, FitMethod::kDescent, FitMethod::kTrees, FitMethod::kPatches}) {
+  for (const FitMethod method : {FitMethod::kMean, FitMethod::kDescent, FitMethod::kNetwork,
+                                 FitMethod::kTrees, FitMethod::kPatches}) {
     if (has(method)) return method;
   }
   TARSIER_REQUIRE(false, "the model has no part that fits points");
-  return FitMethod::kBoth;
+  return FitMethod::kMean;
 }
 
 void LandmarkModel::check() const {
@@ -101,6 +108,9 @@ void LandmarkModel::check() const {
   for (const int eye : eyes) TARSIER_REQUIRE(eye >= -1 && eye < n, "eye {} of {} points", eye, n);
   TARSIER_REQUIRE(!trees || trees->points() == n, "trees have {} points", trees->points());
   TARSIER_REQUIRE(!descent || descent->points() == n, "descent has {} points", descent->points());
+  TARSIER_REQUIRE(!network || network->points() == n, "the network has {} points",
+                  network->points());
+  if (network) network->check();
   TARSIER_REQUIRE(!patches || patches->points() == n, "there are {} patches", patches->points());
   TARSIER_REQUIRE(!quality || quality->mean.cols() == n, "quality has {} points",
                   quality->mean.cols());
@@ -130,13 +140,25 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
     case FitMethod::kDescent:
       fit.points = fit_descent(*model.descent, gray, start, workspace.descent);
       break;
-    case FitMethod::kBoth: {
+    case FitMethod::kNetwork:
+      fit.points = fit_network(*model.network, gray, start, workspace.network);
+      break;
+    case FitMethod::kMean: {
       const Eigen::Matrix2Xd by_trees = fit_with_trees(*model.trees, options.starts, gray, start);
       const Eigen::Matrix2Xd by_descent =
           fit_descent(*model.descent, gray, start, workspace.descent);
       show_points(debug, "trees", model, gray, by_trees);
       show_points(debug, "sdm", model, gray, by_descent);
       fit.points = 0.5 * (by_trees + by_descent);
+      if (model.network && fit.points.allFinite() && shape_size(fit.points) > 1) {
+        const Eigen::Matrix2Xd by_network =
+            fit_network(*model.network, gray, fit.points, workspace.network);
+        show_points(debug, "cnn", model, gray, by_network);
+        const double apart =
+            (by_trees - by_descent).colwise().norm().mean() / shape_size(fit.points);
+        const double share = apart * apart / (apart * apart + kNetworkError * kNetworkError);
+        fit.points += share * (by_network - fit.points);
+      }
       break;
     }
     case FitMethod::kPatches:

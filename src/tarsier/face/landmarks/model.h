@@ -7,6 +7,7 @@
 #include "tarsier/face/landmarks/face_finder.h"
 #include "tarsier/face/landmarks/patches.h"
 #include "tarsier/face/landmarks/quality.h"
+#include "tarsier/face/landmarks/regression_network.h"
 #include "tarsier/face/landmarks/trees.h"
 #include "tarsier/face/landmarks/visibility.h"
 #include "tarsier/face/shape/shape_model.h"
@@ -25,12 +26,13 @@ namespace tarsier::face::landmarks {
 
 // How points are fitted.
 enum class FitMethod {
-  kBoth,     // mean of trees and descent, which err in different ways
+  kMean,     // mean of trees, descent and, if there is one, network: they err in different ways
   kTrees,    // regression trees
   kDescent,  // supervised descent
+  kNetwork,  // direct regression by a convolutional network
   kPatches,  // patch models and shape model
 };
-[[nodiscard]] std::string_view name_of(FitMethod method);  // "both", "trees", "sdm", "patch"
+[[nodiscard]] std::string_view name_of(FitMethod method);  // "mean", "trees", "sdm", "cnn", "patch"
 // Throws std::invalid_argument naming the choices.
 [[nodiscard]] FitMethod parse_fit_method(std::string_view name);
 
@@ -42,12 +44,13 @@ struct LandmarkModel {
   std::array<int, 2> eyes{-1, -1};  // points by whose distance errors are measured; -1: not known
   std::optional<Trees> trees;
   std::optional<Descent> descent;
+  std::optional<RegressionNetwork> network;
   std::optional<PatchModels> patches;
   std::optional<Quality> quality;
   std::optional<VisibilityModel> visibility;
 
   [[nodiscard]] int points() const { return shape.points(); }
-  // kBoth where both are there, else the one that is; throws std::invalid_argument where none is.
+  // kMean where trees and descent are there, else a part that is; throws std::invalid_argument where none is.
   [[nodiscard]] FitMethod best_method() const;
   [[nodiscard]] bool has(FitMethod method) const;
   void check() const;
@@ -75,6 +78,7 @@ struct FitOptions {
 struct FitWorkspace {
   DescentWorkspace descent;
   PatchWorkspace patches;
+  RegressionNetworkWorkspace network;
   VisibilityWorkspace visibility;
 };
 

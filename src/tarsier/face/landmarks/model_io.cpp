@@ -20,6 +20,7 @@ void write_landmark_model(const std::string& path, const LandmarkModel& model,
       {"shape", shape::to_json(model.shape)}, {"box", to_json(model.box)}, {"eyes", model.eyes}};
   if (model.trees) payload["trees"] = to_json(*model.trees);
   if (model.descent) payload["descent"] = to_json(*model.descent);
+  if (model.network) payload["network"] = to_json(*model.network);
   if (model.patches) payload["patches"] = to_json(*model.patches);
   if (model.quality) payload["quality"] = to_json(*model.quality);
   if (model.visibility) payload["visibility"] = to_json(*model.visibility);
@@ -43,6 +44,8 @@ LandmarkModel read_landmark_model(const std::string& path) {
   }
   if (payload.contains("trees")) model.trees = trees_from_json(payload["trees"], path);
   if (payload.contains("descent")) model.descent = descent_from_json(payload["descent"], path);
+  if (payload.contains("network"))
+    model.network = regression_network_from_json(payload["network"], path);
   if (payload.contains("patches")) {
     model.patches = patch_models_from_json(payload["patches"], path);
   }

@@ -177,7 +177,7 @@ TEST(Steady, CalmsNoiseAtRestAndKeepsUpWithMotion) {
 
 TEST(FitMethods, AreNamed) {
   for (const FitMethod method :
-       {FitMethod::kBoth, FitMethod::kTrees, FitMethod::kDescent, FitMethod::kPatches}) {
+       {FitMethod::kMean, FitMethod::kTrees, FitMethod::kDescent, FitMethod::kPatches}) {
     EXPECT_EQ(parse_fit_method(name_of(method)), method);
   }
   EXPECT_THROW((void)parse_fit_method("forest"), std::invalid_argument);

@@ -159,6 +159,29 @@ double measured_shift(const std::vector<TrainingFace>& faces, const Eigen::Matri
   return report.to_the_right;
 }
 
+Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces) {
+  std::vector<Eigen::Matrix2Xd> shapes;
+  for (const TrainingFace& face : faces) shapes.push_back(face.points);
+  return shape::train_shape_model(shapes).mean;
+}
+
+std::vector<TrainingFace> load_framed_faces(const shape::LandmarkSet& set, bool mirror,
+                                            std::uint64_t seed, Progress& progress,
+                                            const std::stop_token& stop,
+                                            std::vector<std::string>& skipped) {
+  constexpr int kLargest = 200;  // px of a face: the frames are smaller
+  LoadOptions load;
+  load.mirror = mirror;
+  load.largest = kLargest;
+  std::vector<TrainingFace> faces = load_training_faces(set, "", load, progress, stop, skipped);
+  if (!mirror) return faces;
+  const double shift = measured_shift(faces, mean_shape(faces), seed, progress, stop);
+  if (std::abs(shift) <= kShiftWorthMending) return faces;
+  load.to_the_right = shift;
+  skipped.clear();
+  return load_training_faces(set, "", load, progress, stop, skipped);
+}
+
 void TrainModelOptions::check() const {
   check_fields(*this);
   TARSIER_REQUIRE(std::isnan(to_the_right) || std::abs(to_the_right) <= 100, "to the right {}",

@@ -70,6 +70,18 @@ struct TrainedModel {
                                     Progress& progress, const std::stop_token& stop);
 inline constexpr double kShiftWorthMending = 0.2;  // px
 
+// The mean of the faces' shapes: 2 x n, centred, size 1.
+[[nodiscard]] Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces);
+
+// The faces of a set (paths from the current folder) for networks that see them in a frame (face_input.h), with
+// `mirror` also mirrored; a shift of the set's points to one side is measured and taken into account. Images that
+// cannot be used are named in `skipped`. Throws InputError, Interrupted.
+[[nodiscard]] std::vector<TrainingFace> load_framed_faces(const shape::LandmarkSet& set,
+                                                          bool mirror, std::uint64_t seed,
+                                                          Progress& progress,
+                                                          const std::stop_token& stop,
+                                                          std::vector<std::string>& skipped);
+
 // Mean shapes around each face as a detector's boxes place them: without a box, scattered around
 // the truth (shift normal, 9 % of the size; scale log-normal, 10 %; turn 10 degrees). Where a box
 // is known, every second one around the start that it gives (half as wide), so that what detectors

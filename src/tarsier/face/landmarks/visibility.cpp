@@ -3,13 +3,9 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
-#include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/packing.h"
-#include "tarsier/face/landmarks/visibility_input.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/media/archive.h"
-
-#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -32,33 +28,6 @@ void VisibilityModel::check() const {
     TARSIER_REQUIRE(std::abs(number) <= 100, "a calibration of {}", number);
 }
 
-void visibility_input(const Eigen::Matrix2Xd& mean, const cv::Mat& gray,
-                      const Eigen::Matrix2Xd& points, VisibilityWorkspace& workspace) {
-  const Reduced reduced = reduce_around(gray, points, kVisibilityScale);
-  const Eigen::Matrix2Xd there = (points.colwise() - reduced.offset) / reduced.scale;
-  const shape::Similarity2d place = shape::fit_similarity(mean, there);
-  // From px of the frame to px of the reduced image.
-  constexpr double kMiddle = (kVisibilitySide - 1) / 2.0;
-  const double a = place.a / kVisibilityScale;
-  const double b = place.b / kVisibilityScale;
-  const cv::Matx23d image_from_frame(a, -b, place.tx - kMiddle * (a - b), b, a,
-                                     place.ty - kMiddle * (a + b));
-  cv::warpAffine(reduced.gray, workspace.frame, image_from_frame,
-                 cv::Size(kVisibilitySide, kVisibilitySide),
-                 cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
-  cv::Scalar middle;
-  cv::Scalar deviation;
-  cv::meanStdDev(workspace.frame, middle, deviation);
-  const auto shift = static_cast<float>(middle[0]);
-  const auto scale = static_cast<float>(1 / std::max(4.0, deviation[0]));
-  workspace.input.resize(workspace.frame.total());
-  for (int y = 0; y < kVisibilitySide; ++y) {
-    const auto* row = workspace.frame.ptr<std::uint8_t>(y);
-    float* out = workspace.input.data() + static_cast<std::ptrdiff_t>(y) * kVisibilitySide;
-    for (int x = 0; x < kVisibilitySide; ++x) out[x] = scale * (static_cast<float>(row[x]) - shift);
-  }
-}
-
 Visibility visibility_of(const VisibilityModel& model, const cv::Mat& gray,
                          const Eigen::Matrix2Xd& points, VisibilityWorkspace& workspace) {
   const Eigen::Index n = model.mean.cols();
@@ -70,10 +39,10 @@ Visibility visibility_of(const VisibilityModel& model, const cv::Mat& gray,
     visibility.sigma_px = Eigen::VectorXd::Constant(n, size);
     return visibility;
   }
-  visibility_input(model.mean, gray, points, workspace);
+  face_input(model.mean, gray, points, kVisibilitySide, kVisibilityScale, workspace.face);
   const std::vector<float>& out =
-      linalg::run(model.network, workspace.input.data(), {1, kVisibilitySide, kVisibilitySide},
-                  workspace.network);
+      linalg::run(model.network, workspace.face.values.data(),
+                  {1, kVisibilitySide, kVisibilitySide}, workspace.network);
   const Eigen::ArrayXd values =
       Eigen::Map<const Eigen::VectorXf>(out.data(), 2 * n).cast<double>().array();
   visibility.visible = 1 / (1 + (model.hidden_slope * values.head(n) + model.hidden_offset).exp());

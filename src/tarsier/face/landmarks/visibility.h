@@ -3,6 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
+#include "tarsier/face/landmarks/face_input.h"
 #include "tarsier/face/landmarks/training_face.h"
 #include "tarsier/linalg/network.h"
 
@@ -87,8 +88,7 @@ struct VisibilityScore {
 // Buffers. One for each thread.
 struct VisibilityWorkspace {
   linalg::Workspace network;
-  cv::Mat frame;
-  std::vector<float> input;
+  FaceInput face;
 };
 
 // The same of a set of annotated images (paths from the current folder), with `mirror` also mirrored. Images that

@@ -5,8 +5,7 @@
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/occlusion.h"
 #include "tarsier/face/landmarks/train_model.h"
-#include "tarsier/face/landmarks/visibility_input.h"
-#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/face/landmarks/visibility.h"
 #include "tarsier/linalg/losses.h"
 #include "tarsier/linalg/trainer.h"
 
@@ -23,8 +22,7 @@ constexpr double kWithin = 0.68;     // share of points within sigma
 constexpr double kSmallest = 0.005;  // error that counts as none, shares of the shape's size
 // A tracker's fits err less than those of a descent that half of the faces taught (measured: 0.84 on one half of
 // the faces that were left out, 0.77 on the other; before things that hide them hardly less).
-constexpr double kBetter = 0.85;
-constexpr int kLargest = 200;         // px of a face: what the descents see is no finer
+constexpr double kBetter = 0.80;
 constexpr int kStarts = 6;            // of each face, for the descents
 constexpr int kKept = 5;              // every so many-th face calibrates
 constexpr int kLooks = 6;             // at each of these
@@ -46,12 +44,6 @@ linalg::Network untrained(int points) {
   network.layers.push_back(std::move(all));
   network.layers.push_back(linalg::convolution(128, 2 * points, 1, 1, false));
   return network;
-}
-
-Eigen::Matrix2Xd mean_of(const std::vector<TrainingFace>& faces) {
-  std::vector<Eigen::Matrix2Xd> shapes;
-  for (const TrainingFace& face : faces) shapes.push_back(face.points);
-  return shape::train_shape_model(shapes).mean;
 }
 
 // Fits of faces by a descent that other faces taught.
@@ -90,7 +82,7 @@ class Fits {
   // The network's input and target: n times 1 (hidden) or 0, n times the log of the error.
   void make(std::size_t f, Rng& rng, linalg::Example& example) const {
     thread_local DescentWorkspace descent_workspace;
-    thread_local VisibilityWorkspace workspace;
+    thread_local FaceInput input;
     const TrainingFace& face = faces_[f];
     const auto n = static_cast<std::size_t>(mean_.cols());
     std::vector<bool> hidden(n, false);
@@ -104,9 +96,9 @@ class Fits {
     const Start start = scattered_starts({face}, mean_, 1, rng()).front();
     const Eigen::Matrix2Xd fit = fit_descent(descents_[static_cast<std::size_t>(own_[f] % 2)], gray,
                                              start.points, descent_workspace);
-    visibility_input(mean_, gray, fit, workspace);
+    face_input(mean_, gray, fit, kVisibilitySide, kVisibilityScale, input);
     example.shape = {1, kVisibilitySide, kVisibilitySide};
-    example.input = workspace.input;
+    example.input = input.values;
     example.target.resize(2 * n);
     const double size = shape_size(fit);
     for (std::size_t p = 0; p < n; ++p) {
@@ -202,7 +194,7 @@ VisibilityModel train_visibility_model(const std::vector<TrainingFace>& faces,
                                        const std::stop_token& stop) {
   options.check();
   VisibilityModel model;
-  model.mean = mean_of(faces);
+  model.mean = mean_shape(faces);
   const Fits fits(faces, model.mean, options, progress, stop);
   model.network = untrained(model.points());
   Rng rng = Rng(options.seed).fork(3);
@@ -250,18 +242,8 @@ VisibilityModel train_visibility_model(const shape::LandmarkSet& set, bool mirro
                                        const VisibilityOptions& options, Progress& progress,
                                        const std::stop_token& stop,
                                        std::vector<std::string>& skipped) {
-  LoadOptions load;
-  load.mirror = mirror;
-  load.largest = kLargest;
-  std::vector<TrainingFace> faces = load_training_faces(set, "", load, progress, stop, skipped);
-  if (mirror) {
-    const double shift = measured_shift(faces, mean_of(faces), options.seed, progress, stop);
-    if (std::abs(shift) > kShiftWorthMending) {
-      load.to_the_right = shift;
-      skipped.clear();
-      faces = load_training_faces(set, "", load, progress, stop, skipped);
-    }
-  }
+  const std::vector<TrainingFace> faces =
+      load_framed_faces(set, mirror, options.seed, progress, stop, skipped);
   return train_visibility_model(faces, options, progress, stop);
 }
 

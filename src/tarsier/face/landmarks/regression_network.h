@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/option_fields.h"
+#include "tarsier/core/progress.h"
+#include "tarsier/face/landmarks/face_input.h"
+#include "tarsier/face/landmarks/training_face.h"
+#include "tarsier/linalg/network.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// Direct regression of all points by a convolutional network (as in Sun and others, "Deep convolutional network
+// cascade for facial point detection", CVPR 2013): one look at the whole face, where trees and descent look at
+// pixels near the points. It errs in other ways, so that the mean of all is better than each.
+namespace tarsier::face::landmarks {
+
+// The network sees the face in the frame of a start (face_input.h, kNetworkSide, kNetworkScale) and gives 2 n numbers
+// d, x of all points, then y:
+//   x = S(mean + d)
+// with S the similarity that takes the mean shape to the start. Only the start's place, size and angle matter.
+struct RegressionNetwork {
+  Eigen::Matrix2Xd mean;  // 2 x n: centred, size 1
+  linalg::Network network;
+  [[nodiscard]] int points() const { return static_cast<int>(mean.cols()); }
+  void check() const;  // throws std::invalid_argument
+};
+inline constexpr int kNetworkSide = 96;      // px
+inline constexpr double kNetworkScale = 20;  // px to the mean shape's size
+
+struct RegressionNetworkOptions {
+  int steps = 8000;       // of 32 faces
+  double occluded = 0.3;  // share of the faces with something drawn before them
+  std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"steps", steps, range(1, 1'000'000), "--steps", "steps of the training, of 32 faces each"},
+        {"occluded", occluded, range(0, 1)}};
+  }
+  void check() const { check_fields(*this); }
+};
+
+// The loss is the mean distance of a point from its place. Faces are moved, turned and scaled at random, get other
+// light and sharpness, and in part something drawn before them (occlusion.h). The same for any number of
+// threads. Throws Interrupted; std::invalid_argument for less than two faces or faces of other points.
+[[nodiscard]] RegressionNetwork train_regression_network(const std::vector<TrainingFace>& faces,
+                                                         const RegressionNetworkOptions& options,
+                                                         Progress& progress,
+                                                         const std::stop_token& stop);
+
+// Buffers. One for each thread.
+struct RegressionNetworkWorkspace {
+  linalg::Workspace network;
+  FaceInput face;
+};
+
+// From a start, 2 x n, px of `gray` (CV_8UC1). Throws std::invalid_argument for another number of points, or points
+// without extent.
+[[nodiscard]] Eigen::Matrix2Xd fit_network(const RegressionNetwork& model, const cv::Mat& gray,
+                                           const Eigen::Matrix2Xd& start,
+                                           RegressionNetworkWorkspace& workspace);
+
+[[nodiscard]] nlohmann::json to_json(const RegressionNetwork& model);
+[[nodiscard]] RegressionNetwork regression_network_from_json(const nlohmann::json& value,
+                                                             const std::string& path);
+
+}  // namespace tarsier::face::landmarks
