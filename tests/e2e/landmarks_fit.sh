@@ -27,13 +27,13 @@ END
 [ -s points.png ] || fail "no image with the points"
 
 # Each method; an image without a face.
-for method in both trees sdm patch; do
+for method in mean trees sdm cnn patch; do
   run landmarks fit "$images/messi5.jpg" --method $method --json
   expect_status 0
 done
 run landmarks fit "$images/messi5.jpg" --method forest
 expect_status 2
-expect_error 'both, trees, sdm or patch'
+expect_error 'mean, trees, sdm, cnn or patch'
 run landmarks fit "$images/graf1.png"
 expect_status 1
 

@@ -133,6 +133,7 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
   TARSIER_REQUIRE(model.has(method), "the model has no {}", name_of(method));
   show_points(debug, "start", model, gray, start);
   Fit fit;
+  Eigen::Matrix2Xd rated;  // what the quality is of, if not of the fit
   switch (method) {
     case FitMethod::kTrees:
       fit.points = fit_with_trees(*model.trees, options.starts, gray, start);
@@ -154,6 +155,8 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
         const Eigen::Matrix2Xd by_network =
             fit_network(*model.network, gray, fit.points, workspace.network);
         show_points(debug, "cnn", model, gray, by_network);
+        // The network makes a face of whatever it sees: what is none shows before.
+        rated = fit.points;
         const double apart =
             (by_trees - by_descent).colwise().norm().mean() / shape_size(fit.points);
         const double share = apart * apart / (apart * apart + kNetworkError * kNetworkError);
@@ -167,7 +170,10 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
                        .points;
       break;
   }
-  if (model.quality) fit.score = quality_of(*model.quality, gray, fit.points, workspace.descent);
+  if (model.quality) {
+    fit.score =
+        quality_of(*model.quality, gray, rated.size() > 0 ? rated : fit.points, workspace.descent);
+  }
   if (model.visibility)
     fit.visibility = visibility_of(*model.visibility, gray, fit.points, workspace.visibility);
   show_points(debug, name_of(method), model, gray, fit.points);

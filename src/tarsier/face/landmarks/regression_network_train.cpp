@@ -20,8 +20,8 @@ constexpr double kRounding = 0.004;  // of the loss near 0, shares of the shape'
 constexpr double kShift = 0.08;  // shares of the size
 constexpr double kScale = 0.08;  // of the log
 constexpr double kTurn = 0.15;   // radians
-constexpr double kLeastSpread = 0.1;
-constexpr double kMostSpread = 1.2;
+constexpr double kMinSpread = 0.1;
+constexpr double kMaxSpread = 1.2;
 
 linalg::Network untrained(int points) {
   linalg::Network network;
@@ -63,7 +63,7 @@ void change_look(cv::Mat& gray, Rng& rng) {
 
 // The mean shape somewhere near the face.
 Eigen::Matrix2Xd scattered_start(const Eigen::Matrix2Xd& mean, const TrainingFace& face, Rng& rng) {
-  const double spread = rng.uniform(kLeastSpread, kMostSpread);
+  const double spread = rng.uniform(kMinSpread, kMaxSpread);
   const Eigen::Vector2d center = face.points.rowwise().mean();
   const double size = shape_size(face.points);
   const double turn = rng.normal(0, kTurn * spread);
