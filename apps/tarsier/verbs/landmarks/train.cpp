@@ -191,92 +191,72 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
   add_verb<TrainFlags>(parent, name, help, context, add_flags, run);
 }
 
-struct NetworkFlags : LearnFlags {
+// Of what adds a part to a tracker.
+template <typename Options>
+struct PartFlags : LearnFlags {
   std::string model;
-  face::landmarks::RegressionNetworkOptions options;
+  Options options;
 };
 
-// The tracker that a part is added to; throws InputError where it has other points than the set.
-face::landmarks::LandmarkModel tracker_for(const std::string& path, const LearnFlags& flags,
-                                           const face::shape::LandmarkSet& set) {
-  face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(path);
+// Reads the tracker, has `learn(set, model, skipped)` add the part, and writes it, with where the part `name` comes from.
+// Throws InputError where tracker and set have different points.
+template <typename Options, typename Learn>
+ExitStatus train_part(PartFlags<Options>& flags, Context& context, const char* name,
+                      const Learn& learn) {
+  const Stopwatch watch;
+  const face::shape::LandmarkSet set = set_of(flags);
+  face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.model);
   if (model.points() != set.points())
     throw InputError(flags.set.input,
                      fmt::format("has {} points, the model {}", set.points(), model.points()));
-  return model;
+  nlohmann::json about = face::landmarks::landmark_model_provenance(flags.model);
+  about[name] = {{"program", fmt::format("tarsier {}", version())},
+                 {"seed", context.seed},
+                 {"samples", set.samples.size()},
+                 {"steps", flags.options.steps},
+                 {"terms", flags.terms}};
+  flags.options.seed = context.seed;
+  std::vector<std::string> skipped;
+  learn(set, model, skipped);
+  for (const std::string& one : skipped) log_warning("{}; left out", one);
+  face::landmarks::write_landmark_model(flags.output, model, about);
+  print_learnt(flags, set.samples.size(), watch,
+               {{"output", flags.output}, {"samples", set.samples.size()}}, context);
+  return ExitStatus::kDone;
 }
 
-nlohmann::json about_part(const LearnFlags& flags, const Context& context, std::size_t samples,
-                          int steps) {
-  return {{"program", fmt::format("tarsier {}", version())},
-          {"seed", context.seed},
-          {"samples", samples},
-          {"steps", steps},
-          {"terms", flags.terms}};
+template <typename Options, typename Run>
+void add_part(Command& parent, Context& context, const char* name, const char* help,
+              const Run& run) {
+  const auto add_flags = [](Command& verb, PartFlags<Options>& flags) {
+    add_learn_flags(verb, flags);
+    verb.add_option("--model", flags.model, "tracker to add it to (.json)").required();
+    bind_all(verb, flags.options);
+  };
+  add_verb<PartFlags<Options>>(parent, name, help, context, add_flags, run);
 }
+
+using NetworkFlags = PartFlags<face::landmarks::RegressionNetworkOptions>;
+using VisibilityFlags = PartFlags<face::landmarks::VisibilityOptions>;
 
 ExitStatus train_network(NetworkFlags& flags, Context& context) {
-  const Stopwatch watch;
-  const face::shape::LandmarkSet set = set_of(flags);
-  face::landmarks::LandmarkModel model = tracker_for(flags.model, flags, set);
-  nlohmann::json about = face::landmarks::landmark_model_provenance(flags.model);
-  about["network"] = about_part(flags, context, set.samples.size(), flags.options.steps);
-  flags.options.seed = context.seed;
-  std::vector<std::string> skipped;
-  const std::vector<face::landmarks::TrainingFace> faces = face::landmarks::load_framed_faces(
-      set, flags.mirror, context.seed, *context.progress, context.stop, skipped);
-  for (const std::string& one : skipped) log_warning("{}; left out", one);
-  model.network = face::landmarks::train_regression_network(faces, flags.options, *context.progress,
-                                                            context.stop);
-  face::landmarks::write_landmark_model(flags.output, model, about);
-  print_learnt(flags, set.samples.size(), watch,
-               {{"output", flags.output}, {"samples", set.samples.size()}}, context);
-  return ExitStatus::kDone;
-}
-
-void add_network(Command& parent, Context& context) {
-  const auto add_flags = [](Command& verb, NetworkFlags& flags) {
-    add_learn_flags(verb, flags);
-    verb.add_option("--model", flags.model, "tracker to add it to (.json)").required();
-    bind_all(verb, flags.options);
+  const auto learn = [&](const face::shape::LandmarkSet& set, face::landmarks::LandmarkModel& model,
+                         std::vector<std::string>& skipped) {
+    const auto faces = face::landmarks::load_framed_faces(set, flags.mirror, context.seed,
+                                                          *context.progress, context.stop, skipped);
+    model.network = face::landmarks::train_regression_network(faces, flags.options,
+                                                              *context.progress, context.stop);
   };
-  add_verb<NetworkFlags>(parent, "network",
-                         "adds to a tracker a convolutional network that sees the whole face",
-                         context, add_flags, train_network);
+  return train_part(flags, context, "network", learn);
 }
-
-struct VisibilityFlags : LearnFlags {
-  std::string model;
-  face::landmarks::VisibilityOptions options;
-};
 
 ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
-  const Stopwatch watch;
-  const face::shape::LandmarkSet set = set_of(flags);
-  face::landmarks::LandmarkModel model = tracker_for(flags.model, flags, set);
-  nlohmann::json about = face::landmarks::landmark_model_provenance(flags.model);
-  about["visibility"] = about_part(flags, context, set.samples.size(), flags.options.steps);
-  flags.options.seed = context.seed;
-  std::vector<std::string> skipped;
-  model.visibility = face::landmarks::train_visibility_model(
-      set, flags.mirror, flags.options, *context.progress, context.stop, skipped);
-  for (const std::string& one : skipped) log_warning("{}; left out", one);
-  face::landmarks::write_landmark_model(flags.output, model, about);
-  print_learnt(flags, set.samples.size(), watch,
-               {{"output", flags.output}, {"samples", set.samples.size()}}, context);
-  return ExitStatus::kDone;
-}
-
-void add_visibility(Command& parent, Context& context) {
-  const auto add_flags = [](Command& verb, VisibilityFlags& flags) {
-    add_learn_flags(verb, flags);
-    verb.add_option("--model", flags.model, "tracker to add it to (.json)").required();
-    bind_all(verb, flags.options);
+  const auto learn = [&](const face::shape::LandmarkSet& set, face::landmarks::LandmarkModel& model,
+                         std::vector<std::string>& skipped) {
+    model.visibility = face::landmarks::train_visibility_model(
+        set, flags.mirror, flags.options, *context.progress, context.stop, skipped);
   };
-  add_verb<VisibilityFlags>(
-      parent, "visibility",
-      "adds to a tracker which points are hidden, and how far off each may be", context, add_flags,
-      train_visibility);
+  return train_part(flags, context, "visibility", learn);
 }
 
 }  // namespace
@@ -289,8 +269,12 @@ void add_landmarks_train(Command& area, Context& context) {
   add_kind(verb, context, "detector", "where the points lie in a detector's box", Kind::kDetector);
   add_kind(verb, context, "trees", "regression trees", Kind::kTrees);
   add_kind(verb, context, "tracker", "all parts in one file", Kind::kTracker);
-  add_network(verb, context);
-  add_visibility(verb, context);
+  add_part<face::landmarks::RegressionNetworkOptions>(
+      verb, context, "network",
+      "adds to a tracker a convolutional network that sees the whole face", train_network);
+  add_part<face::landmarks::VisibilityOptions>(
+      verb, context, "visibility",
+      "adds to a tracker which points are hidden, and how far off each may be", train_visibility);
   add_landmarks_train_detector(verb, context);
   add_landmarks_train_networks(verb, context);
 }

@@ -133,7 +133,7 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
   TARSIER_REQUIRE(model.has(method), "the model has no {}", name_of(method));
   show_points(debug, "start", model, gray, start);
   Fit fit;
-  Eigen::Matrix2Xd rated;  // what the quality is of, if not of the fit
+  Eigen::Matrix2Xd rated;  // the points that are scored, where they are not those of the fit
   switch (method) {
     case FitMethod::kTrees:
       fit.points = fit_with_trees(*model.trees, options.starts, gray, start);
@@ -155,7 +155,7 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
         const Eigen::Matrix2Xd by_network =
             fit_network(*model.network, gray, fit.points, workspace.network);
         show_points(debug, "cnn", model, gray, by_network);
-        // The network makes a face of whatever it sees: what is none shows before.
+        // The network gives the shape of a face whatever it sees. False detections are rejected by the fit before it.
         rated = fit.points;
         const double apart =
             (by_trees - by_descent).colwise().norm().mean() / shape_size(fit.points);

@@ -84,7 +84,8 @@ struct FitWorkspace {
 
 struct Fit {
   Eigen::Matrix2Xd points;  // 2 x n, px
-  double score = 1;  // 0..1, what the fit is worth (Quality); 1 where the model has no such part
+  // 0..1, what the fit is worth (Quality), with kMean before the network; 1 where the model has no such part.
+  double score = 1;
   Visibility visibility;  // of the points; empty where the model has no such part
 };
 
