@@ -158,8 +158,8 @@ void landmark_models() {
   level.first = {0};
   level.second = {1};
   level.threshold = {3};
-  level.leaves = std::vector<std::int16_t>(20, 5);
-  level.step = 0.001F;
+  level.basis = Eigen::MatrixXf::Constant(10, 2, 0.001F);
+  level.leaves = {5, -5, 4, 3};
   trees.trees = face::landmarks::Trees{shape.mean, 1, 0.05F, {level, level}};
   face::landmarks::write_landmark_model(seed("landmark_model", "trees.json"), trees, kNothing);
   face::landmarks::LandmarkModel descent = model;

@@ -10,8 +10,19 @@
 
 namespace tarsier::linalg {
 
-nlohmann::json network_to_json(const Network& network) {
+void round_to_half(Network& network) {
+  for (Layer& layer : network.layers) {
+    for (float& weight : layer.weights) weight = rounded_to_half(weight);
+    for (float& bias : layer.bias) bias = rounded_to_half(bias);
+  }
+}
+
+nlohmann::json network_to_json(const Network& network, Precision precision) {
   network.check();
+  const auto packed = [&](std::vector<std::int64_t> shape, const std::vector<float>& values) {
+    const PackedArray<float> array{std::move(shape), values};
+    return precision == Precision::kHalf ? pack_half(array) : pack(array);
+  };
   nlohmann::json layers = nlohmann::json::array();
   for (const Layer& layer : network.layers) {
     nlohmann::json value{{"kind", layer.kind == Layer::Kind::kMaximum ? "maximum" : "convolution"},
@@ -25,9 +36,9 @@ nlohmann::json network_to_json(const Network& network) {
       value["pad_y"] = layer.pad_y;
       value["pad_x"] = layer.pad_x;
       value["relu"] = layer.relu ? 1 : 0;
-      value["weights"] = pack(
-          PackedArray<float>{{layer.out, layer.in, layer.kernel_y, layer.kernel_x}, layer.weights});
-      value["bias"] = pack(PackedArray<float>{{layer.out}, layer.bias});
+      value["weights"] =
+          packed({layer.out, layer.in, layer.kernel_y, layer.kernel_x}, layer.weights);
+      value["bias"] = packed({layer.out}, layer.bias);
     }
     layers.push_back(std::move(value));
   }

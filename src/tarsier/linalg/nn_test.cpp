@@ -296,6 +296,24 @@ TEST(NetworkFile, ComesBackTheSame) {
   EXPECT_EQ(run(network, input.data(), shape, a), run(again, input.data(), shape, b));
 }
 
+TEST(NetworkFile, IsHalfAsLargeInHalfPrecision) {
+  Rng rng(8);
+  Network network = small_network(rng);
+  const Network whole = network;
+  round_to_half(network);
+  EXPECT_NE(network.layers[0].weights, whole.layers[0].weights);
+  const nlohmann::json written = network_to_json(network, Precision::kHalf);
+  EXPECT_LT(written.dump().size(), 0.6 * network_to_json(network).dump().size());
+  const Network again = network_from_json(written, "a.json");
+  for (std::size_t l = 0; l < network.layers.size(); ++l) {
+    EXPECT_EQ(again.layers[l].weights, network.layers[l].weights);
+    EXPECT_EQ(again.layers[l].bias, network.layers[l].bias);
+    for (std::size_t i = 0; i < network.layers[l].weights.size(); ++i)
+      EXPECT_NEAR(network.layers[l].weights[i], whole.layers[l].weights[i],
+                  1e-7 + std::abs(whole.layers[l].weights[i]) / 2048);
+  }
+}
+
 TEST(NetworkFile, RefusesWhatDoesNotFit) {
   Rng rng(9);
   const nlohmann::json good = network_to_json(small_network(rng));

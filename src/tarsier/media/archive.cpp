@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <opencv2/core/cvdef.h>
 
 #include <algorithm>
 #include <array>
@@ -297,6 +298,7 @@ template <typename T>
 constexpr std::string_view dtype_of() {
   if constexpr (std::is_same_v<T, double>) return "f8";
   if constexpr (std::is_same_v<T, float>) return "f4";
+  if constexpr (std::is_same_v<T, cv::float16_t>) return "f2";
   if constexpr (std::is_same_v<T, std::int32_t>) return "i4";
   if constexpr (std::is_same_v<T, std::uint8_t>) return "u1";
 }
@@ -313,8 +315,9 @@ void swap_bytes_if_big_endian(std::span<std::uint8_t> bytes, std::size_t size) {
 
 template <typename T>
 bool all_finite(const std::vector<T>& values) {
-  if constexpr (std::is_floating_point_v<T>) {
-    return std::all_of(values.begin(), values.end(), [](T v) { return std::isfinite(v); });
+  if constexpr (!std::is_integral_v<T>) {
+    return std::all_of(values.begin(), values.end(),
+                       [](T v) { return std::isfinite(static_cast<double>(v)); });
   }
   return true;
 }
@@ -421,9 +424,23 @@ json pack(const PackedArray<T>& array) {
   return {{"dtype", dtype_of<T>()}, {"shape", array.shape}, {"data", to_base64(bytes)}};
 }
 
+float rounded_to_half(float value) { return static_cast<float>(cv::float16_t(value)); }
+
+json pack_half(const PackedArray<float>& array) {
+  PackedArray<cv::float16_t> halves{array.shape, {}};
+  for (const float value : array.values) {
+    halves.values.emplace_back(value);
+    TARSIER_REQUIRE(std::isfinite(static_cast<float>(halves.values.back())),
+                    "{} is beyond half precision", value);
+  }
+  return pack(halves);
+}
+
+namespace {
+
 template <typename T>
-PackedArray<T> unpack(const json& value, const std::string& path, std::string_view what,
-                      std::initializer_list<std::int64_t> shape) {
+PackedArray<T> unpack_as(const json& value, const std::string& path, std::string_view what,
+                         std::initializer_list<std::int64_t> shape) {
   const auto fail = [&](const std::string& reason) {
     throw ModelError(path, fmt::format("{}: {}", what, reason));
   };
@@ -467,6 +484,20 @@ PackedArray<T> unpack(const json& value, const std::string& path, std::string_vi
   swap_bytes_if_big_endian(bytes, sizeof(T));
   if (!all_finite(array.values)) fail("a value is not finite");
   return array;
+}
+
+}  // namespace
+
+template <typename T>
+PackedArray<T> unpack(const json& value, const std::string& path, std::string_view what,
+                      std::initializer_list<std::int64_t> shape) {
+  if constexpr (std::is_same_v<T, float>) {
+    if (value.is_object() && value.value("dtype", json()) == dtype_of<cv::float16_t>()) {
+      PackedArray<cv::float16_t> halves = unpack_as<cv::float16_t>(value, path, what, shape);
+      return {std::move(halves.shape), {halves.values.begin(), halves.values.end()}};
+    }
+  }
+  return unpack_as<T>(value, path, what, shape);
 }
 
 template json pack(const PackedArray<double>&);

@@ -62,8 +62,14 @@ struct PackedArray {
 template <typename T>
 [[nodiscard]] nlohmann::json pack(const PackedArray<T>& array);
 
+// The same in half precision ("f2"): 11 bits of each number are kept, up to 65504 and down to 6e-8. Throws
+// std::invalid_argument for larger numbers too.
+[[nodiscard]] nlohmann::json pack_half(const PackedArray<float>& array);
+// What is left of a number in half precision.
+[[nodiscard]] float rounded_to_half(float value);
+
 // The reverse for untrusted JSON: type, shape, size and finiteness are checked. `shape` is what is
-// expected, -1 where any size will do. Throws ModelError(path) that names `what`.
+// expected, -1 where any size will do; "f2" is read as float. Throws ModelError(path) that names `what`.
 template <typename T>
 [[nodiscard]] PackedArray<T> unpack(const nlohmann::json& value, const std::string& path,
                                     std::string_view what,

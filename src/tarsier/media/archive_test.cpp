@@ -219,6 +219,26 @@ TEST(Pack, ArraysComeBackBitForBit) {
 TEST(Pack, LayoutInTheFileIsFixed) {
   const json packed = pack(PackedArray<double>{{1}, {1.0}});
   EXPECT_EQ(packed.dump(), R"({"data":"AAAAAAAA8D8=","dtype":"f8","shape":[1]})");
+  const json half = pack_half({{2}, {1, -2}});
+  EXPECT_EQ(half.dump(), R"({"data":"ADwAwA==","dtype":"f2","shape":[2]})");
+}
+
+TEST(Pack, HalfPrecisionKeepsElevenBits) {
+  const std::vector<float> values{0, -1, 1.0F / 3, 1e-4F, -1234.5F, 65504};
+  const auto back = unpack<float>(pack_half({{2, 3}, values}), "m", "a", {2, 3});
+  EXPECT_EQ(back.shape, (std::vector<std::int64_t>{2, 3}));
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    EXPECT_NEAR(back.values[i], values[i], std::abs(values[i]) / 2048);
+    EXPECT_EQ(back.values[i], rounded_to_half(values[i]));
+    EXPECT_EQ(rounded_to_half(back.values[i]), back.values[i]);
+  }
+  EXPECT_THROW((void)pack_half({{1}, {1e6F}}), std::invalid_argument);
+  EXPECT_THROW((void)pack_half({{1}, {NAN}}), std::invalid_argument);
+  EXPECT_THROW((void)pack_half({{2}, {1}}), std::invalid_argument);
+  // Infinity, and an array of other numbers.
+  const json infinite{{"dtype", "f2"}, {"shape", {1}}, {"data", "AHw="}};
+  EXPECT_THROW((void)unpack<float>(infinite, "m", "a", {1}), ModelError);
+  EXPECT_THROW((void)unpack<double>(pack_half({{1}, {1}}), "m", "a", {1}), ModelError);
 }
 
 TEST(Pack, HostileArraysAreRefused) {

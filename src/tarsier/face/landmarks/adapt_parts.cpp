@@ -216,6 +216,7 @@ RegressionNetwork adapt_network(const RegressionNetwork& base,
       change.topRows(width).transpose().cast<float>();
   Eigen::Map<Eigen::VectorXf>(last.bias.data(), 2 * n) +=
       (constant * change.row(width)).transpose().cast<float>();
+  linalg::round_to_half(model.network);  // as it will be stored
   return model;
 }
 
@@ -263,21 +264,6 @@ Walks walks_of(const Trees& base, const std::vector<TrainingFace>& faces,
   return walks;
 }
 
-// Adds to the leaves, which are whole numbers times a step: the step grows where they ask for it.
-void add_to_leaves(Trees::Level& level, const std::vector<double>& change) {
-  double most = 0;
-  std::vector<double> sum(level.leaves.size());
-  for (std::size_t i = 0; i < sum.size(); ++i) {
-    sum[i] = static_cast<double>(level.step) * level.leaves[i] + change[i];
-    most = std::max(most, std::abs(sum[i]));
-  }
-  level.step = std::max(level.step, static_cast<float>(most / 32000));
-  for (std::size_t i = 0; i < sum.size(); ++i) {
-    level.leaves[i] = static_cast<std::int16_t>(
-        std::clamp(std::round(sum[i] / static_cast<double>(level.step)), -32767.0, 32767.0));
-  }
-}
-
 }  // namespace
 
 Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
@@ -302,23 +288,16 @@ Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
   const Eigen::MatrixXd solved = dual(kernel, walks.errors, lambda_of(ridge, kernel, faces.size()));
   Trees model = base;
   Trees::Level& last = model.levels.back();
-  const auto numbers = static_cast<std::size_t>(2 * base.mean.cols());
-  const std::size_t leaf_count = std::size_t{1} << base.depth;
-  std::vector<double> change(last.leaves.size(), 0);
-  const Eigen::RowVectorXd constant = solved.colwise().sum();
-  for (std::size_t i = 0; i < change.size(); ++i) {
-    change[i] = constant[static_cast<Eigen::Index>(i % numbers)];
-  }
+  const Eigen::Index leaf_count = Eigen::Index{1} << base.depth;
+  Eigen::MatrixXf moves = last.moves();
+  moves.colwise() += solved.colwise().sum().transpose().cast<float>();
   for (std::size_t i = 0; i < starts.size(); ++i) {
-    for (std::size_t t = 0; t < trees; ++t) {
-      double* leaf =
-          change.data() + (t * leaf_count + static_cast<std::size_t>(walks.leaves[i][t])) * numbers;
-      for (std::size_t k = 0; k < numbers; ++k) {
-        leaf[k] += solved(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
-      }
-    }
+    const Eigen::VectorXf change =
+        solved.row(static_cast<Eigen::Index>(i)).transpose().cast<float>();
+    for (std::size_t t = 0; t < trees; ++t)
+      moves.col(static_cast<Eigen::Index>(t) * leaf_count + walks.leaves[i][t]) += change;
   }
-  add_to_leaves(last, change);
+  last.set_leaves(moves, static_cast<int>(moves.rows()));
   return model;
 }
 

@@ -89,6 +89,8 @@ constexpr double kHogStill = 16;
 // Beside the networks the cascade looks for large faces: at this width, px, from this share of the
 // image's smaller side on. Its boxes are those that landmark models start from.
 constexpr int kLargeWidth = 320;
+// A tile of a video is searched again and again: the networks judge few places of it.
+constexpr int kPlacesInTile = 48;
 // What the cascades' finds are worth, as scores of the networks: of the strict search, of the others.
 constexpr double kCascadeScore = 0.9;
 constexpr double kLooseScore = 0.5;
@@ -129,8 +131,9 @@ struct FaceFinder::Impl {
   void search_own(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found) const;
   [[nodiscard]] double window() const;
   [[nodiscard]] double min_face(cv::Size image) const;
+  // The networks judge `max_places` places there.
   void search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
-                   std::vector<Scored>& found);
+                   std::vector<Scored>& found, int max_places = FaceSearchOptions().max_places);
   void search_strict(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found);
   // Beside the networks, in the whole image: the cascade, and where nobody is surely seen its
   // less strict relatives, all of them or the next one.
@@ -206,13 +209,14 @@ void FaceFinder::Impl::search_loosely(const cv::Mat& gray, const SearchTile& til
 }
 
 void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
-                                   std::vector<Scored>& found) {
+                                   std::vector<Scored>& found, int max_places) {
   const cv::Point2d corner(tile.area.tl());
   if (networks) {
     FaceSearchOptions search;
     search.min_face = std::max<double>(kScanFace, tile.min_face);
     search.max_face = tile.max_face > 0 ? std::max(search.min_face, tile.max_face) : 0;
     search.threshold = thorough ? networks->likely : networks->sure;
+    search.max_places = max_places;
     for (const ScoredFace& face : search_faces(gray(tile.area), *networks, search, workspace)) {
       found.push_back({{face.box + corner, face.score >= networks->sure, face.score}, face.score});
     }
@@ -368,7 +372,8 @@ std::vector<Candidate> FaceFinder::find(const cv::Mat& gray) {
   return impl_->find(gray, impl_->options.thorough);
 }
 
-std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile& tile) {
+std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile& tile,
+                                           bool cascades) {
   require_gray(gray);
   Impl& my = *impl_;
   SearchTile inside = tile;
@@ -381,9 +386,9 @@ std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile
     my.search_strict(gray, inside, found);
     my.search_loosely(gray, inside, my.turn++ % Impl::kSearches, found);
   } else {
-    my.search_tile(gray, inside, my.options.thorough, found);
+    my.search_tile(gray, inside, my.options.thorough, found, kPlacesInTile);
     if (inside.area.size() == gray.size()) {
-      my.search_large(gray, my.options.thorough, false, found);
+      if (cascades) my.search_large(gray, my.options.thorough, false, found);
       return candidates_of(my.search_anchored(gray, false, std::move(found)));
     }
   }

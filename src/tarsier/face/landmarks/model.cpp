@@ -7,6 +7,7 @@
 #include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/shape/show.h"
+#include "tarsier/face/shape/similarity.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -49,6 +50,15 @@ Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& g
   }
   return sum / starts;
 }
+
+// Where else a face may lie when the fit from a detector's box is bad: its box is off by a part of its
+// width on turned heads, and always upright. Shifts in sizes of the shape, scale, angle in degrees.
+constexpr double kElsewhere[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1, 0},
+                                    {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
+                                    {0, 0, 1, 25},   {0, 0, 1, -25}};
+constexpr double kBadFit = 0.5;  // a score from which on no other start is tried
+constexpr double kWrongFit =
+    0.3;  // below, whatever a detector says, there is no face or a wrong fit
 
 // The points on the part of the image around them, enlarged.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
@@ -180,6 +190,49 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
   return fit;
 }
 
+namespace {
+
+// The best of fits from places around `start`.
+Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::Mat& gray,
+               const Eigen::Matrix2Xd& start, Fit best, FitWorkspace& workspace) {
+  const Eigen::Vector2d center = start.rowwise().mean();
+  const double size = shape_size(start);
+  for (const double* place : kElsewhere) {
+    if (best.score >= kBadFit) break;
+    const double angle = place[3] * CV_PI / 180;
+    const shape::Similarity2d turn{place[2] * std::cos(angle), place[2] * std::sin(angle), 0, 0};
+    const Eigen::Vector2d to = center + size * Eigen::Vector2d(place[0], place[1]);
+    const Eigen::Matrix2Xd there = turn(Eigen::Matrix2Xd(start.colwise() - center)).colwise() + to;
+    Fit fit = fit_points(model, options, gray, there, workspace);
+    if (fit.score > best.score) best = std::move(fit);
+  }
+  return best;
+}
+
+// What the fit in a detector's box comes to, or nothing where it shows no face.
+std::optional<Fit> fit_candidate(const LandmarkModel& model, const FitOptions& options,
+                                 const cv::Mat& gray, const Eigen::Matrix2Xd& start, bool sure,
+                                 double min_score, FitWorkspace& workspace, DebugSink* debug) {
+  const double enough = sure ? std::min(min_score, kWrongFit) : min_score;
+  const auto is_none = [&](const Fit& fit) { return model.quality && fit.score < enough; };
+  Fit fit = fit_points(model, options, gray, start, workspace, debug);
+  // Only where there surely is a face: of many fits one looks good sooner or later.
+  if (model.quality && sure)
+    fit = fit_around(model, options, gray, start, std::move(fit), workspace);
+  if (is_none(fit)) return std::nullopt;
+  // A part of a box's error remains in the points; from where they are, a fit errs less.
+  if (fit.points.allFinite() && shape_size(fit.points) >= 1) {
+    const double first = fit.score;
+    const Eigen::Matrix2Xd again = restart(model, fit.points, true);
+    fit = fit_points(model, options, gray, again, workspace, debug);
+    if (!sure) fit.score = std::min(fit.score, first);  // each must show a face
+    if (is_none(fit)) return std::nullopt;
+  }
+  return fit;
+}
+
+}  // namespace
+
 Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points, bool turn) {
   shape::Similarity2d place = shape::fit_similarity(model.shape.mean, points);
   if (!turn) {
@@ -205,9 +258,10 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
     FoundFace face;
     face.box = candidate.box;
     face.detection = candidate.score;
-    face.fit =
-        fit_points(model, options, gray, start_at(model, finder, candidate), workspace, debug);
-    if (!candidate.sure && model.quality && face.fit.score < min_score) continue;
+    std::optional<Fit> fit = fit_candidate(model, options, gray, start_at(model, finder, candidate),
+                                           candidate.sure, min_score, workspace, debug);
+    if (!fit) continue;
+    face.fit = *std::move(fit);
     fits.emplace_back(std::move(face), candidate.sure);
   }
   std::stable_sort(fits.begin(), fits.end(), [](const auto& a, const auto& b) {

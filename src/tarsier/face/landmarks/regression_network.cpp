@@ -41,7 +41,7 @@ Eigen::Matrix2Xd fit_network(const RegressionNetwork& model, const cv::Mat& gray
 nlohmann::json to_json(const RegressionNetwork& model) {
   model.check();
   return {{"mean", packed(model.mean.cast<float>())},
-          {"network", linalg::network_to_json(model.network)}};
+          {"network", linalg::network_to_json(model.network, linalg::Precision::kHalf)}};
 }
 
 RegressionNetwork regression_network_from_json(const nlohmann::json& value,

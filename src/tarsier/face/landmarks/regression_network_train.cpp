@@ -149,6 +149,7 @@ RegressionNetwork train_regression_network(const std::vector<TrainingFace>& face
     return distance_loss(example, output, derivative);
   };
   linalg::train(model.network, training, "network", make, loss, progress, stop);
+  linalg::round_to_half(model.network);  // as it will be stored
   return model;
 }
 

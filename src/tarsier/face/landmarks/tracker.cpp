@@ -11,6 +11,8 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
+constexpr int kCascadesEvery = 4;  // searches
+
 // Distance of two faces' centres, in sizes of the second.
 double distance(const cv::Rect2d& a, const cv::Rect2d& b) {
   return std::hypot(a.x + a.width / 2 - b.x - b.width / 2,
@@ -73,7 +75,11 @@ class Step {
     // Before new faces take their ids.
     const std::vector<cv::Rect2d> places = places_of_lost();
     for (const cv::Rect2d& place : places) take_new(finder_.find_in(gray_, tile_around(place)));
-    if (due || !places.empty()) take_new(finder_.find_in(gray_, state_.plan.whole));
+    if (due || !places.empty()) {
+      const bool calm = places.empty() && count_followed() > 0;
+      const bool cascades = !calm || state_.calm_searches++ % kCascadesEvery == 0;
+      take_new(finder_.find_in(gray_, state_.plan.whole, cascades));
+    }
     if (state_.plan.tiles.empty()) return;
     take_new(finder_.find_in(gray_, state_.plan.tiles[state_.next_tile]));
     state_.next_tile = (state_.next_tile + 1) % state_.plan.tiles.size();

@@ -54,6 +54,7 @@ struct TrackerState {
   std::vector<Track> tracks;
   int next_id = 1;
   int until_search = 0;
+  int calm_searches = 0;  // of the whole image while a face is followed and none is lost
   bool searched = false;  // the whole image, for faces of all sizes
   SearchPlan plan;        // how that is spread from then on,
   cv::Size planned;       // for frames of this size
@@ -66,9 +67,10 @@ struct TrackerState {
 // sight, in the order of their ids. Each is fitted from where it was; one whose score falls is
 // looked for around its place in each frame. The first frame is searched for faces of all sizes.
 // From then on each frame sees one tile of finder.plan(), in turn, and every `search_every` frames
-// (while a face is lost: in each) the whole image for large faces: the cost of a frame does not
-// depend on its size, and a small face is found within as many frames as there are tiles. `debug`
-// gets the stages of each fit.
+// (while a face is lost: in each) the whole image for large faces, by OpenCV's cascades only in every
+// fourth such search while a face is followed and none is lost: the cost of a frame does not depend
+// on its size, and a small face is found within as many frames as there are tiles. `debug` gets the
+// stages of each fit.
 [[nodiscard]] std::vector<TrackedFace> track_faces(
     const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
     FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double time,

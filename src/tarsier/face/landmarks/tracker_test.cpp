@@ -2,6 +2,7 @@
 #include "tarsier/face/landmarks/tracker.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/detect/box_detector.h"
 #include "tarsier/face/landmarks/testing_blobs.h"
 #include "tarsier/face/landmarks/train_model.h"
 #include "tarsier/media/archive.h"
@@ -9,6 +10,7 @@
 
 #include <gtest/gtest.h>
 
+#include <memory>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::face::landmarks {
@@ -44,6 +46,53 @@ const LandmarkModel& blob_model() {
     return result;
   }();
   return model;
+}
+
+// Says where the object is, but for `shift` px, and how sure it is.
+class BoxBeside final : public BoxDetector {
+ public:
+  BoxBeside(const Eigen::Matrix2Xd& truth, double shift, double score) : score_(score) {
+    box_ = box_around(blob_model().box, truth);
+    box_.x += shift;
+  }
+  [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat&) const override {
+    return {{box_, score_}};
+  }
+
+ private:
+  cv::Rect2d box_;
+  double score_ = 0;
+};
+
+std::vector<FoundFace> found_by_box(const cv::Mat& gray, const Eigen::Matrix2Xd& truth,
+                                    double shift, double score) {
+  FaceFinderOptions options;
+  options.own = std::make_shared<BoxBeside>(truth, shift, score);
+  FaceFinder finder(options);
+  FitWorkspace workspace;
+  return find_faces(blob_model(), {}, gray, finder, workspace);
+}
+
+TEST(FindFaces, ABoxBesideTheFaceIsEnoughForASureDetector) {
+  Rng rng(3);
+  const Eigen::Matrix2Xd truth =
+      (testing::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
+  const cv::Mat gray = testing::draw_blobs(truth, 28, {320, 180}, rng);
+  for (const double shift : {0.0, 30.0, -30.0}) {
+    const std::vector<FoundFace> faces = found_by_box(gray, truth, shift, 0.9);
+    ASSERT_EQ(faces.size(), 1U) << shift;
+    EXPECT_LT((faces[0].fit.points - truth).colwise().norm().mean(), 1.5) << shift;
+    EXPECT_GT(faces[0].fit.score, 0.5) << shift;
+  }
+  // Of a find that is not sure only the first fit counts.
+  EXPECT_EQ(found_by_box(gray, truth, 0, 0.5).size(), 1U);
+  EXPECT_TRUE(found_by_box(gray, truth, 40, 0.5).empty());
+}
+
+TEST(FindFaces, WhereNothingIsThereIsNoFaceHoweverSureTheDetectorIs) {
+  const Eigen::Matrix2Xd somewhere =
+      (testing::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
+  EXPECT_TRUE(found_by_box(cv::Mat(180, 320, CV_8UC1, 70), somewhere, 0, 0.99).empty());
 }
 
 class TrackerTest : public FolderTest {

@@ -28,7 +28,7 @@ struct TrainModelOptions {
   bool quality = true;
   // px; NaN: measured (see DescentReport::to_the_right) where mirrored faces take part.
   double to_the_right = std::numeric_limits<double>::quiet_NaN();
-  int starts = 12;  // of each face
+  int starts = 24;  // of each face
   // More faces to learn from, for trees, descent and quality; empty: none.
   ExtraFaces extra;
   // Fits that begin again from a better start than the mean shape must learn from such starts too;

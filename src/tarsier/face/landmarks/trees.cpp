@@ -110,15 +110,15 @@ class Trainer {
       Rng random = random_.fork(static_cast<std::uint64_t>(l));
       Trees::Level level = draw_pixels(random);
       look_up(level);
-      // The largest leaf there can be at first; leaves are rounded as they will be stored, so that
-      // later trees see what the model really does.
-      float largest = 1e-6F;
-      for (const float r : residuals_) largest = std::max(largest, std::abs(r));
-      level.step = std::min(1.0F, static_cast<float>(options_.shrinkage) * largest / 32767.0F);
+      const std::vector<float> before = residuals_;
+      const Eigen::Index leaves = Eigen::Index{1} << options_.depth;
+      Eigen::MatrixXf moves(width_, options_.trees * leaves);
       for (int t = 0; t < options_.trees; ++t) {
-        grow(level, random);
+        grow(level, moves.middleCols(t * leaves, leaves), random);
         progress.advance();
       }
+      level.set_leaves(moves, options_.components);
+      apply(level, before);
       model_.levels.push_back(std::move(level));
     }
     progress.end();
@@ -292,8 +292,20 @@ class Trainer {
     return below;
   }
 
-  // One more tree of a level; residuals become what it leaves.
-  void grow(Trees::Level& level, Rng& random) {
+  // Residuals after a level whose leaves are compressed, from those before it.
+  void apply(const Trees::Level& level, const std::vector<float>& before) {
+    in_parallel(samples_.size(), [&](std::size_t s) {
+      Eigen::VectorXi sums = Eigen::VectorXi::Zero(level.basis.cols());
+      inner::add_leaves(level, options_.depth, values(static_cast<int>(s)), sums.data());
+      const Eigen::Map<const Eigen::VectorXf> old(
+          before.data() + s * static_cast<std::size_t>(stride_), width_);
+      Eigen::Map<Eigen::VectorXf>(row(s), width_) = old - level.basis * sums.cast<float>();
+    });
+  }
+
+  // One more tree of a level, with its leaves' `moves` (2n x leaves); residuals become what it
+  // leaves.
+  void grow(Trees::Level& level, Eigen::Ref<Eigen::MatrixXf> moves, Rng& random) {
     order_.resize(samples_.size());
     std::iota(order_.begin(), order_.end(), 0);
     std::vector<Node> layer{{0, static_cast<int>(order_.size()), residual_sum()}};
@@ -304,23 +316,15 @@ class Trainer {
       level.second.push_back(split.second);
       level.threshold.push_back(static_cast<std::int16_t>(split.threshold));
     }
-    const std::size_t base = level.leaves.size();
-    const auto width = static_cast<std::size_t>(width_);
-    level.leaves.resize(base + layer.size() * width);
+    moves.setZero();
     in_parallel(layer.size(), [&](std::size_t n) {
       if (layer[n].count() == 0) return;
-      const Eigen::VectorXd leaf =
-          layer[n].sum * (options_.shrinkage / (layer[n].count() * double{level.step}));
-      std::vector<float> output(width);
-      for (std::size_t i = 0; i < width; ++i) {
-        const double rounded =
-            std::round(std::clamp(leaf[static_cast<Eigen::Index>(i)], -32767.0, 32767.0));
-        level.leaves[base + n * width + i] = static_cast<std::int16_t>(rounded);
-        output[i] = static_cast<float>(rounded) * level.step;
-      }
+      const Eigen::VectorXf move =
+          (layer[n].sum * (options_.shrinkage / layer[n].count())).cast<float>();
+      moves.col(static_cast<Eigen::Index>(n)) = move;
       for (int k = layer[n].begin; k < layer[n].end; ++k) {
-        float* residual = row(static_cast<std::size_t>(order_[static_cast<std::size_t>(k)]));
-        for (std::size_t i = 0; i < width; ++i) residual[i] -= output[i];
+        const auto sample = static_cast<std::size_t>(order_[static_cast<std::size_t>(k)]);
+        Eigen::Map<Eigen::VectorXf>(row(sample), width_) -= move;
       }
     });
   }

@@ -20,9 +20,9 @@
 namespace tarsier::face::landmarks {
 
 struct TreesOptions {
-  int levels = 10;          // of the cascade
-  int trees = 250;          // a level
-  int depth = 4;            // splits from root to leaf
+  int levels = 15;          // of the cascade
+  int trees = 500;          // a level
+  int depth = 3;            // splits from root to leaf
   double shrinkage = 0.1;   // nu
   int features = 400;       // pixels a level that can be compared
   int tests = 24;           // random splits tried at a node
@@ -31,6 +31,7 @@ struct TreesOptions {
   double padding = 0.03;    // pixels are drawn from the mean shape's box grown by this share
   double smoothing = 0.03;  // distance of the 3 x 3 samples that a pixel's value is the mean of, in
                             // sizes of the current shape (at least 1 px); 0: one sample
+  int components = 24;      // numbers that a leaf is stored as, by PCA over the leaves of a level
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -42,7 +43,8 @@ struct TreesOptions {
             {"tests", tests, range(1, 1000)},
             {"nearness", nearness, above(0, 100)},
             {"padding", padding, range(0, 4)},
-            {"smoothing", smoothing, range(0, 1)}};
+            {"smoothing", smoothing, range(0, 1)},
+            {"components", components, range(1, 2000)}};
   }
   void check() const { check_fields(*this); }
 };
@@ -58,10 +60,17 @@ struct Trees {
     std::vector<std::int32_t> first;  // pixel, index into anchor
     std::vector<std::int32_t> second;
     std::vector<std::int16_t> threshold;  // go right when gray(first) - gray(second) > threshold
-    // Leaves: 2^depth of each tree, 2n numbers each (x0 y0 x1 ..), in the mean's frame, stored as
-    // 16 bit times `step`.
-    std::vector<std::int16_t> leaves;
-    float step = 0;
+    // Leaves: 2^depth of each tree, `basis.cols()` whole numbers c each. A leaf moves the points by
+    // basis c: 2n numbers (x0 y0 x1 ..), in the mean's frame.
+    Eigen::MatrixXf basis;  // 2n x components
+    std::vector<std::int8_t> leaves;
+
+    [[nodiscard]] std::size_t components() const { return static_cast<std::size_t>(basis.cols()); }
+    // Sets basis and leaves from the leaves' moves, 2n x leaves: the `most` directions in which
+    // they vary most, each with a step of its own, 1/127 of its largest number.
+    void set_leaves(const Eigen::MatrixXf& moves, int most);
+    // The moves of all leaves, 2n x leaves.
+    [[nodiscard]] Eigen::MatrixXf moves() const;
   };
   std::vector<Level> levels;
   [[nodiscard]] int points() const { return static_cast<int>(mean.cols()); }
@@ -70,8 +79,9 @@ struct Trees {
 
 // Learns from all starts at once (several a face). In each level pixels are looked up relative to
 // the current shape through the similarity that takes the mean to it; residuals are in the frame of
-// the START's similarity to the mean, in which leaves are added. The same result for any number of
-// threads. Throws Interrupted, std::invalid_argument.
+// the START's similarity to the mean, in which leaves are added. A level's leaves are compressed
+// when it is done, and the next level learns from what is left then. The same result for any number
+// of threads. Throws Interrupted, std::invalid_argument.
 [[nodiscard]] Trees train_trees(const std::vector<TrainingFace>& faces,
                                 const std::vector<Start>& starts, const TreesOptions& options,
                                 Progress& progress, const std::stop_token& stop);

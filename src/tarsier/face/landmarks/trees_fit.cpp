@@ -3,6 +3,7 @@
 #include "tarsier/face/landmarks/trees.h"
 #include "tarsier/face/landmarks/trees_inner.h"
 #include "tarsier/face/shape/similarity.h"
+#include "tarsier/linalg/decompositions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -44,12 +45,45 @@ void Trees::check() const {
     TARSIER_REQUIRE(std::all_of(level.first.begin(), level.first.end(), known) &&
                         std::all_of(level.second.begin(), level.second.end(), known),
                     "level {}: a node compares a pixel that is none of the {}", l, pixels);
-    TARSIER_REQUIRE(level.leaves.size() == trees * (nodes + 1) * 2 * n,
+    TARSIER_REQUIRE(static_cast<std::size_t>(level.basis.rows()) == 2 * n &&
+                        level.components() >= 1 && level.components() <= 2 * n,
+                    "level {}: a basis of {} x {} for {} points", l, level.basis.rows(),
+                    level.basis.cols(), n);
+    TARSIER_REQUIRE(level.basis.allFinite() && level.basis.cwiseAbs().maxCoeff() <= 1,
+                    "level {}: a step of the basis is beyond 1 size", l);
+    TARSIER_REQUIRE(level.leaves.size() == trees * (nodes + 1) * level.components(),
                     "level {}: {} numbers in leaves, {} are due", l, level.leaves.size(),
-                    trees * (nodes + 1) * 2 * n);
-    TARSIER_REQUIRE(std::isfinite(level.step) && level.step > 0 && level.step <= 1,
-                    "level {}: step {} is not in (0, 1]", l, level.step);
+                    trees * (nodes + 1) * level.components());
   }
+}
+
+void Trees::Level::set_leaves(const Eigen::MatrixXf& moves, int most) {
+  const Eigen::MatrixXd exact = moves.cast<double>();
+  const linalg::SymmetricEigen directions = linalg::symmetric_eigen(exact * exact.transpose());
+  const Eigen::Index kept = std::min<Eigen::Index>(most, moves.rows());
+  const Eigen::MatrixXf axes = directions.vectors.rightCols(kept).cast<float>();
+  const Eigen::MatrixXf numbers = axes.transpose() * moves;
+  constexpr float kLargest = 127;
+  basis = axes;
+  leaves.resize(static_cast<std::size_t>(numbers.size()));
+  Eigen::VectorXf step(kept);
+  for (Eigen::Index k = 0; k < kept; ++k) {
+    const float largest = numbers.cols() > 0 ? numbers.row(k).cwiseAbs().maxCoeff() : 0.F;
+    step[k] = largest > 0 ? largest / kLargest : 1.F;
+    basis.col(k) *= largest > 0 ? step[k] : 0.F;
+  }
+  for (Eigen::Index leaf = 0; leaf < numbers.cols(); ++leaf) {
+    for (Eigen::Index k = 0; k < kept; ++k) {
+      const float whole = std::clamp(std::round(numbers(k, leaf) / step[k]), -kLargest, kLargest);
+      leaves[static_cast<std::size_t>(leaf * kept + k)] = static_cast<std::int8_t>(whole);
+    }
+  }
+}
+
+Eigen::MatrixXf Trees::Level::moves() const {
+  const Eigen::Map<const Eigen::Matrix<std::int8_t, Eigen::Dynamic, Eigen::Dynamic>> numbers(
+      leaves.data(), basis.cols(), static_cast<Eigen::Index>(leaves.size()) / basis.cols());
+  return basis * numbers.cast<float>();
 }
 
 namespace inner {
@@ -92,14 +126,18 @@ void look_up(const Trees::Level& level, float smoothing, const cv::Mat& gray,
   }
 }
 
-namespace {
-
-// sum += leaf: whole numbers, so that the order of adding does not matter.
-void add(const std::int16_t* leaf, std::size_t size, std::int32_t* sum) {
-  for (std::size_t i = 0; i < size; ++i) sum[i] += leaf[i];
+void add_leaves(const Trees::Level& level, int depth, const std::uint8_t* values,
+                std::int32_t* sums) {
+  const std::size_t count = level.components();
+  const std::size_t leaves = std::size_t{1} << depth;
+  const std::size_t trees = level.first.size() / (leaves - 1);
+  for (std::size_t t = 0; t < trees; ++t) {
+    const auto leaf = static_cast<std::size_t>(leaf_of(level, static_cast<int>(t), depth, values));
+    const std::int8_t* numbers = level.leaves.data() + (t * leaves + leaf) * count;
+    for (std::size_t i = 0; i < count; ++i) sums[i] += numbers[i];
+  }
 }
 
-}  // namespace
 }  // namespace inner
 
 Eigen::Matrix2Xd fit_trees(const Trees& model, const cv::Mat& gray, const Eigen::Matrix2Xd& start) {
@@ -111,31 +149,16 @@ Eigen::Matrix2Xd fit_trees(const Trees& model, const cv::Mat& gray, const Eigen:
   TARSIER_REQUIRE(px_from_mean.scale() > 0, "the start has no size");
   Eigen::Matrix2Xd current = px_from_mean.inverse()(start);
 
-  const auto numbers = static_cast<std::size_t>(2 * model.mean.cols());
-  const std::size_t nodes = (std::size_t{1} << model.depth) - 1;
   std::vector<std::uint8_t> values;
-  std::vector<const std::int16_t*> leaves;
-  std::vector<std::int32_t> sum(numbers);
+  Eigen::VectorXi sums;
   for (const Trees::Level& level : model.levels) {
     values.resize(level.anchor.size());
     inner::look_up(level, model.smoothing, gray,
                    px_from_mean * shape::fit_similarity(model.mean, current), px_from_mean(current),
                    values.data());
-    // All walks first: they do not wait for each other, and the leaves are on their way from memory
-    // when they are added.
-    const std::size_t trees = level.first.size() / nodes;
-    leaves.resize(trees);
-    for (std::size_t t = 0; t < trees; ++t) {
-      const int leaf = inner::leaf_of(level, static_cast<int>(t), model.depth, values.data());
-      leaves[t] =
-          level.leaves.data() + (t * (nodes + 1) + static_cast<std::size_t>(leaf)) * numbers;
-      for (std::size_t i = 0; i < numbers; i += 32) __builtin_prefetch(leaves[t] + i);
-    }
-    std::fill(sum.begin(), sum.end(), 0);
-    for (const std::int16_t* leaf : leaves) inner::add(leaf, numbers, sum.data());
-    const double step = level.step;
-    for (Eigen::Index i = 0; i < current.size(); ++i)
-      current.data()[i] += step * sum[static_cast<std::size_t>(i)];
+    sums.setZero(level.basis.cols());
+    inner::add_leaves(level, model.depth, values.data(), sums.data());
+    current.reshaped() += (level.basis * sums.cast<float>()).cast<double>();
   }
   return px_from_mean(current);
 }

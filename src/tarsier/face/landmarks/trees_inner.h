@@ -33,4 +33,9 @@ inline int leaf_of(const Trees::Level& level, int tree, int depth, const std::ui
   return node - inner_nodes;
 }
 
+// Adds the leaves that the values of look_up() lead to: components() sums, in whole numbers, so that
+// the order of adding does not matter.
+void add_leaves(const Trees::Level& level, int depth, const std::uint8_t* values,
+                std::int32_t* sums);
+
 }  // namespace tarsier::face::landmarks::inner

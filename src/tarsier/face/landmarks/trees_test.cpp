@@ -136,7 +136,7 @@ bool same(const Trees& a, const Trees& b) {
     const Trees::Level& q = b.levels[l];
     if (p.anchor != q.anchor || p.offset != q.offset || p.first != q.first ||
         p.second != q.second || p.threshold != q.threshold || p.leaves != q.leaves ||
-        p.step != q.step)
+        p.basis != q.basis)
       return false;
   }
   return true;
@@ -208,6 +208,30 @@ TEST(Trees, ReadAPartOfAnImageInPlace) {
   EXPECT_EQ(fit, fit_trees(learnt(), face.gray(part).clone(), start));
 }
 
+// Moves along few directions are kept but for the rounding; of more, the strongest.
+TEST(Trees, CompressLeaves) {
+  Rng random(7);
+  Eigen::MatrixXf directions(18, 3);
+  Eigen::MatrixXf numbers(3, 40);
+  for (float& value : directions.reshaped()) value = static_cast<float>(random.normal());
+  for (float& value : numbers.reshaped()) value = static_cast<float>(random.normal(0, 0.01));
+  const Eigen::MatrixXf moves = directions * numbers;
+  Trees::Level level;
+  level.set_leaves(moves, 3);
+  EXPECT_EQ(level.components(), 3U);
+  EXPECT_EQ(level.leaves.size(), 120U);
+  EXPECT_LT((level.moves() - moves).norm(), 0.01 * moves.norm());
+  level.set_leaves(moves, 100);  // no more than there are numbers
+  EXPECT_EQ(level.components(), 18U);
+  EXPECT_LT((level.moves() - moves).norm(), 0.01 * moves.norm());
+  level.set_leaves(moves, 2);
+  const double left = (level.moves() - moves).norm() / moves.norm();
+  EXPECT_GT(left, 0.05);
+  EXPECT_LT(left, 0.7);
+  level.set_leaves(Eigen::MatrixXf::Zero(18, 8), 4);
+  EXPECT_EQ(level.moves(), Eigen::MatrixXf(Eigen::MatrixXf::Zero(18, 8)));
+}
+
 TEST(Trees, FitAlikeAfterWritingAndReading) {
   const Trees read = trees_from_json(to_json(learnt()), "m.json");
   EXPECT_TRUE(same(learnt(), read));
@@ -236,13 +260,11 @@ TEST(Trees, RefuseBrokenFiles) {
       EXPECT_THAT(e.what(), HasSubstr(what));
     }
   };
-  const auto numbers = [](json& place, const std::function<void(std::vector<std::int32_t>&)>& f) {
-    PackedArray<std::int32_t> array;
-    array.shape = place["shape"].get<std::vector<std::int64_t>>();
-    array.values = array.shape.size() == 1 ? unpack<std::int32_t>(place, "", "", {-1}).values
-                                           : unpack<std::int32_t>(place, "", "", {-1, -1}).values;
-    f(array.values);
-    place = pack(array);
+  const auto set_pair = [](json& place, std::size_t at, int value) {
+    PackedArray<std::uint8_t> bytes = unpack<std::uint8_t>(place, "", "", {-1, -1, 2});
+    bytes.values[2 * at] = static_cast<std::uint8_t>(value & 0xFF);
+    bytes.values[2 * at + 1] = static_cast<std::uint8_t>((value >> 8) & 0xFF);
+    place = pack(bytes);
   };
   refused("mean", [](json& m) { m.erase("mean"); });
   refused("mean", [](json& m) { m["mean"] = pack(PackedArray<double>{{1, 2}, {0, 0}}); });
@@ -254,7 +276,7 @@ TEST(Trees, RefuseBrokenFiles) {
   };
   refused("size", [&](json& m) { m["mean"] = moved(2, 0); });
   refused("centred", [&](json& m) { m["mean"] = moved(1, 0.5); });
-  refused("leaves", [](json& m) { m["mean"] = pack(PackedArray<double>{{2, 2}, {-1, 0, 1, 0}}); });
+  refused("basis", [](json& m) { m["mean"] = pack(PackedArray<double>{{2, 2}, {-1, 0, 1, 0}}); });
   refused("depth", [](json& m) { m["depth"] = 40; });
   refused("first", [](json& m) { m["depth"] = 4; });
   refused("smoothing", [](json& m) { m["smoothing"] = -0.1; });
@@ -263,12 +285,14 @@ TEST(Trees, RefuseBrokenFiles) {
   refused("levels", [](json& m) {
     for (int i = 0; i < 30; ++i) m["levels"].push_back(m["levels"][0]);
   });
-  refused("compares a pixel",
-          [&](json& m) { numbers(m["levels"][1]["second"], [](auto& v) { v[4] = 150; }); });
-  refused("compares a pixel",
-          [&](json& m) { numbers(m["levels"][0]["first"], [](auto& v) { v[0] = -1; }); });
-  refused("anchor",
-          [&](json& m) { numbers(m["levels"][0]["anchor"], [](auto& v) { v.back() = 9; }); });
+  refused("compares a pixel", [&](json& m) { set_pair(m["levels"][1]["second"], 4, 150); });
+  refused("compares a pixel", [&](json& m) { set_pair(m["levels"][0]["first"], 0, -1); });
+  refused("anchor", [&](json& m) {
+    json& place = m["levels"][0]["anchor"];
+    PackedArray<std::int32_t> anchor = unpack<std::int32_t>(place, "", "", {-1});
+    anchor.values.back() = 9;
+    place = pack(anchor);
+  });
   refused("offset", [](json& m) {
     m["levels"][0]["offset"] = pack(PackedArray<float>{{2, 2}, {0, 0, 0, 0}});
   });
@@ -277,20 +301,27 @@ TEST(Trees, RefuseBrokenFiles) {
   });
   refused("threshold", [](json& m) { m["levels"][0]["threshold"] = m["levels"][0]["leaves"]; });
   refused("leaves", [](json& m) { m["levels"][0]["leaves"] = m["levels"][0]["threshold"]; });
-  refused("step", [](json& m) { m["levels"][0]["step"] = 0; });
-  refused("step", [](json& m) { m["levels"][0]["step"] = "x"; });
+  refused("basis", [](json& m) { m["levels"][0].erase("basis"); });
+  refused("basis", [](json& m) {
+    m["levels"][0]["basis"] = pack(PackedArray<float>{{18, 19}, std::vector<float>(18 * 19, 0)});
+    m["levels"][0]["leaves"] =
+        pack(PackedArray<std::uint8_t>{{3, 8, 19}, std::vector<std::uint8_t>(3 * 8 * 19, 0)});
+  });
+  refused("basis", [](json& m) {
+    m["levels"][0]["basis"] = pack(PackedArray<float>{{18, 18}, std::vector<float>(18 * 18, 2)});
+  });
   refused("first", [](json& m) {
-    m["levels"][0]["first"] = pack(PackedArray<std::int32_t>{{0, 7}, {}});
+    m["levels"][0]["first"] = pack(PackedArray<std::uint8_t>{{0, 7, 2}, {}});
     m["levels"][0]["second"] = m["levels"][0]["first"];
     m["levels"][0]["threshold"] = pack(PackedArray<std::uint8_t>{{0, 7, 2}, {}});
-    m["levels"][0]["leaves"] = pack(PackedArray<std::uint8_t>{{0, 8, 18, 2}, {}});
+    m["levels"][0]["leaves"] = pack(PackedArray<std::uint8_t>{{0, 8, 18}, {}});
     m["levels"][0]["first"]["dtype"] = "i8";
   });
   refused("trees", [](json& m) {
-    m["levels"][0]["first"] = pack(PackedArray<std::int32_t>{{0, 7}, {}});
+    m["levels"][0]["first"] = pack(PackedArray<std::uint8_t>{{0, 7, 2}, {}});
     m["levels"][0]["second"] = m["levels"][0]["first"];
     m["levels"][0]["threshold"] = pack(PackedArray<std::uint8_t>{{0, 7, 2}, {}});
-    m["levels"][0]["leaves"] = pack(PackedArray<std::uint8_t>{{0, 8, 18, 2}, {}});
+    m["levels"][0]["leaves"] = pack(PackedArray<std::uint8_t>{{0, 8, 18}, {}});
   });
   EXPECT_THROW((void)trees_from_json(json::array(), "m.json"), ModelError);
 }

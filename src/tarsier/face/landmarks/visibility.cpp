@@ -81,7 +81,7 @@ double VisibilityScore::coverage() const {
 nlohmann::json to_json(const VisibilityModel& model) {
   model.check();
   return {{"mean", packed(model.mean.cast<float>())},
-          {"network", linalg::network_to_json(model.network)},
+          {"network", linalg::network_to_json(model.network, linalg::Precision::kHalf)},
           {"hidden_slope", model.hidden_slope},
           {"hidden_offset", model.hidden_offset},
           {"sigma_offset", model.sigma_offset}};

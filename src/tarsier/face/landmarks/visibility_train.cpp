@@ -213,6 +213,7 @@ VisibilityModel train_visibility_model(const std::vector<TrainingFace>& faces,
     return visibility_loss(example, output, derivative);
   };
   linalg::train(model.network, training, "visibility", make, loss, progress, stop);
+  linalg::round_to_half(model.network);  // as it will be stored
 
   const std::vector<std::size_t> kept = fits.numbers(true);
   Judged judged;

@@ -17,7 +17,7 @@ namespace {
 
 // Of the points, where the detector's score is no probability: of any face, and of one that it is not
 // sure of.
-constexpr double kMinPoints = 0.4;
+constexpr double kMinPoints = 0.45;
 constexpr double kMinUnsure = 0.5;
 
 // A detector's box around a face whose eyes are known.
@@ -47,9 +47,9 @@ double trust_in(double detection, double points) {
   constexpr double kMost = 0.99;
   constexpr double kOfDetector = 0.65;
   constexpr double kOfPoints = 8.4;
-  // Even odds would be at -4.4. False faces, and faces whose points are wrong, harm the people
+  // Even odds would be at -4.8. False faces, and faces whose points are wrong, harm the people
   // they are enrolled with: a face must be four times as likely as not.
-  constexpr double kBias = -5.8;
+  constexpr double kBias = -6.2;
   const double p = std::clamp(detection, kLeast, kMost);
   return 1 / (1 + std::exp(-(kOfDetector * std::log(p / (1 - p)) + kOfPoints * points + kBias)));
 }
