@@ -57,8 +57,7 @@ constexpr double kElsewhere[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1
                                     {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
                                     {0, 0, 1, 25},   {0, 0, 1, -25}};
 constexpr double kBadFit = 0.5;  // a score from which on no other start is tried
-constexpr double kWrongFit =
-    0.3;  // below, whatever a detector says, there is no face or a wrong fit
+constexpr double kNoFace = 0.1;  // below, whatever a detector says, there is none
 
 // The points on the part of the image around them, enlarged.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
@@ -213,7 +212,7 @@ Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::
 std::optional<Fit> fit_candidate(const LandmarkModel& model, const FitOptions& options,
                                  const cv::Mat& gray, const Eigen::Matrix2Xd& start, bool sure,
                                  double min_score, FitWorkspace& workspace, DebugSink* debug) {
-  const double enough = sure ? std::min(min_score, kWrongFit) : min_score;
+  const double enough = sure ? std::min(min_score, kNoFace) : min_score;
   const auto is_none = [&](const Fit& fit) { return model.quality && fit.score < enough; };
   Fit fit = fit_points(model, options, gray, start, workspace, debug);
   // Only where there surely is a face: of many fits one looks good sooner or later.
