@@ -64,13 +64,13 @@ class BoxBeside final : public BoxDetector {
   double score_ = 0;
 };
 
-std::vector<FoundFace> found_by_box(const cv::Mat& gray, const Eigen::Matrix2Xd& truth,
-                                    double shift, double score) {
+std::vector<FoundFace> found_by_box(const LandmarkModel& model, const cv::Mat& gray,
+                                    const Eigen::Matrix2Xd& truth, double shift, double score) {
   FaceFinderOptions options;
   options.own = std::make_shared<BoxBeside>(truth, shift, score);
   FaceFinder finder(options);
   FitWorkspace workspace;
-  return find_faces(blob_model(), {}, gray, finder, workspace);
+  return find_faces(model, {}, gray, finder, workspace);
 }
 
 TEST(FindFaces, ABoxBesideTheFaceIsEnoughForASureDetector) {
@@ -79,20 +79,27 @@ TEST(FindFaces, ABoxBesideTheFaceIsEnoughForASureDetector) {
       (testing::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
   const cv::Mat gray = testing::draw_blobs(truth, 28, {320, 180}, rng);
   for (const double shift : {0.0, 30.0, -30.0}) {
-    const std::vector<FoundFace> faces = found_by_box(gray, truth, shift, 0.9);
+    const std::vector<FoundFace> faces = found_by_box(blob_model(), gray, truth, shift, 0.9);
     ASSERT_EQ(faces.size(), 1U) << shift;
     EXPECT_LT((faces[0].fit.points - truth).colwise().norm().mean(), 1.5) << shift;
     EXPECT_GT(faces[0].fit.score, 0.5) << shift;
   }
   // Of a find that is not sure only the first fit counts.
-  EXPECT_EQ(found_by_box(gray, truth, 0, 0.5).size(), 1U);
-  EXPECT_TRUE(found_by_box(gray, truth, 40, 0.5).empty());
+  EXPECT_EQ(found_by_box(blob_model(), gray, truth, 0, 0.5).size(), 1U);
+  EXPECT_TRUE(found_by_box(blob_model(), gray, truth, 40, 0.5).empty());
 }
 
 TEST(FindFaces, WhereNothingIsThereIsNoFaceHoweverSureTheDetectorIs) {
   const Eigen::Matrix2Xd somewhere =
       (testing::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
-  EXPECT_TRUE(found_by_box(cv::Mat(180, 320, CV_8UC1, 70), somewhere, 0, 0.99).empty());
+  const cv::Mat nothing(180, 320, CV_8UC1, cv::Scalar(70));
+  LandmarkModel model = blob_model();
+  const std::vector<FoundFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
+  ASSERT_EQ(kept.size(), 1U);
+  EXPECT_LT(kept[0].fit.score, 0.4);
+  // The same with a score that ends below 0.1.
+  model.quality->stage.bias[0] -= 0.4F;
+  EXPECT_TRUE(found_by_box(model, nothing, somewhere, 0, 0.99).empty());
 }
 
 class TrackerTest : public FolderTest {
