@@ -67,7 +67,7 @@ struct Network {
 // Normal with variance 2 / fan-in (He et al., ICCV 2015), the last layer a tenth of that; biases 0.
 void initialize(Network& network, Rng& rng);
 
-// Weights and biases become what is left of them in half precision.
+// Rounds weights and biases to half precision.
 void round_to_half(Network& network);
 
 // Buffers of a pass; reused from call to call. One for each thread.
@@ -86,9 +86,10 @@ struct Workspace {
 const std::vector<float>& run(const Network& network, const float* input, Shape shape,
                               Workspace& workspace, bool parallel = false);
 
-// For model files. network_from_json throws ModelError(path) for anything malformed, oversized or
-// not finite. Half the size in half precision, without loss for what round_to_half() made.
 enum class Precision { kSingle, kHalf };
+// For model files. In half precision they have half the size; networks after round_to_half() lose nothing.
+// network_from_json reads both, and throws ModelError(path) for anything malformed, oversized or not
+// finite.
 [[nodiscard]] nlohmann::json network_to_json(const Network& network,
                                              Precision precision = Precision::kSingle);
 [[nodiscard]] Network network_from_json(const nlohmann::json& value, const std::string& path);

@@ -65,7 +65,7 @@ template <typename T>
 // The same in half precision ("f2"): 11 bits of each number are kept, up to 65504 and down to 6e-8. Throws
 // std::invalid_argument for larger numbers too.
 [[nodiscard]] nlohmann::json pack_half(const PackedArray<float>& array);
-// What is left of a number in half precision.
+// The nearest number of half precision.
 [[nodiscard]] float rounded_to_half(float value);
 
 // The reverse for untrusted JSON: type, shape, size and finiteness are checked. `shape` is what is

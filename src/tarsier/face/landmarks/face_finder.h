@@ -85,8 +85,8 @@ class FaceFinder {
   // Only the strict search.
   [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
   // In a part of the image. Of the cascades' less strict searches one is made, each in its turn.
-  // Beside the networks the cascades look at whole images only, and take four times as long:
-  // without `cascades` they do not.
+  // cascades = false leaves out those that run beside the networks in a whole image: they take four
+  // times as long as the networks.
   [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile,
                                                bool cascades = true);
   // How the search of images of this size is spread over a video. A tile costs about the

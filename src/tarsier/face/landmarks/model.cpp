@@ -51,13 +51,13 @@ Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& g
   return sum / starts;
 }
 
-// Where else a face may lie when the fit from a detector's box is bad: its box is off by a part of its
-// width on turned heads, and always upright. Shifts in sizes of the shape, scale, angle in degrees.
-constexpr double kElsewhere[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1, 0},
-                                    {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
-                                    {0, 0, 1, 25},   {0, 0, 1, -25}};
-constexpr double kBadFit = 0.5;  // a score from which on no other start is tried
-constexpr double kNoFace = 0.1;  // below, whatever a detector says, there is none
+// Starts that are tried when the fit from a detector's box scores badly, because boxes are upright, and off by a part of
+// their width on turned heads: shift x, y in sizes of the shape, scale, angle in degrees.
+constexpr double kRestarts[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1, 0},
+                                   {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
+                                   {0, 0, 1, 25},   {0, 0, 1, -25}};
+constexpr double kGoodScore = 0.5;  // from which no other start is tried
+constexpr double kMinScore = 0.1;   // of a sure detection; less is rejected as a false one
 
 // The points on the part of the image around them, enlarged.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
@@ -191,16 +191,17 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
 
 namespace {
 
-// The best of fits from places around `start`.
+// The best of `best` and of fits from starts around `start`.
 Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::Mat& gray,
                const Eigen::Matrix2Xd& start, Fit best, FitWorkspace& workspace) {
   const Eigen::Vector2d center = start.rowwise().mean();
   const double size = shape_size(start);
-  for (const double* place : kElsewhere) {
-    if (best.score >= kBadFit) break;
-    const double angle = place[3] * CV_PI / 180;
-    const shape::Similarity2d turn{place[2] * std::cos(angle), place[2] * std::sin(angle), 0, 0};
-    const Eigen::Vector2d to = center + size * Eigen::Vector2d(place[0], place[1]);
+  for (const double* restart : kRestarts) {
+    if (best.score >= kGoodScore) break;
+    const double angle = restart[3] * CV_PI / 180;
+    const shape::Similarity2d turn{restart[2] * std::cos(angle), restart[2] * std::sin(angle), 0,
+                                   0};
+    const Eigen::Vector2d to = center + size * Eigen::Vector2d(restart[0], restart[1]);
     const Eigen::Matrix2Xd there = turn(Eigen::Matrix2Xd(start.colwise() - center)).colwise() + to;
     Fit fit = fit_points(model, options, gray, there, workspace);
     if (fit.score > best.score) best = std::move(fit);
@@ -208,24 +209,24 @@ Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::
   return best;
 }
 
-// What the fit in a detector's box comes to, or nothing where it shows no face.
+// The fit in a detector's box; nothing where its score says that the detection is a false one.
 std::optional<Fit> fit_candidate(const LandmarkModel& model, const FitOptions& options,
                                  const cv::Mat& gray, const Eigen::Matrix2Xd& start, bool sure,
                                  double min_score, FitWorkspace& workspace, DebugSink* debug) {
-  const double enough = sure ? std::min(min_score, kNoFace) : min_score;
-  const auto is_none = [&](const Fit& fit) { return model.quality && fit.score < enough; };
+  const double required = sure ? std::min(min_score, kMinScore) : min_score;
+  const auto is_false = [&](const Fit& fit) { return model.quality && fit.score < required; };
   Fit fit = fit_points(model, options, gray, start, workspace, debug);
-  // Only where there surely is a face: of many fits one looks good sooner or later.
+  // Not for uncertain detections: where there is no face, one of many fits scores well by chance.
   if (model.quality && sure)
     fit = fit_around(model, options, gray, start, std::move(fit), workspace);
-  if (is_none(fit)) return std::nullopt;
-  // A part of a box's error remains in the points; from where they are, a fit errs less.
+  if (is_false(fit)) return std::nullopt;
+  // Starts that are nearer the face give smaller errors.
   if (fit.points.allFinite() && shape_size(fit.points) >= 1) {
     const double first = fit.score;
     const Eigen::Matrix2Xd again = restart(model, fit.points, true);
     fit = fit_points(model, options, gray, again, workspace, debug);
-    if (!sure) fit.score = std::min(fit.score, first);  // each must show a face
-    if (is_none(fit)) return std::nullopt;
+    if (!sure) fit.score = std::min(fit.score, first);  // both fits must confirm the face
+    if (is_false(fit)) return std::nullopt;
   }
   return fit;
 }

@@ -66,9 +66,9 @@ struct Trees {
     std::vector<std::int8_t> leaves;
 
     [[nodiscard]] std::size_t components() const { return static_cast<std::size_t>(basis.cols()); }
-    // Sets basis and leaves from the leaves' moves, 2n x leaves: the `most` directions in which
+    // Sets basis and leaves from the leaves' moves, 2n x leaves: the `max_components` directions in which
     // they vary most, each with a step of its own, 1/127 of its largest number.
-    void set_leaves(const Eigen::MatrixXf& moves, int most);
+    void set_leaves(const Eigen::MatrixXf& moves, int max_components);
     // The moves of all leaves, 2n x leaves.
     [[nodiscard]] Eigen::MatrixXf moves() const;
   };

@@ -57,20 +57,19 @@ void Trees::check() const {
   }
 }
 
-void Trees::Level::set_leaves(const Eigen::MatrixXf& moves, int most) {
+void Trees::Level::set_leaves(const Eigen::MatrixXf& moves, int max_components) {
   const Eigen::MatrixXd exact = moves.cast<double>();
   const linalg::SymmetricEigen directions = linalg::symmetric_eigen(exact * exact.transpose());
-  const Eigen::Index kept = std::min<Eigen::Index>(most, moves.rows());
-  const Eigen::MatrixXf axes = directions.vectors.rightCols(kept).cast<float>();
-  const Eigen::MatrixXf numbers = axes.transpose() * moves;
+  const Eigen::Index kept = std::min<Eigen::Index>(max_components, moves.rows());
+  basis = directions.vectors.rightCols(kept).cast<float>();
+  const Eigen::MatrixXf numbers = basis.transpose() * moves;
   constexpr float kLargest = 127;
-  basis = axes;
   leaves.resize(static_cast<std::size_t>(numbers.size()));
   Eigen::VectorXf step(kept);
   for (Eigen::Index k = 0; k < kept; ++k) {
     const float largest = numbers.cols() > 0 ? numbers.row(k).cwiseAbs().maxCoeff() : 0.F;
     step[k] = largest > 0 ? largest / kLargest : 1.F;
-    basis.col(k) *= largest > 0 ? step[k] : 0.F;
+    basis.col(k) *= step[k];
   }
   for (Eigen::Index leaf = 0; leaf < numbers.cols(); ++leaf) {
     for (Eigen::Index k = 0; k < kept; ++k) {

@@ -18,9 +18,9 @@ namespace {
 constexpr double kMuchWorse = 0.1;
 // Below this quality no second fit helps: the candidate is not a face.
 constexpr double kHopeless = 0.15;
-// Detection and first fit from which the second may be what shows a face.
-constexpr double kLikely = 0.6;
-constexpr double kNearlyGood = 0.35;
+// Scores of detection and first fit from which a good second fit confirms a face.
+constexpr double kMinDetection = 0.6;
+constexpr double kMinFirstFit = 0.35;
 
 head::HeadModel chosen_points(const head::HeadModel& model, const head::LandmarkMapping& mapping,
                               int landmarks) {
@@ -163,11 +163,10 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
     start.box = found.box;
     start.visibility = std::move(found.fit.visibility);
     PosedFace face = pose_of(std::move(start), gray, camera, nullptr, false, workspace, debug);
-    // The fit from the pose speaks for a face only where detector and first fit do not speak against one: where there is
-    // none, one of several fits looks good sooner or later.
-    const bool likely = found.detection >= kLikely && first >= kNearlyGood;
-    const double worth = likely ? std::max(first, face.face.score) : first;
-    if (landmarks_->quality && worth < min_score) continue;
+    // Where there is no face, one of several fits scores well by chance.
+    const bool second_counts = found.detection >= kMinDetection && first >= kMinFirstFit;
+    const double score = second_counts ? std::max(first, face.face.score) : first;
+    if (landmarks_->quality && score < min_score) continue;
     face.face.id = static_cast<int>(faces.size()) + 1;
     faces.push_back(std::move(face));
   }
