@@ -78,11 +78,12 @@ nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
 }  // namespace
 
 std::vector<std::pair<std::string, face::head::PointingName>> pointing_images(
-    const std::string& folder) {
+    const std::string& folder, double max_pan_deg, double max_tilt_deg) {
   std::vector<std::pair<std::string, face::head::PointingName>> images;
   for (const std::string& path : images_below(folder)) {
     const auto name = face::head::parse_pointing_name(path);
-    if (name && std::abs(name->pan_deg) <= 45 && std::abs(name->tilt_deg) <= 30) {
+    if (name && std::abs(name->pan_deg) <= max_pan_deg &&
+        std::abs(name->tilt_deg) <= max_tilt_deg) {
       images.emplace_back(path, *name);
     }
   }

@@ -9,7 +9,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "framework/bind.h"
+#include "verbs/landmarks/landmarks.h"
 #include "verbs/pose/pose.h"
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -23,9 +25,10 @@ struct TrainViewFlags {
   PoseFlags pose;
   std::string pointing;
   std::vector<std::string> truths;
+  SetFlags annotated;
   std::string output;
   std::string terms;
-  double tilt_share = 0.8;
+  double tilt_share = 0.9;
   bool leave_out = false;
   face::head_view::TrainViewOptions options;
 };
@@ -47,8 +50,26 @@ class Collector {
 
   [[nodiscard]] const face::head::HeadPoser& poser() const { return tracker_.finder().poser(); }
 
-  // `pointing`: the face in the annotated head's box; else the first.
-  [[nodiscard]] Seen see(const std::string& path, bool pointing) {
+  // The one of an image's faces that is meant, with its pose; null: none.
+  using Choice =
+      std::function<const face::PosedFace*(const std::vector<face::PosedFace>&, cv::Size)>;
+
+  [[nodiscard]] static const face::PosedFace* first(const std::vector<face::PosedFace>& faces,
+                                                    cv::Size /*size*/) {
+    return !faces.empty() && faces.front().pose ? &faces.front() : nullptr;
+  }
+
+  // The face whose box has the middle of `points`.
+  [[nodiscard]] static const face::PosedFace* face_at(const std::vector<face::PosedFace>& faces,
+                                                      const Eigen::Matrix2Xd& points) {
+    const Eigen::Vector2d middle = points.rowwise().mean();
+    for (const face::PosedFace& face : faces) {
+      if (face.pose && face.face.box.contains(cv::Point2d(middle[0], middle[1]))) return &face;
+    }
+    return nullptr;
+  }
+
+  [[nodiscard]] Seen see(const std::string& path, const Choice& choice) {
     Frame frame;
     frame.image = read_image(path);
     frame.name = path;
@@ -56,20 +77,27 @@ class Collector {
     const face::PoseResult result = tracker_.process(frame, state_);
     Seen seen;
     seen.camera = result.camera;
-    const face::PosedFace* face = nullptr;
-    if (pointing) {
-      face = face_in_head_box(result.faces, path, frame.image.size());
-    } else if (!result.faces.empty() && result.faces.front().pose) {
-      face = &result.faces.front();
-    }
+    const face::PosedFace* face = choice(result.faces, frame.image.size());
     if (face == nullptr) return seen;
     seen.pose = *face->pose;
     seen.points = face->face.points(Eigen::all, mapping_.landmarks);
     cv::Mat gray;
-    seen.view = face::head_view::view_of_head(face::gray_of(frame.image, gray), seen.camera,
-                                              seen.pose.camera_from_head);
+    seen.view =
+        face::head_view::view_of_head(face::gray_of(frame.image, gray), seen.camera,
+                                      seen.pose.camera_from_head, poser().model(), seen.points);
     return seen;
   }
+
+  // Where the head of annotated points looks, in the camera's frame.
+  [[nodiscard]] std::optional<Eigen::Matrix3d> rotation_of(const Eigen::Matrix2Xd& annotated,
+                                                           const geometry::Camera& camera) const {
+    const Eigen::Matrix2Xd points = annotated(Eigen::all, mapping_.landmarks);
+    const face::head::HeadPoseResult result = poser().pose(points, camera);
+    if (!result.pose) return std::nullopt;
+    return result.pose->camera_from_head.rotation;
+  }
+
+  [[nodiscard]] int landmarks() const { return tracker_.finder().landmarks().points(); }
 
  private:
   explicit Collector(const face::PoseTrackerOptions& options)
@@ -101,25 +129,42 @@ struct Data {
   std::vector<std::pair<int, face::head::PosePair>> exact;
 };
 
-// Adds an image; returns its index, -1 where no head was found.
-int add(Data& data, Seen seen, int group, const Eigen::Vector3d& forward, bool in_camera) {
+// Adds an image; returns its index, -1 where no head was found. `asked`: the forward direction is
+// where a person was asked to look, in the view's frame; else the truth in the camera's.
+int add(Data& data, Seen seen, int group, const Eigen::Vector3d& forward, bool asked) {
   if (!seen.view) return -1;
   const Eigen::Vector3d in_view =
-      in_camera ? seen.view->camera_from_view.transpose() * forward : forward;
-  data.samples.push_back({*seen.view, face::head_view::direction_of(*seen.view, in_view), group});
+      asked ? forward : seen.view->camera_from_view.transpose() * forward;
+  data.samples.push_back(
+      {*seen.view, face::head_view::direction_of(*seen.view, in_view), group, asked});
   data.seen.push_back(std::move(seen));
   return static_cast<int>(data.seen.size()) - 1;
 }
 
+// Adds an image whose rotation is known.
+void add_exact(Data& data, Seen seen, int group, const std::string& image,
+               const Eigen::Matrix3d& rotation) {
+  const int at = add(data, std::move(seen), group, rotation * Eigen::Vector3d(0, 0, -1), false);
+  if (at < 0) return;
+  face::head::PosePair pair;
+  pair.image = image;
+  pair.truth = rotation;
+  data.exact.emplace_back(at, pair);
+}
+
 void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data, Context& context) {
-  const auto images = pointing_images(flags.pointing);
+  // Heads that are turned further than what is scored teach, too.
+  const auto images = pointing_images(flags.pointing, 90, 60);
   context.progress->begin("Pointing'04", static_cast<std::int64_t>(images.size()), "images");
   for (const auto& [path, name] : images) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     const Eigen::Vector3d forward =
         face::head::forward_of_gaze({name.pan_deg, name.tilt_deg * flags.tilt_share});
-    data.of_pointing.push_back(add(data, collector.see(path, true), name.person, forward, false));
+    const auto in_box = [&image = path](const std::vector<face::PosedFace>& faces, cv::Size size) {
+      return face_in_head_box(faces, image, size);
+    };
+    data.of_pointing.push_back(add(data, collector.see(path, in_box), name.person, forward, true));
     face::head::PointingOutcome outcome;
     outcome.image = path;
     outcome.truth = name;
@@ -139,17 +184,37 @@ void add_truth(const std::string& file, int number, Collector& collector, Data& 
     context.progress->advance();
     if (!line.rotation) continue;
     const int group = 1000 + kParts * number + count++ % kParts;
-    const Eigen::Vector3d forward = *line.rotation * Eigen::Vector3d(0, 0, -1);
-    const int at =
-        add(data, collector.see(image_of_truth(file, line.image), false), group, forward, true);
-    if (at < 0) continue;
-    face::head::PosePair pair;
-    pair.image = line.image;
-    pair.truth = *line.rotation;
-    data.exact.emplace_back(at, pair);
+    add_exact(data, collector.see(image_of_truth(file, line.image), Collector::first), group,
+              line.image, *line.rotation);
   }
   context.progress->end();
   data.sources.push_back(file);
+}
+
+// The truth is the pose of the annotated points.
+void add_annotated(const SetFlags& set_flags, int number, Collector& collector, Data& data,
+                   Context& context) {
+  const face::shape::LandmarkSet set = face::shape::complete_samples(load_set(set_flags));
+  if (set.points() != collector.landmarks()) {
+    throw InputError(set_flags.input, fmt::format("has {} points, the landmark model has {}",
+                                                  set.points(), collector.landmarks()));
+  }
+  context.progress->begin(set_flags.input, static_cast<std::int64_t>(set.samples.size()), "images");
+  int count = 0;
+  for (const face::shape::LandmarkSample& sample : set.samples) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    const int group = 1000 + kParts * number + count++ % kParts;
+    const auto at_points = [&](const std::vector<face::PosedFace>& faces, cv::Size /*size*/) {
+      return Collector::face_at(faces, sample.points);
+    };
+    Seen seen = collector.see(sample.image, at_points);
+    if (!seen.view) continue;
+    if (const auto rotation = collector.rotation_of(sample.points, seen.camera))
+      add_exact(data, std::move(seen), group, sample.image, *rotation);
+  }
+  context.progress->end();
+  data.sources.push_back(set_flags.input);
 }
 
 // Scores of the rotations, one of each `seen`.
@@ -210,9 +275,11 @@ nlohmann::json provenance(const TrainViewFlags& flags, const Data& data) {
                         {"views", data.samples.size()},
                         {"options",
                          {{"components", o.components},
+                          {"offset_weight", o.offset_weight},
                           {"angle_weight", o.angle_weight},
                           {"gamma", o.gamma},
                           {"ridge", o.ridge},
+                          {"group_error", o.group_error},
                           {"mirror", o.mirror},
                           {"tilt_share", flags.tilt_share}}}};
   if (!flags.terms.empty()) result["terms"] = flags.terms;
@@ -220,8 +287,8 @@ nlohmann::json provenance(const TrainViewFlags& flags, const Data& data) {
 }
 
 ExitStatus run_train(TrainViewFlags& flags, Context& context) {
-  if (flags.pointing.empty() && flags.truths.empty())
-    throw UsageError("give --pointing DIR or --truth FILE");
+  if (flags.pointing.empty() && flags.truths.empty() && flags.annotated.input.empty())
+    throw UsageError("give --pointing DIR, --truth FILE or --annotated SET");
   if (flags.output.empty() && !flags.leave_out) throw UsageError("give -o FILE or --leave-out");
   flags.options.check();
   flags.pose.refine = "none";
@@ -230,7 +297,12 @@ ExitStatus run_train(TrainViewFlags& flags, Context& context) {
   if (!flags.pointing.empty()) add_pointing(flags, collector, data, context);
   for (std::size_t i = 0; i < flags.truths.size(); ++i)
     add_truth(flags.truths[i], static_cast<int>(i), collector, data, context);
-  const std::string input = flags.pointing.empty() ? flags.truths.front() : flags.pointing;
+  if (!flags.annotated.input.empty()) {
+    const auto number = static_cast<int>(flags.truths.size());
+    add_annotated(flags.annotated, number, collector, data, context);
+  }
+  std::string input = flags.pointing;
+  if (input.empty()) input = flags.truths.empty() ? flags.annotated.input : flags.truths.front();
   try {
     if (flags.leave_out) leave_out(data, collector, flags, context);
     if (flags.output.empty()) return ExitStatus::kDone;
@@ -265,11 +337,14 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
   verb.add_option("--truth", flags.truths,
                   "JSON lines {\"image\", \"rotation\": [9 numbers]}, as `pose synth` writes them; "
                   "several may be given");
+  verb.add_option("--annotated", flags.annotated.input,
+                  "annotated faces, as `pose train-head` takes them: their truth is the pose of "
+                  "the annotated points");
   verb.add_option("-o,--output", flags.output, "model file to write (.json)");
   verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
   verb.add_flag("--leave-out", flags.leave_out,
                 "prints how good it is on people it has not seen: each is left out in turn "
-                "(of --truth, a seventh of the images)");
+                "(of --truth and --annotated, a seventh of the images)");
   face::head_view::TrainViewOptions& options = flags.options;
   bind_all(verb, options);
 }

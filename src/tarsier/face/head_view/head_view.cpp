@@ -106,6 +106,33 @@ Cells histograms(const cv::Mat& crop) {
   return cells;
 }
 
+// Fills the view's offsets; its roll is known. False where a point of the mean head is behind the
+// camera.
+bool set_offsets(const geometry::Camera& camera, const geometry::Rigid3& camera_from_head,
+                 const head::HeadModel& head, const Eigen::Matrix2Xd& points, double px_per_mm,
+                 HeadView& view) {
+  const auto n = points.cols();
+  if (static_cast<Eigen::Index>(head.mirror.size()) != n) return true;
+  const double c = std::cos(view.angles.roll_deg * kDegree) / px_per_mm;
+  const double s = std::sin(view.angles.roll_deg * kDegree) / px_per_mm;
+  Eigen::Matrix2Xf offsets(2, n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const auto pixel = camera.project(camera_from_head * Eigen::Vector3d(head.mean.col(i)));
+    if (!pixel) return false;
+    const double x = points(0, i) - pixel->x;
+    const double y = points(1, i) - pixel->y;
+    offsets.col(i) << static_cast<float>(c * x + s * y), static_cast<float>(c * y - s * x);
+  }
+  Eigen::Matrix2Xf mirrored(2, n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const auto from = offsets.col(head.mirror[static_cast<std::size_t>(i)]);
+    mirrored.col(i) << -from[0], from[1];
+  }
+  view.offsets = offsets.reshaped();
+  view.mirrored_offsets = mirrored.reshaped();
+  return true;
+}
+
 }  // namespace
 
 Eigen::VectorXf gradients_of(const cv::Mat& crop) {
@@ -145,8 +172,11 @@ Eigen::VectorXf gradients_of(const cv::Mat& crop) {
 }
 
 std::optional<HeadView> view_of_head(const cv::Mat& gray, const geometry::Camera& camera,
-                                     const geometry::Rigid3& camera_from_head) {
+                                     const geometry::Rigid3& camera_from_head,
+                                     const head::HeadModel& head, const Eigen::Matrix2Xd& points) {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
+  TARSIER_REQUIRE(points.cols() == head.points(), "{} points, the head has {}", points.cols(),
+                  head.points());
   const Eigen::Vector3d middle = camera_from_head * kMiddle;
   const double distance = middle.norm();
   if (!(middle[2] > 1) || !std::isfinite(distance)) return std::nullopt;
@@ -158,6 +188,7 @@ std::optional<HeadView> view_of_head(const cv::Mat& gray, const geometry::Camera
   view.camera_from_view = rotation_from_z(middle * (1 / distance));
   view.angles =
       head::angles_of_rotation(view.camera_from_view.transpose() * camera_from_head.rotation);
+  if (!set_offsets(camera, camera_from_head, head, points, px_per_mm, view)) return std::nullopt;
   view.gradients = gradients_of(upright_crop(gray, *pixel, px_per_mm, view.angles.roll_deg));
   return view;
 }
@@ -174,6 +205,7 @@ HeadView mirrored(const HeadView& view) {
         result.gradients[static_cast<Eigen::Index>(
             place_of(r, kCells - 1 - c, (kOrientations - k) % kOrientations))] =
             view.gradients[static_cast<Eigen::Index>(place_of(r, c, k))];
+  result.offsets.swap(result.mirrored_offsets);
   return result;
 }
 

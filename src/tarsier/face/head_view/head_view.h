@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/face/head/angles.h"
+#include "tarsier/face/head/head_model.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid3.h"
 
@@ -13,14 +14,15 @@
 
 // What a camera sees of a head whose pose is roughly known: an upright crop around the whole head
 // (hair, ears, chin and neck too, which landmarks do not have), as histograms of oriented
-// gradients (Dalal and Triggs, CVPR 2005).
+// gradients (Dalal and Triggs, CVPR 2005), and how the face's landmarks lie beside those of the
+// mean head in the rough pose.
 //
 // The view's frame: origin and units of the camera's, z towards the middle of the head, by the
 // smallest rotation from the camera's z. A head at the image's rim that looks into the camera is
 // turned in the camera's frame, not in the view's.
 namespace tarsier::face::head_view {
 
-inline constexpr int kSide = 64;  // px of the crop
+inline constexpr int kSide = 96;  // px of the crop
 inline constexpr int kCell = 8;   // px of a cell
 inline constexpr int kCells = kSide / kCell;
 inline constexpr int kOrientations = 9;  // of lines: a direction and its opposite are one
@@ -40,13 +42,20 @@ struct HeadView {
   // By row, column, orientation: line directions 180 / kOrientations degrees apart, the first that
   // of a vertical edge.
   Eigen::VectorXf gradients;
+  // 2n, x0 y0 x1 ..: each landmark less the projection of the mean head's, mm at the head's
+  // distance, the roll taken out. Empty where the head model does not know left from right.
+  Eigen::VectorXf offsets;
+  Eigen::VectorXf mirrored_offsets;  // those of the mirrored image
 };
 
-// `gray`: CV_8UC1 of the camera's size. Nothing where the middle of the head is behind the camera,
-// or the head is smaller than 16 px. Throws std::invalid_argument for another type.
+// `gray`: CV_8UC1 of the camera's size; `points`: 2 x n px, in the order of the head model's.
+// Nothing where the head is behind the camera or smaller than 16 px. Throws std::invalid_argument
+// for another type, or another number of points.
 [[nodiscard]] std::optional<HeadView> view_of_head(const cv::Mat& gray,
                                                    const geometry::Camera& camera,
-                                                   const geometry::Rigid3& camera_from_head);
+                                                   const geometry::Rigid3& camera_from_head,
+                                                   const head::HeadModel& head,
+                                                   const Eigen::Matrix2Xd& points);
 
 // As a mirror shows it.
 [[nodiscard]] HeadView mirrored(const HeadView& view);

@@ -18,7 +18,7 @@ TEST(HeadView, AHeadAtTheRimThatLooksIntoTheCameraIsSeenStraight) {
   const double aside = std::atan2(middle[0], middle[2]) * 180 / CV_PI;
   // Turned towards the camera: it stands at image right, so it turns to image left.
   pose.rotation = head::rotation_of_angles({aside, 0, 0});
-  const auto view = view_of_head(painted_head(pose, camera), camera, pose);
+  const auto view = view_of_painted(painted_head(pose, camera), camera, pose);
   ASSERT_TRUE(view);
   EXPECT_NEAR(view->angles.yaw_deg, 0, 1);
   EXPECT_GT(aside, 10);
@@ -28,12 +28,12 @@ TEST(HeadView, RollAndDistanceAreTakenOut) {
   const geometry::Camera camera = testing_camera();
   const auto seen = [&](double roll, double distance) {
     const geometry::Rigid3 pose{head::rotation_of_angles({15, -10, roll}), {0, -20, distance}};
-    return view_of_head(painted_head(pose, camera), camera, pose)->gradients;
+    return view_of_painted(painted_head(pose, camera), camera, pose)->gradients;
   };
   const Eigen::VectorXf upright = seen(0, 500);
   const geometry::Rigid3 other{head::rotation_of_angles({-25, 15, 0}), {0, -20, 500}};
   const float unlike =
-      (view_of_head(painted_head(other, camera), camera, other)->gradients - upright).norm();
+      (view_of_painted(painted_head(other, camera), camera, other)->gradients - upright).norm();
   EXPECT_LT((seen(25, 500) - upright).norm(), 0.4F * unlike);
   EXPECT_LT((seen(0, 650) - upright).norm(), 0.4F * unlike);
 }
@@ -42,21 +42,54 @@ TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredImage) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 12}), {30, -20, 550}};
   const cv::Mat image = painted_head(pose, camera);
-  const HeadView view = mirrored(*view_of_head(image, camera, pose));
+  // The landmarks slipped: they are those of the head as it is turned less.
+  const geometry::Rigid3 slipped{head::rotation_of_angles({14, 4, 12}), {30, -20, 550}};
+  const HeadView view = mirrored(*view_of_painted(image, camera, pose, &slipped));
   cv::Mat flipped;
   cv::flip(image, flipped, 1);
   const geometry::Rigid3 mirror{head::rotation_of_angles({-20, 8, -12}), {-30, -20, 550}};
-  const HeadView truth = *view_of_head(flipped, camera, mirror);
+  const geometry::Rigid3 mirror_slipped{head::rotation_of_angles({-14, 4, -12}), {-30, -20, 550}};
+  const HeadView truth = *view_of_painted(flipped, camera, mirror, &mirror_slipped);
   EXPECT_NEAR(view.angles.yaw_deg, truth.angles.yaw_deg, 1e-6);
   EXPECT_NEAR(view.angles.roll_deg, truth.angles.roll_deg, 1e-6);
   EXPECT_LT((view.camera_from_view - truth.camera_from_view).norm(), 1e-9);
   EXPECT_LT((view.gradients - truth.gradients).norm(), 0.05F * truth.gradients.norm());
+  ASSERT_EQ(view.offsets.size(), 2 * testing_points().points());
+  EXPECT_LT((view.offsets - truth.offsets).norm(), 1e-3F);
+  EXPECT_LT((view.mirrored_offsets - truth.mirrored_offsets).norm(), 1e-3F);
+  EXPECT_GT((view.offsets - view.mirrored_offsets).norm(), 1);
+}
+
+TEST(HeadView, OffsetsAreInMillimetresOfTheUprightHead) {
+  const geometry::Camera camera = testing_camera();
+  // The landmarks are those of the head in another place: 10 mm to image left, 20 mm down.
+  const geometry::Rigid3 rough{head::rotation_of_angles({0, 0, 30}), {0, 0, 2000}};
+  geometry::Rigid3 truth = rough;
+  truth.translation += rough.rotation * Eigen::Vector3d(-10, 20, 0);
+  const auto view = view_of_head(painted_head(truth, camera), camera, rough, testing_points(),
+                                 projected_points(truth, camera));
+  ASSERT_TRUE(view);
+  for (Eigen::Index i = 0; i < testing_points().points(); ++i) {
+    EXPECT_NEAR(view->offsets[2 * i], -10, 1);
+    EXPECT_NEAR(view->offsets[2 * i + 1], 20, 2);
+  }
+}
+
+TEST(HeadView, AHeadThatDoesNotKnowLeftFromRightHasNoOffsets) {
+  const geometry::Camera camera = testing_camera();
+  const geometry::Rigid3 pose{Eigen::Matrix3d::Identity(), {0, 0, 600}};
+  head::HeadModel head = testing_points();
+  head.mirror.clear();
+  const auto view =
+      view_of_head(painted_head(pose, camera), camera, pose, head, projected_points(pose, camera));
+  ASSERT_TRUE(view);
+  EXPECT_EQ(view->offsets.size(), 0);
 }
 
 TEST(HeadView, DirectionsGoThereAndBack) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 30}), {60, -20, 550}};
-  const HeadView view = *view_of_head(painted_head(pose, camera), camera, pose);
+  const HeadView view = *view_of_painted(painted_head(pose, camera), camera, pose);
   // The pose's own direction is that of its angles, and gives its rotation.
   const Eigen::Vector3d forward = pose.rotation * Eigen::Vector3d(0, 0, -1);
   const Direction own = direction_of(view, view.camera_from_view.transpose() * forward);
@@ -88,10 +121,18 @@ TEST(HeadView, GradientsTellTheDirectionOfLines) {
 TEST(HeadView, HeadsThatCannotBeSeenAndWrongImages) {
   const geometry::Camera camera = testing_camera();
   const cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(0));
-  EXPECT_FALSE(view_of_head(gray, camera, {Eigen::Matrix3d::Identity(), {0, 0, -500}}));
-  EXPECT_FALSE(
-      view_of_head(gray, camera, {Eigen::Matrix3d::Identity(), {0, 0, 50'000}}));  // too small
-  EXPECT_THROW((void)view_of_head(cv::Mat(9, 9, CV_8UC3), camera, {}), std::invalid_argument);
+  const head::HeadModel head = testing_points();
+  const Eigen::Matrix2Xd points = Eigen::Matrix2Xd::Zero(2, head.points());
+  const auto seen = [&](double z) {
+    return view_of_head(gray, camera, {Eigen::Matrix3d::Identity(), {0, 0, z}}, head, points);
+  };
+  EXPECT_TRUE(seen(500));
+  EXPECT_FALSE(seen(-500));
+  EXPECT_FALSE(seen(50'000));  // too small
+  EXPECT_THROW((void)view_of_head(cv::Mat(9, 9, CV_8UC3), camera, {}, head, points),
+               std::invalid_argument);
+  EXPECT_THROW((void)view_of_head(gray, camera, {}, head, Eigen::Matrix2Xd::Zero(2, 3)),
+               std::invalid_argument);
   EXPECT_THROW((void)gradients_of(cv::Mat(9, 9, CV_8UC1)), std::invalid_argument);
 }
 

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/rng.h"
 #include "tarsier/face/head/head_model.h"
+#include "tarsier/face/head_view/head_view.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid3.h"
 
@@ -10,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <cmath>
+#include <optional>
 #include <vector>
 
 // A head of formulas that can be seen from everywhere: a sphere with painted spots, for tests.
@@ -52,6 +54,37 @@ inline cv::Mat painted_head(const geometry::Rigid3& camera_from_head,
     disc(middle + radius * out, 9, 40);
   }
   return gray;
+}
+
+// Four landmarks on that ball: two eyes, the nose, the chin.
+inline head::HeadModel testing_points() {
+  head::HeadModel head;
+  head.mean.resize(3, 4);
+  head.mean << -30, 30, 0, 0,  //
+      0, 0, 40, 90,            //
+      -20, -20, -40, -10;
+  head.mirror = {1, 0, 2, 3};
+  return head;
+}
+
+inline Eigen::Matrix2Xd projected_points(const geometry::Rigid3& camera_from_head,
+                                         const geometry::Camera& camera) {
+  const head::HeadModel head = testing_points();
+  Eigen::Matrix2Xd points(2, head.points());
+  for (Eigen::Index i = 0; i < points.cols(); ++i) {
+    const auto pixel = camera.project(camera_from_head * Eigen::Vector3d(head.mean.col(i)));
+    points.col(i) << pixel->x, pixel->y;
+  }
+  return points;
+}
+
+// The view with the landmarks of an image where they truly are: those of `truth` (the rough pose,
+// if none is given).
+inline std::optional<HeadView> view_of_painted(const cv::Mat& image, const geometry::Camera& camera,
+                                               const geometry::Rigid3& rough,
+                                               const geometry::Rigid3* truth = nullptr) {
+  return view_of_head(image, camera, rough, testing_points(),
+                      projected_points(truth != nullptr ? *truth : rough, camera));
 }
 
 }  // namespace tarsier::face::head_view

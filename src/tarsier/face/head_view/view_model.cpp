@@ -12,8 +12,9 @@ using Eigen::Index;
 using Eigen::VectorXf;
 
 void ViewModel::check() const {
-  TARSIER_REQUIRE(mean.size() == kGradients, "a mean of {} gradients", mean.size());
-  TARSIER_REQUIRE(basis.rows() == kGradients && basis.cols() >= 1 && basis.cols() <= kGradients,
+  TARSIER_REQUIRE(mean.size() >= kGradients && (mean.size() - kGradients) % 2 == 0,
+                  "a mean of {} numbers", mean.size());
+  TARSIER_REQUIRE(basis.rows() == mean.size() && basis.cols() >= 1 && basis.cols() <= mean.size(),
                   "a basis of {} x {}", basis.rows(), basis.cols());
   TARSIER_REQUIRE(centres.rows() == basis.cols() + 3 && centres.cols() >= 1, "centres of {} x {}",
                   centres.rows(), centres.cols());
@@ -28,11 +29,15 @@ void ViewModel::check() const {
 }
 
 VectorXf ViewModel::point_of(const HeadView& view) const {
-  TARSIER_REQUIRE(view.gradients.size() == kGradients, "a view of {} gradients",
-                  view.gradients.size());
+  TARSIER_REQUIRE(
+      view.gradients.size() == kGradients && view.offsets.size() == mean.size() - kGradients,
+      "a view of {} gradients and {} offsets", view.gradients.size(), view.offsets.size());
   const Index k = basis.cols();
+  VectorXf appearance(mean.size());
+  appearance << view.gradients, view.offsets;
+  appearance -= mean;
   VectorXf point(k + 3);
-  point.head(k).noalias() = basis.transpose() * (view.gradients - mean);
+  point.head(k).noalias() = basis.transpose() * appearance;
   const Eigen::Vector3f angles(static_cast<float>(view.angles.pitch_deg),
                                static_cast<float>(view.angles.yaw_deg),
                                static_cast<float>(view.angles.roll_deg));
@@ -58,7 +63,8 @@ std::optional<head::HeadPose> refined_pose(const ViewModel& model, const head::H
                                            const head::HeadPose& pose,
                                            const head::HeadIdentity* identity,
                                            const Eigen::VectorXd& sigma_px) {
-  const std::optional<HeadView> view = view_of_head(gray, camera, pose.camera_from_head);
+  const std::optional<HeadView> view =
+      view_of_head(gray, camera, pose.camera_from_head, poser.model(), points);
   // A head seen from behind is no face.
   if (!view || std::abs(view->angles.yaw_deg) > 89) return std::nullopt;
   return poser

@@ -15,15 +15,15 @@
 // of what it is (docs/results.md).
 //
 // Kernel ridge regression (Saunders, Gammerman and Vovk, ICML 1998). A view becomes the point
-//   f = [B^T (gradients - mean) ; (pitch, yaw, roll) / angle_scale]
+//   f = [B^T ([gradients ; offsets] - mean) ; (pitch, yaw, roll) / angle_scale]
 // and the correction, in degrees, is
 //   (pitch, yaw) - (pitch, yaw) of the rough pose = sum_i exp(-gamma |f - f_i|^2) weights_i.
 // It is nothing for views unlike all that were learnt.
 namespace tarsier::face::head_view {
 
 struct ViewModel {
-  Eigen::VectorXf mean;         // kGradients
-  Eigen::MatrixXf basis;        // kGradients x k, columns orthogonal, scaled as f needs it
+  Eigen::VectorXf mean;         // kGradients + 2n, n: landmarks, 0 where offsets are not used
+  Eigen::MatrixXf basis;        // (kGradients + 2n) x k, scaled as f needs it
   Eigen::Vector3f angle_scale;  // degrees, > 0
   Eigen::MatrixXf centres;      // (k + 3) x n, the f_i
   Eigen::MatrixXf weights;      // 2 x n, degrees: of pitch and yaw
@@ -31,6 +31,8 @@ struct ViewModel {
   double max_deg = 25;          // corrections are cut off here, (0, 90]
   int trained_on = 0;           // views
 
+  [[nodiscard]] int landmarks() const { return static_cast<int>(mean.size() - kGradients) / 2; }
+  // Throws std::invalid_argument for a view of another number of offsets.
   [[nodiscard]] Eigen::VectorXf point_of(const HeadView& view) const;
   void check() const;  // throws std::invalid_argument
 };
@@ -47,7 +49,7 @@ struct ViewModel {
     const cv::Mat& gray, const geometry::Camera& camera, const head::HeadPose& pose,
     const head::HeadIdentity* identity, const Eigen::VectorXd& sigma_px = {});
 
-// Files of type "head-view", version 1. Reading throws ModelError(path).
+// Files of type "head-view", version 2. Reading throws ModelError(path).
 void write_view_model(const std::string& path, const ViewModel& model,
                       const nlohmann::json& provenance);
 [[nodiscard]] ViewModel read_view_model(const std::string& path);

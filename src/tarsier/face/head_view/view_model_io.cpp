@@ -15,18 +15,21 @@ namespace {
 using nlohmann::json;
 
 constexpr const char* kType = "head-view";
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
+constexpr std::int64_t kMaxLandmarks = 1000;
 constexpr Eigen::Index kMaxCentres = 100'000;
 
 // Row-major, as PackedArray has it.
-json packed(const Eigen::MatrixXf& matrix) {
+PackedArray<float> rows_of(const Eigen::MatrixXf& matrix) {
   PackedArray<float> array;
   array.shape = {matrix.rows(), matrix.cols()};
   array.values.reserve(static_cast<std::size_t>(matrix.size()));
   for (Eigen::Index r = 0; r < matrix.rows(); ++r)
     for (Eigen::Index c = 0; c < matrix.cols(); ++c) array.values.push_back(matrix(r, c));
-  return pack(array);
+  return array;
 }
+
+json packed(const Eigen::MatrixXf& matrix) { return pack(rows_of(matrix)); }
 
 Eigen::MatrixXf unpacked(const json& object, const std::string& path, const std::string& name,
                          std::int64_t rows, std::int64_t cols) {
@@ -44,9 +47,9 @@ void write_view_model(const std::string& path, const ViewModel& model, const jso
   model.check();
   json value;
   value["mean"] = packed(model.mean);
-  value["basis"] = packed(model.basis);
+  value["basis"] = pack_half(rows_of(model.basis));
   value["angle_scale"] = packed(model.angle_scale);
-  value["centres"] = packed(model.centres);
+  value["centres"] = pack_half(rows_of(model.centres));
   value["weights"] = packed(model.weights);
   value["gamma"] = model.gamma;
   value["most_deg"] = model.max_deg;
@@ -57,9 +60,11 @@ void write_view_model(const std::string& path, const ViewModel& model, const jso
 ViewModel read_view_model(const std::string& path) {
   const json value = read_archive(path, kType, kVersion).payload;
   ViewModel model;
-  model.mean = unpacked(value, path, "mean", kGradients, 1);
-  model.basis = unpacked(value, path, "basis", kGradients, -1);
-  if (model.basis.cols() < 1 || model.basis.cols() > kGradients)
+  model.mean = unpacked(value, path, "mean", -1, 1);
+  if (model.mean.size() < kGradients || model.mean.size() > kGradients + 2 * kMaxLandmarks)
+    throw ModelError(path, fmt::format("'mean' has {} numbers", model.mean.size()));
+  model.basis = unpacked(value, path, "basis", model.mean.size(), -1);
+  if (model.basis.cols() < 1 || model.basis.cols() > model.mean.size())
     throw ModelError(path, fmt::format("'basis' has {} columns", model.basis.cols()));
   model.angle_scale = unpacked(value, path, "angle_scale", 3, 1);
   model.centres = unpacked(value, path, "centres", model.basis.cols() + 3, -1);

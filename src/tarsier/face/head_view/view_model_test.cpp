@@ -40,7 +40,7 @@ Slipped slipped(Rng& rng) {
 }
 
 ViewSample sample_of(const Slipped& head, int group) {
-  const HeadView view = *view_of_head(head.image, testing_camera(), head.rough);
+  const HeadView view = *view_of_painted(head.image, testing_camera(), head.rough, &head.truth);
   const Eigen::Vector3d forward = head.truth.rotation * Eigen::Vector3d(0, 0, -1);
   return {view, direction_of(view, view.camera_from_view.transpose() * forward), group};
 }
@@ -121,6 +121,23 @@ TEST(ViewModel, LeavingOutIsLearningWithoutAGroup) {
   }
 }
 
+TEST(ViewModel, WhatIsConstantOverAPersonIsNotLearnt) {
+  // One of five people was asked to look 12 degrees beside where the others looked.
+  std::vector<ViewSample> training = samples(200, 13);
+  for (ViewSample& sample : training) {
+    sample.asked = true;
+    if (sample.group == 1) sample.truth.yaw_deg += 12;
+  }
+  const std::vector<ViewSample> test = samples(60, 14);
+  const auto yaw_error = [&](const TrainViewOptions& options) {
+    const ViewModel model = train_view_model(training, options);
+    std::vector<Direction> found;
+    for (const ViewSample& sample : test) found.push_back(looks_to(model, sample.view));
+    return errors_of(test, found).yaw;
+  };
+  EXPECT_LT(yaw_error({}), 0.9 * yaw_error({.group_error = 0}));
+}
+
 TEST(ViewModel, BadOptionsAndDataAreRefused) {
   const std::vector<ViewSample> few = samples(4, 8);
   EXPECT_THROW((void)train_view_model(few, {}), std::invalid_argument);
@@ -130,6 +147,9 @@ TEST(ViewModel, BadOptionsAndDataAreRefused) {
   std::vector<ViewSample> one_group = samples(10, 9);
   for (ViewSample& sample : one_group) sample.group = 0;
   EXPECT_THROW((void)leave_groups_out(one_group, {}), std::invalid_argument);
+  std::vector<ViewSample> without_offsets = samples(10, 9);
+  without_offsets.back().view.offsets.resize(0);
+  EXPECT_THROW((void)train_view_model(without_offsets, {.mirror = false}), std::invalid_argument);
 }
 
 class ViewModelFile : public ::testing::Test {

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/linalg/decompositions.h"
+#include "tarsier/media/archive.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,31 +18,64 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMaxViews = 20'000;
 
+// The samples, then their mirrored ones in the same order.
 std::vector<ViewSample> with_mirrored(const std::vector<ViewSample>& samples) {
   std::vector<ViewSample> all = samples;
   all.reserve(2 * samples.size());
   for (const ViewSample& sample : samples) {
-    all.push_back(
-        {mirrored(sample.view), {sample.truth.pitch_deg, -sample.truth.yaw_deg}, sample.group});
+    all.push_back({mirrored(sample.view),
+                   {sample.truth.pitch_deg, -sample.truth.yaw_deg},
+                   sample.group,
+                   sample.asked});
   }
   return all;
 }
 
-void set_basis(const std::vector<ViewSample>& samples, int components, ViewModel& model) {
+Eigen::MatrixXf rounded(Eigen::MatrixXf matrix) {
+  return matrix.unaryExpr([](float value) { return rounded_to_half(value); });
+}
+
+// The unit vectors along which the columns, whose mean is 0, vary most; as many as are asked for,
+// or as differ from none.
+MatrixXd principal_directions(const MatrixXd& columns, Index wanted) {
+  const bool few = columns.cols() < columns.rows();
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(
+      few ? MatrixXd(columns.transpose() * columns) : MatrixXd(columns * columns.transpose()));
+  const Index n = eigen.values.size();
+  Index count = 0;
+  while (count < std::min(wanted, n) && eigen.values[n - 1 - count] > 1e-9 * eigen.values[n - 1])
+    ++count;
+  const MatrixXd vectors = eigen.vectors.rightCols(count).rowwise().reverse();
+  return few ? MatrixXd((columns * vectors).colwise().normalized()) : vectors;
+}
+
+void set_basis(const std::vector<ViewSample>& samples, const TrainViewOptions& options,
+               ViewModel& model) {
   const auto n = static_cast<Index>(samples.size());
-  MatrixXd gradients(kGradients, n);
-  for (Index i = 0; i < n; ++i)
-    gradients.col(i) = samples[static_cast<std::size_t>(i)].view.gradients.cast<double>();
-  const VectorXd mean = gradients.rowwise().mean();
-  gradients.colwise() -= mean;
-  const MatrixXd covariance = gradients * gradients.transpose() / static_cast<double>(n);
-  const double total = covariance.trace();
-  TARSIER_REQUIRE(total > 1e-9, "the views are all alike");
-  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(covariance);
-  // The mean squared distance of two views becomes 1 (less what is beyond the components).
+  const Index offsets = samples.front().view.offsets.size();
+  MatrixXd appearance(kGradients + offsets, n);
+  for (Index i = 0; i < n; ++i) {
+    const HeadView& view = samples[static_cast<std::size_t>(i)].view;
+    TARSIER_REQUIRE(view.offsets.size() == offsets, "views of {} and {} offsets", offsets,
+                    view.offsets.size());
+    appearance.col(i) << view.gradients.cast<double>(), view.offsets.cast<double>();
+  }
+  const VectorXd mean = appearance.rowwise().mean();
+  appearance.colwise() -= mean;
+  const double gradients = appearance.topRows(kGradients).squaredNorm();
+  TARSIER_REQUIRE(gradients / static_cast<double>(n) > 1e-9, "the views are all alike");
+  // Offsets have `scale` times their size in the PCA.
+  const double of_offsets = appearance.bottomRows(offsets).squaredNorm();
+  const double scale =
+      of_offsets > 0 ? options.offset_weight * std::sqrt(gradients / of_offsets) : 0;
+  appearance.bottomRows(offsets) *= scale;
+  // The mean squared distance of two views' gradients becomes 1 (less what is beyond the
+  // components).
+  MatrixXd basis = principal_directions(appearance, options.components) /
+                   std::sqrt(2 * gradients / static_cast<double>(n));
+  basis.bottomRows(offsets) *= scale;
   model.mean = mean.cast<float>();
-  model.basis = (eigen.vectors.rightCols(components).rowwise().reverse() / std::sqrt(2 * total))
-                    .cast<float>();
+  model.basis = rounded(basis.cast<float>());
 }
 
 void set_angle_scale(const std::vector<ViewSample>& samples, double weight, ViewModel& model) {
@@ -57,6 +91,33 @@ void set_angle_scale(const std::vector<ViewSample>& samples, double weight, View
   model.angle_scale.setConstant(static_cast<float>(std::sqrt(2 * variance) / weight));
 }
 
+// K + ridge I.
+MatrixXd kernel_of(const ViewModel& model, double ridge) {
+  const Index n = model.centres.cols();
+  MatrixXd kernel(n, n);
+  for (Index i = 0; i < n; ++i)
+    for (Index j = 0; j <= i; ++j)
+      kernel(i, j) = kernel(j, i) =
+          std::exp(-model.gamma * static_cast<double>(
+                                      (model.centres.col(i) - model.centres.col(j)).squaredNorm()));
+  kernel.diagonal().array() += ridge;
+  return kernel;
+}
+
+// Adds variance * S; the samples from `mirrored_from` on have the other sign.
+void add_group_errors(const std::vector<ViewSample>& samples, std::size_t mirrored_from,
+                      bool sign_changes, double variance, MatrixXd& kernel) {
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (!samples[i].asked) continue;
+    for (std::size_t j = 0; j < samples.size(); ++j) {
+      if (!samples[j].asked || samples[i].group != samples[j].group) continue;
+      const bool differ = (i < mirrored_from) != (j < mirrored_from);
+      kernel(static_cast<Index>(i), static_cast<Index>(j)) +=
+          sign_changes && differ ? -variance : variance;
+    }
+  }
+}
+
 }  // namespace
 
 ViewModel train_view_model(const std::vector<ViewSample>& samples,
@@ -70,7 +131,7 @@ ViewModel train_view_model(const std::vector<ViewSample>& samples,
   ViewModel model;
   model.gamma = options.gamma;
   model.trained_on = static_cast<int>(samples.size());
-  set_basis(all, static_cast<int>(std::min<Index>(options.components, n - 1)), model);
+  set_basis(all, options, model);
   set_angle_scale(all, options.angle_weight, model);
   model.centres.resize(model.basis.cols() + 3, n);
   MatrixXd corrections(n, 2);
@@ -82,14 +143,14 @@ ViewModel train_view_model(const std::vector<ViewSample>& samples,
   }
   TARSIER_REQUIRE(corrections.allFinite() && model.centres.allFinite(),
                   "numbers that are not finite");
-  MatrixXd kernel(n, n);
-  for (Index i = 0; i < n; ++i)
-    for (Index j = 0; j <= i; ++j)
-      kernel(i, j) = kernel(j, i) = std::exp(
-          -options.gamma *
-          static_cast<double>((model.centres.col(i) - model.centres.col(j)).squaredNorm()));
-  kernel.diagonal().array() += options.ridge;
-  model.weights = linalg::Cholesky(kernel).solve(corrections).transpose().cast<float>();
+  model.centres = rounded(model.centres);
+  model.weights.resize(2, n);
+  for (const int axis : {0, 1}) {  // pitch, yaw
+    MatrixXd kernel = kernel_of(model, options.ridge);
+    add_group_errors(all, samples.size(), axis == 1, options.group_error, kernel);
+    model.weights.row(axis) =
+        linalg::Cholesky(kernel).solve(corrections.col(axis)).transpose().cast<float>();
+  }
   model.check();
   return model;
 }

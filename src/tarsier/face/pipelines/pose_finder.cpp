@@ -96,6 +96,10 @@ PoseFinder::PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks
   std::sort(sorted.begin(), sorted.end());
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
   is_whole_ = static_cast<int>(sorted.size()) == landmarks_->points();
+  TARSIER_REQUIRE(
+      view_ == nullptr || view_->landmarks() == static_cast<int>(poser_.model().mirror.size()),
+      "a view model of {} landmarks, the head has {}", view_->landmarks(),
+      poser_.model().mirror.size());
 }
 
 PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,

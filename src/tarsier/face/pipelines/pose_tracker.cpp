@@ -23,16 +23,24 @@ constexpr std::size_t kMinPoints = 6;  // of a head, for its pose
 
 double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
+// `landmarks`: of which a view of the head has the offsets.
 std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
-                                                      const PoseTrackerOptions& options) {
+                                                      const PoseTrackerOptions& options,
+                                                      int landmarks) {
   if (!options.refine) return nullptr;
   if (options.view.empty()) {
     const bool all_ship =
         options.head.empty() && options.mapping.empty() && options.landmarks.model.empty();
     if (!all_ship || !models.has(kShippedView)) return nullptr;
   }
-  return std::make_shared<const head_view::ViewModel>(
-      head_view::read_view_model(models.path_or(options.view, kShippedView)));
+  const std::string path = models.path_or(options.view, kShippedView);
+  auto view = std::make_shared<const head_view::ViewModel>(head_view::read_view_model(path));
+  if (view->landmarks() != landmarks) {
+    throw ModelError(path, fmt::format("was learnt with {} landmarks, the head has {}: learn it "
+                                       "again with the same --head and --mapping",
+                                       view->landmarks(), landmarks));
+  }
+  return view;
 }
 
 }  // namespace
@@ -69,7 +77,8 @@ PoseModels load_pose_models(const ModelStore& models, const PoseTrackerOptions& 
   if (result.mapping.landmarks.size() < kMinPoints) {
     throw UsageError("--mapping: a head's pose needs at least 6 points");
   }
-  result.view = load_view(models, options);
+  const head::HeadModel chosen = head::select_points(*result.head, result.mapping.model_points);
+  result.view = load_view(models, options, static_cast<int>(chosen.mirror.size()));
   return result;
 }
 
