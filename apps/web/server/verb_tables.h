@@ -176,6 +176,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--observations",
     "--occlude",
     "--offset",
+    "--offset-weight",
     "--online",
     "--online-every",
     "--only",
@@ -196,6 +197,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--people",
     "--pepper",
     "--per-image-camera",
+    "--person-error",
     "--pipeline",
     "--pitch",
     "--plain",
@@ -306,22 +308,13 @@ inline constexpr auto kFreeTextFlags =
     std::to_array<std::string_view>({"--distance-between", "--author", "--label", "--name",
                                      "--names", "--note", "--source", "--terms", "--text"});
 
-inline constexpr auto kInputFlags =
-    std::to_array<std::string_view>({"--appearance",     "--camera-file",
-                                     "--compare",        "--countries-dir",
-                                     "--database",       "--detector",
-                                     "--detector-model", "--embedding",
-                                     "--found",          "--from",
-                                     "--head",           "--image",
-                                     "--images",         "--learn-background",
-                                     "--list",           "--mapping",
-                                     "--mesh",           "--model",
-                                     "--object",         "--on",
-                                     "--pointing",       "--points",
-                                     "--reader",         "--results",
-                                     "--scenes",         "--target",
-                                     "--truth",          "--view",
-                                     "--without"});
+inline constexpr auto kInputFlags = std::to_array<std::string_view>(
+    {"--annotated", "--appearance", "--camera-file",    "--compare",   "--countries-dir",
+     "--database",  "--detector",   "--detector-model", "--embedding", "--found",
+     "--from",      "--head",       "--image",          "--images",    "--learn-background",
+     "--list",      "--mapping",    "--mesh",           "--model",     "--object",
+     "--on",        "--pointing",   "--points",         "--reader",    "--results",
+     "--scenes",    "--target",     "--truth",          "--view",      "--without"});
 
 inline constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
     {"--align", "--background", "--camera", "--face-detector", "--pairs"});
