@@ -96,6 +96,17 @@ expect_status 3
 expect_error 'few.jsonl' 'at least 8'
 [ ! -e none.json ] || fail "a model was written of four images"
 
+# Annotated faces teach, too: the truth is the pose of their points.
+run pose train-view --annotated heads/set.json -o annotated.json --leave-out --json
+expect_status 0
+expect_out '"set":"truth","what":"refined' '"output":"annotated.json"'
+run pose track "$messi" --view annotated.json
+expect_status 0
+printf 'version: 1\nn_points: 3\n{\n1 1\n9 1\n5 9\n}\n' >video/01.pts
+run pose train-view --annotated video/01.pts -o none.json
+expect_status 3
+expect_error '01.pts' 'has 3 points'
+
 # Nothing found.
 run pose track "$images/graf1.png"
 expect_status 1
@@ -104,6 +115,9 @@ expect_status 1
 for i in $(seq 17 67); do echo "$i $i"; done >inner.txt
 run pose track "$messi" --mapping inner.txt --json
 expect_status 0
+run pose track "$messi" --mapping inner.txt --view view.json
+expect_status 5
+expect_error 'view.json' 'learn it again'
 
 # A head from one's own points, and how good it is.
 python3 - <<'END'

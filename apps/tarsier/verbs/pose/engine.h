@@ -32,8 +32,8 @@ void add_pose_flags(Command& verb, PoseFlags& flags);
 
 [[nodiscard]] face::head::HeadModel read_head(
     const std::string& path);  // empty: the one that ships
-// Images of a folder of Pointing'04 (and below it) whose names have a pan and a tilt within these
-// limits, in order. Throws InputError where there are none.
+// Images in and below a folder of Pointing'04 with |pan| and |tilt| up to these limits, sorted by
+// path. Throws InputError for a folder without such images.
 [[nodiscard]] std::vector<std::pair<std::string, face::head::PointingName>> pointing_images(
     const std::string& folder, double max_pan_deg = 45, double max_tilt_deg = 30);
 // The first face with a pose whose box has its middle inside the annotated head's.

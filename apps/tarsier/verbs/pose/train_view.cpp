@@ -153,7 +153,7 @@ void add_exact(Data& data, Seen seen, int group, const std::string& image,
 }
 
 void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data, Context& context) {
-  // Heads that are turned further than what is scored teach, too.
+  // More than what is scored: corrections near its limits are interpolated, not extrapolated.
   const auto images = pointing_images(flags.pointing, 90, 60);
   context.progress->begin("Pointing'04", static_cast<std::int64_t>(images.size()), "images");
   for (const auto& [path, name] : images) {
