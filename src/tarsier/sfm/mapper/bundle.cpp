@@ -193,12 +193,12 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
       }
     }
     if (far != first) {
-      const Eigen::Vector3d& t = problem.poses[far].translation;
+      const Eigen::Vector3d center = problem.poses[far].center();
+      const Eigen::Vector3d away = center - origin;
       int axis = 0;
-      for (int k = 1; k < 3; ++k)
-        if (std::abs(t[k]) > std::abs(t[axis])) axis = k;
-      problem.hold = {static_cast<int>(far), axis, t[axis],
-                      kScaleHold / std::max(1e-12, std::abs(t[axis]))};
+      away.cwiseAbs().maxCoeff(&axis);
+      problem.hold = {static_cast<int>(far), axis, center[axis],
+                      kScaleHold / std::max(1e-12, std::abs(away[axis]))};
     }
   }
 

@@ -9,6 +9,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <Eigen/SparseCore>
 
 #include <algorithm>
@@ -22,9 +23,16 @@ namespace {
 
 constexpr double kMinCurvature = 0.05;  // of the loss along a residual, a share of that across
 constexpr double kGoodGain = 1.4;       // of what a step promised
+constexpr double kStraightGain = 0.9;   // of what a step promised; below, the second order is used
 constexpr double kFirstDamping = 1e-4;  // share of the diagonal
 constexpr double kMinDamping = 1e-12;
 constexpr double kMaxDamping = 1e12;
+// Of many poses. Bending a long chain changes each residual by little, so that damping holds the bend back until it is
+// this low: a small change before that does not mean that the minimum is reached.
+constexpr double kFreeDamping = 1e-10;
+constexpr double kRelease = 1e-3;   // of the damping, where a change was small
+constexpr double kPathShare = 0.1;  // of a step, at which the second order of its path is measured
+constexpr double kMaxBend = 0.75;   // of twice the second order beside the step
 constexpr double kMinGain = 1e-3;
 constexpr int kDensePoses = 300;
 constexpr int kFewPoses = 80;       // up to which a dense system is faster in any case
@@ -85,7 +93,8 @@ class Solver {
       const double change = candidate ? sum - *candidate : 0;
       if (!candidate || !(change > kMinGain * promised)) {
         if (candidate && promised <= options_.tolerance * sum) break;  // no more to be had
-        if (curvature_ < 1) {                                          // not as near as it looked
+        bends_ = poses_ > kFewPoses;
+        if (curvature_ < 1) {  // not as near as it looked
           curvature_ = std::min(1.0, 4 * curvature_);
           is_linear = false;
           continue;
@@ -102,9 +111,13 @@ class Solver {
       if (change > kGoodGain * promised) curvature_ = std::max(kMinCurvature, curvature_ / 2);
       sum = *candidate;
       const double gain = std::min(change / promised, 2.0);
+      if (gain < kStraightGain) bends_ = poses_ > kFewPoses;
       damping = std::max(kMinDamping, damping * std::max(1.0 / 9, 1 - std::pow(2 * gain - 1, 3)));
       growth = 2;
-      if (is_done) break;
+      if (is_done) {
+        if (poses_ <= kFewPoses || damping <= kFreeDamping) break;
+        damping = std::max(kFreeDamping, kRelease * damping);
+      }
     }
     throw_if_stopped(stop_);
     solution.cost_after = sum;
@@ -276,7 +289,7 @@ class Solver {
 
   [[nodiscard]] double hold_residual(const State& state) const {
     const BundleProblem::Hold& hold = *problem_.hold;
-    return hold.weight * (state.poses[at(hold.pose)].translation[hold.axis] - hold.value);
+    return hold.weight * (state.poses[at(hold.pose)].center()[hold.axis] - hold.value);
   }
 
   // A residual and its derivatives as of plain squares that have the gradient and the second
@@ -316,23 +329,23 @@ class Solver {
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
         const BundleProblem::Seen& seen = problem_.seen[k];
         const geometry::Rigid3& pose = state.poses[at(seen.pose)];
-        const Eigen::Vector3d turned = pose.rotation * state.points[p];
-        (void)residual_of(seen, state.lenses[at(seen.lens)], turned + pose.translation, residual,
-                          &by_place, free > 0 ? &by_lens : nullptr);
+        const Vector3d place = pose * state.points[p];
+        (void)residual_of(seen, state.lenses[at(seen.lens)], place, residual, &by_place,
+                          free > 0 ? &by_lens : nullptr);
         weigh(residual, factor);
         by_place = (factor * by_place).eval();
+        by_point.noalias() = by_place * pose.rotation;
         if (moves) {
-          by_point.noalias() = by_place * pose.rotation;
           point_hessian_[p].noalias() += by_point.transpose() * by_point;
           point_gradient_[p].noalias() += by_point.transpose() * residual;
         }
         const int l = pose_entry_[k];
         if (l >= 0) {
-          // A small turn w after the rotation moves the point by w x turned.
-          by_pose.col(0) = by_place.col(2) * turned[1] - by_place.col(1) * turned[2];
-          by_pose.col(1) = by_place.col(0) * turned[2] - by_place.col(2) * turned[0];
-          by_pose.col(2) = by_place.col(1) * turned[0] - by_place.col(0) * turned[1];
-          by_pose.rightCols<3>() = by_place;
+          // A small turn w after the rotation moves the point in the camera's frame by w x place.
+          by_pose.col(0) = by_place.col(2) * place[1] - by_place.col(1) * place[2];
+          by_pose.col(1) = by_place.col(0) * place[2] - by_place.col(2) * place[0];
+          by_pose.col(2) = by_place.col(1) * place[0] - by_place.col(0) * place[1];
+          by_pose.rightCols<3>() = -by_point;
           const Entry& entry = entries_[entry_first_[p] + at(l)];
           Eigen::Map<Matrix6>(numbers_.data() + blocks_[at(diagonal_[at(entry.variable)])].offset)
               .noalias() += by_pose.transpose() * by_pose;
@@ -393,43 +406,138 @@ class Solver {
     point_inverse_.resize(now.points.size());
     for (const std::size_t p : order_)
       if (problem_.point_moves[p] != 0 && !eliminate(p, damping, moved)) return false;
-    if (size_ > 0 && !(is_sparse_ ? solve_sparse(moved) : solve_dense(moved))) return false;
+    if (size_ > 0 && !(is_sparse_ ? factor_sparse() : factor_dense())) return false;
+    solve_cameras(moved);
     if (!moved.allFinite()) return false;
-    next = now;
+    std::vector<Vector3d> by(now.points.size(), Vector3d::Zero());
+    solve_points(point_gradient_, moved, by);
     promised = 0;
     for (Eigen::Index k = 0; k < size_; ++k)
       promised += moved[k] * (damped(damping, scale_[k]) * moved[k] - gradient_[k]);
+    for (std::size_t p = 0; p < by.size(); ++p)
+      for (int k = 0; k < 3; ++k)
+        promised += by[p][k] *
+                    (damped(damping, point_hessian_[p](k, k)) * by[p][k] - point_gradient_[p][k]);
+    promised /= 2;
+    if (!std::isfinite(promised) || !(promised > 0)) return false;
+    if (bends_) accelerate(now, moved, by);
+    next = moved_by(now, moved, by, 1);
+    return true;
+  }
+
+  // The state after a share of a step.
+  [[nodiscard]] State moved_by(const State& now, const VectorXd& moved,
+                               const std::vector<Vector3d>& by, double share) const {
+    State next = now;
     for (std::size_t i = 0; i < next.poses.size(); ++i) {
       if (pose_variable_[i] < 0) continue;
       const Eigen::Index offset = offset_of(pose_variable_[i]);
+      const geometry::Rigid3& pose = now.poses[i];
       next.poses[i].rotation =
-          geometry::rotation_by(moved.segment<3>(offset)) * now.poses[i].rotation;
-      next.poses[i].translation += moved.segment<3>(offset + 3);
+          geometry::rotation_by(share * moved.segment<3>(offset)) * pose.rotation;
+      next.poses[i].translation =
+          -(next.poses[i].rotation * (pose.center() + share * moved.segment<3>(offset + 3)));
     }
     for (std::size_t i = 0; i < next.lenses.size(); ++i) {
       if (lens_variable_[i] < 0) continue;
       for (std::size_t k = 0; k < problem_.free_numbers.size(); ++k)
         next.lenses[i][at(problem_.free_numbers[k])] +=
-            moved[offset_of(lens_variable_[i]) + static_cast<Eigen::Index>(k)];
+            share * moved[offset_of(lens_variable_[i]) + static_cast<Eigen::Index>(k)];
     }
-    for (std::size_t p = 0; p < next.points.size(); ++p) {
+    for (std::size_t p = 0; p < next.points.size(); ++p) next.points[p] += share * by[p];
+    return next;
+  }
+
+  // Of points that move: what they move by, when the cameras and lenses move by `moved`.
+  void solve_points(const std::vector<Vector3d>& gradient, const VectorXd& moved,
+                    std::vector<Vector3d>& by) const {
+    for (std::size_t p = 0; p < by.size(); ++p) {
       if (problem_.point_moves[p] == 0) continue;
-      Vector3d right = -point_gradient_[p];
+      Vector3d right = -gradient[p];
       for (std::size_t e = entry_first_[p]; e < entry_first_[p + 1]; ++e) {
         const int v = entries_[e].variable;
         right -= Eigen::Map<const MatrixNx3>(mixed_.data() + entries_[e].offset, size_of(v), 3)
                      .transpose() *
                  moved.segment(offset_of(v), size_of(v));
       }
-      const Vector3d by = point_inverse_[p] * right;
-      next.points[p] += by;
-      for (int k = 0; k < 3; ++k) {
-        promised +=
-            by[k] * (damped(damping, point_hessian_[p](k, k)) * by[k] - point_gradient_[p][k]);
+      by[p] = point_inverse_[p] * right;
+    }
+  }
+
+  // Adds the second order of the path to a step (geodesic acceleration: Transtrum and Sethna, Improvements to the
+  // Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012): with d the step, h = kPathShare and r
+  // the residuals, r'' = 2/h ((r(x + h d) - r(x)) / h - J d), and a solves the same equations for -J^T r'' in place of
+  // -J^T r; the step is d + a / 2. The loss keeps its weights meanwhile. Without effect where a is not small beside d.
+  void accelerate(const State& now, VectorXd& moved, std::vector<Vector3d>& by) {
+    const State ahead = moved_by(now, moved, by, kPathShare);
+    VectorXd gradient = VectorXd::Zero(size_);
+    std::vector<Vector3d> point_gradient(by.size(), Vector3d::Zero());
+    Vector2d residual;
+    Vector2d later;
+    Matrix2d factor;
+    Matrix2x3 by_place;
+    const auto& chosen = problem_.free_numbers;
+    const auto free = static_cast<Eigen::Index>(chosen.size());
+    Eigen::Matrix<double, 2, 9> by_lens;
+    Matrix2xN by_free(2, free);
+    for (std::size_t p = 0; p < by.size(); ++p) {
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+        const BundleProblem::Seen& seen = problem_.seen[k];
+        const geometry::Rigid3& pose = now.poses[at(seen.pose)];
+        const Vector3d place = pose * now.points[p];
+        const LensNumbers& lens = now.lenses[at(seen.lens)];
+        (void)residual_of(seen, lens, place, residual, &by_place, free > 0 ? &by_lens : nullptr);
+        if (!residual_of(seen, lens, ahead.poses[at(seen.pose)] * ahead.points[p], later, nullptr,
+                         nullptr))
+          return;
+        Vector3d along = pose.rotation * by[p];  // of the place in the camera's frame
+        const int variable = pose_variable_[at(seen.pose)];
+        if (variable >= 0) {
+          const auto step = moved.segment<6>(offset_of(variable));
+          along += Vector3d(step.head<3>()).cross(place) - pose.rotation * step.tail<3>();
+        }
+        Vector2d first = by_place * along;  // J d
+        const int lens_variable = lens_variable_[at(seen.lens)];
+        if (lens_variable >= 0) {
+          for (Eigen::Index c = 0; c < free; ++c)
+            by_free.col(c) = by_lens.col(chosen[static_cast<std::size_t>(c)]);
+          first += by_free * moved.segment(offset_of(lens_variable), free);
+        }
+        const Vector2d bend = 2 / kPathShare * ((later - residual) / kPathShare - first);
+        weigh(residual, factor);
+        const Vector2d weighted = factor.transpose() * (factor * bend);
+        const Vector3d pull = by_place.transpose() * weighted;
+        if (problem_.point_moves[p] != 0) point_gradient[p] += pose.rotation.transpose() * pull;
+        if (lens_variable >= 0)
+          gradient.segment(offset_of(lens_variable), free) += by_free.transpose() * weighted;
+        if (variable < 0) continue;
+        gradient.segment<3>(offset_of(variable)) += place.cross(pull);
+        gradient.segment<3>(offset_of(variable) + 3) -= pose.rotation.transpose() * pull;
       }
     }
-    promised /= 2;
-    return std::isfinite(promised) && promised > 0;
+    VectorXd bent = -gradient;
+    for (std::size_t p = 0; p < by.size(); ++p)
+      if (problem_.point_moves[p] != 0) eliminate_right(p, point_gradient[p], bent);
+    solve_cameras(bent);
+    if (!bent.allFinite()) return;
+    std::vector<Vector3d> bent_by(by.size(), Vector3d::Zero());
+    solve_points(point_gradient, bent, bent_by);
+    const double size = scale_.dot(moved.cwiseAbs2());
+    const double bent_size = scale_.dot(bent.cwiseAbs2());
+    if (2 * std::sqrt(bent_size) > kMaxBend * std::sqrt(size)) return;
+    moved += 0.5 * bent;
+    for (std::size_t p = 0; p < by.size(); ++p) by[p] += 0.5 * bent_by[p];
+  }
+
+  // What a point's gradient takes from the right side of the cameras' equations.
+  void eliminate_right(std::size_t p, const Vector3d& gradient, VectorXd& right) const {
+    const Vector3d offset = point_inverse_[p] * gradient;
+    for (std::size_t e = entry_first_[p]; e < entry_first_[p + 1]; ++e) {
+      const int v = entries_[e].variable;
+      right.segment(offset_of(v), size_of(v)) +=
+          Eigen::Map<const MatrixNx3>(mixed_.data() + entries_[e].offset, size_of(v), 3)
+              .lazyProduct(offset);
+    }
   }
 
   // Takes a point out of the equations.
@@ -439,14 +547,13 @@ class Solver {
     const Eigen::LLT<Matrix3d> factor(hessian);
     if (factor.info() != Eigen::Success) return false;
     const Matrix3d inverse = point_inverse_[p] = factor.solve(Matrix3d::Identity());
-    const Vector3d offset = inverse * point_gradient_[p];
+    eliminate_right(p, point_gradient_[p], right);
     const std::size_t first = entry_first_[p];
     const int count = static_cast<int>(entry_first_[p + 1] - first);
     for (int l = 0; l < count; ++l) {
       const Entry& column = entries_[first + at(l)];
       const int columns = size_of(column.variable);
       const Eigen::Map<const MatrixNx3> own(mixed_.data() + column.offset, columns, 3);
-      right.segment(offset_of(column.variable), columns) += own.lazyProduct(offset);
       if (column.variable < poses_) {
         const Matrix6x3 scaled =
             Eigen::Map<const Matrix6x3>(mixed_.data() + column.offset).lazyProduct(inverse);
@@ -468,8 +575,7 @@ class Solver {
     return true;
   }
 
-  // `right` becomes the solution.
-  bool solve_dense(VectorXd& right) {
+  bool factor_dense() {
     dense_.setZero(size_, size_);
     for (const Block& block : blocks_) {
       const int rows = size_of(block.row);
@@ -477,12 +583,17 @@ class Solver {
       dense_.block(offset_of(block.column), offset_of(block.row), columns, rows) =
           Eigen::Map<const MatrixXd>(reduced_.data() + block.offset, rows, columns).transpose();
     }
-    if (!dense_factor_.compute(dense_)) return false;
-    right = dense_factor_.solve(right);
-    return true;
+    return dense_factor_.compute(dense_);
   }
 
-  bool solve_sparse(VectorXd& right) {
+  // `right` becomes the solution.
+  void solve_cameras(VectorXd& right) {
+    if (size_ == 0) return;
+    right =
+        is_sparse_ ? VectorXd(sparse_factor_.solve(right)) : VectorXd(dense_factor_.solve(right));
+  }
+
+  bool factor_sparse() {
     const bool is_first = sparse_.nonZeros() == 0;
     if (is_first) {
       sparse_.resize(size_, size_);
@@ -512,9 +623,7 @@ class Solver {
       sparse_.finalize();
       sparse_factor_.analyze(sparse_);
     }
-    if (!sparse_factor_.factorize(sparse_)) return false;
-    right = sparse_factor_.solve(right);
-    return true;
+    return sparse_factor_.factorize(sparse_);
   }
 
   BundleProblem& problem_;
@@ -536,6 +645,7 @@ class Solver {
   std::vector<Block> blocks_;
   std::vector<int> diagonal_;  // block of each variable
   bool is_sparse_ = false;
+  bool bends_ = false;    // steps have a second order
   double curvature_ = 1;  // at least so much as a share of that across; kMinCurvature to 1
 
   std::vector<double> numbers_;  // of the blocks
