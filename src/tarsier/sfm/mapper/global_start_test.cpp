@@ -139,6 +139,58 @@ TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
   EXPECT_FALSE(built.refused[0].reason.empty());
 }
 
+// With these neighbours both mappers lay all four sides over each other at first.
+TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
+  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  for (const MapperChoice choice : {MapperChoice::kIncremental, MapperChoice::kGlobal}) {
+    const Reconstruction built = run(site, choice);
+    ASSERT_FALSE(built.models.empty());
+    EXPECT_GE(registered(built), 76);
+    EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
+    EXPECT_GT(built.trust[0], 0.8);
+    EXPECT_THAT(built.log, testing::Contains(HasSubstr("lays different places over each other")));
+    EXPECT_TRUE(
+        std::any_of(built.refused.begin(), built.refused.end(), [](const RefusedPair& pair) {
+          return pair.reason.find("lays different places") != std::string::npos;
+        }));
+  }
+}
+
+// An image by image model that is taken up from any checkpoint ends the same, also after it was taken apart.
+TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
+  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  hooks.keep_every_s = 0;
+  const auto mapped = [&] {
+    NoProgress progress;
+    const std::vector<cv::Mat> none;
+    return reconstruct({.cameras = site.cameras,
+                        .images = site.images,
+                        .colors = site.colors,
+                        .descriptors = none,
+                        .kind = FeatureKind::kSift,
+                        .pairs = site.pairs},
+                       {}, progress, {}, hooks);
+  };
+  const Reconstruction whole = mapped();
+  const auto apart = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
+    return std::any_of(state.log.begin(), state.log.end(), [](const std::string& line) {
+      return line.find("lays different") != std::string::npos;
+    });
+  });
+  ASSERT_NE(apart, states.end());
+  hooks.from = *apart;
+  hooks.keep = nullptr;
+  const Reconstruction resumed = mapped();
+  EXPECT_EQ(resumed.log, whole.log);
+  ASSERT_EQ(resumed.models.size(), whole.models.size());
+  for (std::size_t i = 0; i < site.images.size(); ++i)
+    EXPECT_EQ(resumed.models[0].images[i].pose.translation,
+              whole.models[0].images[i].pose.translation);
+}
+
 TEST(RepeatedStructure, FewTruePairsAreRefusedAndManyWrongOnes) {
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   const std::vector<PairEvidence> evidence = check_evidence(site.cameras, site.images, site.pairs);

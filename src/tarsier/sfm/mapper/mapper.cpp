@@ -8,6 +8,7 @@
 #include "tarsier/sfm/mapper/global_start.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
+#include "tarsier/sfm/mapper/model_conflicts.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/trust.h"
 
@@ -28,13 +29,16 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
+constexpr double kBuiltOn = 0.2;  // of a pair's matches that are points
 constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
 constexpr int kFirstPairsTried = 20;
+constexpr int kMaxApart = 4;     // times that models are made again without some pairs
 constexpr int kSmall = 10;       // images of a model that is cheap to adjust as a whole
 constexpr double kRough = 1e-3;  // of an adjustment while the model still changes
 constexpr double kFine = 1e-5;
 constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
 const std::string kRefusal = "global mapping refused: ";  // before the reason
+const std::string kTakenApart = " lays different places over each other";
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -184,7 +188,8 @@ class Mapping {
     for (const auto& [root, all] : pairs_of) order.emplace_back(-sizes[root], root);
     std::sort(order.begin(), order.end());
     for (const auto& [size, root] : order) {
-      if (options_.choice == MapperChoice::kAuto && -size < options_.auto_global) return false;
+      if (options_.choice == MapperChoice::kAuto && apart_ == 0 && -size < options_.auto_global)
+        return false;
       make_mapper(components, root);
       std::vector<const Pair*> chosen;
       for (const std::size_t k : pairs_of[root]) chosen.push_back(&pairs_[k]);
@@ -205,7 +210,7 @@ class Mapping {
       }
       mapper_.reset();
       result_.log.push_back(kRefusal + start.refusal);
-      if (options_.choice == MapperChoice::kAuto) return false;
+      if (options_.choice != MapperChoice::kGlobal) return false;
       for (const std::size_t k : pairs_of[root]) bad_start_[k] = kBadStart;
       for (std::size_t i = 0; i < images_.size(); ++i)
         if (components.root(static_cast<int>(i)) == root)
@@ -224,7 +229,7 @@ class Mapping {
   // Finds a start among what is left; false: there is none.
   bool begin_model() {
     Components components = this->components();
-    if (options_.choice != MapperChoice::kIncremental) {
+    if (options_.choice != MapperChoice::kIncremental || apart_ > 0) {
       try {
         if (begin_globally(components)) return true;
       } catch (const Interrupted&) {
@@ -326,10 +331,64 @@ class Mapping {
     }
     Model model = mapper_->finished(colors_);
     mapper_.reset();
+    if (takes_apart(model)) return;
     for (std::size_t i = 0; i < images_.size(); ++i)
       used_[i] = used_[i] || model.images[i].registered;
     if (hooks_.watch) hooks_.watch(fmt::format("model-{}", result_.models.size()), model);
     result_.models.push_back(std::move(model));
+  }
+
+  // Whether the model lays places over each other: the pairs that did it are refused, and its images are mapped again
+  // without them, globally if that is possible, as a few wrong pairs that are left do less harm there.
+  bool takes_apart(const Model& model) {
+    if (apart_ >= kMaxApart) return false;
+    const ModelConflicts conflicts(model);
+    if (!conflicts.any()) return false;
+    const auto refuse = [&](bool all) {
+      std::size_t refused = 0;
+      for (std::size_t k = 0; k < pairs_.size(); ++k) {
+        const Pair& pair = pairs_[k];
+        if (!is_left(pair) || !model.images[at(pair.first)].registered ||
+            !model.images[at(pair.second)].registered || !(all || is_built_on(model, pair)) ||
+            !conflicts.are_different(pair.first, pair.second)) {
+          continue;
+        }
+        bad_start_[k] = static_cast<std::uint8_t>(Doubt::kModel);
+        ++refused;
+      }
+      return refused;
+    };
+    std::size_t refused = refuse(false);
+    if (refused == 0) refused = refuse(true);
+    if (refused == 0) return false;
+    // What contradicted the wrong pairs may be right.
+    for (std::uint8_t& doubt : bad_start_)
+      if (doubt == static_cast<std::uint8_t>(Doubt::kCycles) ||
+          doubt == static_cast<std::uint8_t>(Doubt::kRotation))
+        doubt = 0;
+    ++apart_;
+    result_.log.push_back(fmt::format(
+        "a model of {} images{} ({} near images contradict each other): {} pairs are refused, and "
+        "it is "
+        "made again",
+        statistics_of(model).registered, kTakenApart, conflicts.pairs().size(), refused));
+    progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
+    return true;
+  }
+
+  // Whether the model is built on a pair: its matches are points of the model.
+  [[nodiscard]] static bool is_built_on(const Model& model, const Pair& pair) {
+    const std::vector<int>& first = model.images[at(pair.first)].points;
+    const std::vector<int>& second = model.images[at(pair.second)].points;
+    std::size_t all = 0;
+    std::size_t joined = 0;
+    for (const Match& match : pair.view.inliers) {
+      const int a = first[at(match.first)];
+      const int b = second[at(match.second)];
+      all += a >= 0 || b >= 0 ? 1 : 0;
+      joined += a >= 0 && a == b ? 1 : 0;
+    }
+    return joined > 0 && static_cast<double>(joined) >= kBuiltOn * static_cast<double>(all);
   }
 
   void tell_troubles() {
@@ -378,6 +437,9 @@ class Mapping {
 
   void resume(const MapperState& state) {
     result_.log = state.log;
+    apart_ = static_cast<int>(std::count_if(
+        state.log.begin(), state.log.end(),
+        [](const std::string& line) { return line.find(kTakenApart) != std::string::npos; }));
     for (std::size_t i = 0; i < images_.size(); ++i) result_.outcomes[i].reason = state.reasons[i];
     bad_start_ = state.bad_start;
     done_ = state.done;
@@ -442,6 +504,11 @@ class Mapping {
     std::vector<std::vector<double>> trust;  // of each model's images
     for (const Model& model : result_.models) {
       trust.push_back(trust_of(model, pairs_, refused_by_evidence()));
+      // Places that still lie over each other.
+      const ModelConflicts conflicts(model);
+      if (conflicts.any())
+        for (std::size_t i = 0; i < images_.size(); ++i)
+          trust.back()[i] *= 1 - conflicts.shares()[i];
       result_.trust.push_back(model_trust(model, trust.back()));
     }
     const std::vector<const Pair*> best = best_pairs(pairs_, images_.size());
@@ -464,7 +531,10 @@ class Mapping {
   [[nodiscard]] std::vector<std::uint8_t> refused_by_evidence() const {
     std::vector<std::uint8_t> refused(pairs_.size(), 0);
     for (std::size_t k = 0; k < pairs_.size(); ++k)
-      refused[k] = bad_start_[k] == static_cast<std::uint8_t>(Doubt::kEvidence) ? 1 : 0;
+      refused[k] = bad_start_[k] == static_cast<std::uint8_t>(Doubt::kEvidence) ||
+                           bad_start_[k] == static_cast<std::uint8_t>(Doubt::kModel)
+                       ? 1
+                       : 0;
     return refused;
   }
 
@@ -479,6 +549,9 @@ class Mapping {
           break;
         case Doubt::kRotation:
           refused.reason = "its rotation contradicts that of the other pairs";
+          break;
+        case Doubt::kModel:
+          refused.reason = "with it the model lays different places over each other";
           break;
         default:
           refused.reason = fmt::format(
@@ -527,6 +600,7 @@ class Mapping {
   int stage_ = 0;
   int round_ = 0;
   int adjustments_ = 0;
+  int apart_ = 0;  // models that were taken apart
   Clock::time_point kept_at_ = Clock::now();
   double keeping_s_ = 0;
   Clock::time_point shown_at_ = Clock::now();

@@ -71,6 +71,7 @@ enum class Doubt : std::uint8_t {
   kEvidence = 2,  // it lacks what the two should have in common (repeated_structure.h)
   kCycles = 3,    // no cycle of three pairs that it is in closes (global_start.h)
   kRotation = 4,  // its rotation contradicts that of all others (global_start.h)
+  kModel = 5,     // a model with it lays different places over each other (model_conflicts.h)
 };
 
 struct RefusedPair {

@@ -1,0 +1,372 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/model_conflicts.h"
+
+#include "tarsier/sfm/global/view_graph.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <queue>
+#include <tuple>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kRadians = CV_PI / 180;
+constexpr int kMinShared = 12;               // points of two images that are compared
+constexpr std::size_t kMaxNear = 40;         // images that each is compared with
+constexpr double kMaxAngle = 12 * kRadians;  // between the rays of two images to a point
+constexpr double kMaxScale = 1.3;            // of their distances to it
+constexpr double kRadius = 2.5;   // px, of an image of 1000 px: a feature so near is the point's
+constexpr double kShift = 6;      // radii, to the places beside it
+constexpr int kMinLooks = 5;      // images that should show a point whose rate counts
+constexpr double kMost = 0.75;    // share of the points with a lower rate than "most"
+constexpr double kRare = 0.7;     // of that rate: below it a point tells places apart, or is unsure
+constexpr double kMinCommon = 5;  // other points, by which the rate of two images is known
+constexpr double kMinExpected = 8;       // of two images that contradict each other
+constexpr std::size_t kMinPairs = 3;     // that contradict each other
+constexpr double kMinShare = 0.005;      // .. of those that are judged
+constexpr double kContradiction = 0.15;  // of what is expected
+constexpr double kMinUsual = 4;          // expected of images whose share says what is usual
+constexpr double kMinUsualShare = 0.3;   // of what is expected
+constexpr double kSame = 0.5;            // of the usual share: more is of one place
+constexpr double kMinBetween = 20;       // expected of two images and those around them
+constexpr double kDifferent = 0.35;      // of the usual share: less shows different places
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// The features of an image by place.
+class FeatureGrid {
+ public:
+  FeatureGrid(const std::vector<cv::Point2f>& features, const geometry::Camera& camera)
+      : radius_(kRadius * std::max(1.0, std::max(camera.width, camera.height) / 1000.0)),
+        columns_(static_cast<int>(camera.width / (4 * radius_)) + 1),
+        rows_(static_cast<int>(camera.height / (4 * radius_)) + 1),
+        first_(at(columns_) * at(rows_) + 1, 0),
+        places_(features.size()) {
+    const auto cell = [&](const cv::Point2f& p) {
+      return at(row(static_cast<double>(p.y)) * columns_ + column(static_cast<double>(p.x)));
+    };
+    for (const cv::Point2f& p : features) ++first_[cell(p) + 1];
+    for (std::size_t c = 1; c < first_.size(); ++c) first_[c] += first_[c - 1];
+    std::vector<std::size_t> next(first_.begin(), first_.end() - 1);
+    for (const cv::Point2f& p : features) places_[next[cell(p)]++] = p;
+  }
+  [[nodiscard]] double radius() const { return radius_; }
+  // Whether there is a feature within the radius.
+  [[nodiscard]] bool has(double x, double y) const {
+    for (int r = row(y - radius_); r <= row(y + radius_); ++r) {
+      const std::size_t begin = first_[at(r * columns_ + column(x - radius_))];
+      const std::size_t end = first_[at(r * columns_ + column(x + radius_)) + 1];
+      for (std::size_t k = begin; k < end; ++k) {
+        const double dx = static_cast<double>(places_[k].x) - x;
+        const double dy = static_cast<double>(places_[k].y) - y;
+        if (dx * dx + dy * dy <= radius_ * radius_) return true;
+      }
+    }
+    return false;
+  }
+
+ private:
+  [[nodiscard]] int column(double x) const {
+    return std::clamp(static_cast<int>(x / (4 * radius_)), 0, columns_ - 1);
+  }
+  [[nodiscard]] int row(double y) const {
+    return std::clamp(static_cast<int>(y / (4 * radius_)), 0, rows_ - 1);
+  }
+  double radius_;
+  int columns_;
+  int rows_;
+  std::vector<std::size_t> first_;  // of each cell, row by row: in places_
+  std::vector<cv::Point2f> places_;
+};
+
+// What the images of a model should show of its points, and do.
+class Comparison {
+ public:
+  explicit Comparison(const Model& model)
+      : model_(model), points_of_(model.images.size()), centers_(model.images.size()) {
+    for (std::size_t p = 0; p < model.points.size(); ++p)
+      for (const Observation& seen : model.points[p].track)
+        points_of_[at(seen.image)].push_back(static_cast<int>(p));
+    for (std::size_t i = 0; i < model.images.size(); ++i)
+      centers_[i] =
+          model.images[i].registered ? model.images[i].pose.center() : Eigen::Vector3d::Zero();
+    looked_.assign(model.points.size(), 0);
+    shown_.assign(model.points.size(), 0);
+    find_near();
+    looks_.resize(model.images.size());
+    chance_.assign(model.images.size(), 0);
+    for (std::size_t i = 0; i < model.images.size(); ++i) look(i);
+    find_rare();
+  }
+
+  // The images that share points with it, nearest first.
+  [[nodiscard]] const std::vector<int>& near(int image) const { return near_[at(image)]; }
+
+  // Of the points of `from` that tell places apart, those that `to` should show and does.
+  [[nodiscard]] ModelConflicts::Evidence shown(int from, int to) const {
+    double rare = 0;
+    double rare_shown = 0;
+    double common = 0;
+    double common_shown = 0;
+    const std::vector<Look>& looks = looks_[at(to)];
+    for (const int p : points_of_[at(from)]) {
+      if (looked_[at(p)] < kMinLooks) continue;
+      const auto found =
+          std::lower_bound(looks.begin(), looks.end(), p,
+                           [](const Look& look, int point) { return look.point < point; });
+      if (found == looks.end() || found->point != p) continue;
+      const bool is_rare = shown_[at(p)] < rare_ * looked_[at(p)];
+      (is_rare ? rare : common) += 1;
+      (is_rare ? rare_shown : common_shown) += found->is_shown ? 1 : 0;
+    }
+    if (common < kMinCommon) return {};
+    const double chance = chance_[at(to)];
+    const double rate = std::max(0.0, (common_shown / common - chance) / (1 - chance));
+    return {rare * rate, (rare_shown - chance * rare) / (1 - chance)};
+  }
+
+ private:
+  struct Look {
+    int point;
+    bool is_shown;
+  };
+
+  void find_near() {
+    near_.resize(model_.images.size());
+    std::vector<int> shared(model_.images.size(), 0);
+    for (std::size_t i = 0; i < near_.size(); ++i) {
+      std::vector<int> others;
+      for (const int p : points_of_[i])
+        for (const Observation& seen : model_.points[at(p)].track)
+          if (shared[at(seen.image)]++ == 0) others.push_back(seen.image);
+      std::vector<std::pair<double, int>> order;
+      for (const int other : others)
+        if (other != static_cast<int>(i) && shared[at(other)] >= kMinShared)
+          order.emplace_back((centers_[at(other)] - centers_[i]).squaredNorm(), other);
+      std::sort(order.begin(), order.end());
+      if (order.size() > kMaxNear) order.resize(kMaxNear);
+      for (const auto& [distance, other] : order) near_[i].push_back(other);
+      for (const int other : others) shared[at(other)] = 0;
+    }
+  }
+
+  [[nodiscard]] bool is_near(const Eigen::Vector3d& one, const Eigen::Vector3d& other) const {
+    const double a = one.norm();
+    const double b = other.norm();
+    return one.dot(other) >= std::cos(kMaxAngle) * a * b && a <= kMaxScale * b &&
+           b <= kMaxScale * a;
+  }
+
+  // The points of near images, as seen from there.
+  void look(std::size_t to) {
+    if (near_[to].empty()) return;
+    const Image& image = model_.images[to];
+    const geometry::Camera& camera = model_.cameras[at(image.camera)];
+    const FeatureGrid grid(image.features, camera);
+    const double shift = kShift * grid.radius();
+    const double margin = shift + grid.radius();
+    std::vector<int> points;
+    for (const int from : near_[to])
+      for (const int p : points_of_[at(from)])
+        if (is_near(model_.points[at(p)].position - centers_[at(from)],
+                    model_.points[at(p)].position - centers_[to]))
+          points.push_back(p);
+    std::sort(points.begin(), points.end());
+    points.erase(std::unique(points.begin(), points.end()), points.end());
+    int by_chance = 0;
+    for (const int p : points) {
+      const auto pixel = camera.project(image.pose * model_.points[at(p)].position);
+      if (!pixel || !(pixel->x > margin && pixel->y > margin && pixel->x < camera.width - margin &&
+                      pixel->y < camera.height - margin))
+        continue;
+      const bool is_shown = grid.has(pixel->x, pixel->y);
+      looks_[to].push_back({p, is_shown});
+      ++looked_[at(p)];
+      shown_[at(p)] += is_shown ? 1 : 0;
+      for (const cv::Point2d& by : {cv::Point2d(shift, 0), cv::Point2d(-shift, 0),
+                                    cv::Point2d(0, shift), cv::Point2d(0, -shift)})
+        by_chance += grid.has(pixel->x + by.x, pixel->y + by.y) ? 1 : 0;
+    }
+    if (!looks_[to].empty())
+      chance_[to] = std::min(0.9, by_chance / (4.0 * static_cast<double>(looks_[to].size())));
+  }
+
+  void find_rare() {
+    std::vector<double> rates;
+    for (std::size_t p = 0; p < looked_.size(); ++p)
+      if (looked_[p] >= kMinLooks) rates.push_back(static_cast<double>(shown_[p]) / looked_[p]);
+    if (rates.empty()) return;
+    const auto most =
+        rates.begin() + static_cast<std::ptrdiff_t>(kMost * static_cast<double>(rates.size() - 1));
+    std::nth_element(rates.begin(), most, rates.end());
+    rare_ = kRare * *most;
+  }
+
+  const Model& model_;
+  std::vector<std::vector<int>> points_of_;  // of each image, ascending
+  std::vector<Eigen::Vector3d> centers_;
+  std::vector<std::vector<int>> near_;
+  std::vector<std::vector<Look>> looks_;  // of each image, by point
+  std::vector<double> chance_;            // of each image
+  std::vector<int> looked_;               // of each point: images that should show it
+  std::vector<int> shown_;                // that do
+  double rare_ = 0;                       // rate
+};
+
+}  // namespace
+
+ModelConflicts::ModelConflicts(const Model& model)
+    : near_(model.images.size()), shares_(model.images.size(), 0) {
+  const Comparison comparison(model);
+  std::vector<std::vector<int>> near(model.images.size());
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    for (const int j : comparison.near(static_cast<int>(i))) {
+      near[i].push_back(j);
+      near[at(j)].push_back(static_cast<int>(i));
+    }
+  }
+  std::vector<double> shares;
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    std::sort(near[i].begin(), near[i].end());
+    near[i].erase(std::unique(near[i].begin(), near[i].end()), near[i].end());
+    const int first = static_cast<int>(i);
+    for (const int second : near[i]) {
+      if (second < first) continue;
+      // Of the two directions the one that says less of a contradiction: what one image alone cannot show, from farther
+      // away or from the side, is missing in one direction only.
+      const Evidence one = comparison.shown(first, second);
+      const Evidence other = comparison.shown(second, first);
+      const Evidence evidence =
+          one.found - kMinUsualShare * one.expected > other.found - kMinUsualShare * other.expected
+              ? one
+              : other;
+      if (!(evidence.expected > 0)) continue;
+      near_[i].push_back({second, evidence});
+      near_[at(second)].push_back({first, evidence});
+      if (evidence.expected >= kMinUsual) shares.push_back(evidence.found / evidence.expected);
+    }
+  }
+  if (!shares.empty()) {
+    const auto usual = shares.begin() +
+                       static_cast<std::ptrdiff_t>(kMost * static_cast<double>(shares.size() - 1));
+    std::nth_element(shares.begin(), usual, shares.end());
+    usual_ = std::clamp(*usual, kMinUsualShare, 1.0);
+  }
+  for (std::size_t i = 0; i < near_.size(); ++i) {
+    std::sort(near_[i].begin(), near_[i].end(),
+              [](const Near& a, const Near& b) { return a.image < b.image; });
+    double all = 0;
+    double contradicted = 0;
+    for (const auto& [other, evidence] : near_[i]) {
+      if (evidence.expected < kMinExpected) continue;
+      all += 1;
+      judged_ += other > static_cast<int>(i) ? 1 : 0;
+      if (evidence.found >= kContradiction * evidence.expected) continue;
+      contradicted += 1;
+      if (other > static_cast<int>(i)) pairs_.emplace_back(static_cast<int>(i), other);
+    }
+    if (all > 0) shares_[i] = contradicted / all;
+  }
+  find_places();
+}
+
+bool ModelConflicts::any() const {
+  return pairs_.size() >= kMinPairs &&
+         static_cast<double>(pairs_.size()) >= kMinShare * static_cast<double>(judged_);
+}
+
+const ModelConflicts::Evidence* ModelConflicts::find(int first, int second) const {
+  const std::vector<Near>& near = near_[at(first)];
+  const auto found = std::lower_bound(near.begin(), near.end(), second,
+                                      [](const Near& a, int image) { return a.image < image; });
+  return found != near.end() && found->image == second ? &found->evidence : nullptr;
+}
+
+std::vector<int> ModelConflicts::same_place(int image) const {
+  std::vector<int> same{image};
+  for (const auto& [other, evidence] : near_[at(image)])
+    if (evidence.expected >= kMinUsual && evidence.found >= kSame * usual_ * evidence.expected)
+      same.push_back(other);
+  std::sort(same.begin(), same.end());
+  return same;
+}
+
+ModelConflicts::Evidence ModelConflicts::between(int first, int second) const {
+  const std::vector<int> ones = same_place(first);
+  const std::vector<int> others = same_place(second);
+  Evidence sum;
+  for (const int one : ones) {
+    for (const int other : others) {
+      const Evidence* evidence = find(one, other);
+      if (evidence == nullptr) continue;
+      sum.expected += evidence->expected;
+      sum.found += evidence->found;
+    }
+  }
+  return sum;
+}
+
+// Greedy contraction of a graph whose edges speak for or against (Keuper and others, Efficient decomposition of image and
+// mesh graphs by lifted multicuts, ICCV 2015): the two places that share most beyond half of the usual become one, until
+// no two do.
+void ModelConflicts::find_places() {
+  const std::size_t images = near_.size();
+  std::vector<std::map<int, double>> edges(images);
+  std::priority_queue<std::tuple<double, int, int>> next;
+  for (std::size_t i = 0; i < images; ++i) {
+    for (const auto& [other, evidence] : near_[i]) {
+      const double weight = evidence.found - kSame * usual_ * evidence.expected;
+      edges[i][other] = weight;
+      if (weight > 0 && other > static_cast<int>(i))
+        next.emplace(weight, static_cast<int>(i), other);
+    }
+  }
+  Components places(images);
+  std::vector<char> is_gone(images, 0);
+  while (!next.empty()) {
+    const auto [weight, first, second] = next.top();
+    next.pop();
+    if (is_gone[at(first)] != 0 || is_gone[at(second)] != 0) continue;
+    const auto edge = edges[at(first)].find(second);
+    if (edge == edges[at(first)].end() || edge->second != weight) continue;
+    const bool keeps_first = edges[at(first)].size() >= edges[at(second)].size();
+    const int kept = keeps_first ? first : second;
+    const int gone = keeps_first ? second : first;
+    is_gone[at(gone)] = 1;
+    places.join(kept, gone);
+    edges[at(kept)].erase(gone);
+    for (const auto& [other, more] : edges[at(gone)]) {
+      if (other == kept) continue;
+      edges[at(other)].erase(gone);
+      const double sum = edges[at(kept)][other] += more;
+      edges[at(other)][kept] = sum;
+      if (sum > 0) next.emplace(sum, std::min(kept, other), std::max(kept, other));
+    }
+    edges[at(gone)].clear();
+  }
+  place_.resize(images);
+  for (std::size_t i = 0; i < images; ++i) place_[i] = places.root(static_cast<int>(i));
+  for (std::size_t i = 0; i < images; ++i) {
+    for (const auto& [other, evidence] : near_[i]) {
+      if (other < static_cast<int>(i) || place_[i] == place_[at(other)]) continue;
+      Evidence& sum = between_places_[std::minmax(place_[i], place_[at(other)])];
+      sum.expected += evidence.expected;
+      sum.found += evidence.found;
+    }
+  }
+}
+
+bool ModelConflicts::are_different(int first, int second) const {
+  const auto places = between_places_.find(std::minmax(place_[at(first)], place_[at(second)]));
+  if (places != between_places_.end() && is_little(places->second)) return true;
+  return is_little(between(first, second));
+}
+
+bool ModelConflicts::is_little(const Evidence& evidence) const {
+  return evidence.expected >= kMinBetween &&
+         evidence.found < kDifferent * usual_ * evidence.expected;
+}
+
+}  // namespace tarsier::sfm

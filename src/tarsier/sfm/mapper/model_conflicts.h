@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/scene/model.h"
+
+#include <map>
+#include <utility>
+#include <vector>
+
+namespace tarsier::sfm {
+
+// Places that look alike and that a model lays one over the other: the sides of a symmetrical object, two houses of one
+// make. Found by what is missing where the poses of the model predict it (after Heinly, Dunn and Frahm, Correcting for
+// duplicate scene structure in sparse 3D reconstruction, ECCV 2014).
+//
+// Two images are near where their rays to a point of one of them differ by less than 12 degrees, at distances within a
+// factor of 1.3. The other image should then show the point. It does where it has a feature, of whatever track, within
+// 2.5 px of its projection (in an image of 1000 px); what chance gives is measured at places beside it and taken off.
+// A point that fewer images show than should (below 0.7 of the rate of most) tells places apart, or its detection is
+// unsure. Unsure points are missing here and there. Of two places laid over each other, the points of one are missing in
+// all images of the other, and the other way round.
+class ModelConflicts {
+ public:
+  // What two near images, or the images around them, should share of points that tell places apart.
+  struct Evidence {
+    double expected = 0;
+    double found = 0;  // beyond chance
+  };
+
+  // One thread, no random numbers.
+  explicit ModelConflicts(const Model& model);
+
+  // Near images that contradict each other: of 8 points or more, less than 0.15 are shared. By first, then second; first
+  // < second.
+  [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
+  // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence.
+  [[nodiscard]] bool any() const;
+  // Sums up what is known of two images: of them, and of the images that are of one place with either.
+  [[nodiscard]] Evidence between(int first, int second) const;
+  // Whether the two show different places by that: 20 points or more are expected, and few of them are found beside what
+  // near images of one place share.
+  [[nodiscard]] bool are_different(int first, int second) const;
+  // Of each image: 0 to 1, how many of the near images it contradicts, of those with as much evidence.
+  [[nodiscard]] const std::vector<double>& shares() const { return shares_; }
+
+ private:
+  struct Near {
+    int image;
+    Evidence evidence;
+  };
+  [[nodiscard]] const Evidence* find(int first, int second) const;
+  [[nodiscard]] std::vector<int> same_place(int image) const;
+  void find_places();
+  [[nodiscard]] bool is_little(const Evidence& evidence) const;
+  std::vector<std::vector<Near>> near_;  // of each image, by image
+  std::vector<std::pair<int, int>> pairs_;
+  std::size_t judged_ = 0;  // near images with as much evidence
+  std::vector<double> shares_;
+  std::vector<int> place_;  // of each image: the lowest number of an image of its place
+  std::map<std::pair<int, int>, Evidence> between_places_;  // lower number first
+  double usual_ = 1;  // share of what is expected that images of one place have
+};
+
+}  // namespace tarsier::sfm
