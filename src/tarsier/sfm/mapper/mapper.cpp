@@ -93,6 +93,7 @@ class Mapping {
         descriptors_(input.descriptors),
         kind_(input.kind),
         pairs_(input.pairs),
+        followed_(input.followed),
         options_(options),
         progress_(progress),
         stop_(stop),
@@ -341,7 +342,7 @@ class Mapping {
   // Whether the model lays places over each other: the pairs that did it are refused, and its images are mapped again
   // without them, globally if that is possible, as a few wrong pairs that are left do less harm there.
   bool takes_apart(const Model& model) {
-    if (apart_ >= kMaxApart) return false;
+    if (followed_ || apart_ >= kMaxApart) return false;
     const ModelConflicts conflicts(model);
     if (!conflicts.any()) return false;
     const auto refuse = [&](bool all) {
@@ -504,11 +505,7 @@ class Mapping {
     std::vector<std::vector<double>> trust;  // of each model's images
     for (const Model& model : result_.models) {
       trust.push_back(trust_of(model, pairs_, refused_by_evidence()));
-      // Places that still lie over each other.
-      const ModelConflicts conflicts(model);
-      if (conflicts.any())
-        for (std::size_t i = 0; i < images_.size(); ++i)
-          trust.back()[i] *= 1 - conflicts.shares()[i];
+      if (!followed_) take_off_conflicts(model, trust.back());
       result_.trust.push_back(model_trust(model, trust.back()));
     }
     const std::vector<const Pair*> best = best_pairs(pairs_, images_.size());
@@ -526,6 +523,13 @@ class Mapping {
                            ? "the work was interrupted before it was tried"
                            : why_not_registered(best[i], images_, static_cast<int>(i));
     }
+  }
+
+  // For places that still lie over each other.
+  static void take_off_conflicts(const Model& model, std::vector<double>& trust) {
+    const ModelConflicts conflicts(model);
+    if (!conflicts.any()) return;
+    for (std::size_t i = 0; i < trust.size(); ++i) trust[i] *= 1 - conflicts.shares()[i];
   }
 
   [[nodiscard]] std::vector<std::uint8_t> refused_by_evidence() const {
@@ -584,6 +588,7 @@ class Mapping {
   const std::vector<cv::Mat>& descriptors_;
   FeatureKind kind_;
   const std::vector<Pair>& pairs_;
+  bool followed_;
   const MapperOptions& options_;
   Progress& progress_;
   const std::stop_token& stop_;

@@ -131,6 +131,9 @@ struct MapperInput {
   const std::vector<cv::Mat>& descriptors;
   FeatureKind kind = FeatureKind::kSift;  // of the descriptors
   const std::vector<Pair>& pairs;
+  // Features were followed from image to image and not found in each: what an image lacks tells nothing then, and models
+  // are not searched for places that lie over each other (model_conflicts.h).
+  bool followed = false;
 };
 
 // Throws Interrupted, and what hooks.keep throws.

@@ -320,7 +320,7 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const std::vector<Pair>& pairs, const PipelineOptions& options) {
   const MapperOptions& m = options.mapper;
   Sha256 sum;
-  sum.add(fmt::format("mapper {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+  sum.add(fmt::format("mapper-2 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
                       static_cast<int>(m.choice), m.auto_global, m.reprojection_px, m.min_angle_deg,
                       m.first_angle_deg, m.first_inliers, m.pose_inliers, m.pose_inlier_share,
                       m.pose_px, m.min_views, m.min_images, m.extend_px, m.extend_similarity,
@@ -456,7 +456,8 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                                  .colors = colors,
                                  .descriptors = descriptors,
                                  .kind = options.features.kind,
-                                 .pairs = result.pairs};
+                                 .pairs = result.pairs,
+                                 .followed = options.flow};
   result.reconstruction = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
   result.resumed = result.reconstruction.resumed;
   stages.note();
