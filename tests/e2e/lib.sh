@@ -37,7 +37,7 @@ finish() { # the last line of each test
 run() {
   status=0
   timeout "${TARSIER_TEST_TIMEOUT:-900}" "$TARSIER" "$@" >stdout.txt 2>stderr.txt </dev/null || status=$?
-  out=$(cat stdout.txt) err=$(cat stderr.txt)
+  out=$(<stdout.txt) err=$(<stderr.txt)
   command_line="tarsier $*"
 }
 

@@ -151,7 +151,7 @@ run people groups --json
 # A running program sees a correction at its next frame.
 mkdir frames
 cp "$second" frames/0000.png
-for k in $(seq -w 1 2999); do ln frames/0000.png "frames/$k.png"; done
+python3 -c "import os; [os.link('frames/0000.png', f'frames/{k:04d}.png') for k in range(1, 3000)]"
 "$TARSIER" people identify frames --sequence --json -o none >running.jsonl 2>running.err </dev/null &
 running=$!
 until_running() { # until_running PATTERN: the running program wrote such a line, or has ended

@@ -31,7 +31,8 @@ float step_between(float low, float high, float x) {
 // 1 inside (distance < 0), 0 outside, with an edge `soft` wide.
 float inside(float distance, float soft) { return 1 - step_between(-soft, soft, distance); }
 float bell(float x, float y, float wide, float high) {
-  return std::exp(-(x * x) / (wide * wide) - (y * y) / (high * high));
+  const float squares = (x * x) / (wide * wide) + (y * y) / (high * high);
+  return squares > 25 ? 0 : std::exp(-squares);  // less than 1e-10 beyond
 }
 Color mix(const Color& a, const Color& b, float t) { return a + (b - a) * t; }
 Color rgb(int r, int g, int b) {
@@ -186,7 +187,16 @@ void Painter::paint_body(Sample& s, float x, float y) const {
 
 // Behind the head a cap, before it the front with a wavy hairline.
 void Painter::paint_hair(Sample& s, float x, float y, bool behind) const {
-  const float strand = noise(x * 90 + 20 * noise(x * 6, y * 6), y * 9) - 0.5F;
+  // Where there is none whatever the wave, -0.5 to 0.5.
+  if (behind) {
+    if (y - 0.125F > pixel_ + 0.003F || ellipse(x, y + 0.075F, 0.278F, 0.342F) > pixel_ + 0.003F)
+      return;
+  } else {
+    const float aside = std::max(0.0F, std::abs(x) - 0.13F);
+    if (y + 0.227F - 13.5F * aside * aside > pixel_ + 0.004F ||
+        ellipse(x, y + 0.075F, 0.27F, 0.332F) > pixel_ + 0.004F)
+      return;
+  }
   const float wave = noise(x * 16 + y * 4, y * 5) - 0.5F;
   float amount = 0;
   if (behind) {
@@ -202,6 +212,7 @@ void Painter::paint_hair(Sample& s, float x, float y, bool behind) const {
     amount = inside(front, pixel_ + 0.004F);
   }
   if (amount <= 0) return;
+  const float strand = noise(x * 90 + 20 * noise(x * 6, y * 6), y * 9) - 0.5F;
   const float dome =
       std::clamp(1 - (x + 0.07F) * (x + 0.07F) * 14 - (y + 0.30F) * (y + 0.30F) * 22, 0.0F, 1.0F);
   const float light = (behind ? 0.55F : 0.78F) + 0.55F * dome * (0.55F + 0.9F * strand) +
@@ -265,6 +276,7 @@ void Painter::paint_head(Sample& s, float x, float y) const {
   for (const float side : {-1.0F, 1.0F}) {
     const float u = x * side - 0.236F;
     const float v = y - 0.02F;
+    if (std::abs(u) > 0.05F + 2 * pixel_ || std::abs(v) > 0.09F + 2 * pixel_) continue;
     const float ear = inside(ellipse(u, v, 0.036F, 0.074F), pixel_);
     if (ear <= 0) continue;
     const float rim = inside(std::abs(ellipse(u - 0.004F, v, 0.020F, 0.050F)) - 0.004F, 0.004F);
@@ -323,6 +335,7 @@ void Painter::paint_head(Sample& s, float x, float y) const {
 
   // Nostrils.
   for (const float side : {-1.0F, 1.0F}) {
+    if (std::abs(y - 0.10F) > 0.08F + 2 * pixel_) break;
     const float nostril =
         inside(ellipse(x - side * 0.0185F, y - 0.1115F - 0.15F * std::abs(x - side * 0.0185F),
                        0.0105F, 0.0052F),
@@ -336,7 +349,7 @@ void Painter::paint_head(Sample& s, float x, float y) const {
   }
   // A smile: the corners are higher than the middle.
   const float m = x / kMouthHalf;
-  if (std::abs(m) < 1.25F) {
+  if (std::abs(m) < 1.25F && std::abs(y - kMouthY) < 0.12F + pixel_) {
     const float curve = kMouthY - 0.017F * m * m;
     const float v = y - curve;
     const float span = std::clamp(1 - m * m, 0.0F, 1.0F);

@@ -1,0 +1,12 @@
+# TARSIER_PYTHON3: the interpreter that runs the scripts of tests; empty where there is none. A version manager's wrapper
+# named python3 is looked through: it costs more time than most of the scripts.
+find_program(TARSIER_PYTHON3_COMMAND python3)
+set(TARSIER_PYTHON3 "")
+if(TARSIER_PYTHON3_COMMAND)
+  execute_process(COMMAND ${TARSIER_PYTHON3_COMMAND} -c "import sys; print(sys.executable)"
+    OUTPUT_VARIABLE TARSIER_PYTHON3 OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
+endif()
+if(TARSIER_PYTHON3)
+  cmake_path(GET TARSIER_PYTHON3 PARENT_PATH folder)
+  list(APPEND TARSIER_TEST_ENVIRONMENT "TARSIER_TEST_PYTHON=${folder}")
+endif()
