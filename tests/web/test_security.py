@@ -471,18 +471,15 @@ def test_200_clients_take_nothing_from_others():
         for k in range(4):
             open_some(40, f"127.0.3.{k + 1}")
         # The page is answered, of the same address as the hostile ones too, and the images go on.
-        begin = time.monotonic()
-        assert studio.get("/api/info", source="127.0.0.1").status == 200
-        assert time.monotonic() - begin < 5
-
-        # Of that address a question may be the one that makes room, while connections before it are still being taken.
-        def answered():
+        # A question may be refused while those that make room for it are still being closed; the next one is answered.
+        def answered(source):
             try:
-                return studio.get("/api/info", source="127.0.2.1").status == 200
+                return studio.get("/api/info", source=source).status == 200
             except ConnectionError:
                 return False
 
-        wait_until(answered, what="an answer for the address of the hostile ones")
+        wait_until(lambda: answered("127.0.0.1"), 5, "an answer within 5 s")
+        wait_until(lambda: answered("127.0.2.1"), what="an answer for the address of the hostile ones")
         for _ in range(5):
             live.wait_for(IMAGE, seconds=5)
         # 64 of one address, 256 in all, each with its thread.
