@@ -37,8 +37,8 @@ class ModelConflicts {
   [[nodiscard]] bool any() const;
   // Sums up what is known of two images: of them, and of the images that are of one place with either.
   [[nodiscard]] Evidence between(int first, int second) const;
-  // Whether the two show different places by that: 20 points or more are expected, and few of them are found beside what
-  // near images of one place share.
+  // Whether the two show different places by that, or all images of their places do: 20 points or more are expected, and
+  // few of them are found beside what near images of one place share.
   [[nodiscard]] bool are_different(int first, int second) const;
   // Of each image: 0 to 1, how many of the near images it contradicts, of those with as much evidence.
   [[nodiscard]] const std::vector<double>& shares() const { return shares_; }
@@ -56,7 +56,7 @@ class ModelConflicts {
   std::vector<std::pair<int, int>> pairs_;
   std::size_t judged_ = 0;  // near images with as much evidence
   std::vector<double> shares_;
-  std::vector<int> place_;  // of each image: the lowest number of an image of its place
+  std::vector<int> place_;  // of each image: one of the images of its place
   std::map<std::pair<int, int>, Evidence> between_places_;  // lower number first
   double usual_ = 1;  // share of what is expected that images of one place have
 };

@@ -100,7 +100,7 @@ TEST(ModelConflicts, ATrueModelHasNone) {
   for (int i = 0; i < kImages; ++i) EXPECT_FALSE(conflicts.are_different(i, (i + 2) % kImages));
 }
 
-TEST(ModelConflicts, SidesThatLieOverEachOtherAreToldApart) {
+TEST(ModelConflicts, SidesThatLieOverEachOtherContradict) {
   const ModelConflicts conflicts(prism(true));
   EXPECT_TRUE(conflicts.any());
   EXPECT_GT(conflicts.pairs().size(), 100U);
