@@ -369,9 +369,8 @@ class Mapping {
         doubt = 0;
     ++apart_;
     result_.log.push_back(fmt::format(
-        "a model of {} images{} ({} near images contradict each other): {} pairs are refused, and "
-        "it is "
-        "made again",
+        "a model of {} images{} ({} near images contradict each other): {} pairs are refused, "
+        "and it is made again",
         statistics_of(model).registered, kTakenApart, conflicts.pairs().size(), refused));
     progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
     return true;
