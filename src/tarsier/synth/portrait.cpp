@@ -187,7 +187,7 @@ void Painter::paint_body(Sample& s, float x, float y) const {
 
 // Behind the head a cap, before it the front with a wavy hairline.
 void Painter::paint_hair(Sample& s, float x, float y, bool behind) const {
-  // Where there is none whatever the wave, -0.5 to 0.5.
+  // Pixels that the hair cannot reach with any `wave` (-0.5 to 0.5) need no noise.
   if (behind) {
     if (y - 0.125F > pixel_ + 0.003F || ellipse(x, y + 0.075F, 0.278F, 0.342F) > pixel_ + 0.003F)
       return;

@@ -27,7 +27,8 @@ constexpr double kStraightGain = 0.9;   // of what a step promised; below, the s
 constexpr double kFirstDamping = 1e-4;  // share of the diagonal
 constexpr double kMinDamping = 1e-12;
 constexpr double kMaxDamping = 1e12;
-// Of many poses. Bending a long chain changes each residual by little, so that damping holds the bend back until it is
+constexpr int kChainPoses = 80;  // beyond, a model may be a long chain that bends
+// Of such models. Bending a long chain changes each residual by little, so that damping holds the bend back until it is
 // this low: a small change before that does not mean that the minimum is reached.
 constexpr double kFreeDamping = 1e-10;
 constexpr double kRelease = 1e-3;   // of the damping, where a change was small
@@ -93,7 +94,7 @@ class Solver {
       const double change = candidate ? sum - *candidate : 0;
       if (!candidate || !(change > kMinGain * promised)) {
         if (candidate && promised <= options_.tolerance * sum) break;  // no more to be had
-        bends_ = poses_ > kFewPoses;
+        bends_ = poses_ > kChainPoses;
         if (curvature_ < 1) {  // not as near as it looked
           curvature_ = std::min(1.0, 4 * curvature_);
           is_linear = false;
@@ -111,11 +112,11 @@ class Solver {
       if (change > kGoodGain * promised) curvature_ = std::max(kMinCurvature, curvature_ / 2);
       sum = *candidate;
       const double gain = std::min(change / promised, 2.0);
-      if (gain < kStraightGain) bends_ = poses_ > kFewPoses;
+      if (gain < kStraightGain) bends_ = poses_ > kChainPoses;
       damping = std::max(kMinDamping, damping * std::max(1.0 / 9, 1 - std::pow(2 * gain - 1, 3)));
       growth = 2;
       if (is_done) {
-        if (poses_ <= kFewPoses || damping <= kFreeDamping) break;
+        if (poses_ <= kChainPoses || damping <= kFreeDamping) break;
         damping = std::max(kFreeDamping, kRelease * damping);
       }
     }

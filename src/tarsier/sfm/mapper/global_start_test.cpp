@@ -60,7 +60,8 @@ Given given(synth::SiteKind kind, int images, int features = 200, int neighbours
   return result;
 }
 
-Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 250) {
+Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 250,
+                   const MapperHooks& hooks = {}) {
   MapperOptions options;
   options.choice = choice;
   options.auto_global = auto_global;
@@ -72,7 +73,7 @@ Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 25
                       .descriptors = no_descriptors,
                       .kind = FeatureKind::kSift,
                       .pairs = given.pairs},
-                     options, progress, {});
+                     options, progress, {}, hooks);
 }
 
 int registered(const Reconstruction& built) {
@@ -163,17 +164,7 @@ TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   MapperHooks hooks;
   hooks.keep = [&](const MapperState& state) { states.push_back(state); };
   hooks.keep_every_s = 0;
-  const auto mapped = [&] {
-    NoProgress progress;
-    const std::vector<cv::Mat> none;
-    return reconstruct({.cameras = site.cameras,
-                        .images = site.images,
-                        .colors = site.colors,
-                        .descriptors = none,
-                        .kind = FeatureKind::kSift,
-                        .pairs = site.pairs},
-                       {}, progress, {}, hooks);
-  };
+  const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
   const Reconstruction whole = mapped();
   const auto apart = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
     return std::any_of(state.log.begin(), state.log.end(), [](const std::string& line) {

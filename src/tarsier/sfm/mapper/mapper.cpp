@@ -29,7 +29,6 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
-constexpr double kBuiltOn = 0.2;  // of a pair's matches that are points
 constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
 constexpr int kFirstPairsTried = 20;
 constexpr int kMaxApart = 4;     // times that models are made again without some pairs
@@ -345,23 +344,14 @@ class Mapping {
     if (followed_ || apart_ >= kMaxApart) return false;
     const ModelConflicts conflicts(model);
     if (!conflicts.any()) return false;
-    const auto refuse = [&](bool all) {
-      std::size_t refused = 0;
-      for (std::size_t k = 0; k < pairs_.size(); ++k) {
-        const Pair& pair = pairs_[k];
-        if (!is_left(pair) || !model.images[at(pair.first)].registered ||
-            !model.images[at(pair.second)].registered || !(all || is_built_on(model, pair)) ||
-            !conflicts.are_different(pair.first, pair.second)) {
-          continue;
-        }
-        bad_start_[k] = static_cast<std::uint8_t>(Doubt::kModel);
-        ++refused;
-      }
-      return refused;
-    };
-    std::size_t refused = refuse(false);
-    if (refused == 0) refused = refuse(true);
-    if (refused == 0) return false;
+    std::vector<const Pair*> left;
+    for (const Pair& pair : pairs_)
+      if (is_left(pair)) left.push_back(&pair);
+    const std::vector<const Pair*> refused = conflicting_pairs(model, conflicts, left);
+    if (refused.empty()) return false;
+    for (const Pair* pair : refused)
+      bad_start_[static_cast<std::size_t>(pair - pairs_.data())] =
+          static_cast<std::uint8_t>(Doubt::kModel);
     // What contradicted the wrong pairs may be right.
     for (std::uint8_t& doubt : bad_start_)
       if (doubt == static_cast<std::uint8_t>(Doubt::kCycles) ||
@@ -371,24 +361,9 @@ class Mapping {
     result_.log.push_back(fmt::format(
         "a model of {} images{} ({} near images contradict each other): {} pairs are refused, "
         "and it is made again",
-        statistics_of(model).registered, kTakenApart, conflicts.pairs().size(), refused));
+        statistics_of(model).registered, kTakenApart, conflicts.pairs().size(), refused.size()));
     progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
     return true;
-  }
-
-  // Whether the model is built on a pair: its matches are points of the model.
-  [[nodiscard]] static bool is_built_on(const Model& model, const Pair& pair) {
-    const std::vector<int>& first = model.images[at(pair.first)].points;
-    const std::vector<int>& second = model.images[at(pair.second)].points;
-    std::size_t all = 0;
-    std::size_t joined = 0;
-    for (const Match& match : pair.view.inliers) {
-      const int a = first[at(match.first)];
-      const int b = second[at(match.second)];
-      all += a >= 0 || b >= 0 ? 1 : 0;
-      joined += a >= 0 && a == b ? 1 : 0;
-    }
-    return joined > 0 && static_cast<double>(joined) >= kBuiltOn * static_cast<double>(all);
   }
 
   void tell_troubles() {

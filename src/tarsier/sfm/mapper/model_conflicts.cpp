@@ -32,6 +32,7 @@ constexpr double kMinUsualShare = 0.3;   // of what is expected
 constexpr double kSame = 0.5;            // of the usual share: more is of one place
 constexpr double kMinBetween = 20;       // expected of two images and those around them
 constexpr double kDifferent = 0.35;      // of the usual share: less shows different places
+constexpr double kBuiltOn = 0.2;         // of a pair's matches that are points
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -215,6 +216,21 @@ class Comparison {
   double rare_ = 0;                       // rate
 };
 
+// Whether the matches of a pair are points of the model.
+bool is_built_on(const Model& model, const Pair& pair) {
+  const std::vector<int>& first = model.images[at(pair.first)].points;
+  const std::vector<int>& second = model.images[at(pair.second)].points;
+  std::size_t all = 0;
+  std::size_t joined = 0;
+  for (const Match& match : pair.view.inliers) {
+    const int a = first[at(match.first)];
+    const int b = second[at(match.second)];
+    all += a >= 0 || b >= 0 ? 1 : 0;
+    joined += a >= 0 && a == b ? 1 : 0;
+  }
+  return joined > 0 && static_cast<double>(joined) >= kBuiltOn * static_cast<double>(all);
+}
+
 }  // namespace
 
 ModelConflicts::ModelConflicts(const Model& model)
@@ -367,6 +383,21 @@ bool ModelConflicts::are_different(int first, int second) const {
 bool ModelConflicts::is_little(const Evidence& evidence) const {
   return evidence.expected >= kMinBetween &&
          evidence.found < kDifferent * usual_ * evidence.expected;
+}
+
+std::vector<const Pair*> conflicting_pairs(const Model& model, const ModelConflicts& conflicts,
+                                           const std::vector<const Pair*>& pairs) {
+  std::vector<const Pair*> all;
+  std::vector<const Pair*> built_on;
+  for (const Pair* pair : pairs) {
+    if (!model.images[at(pair->first)].registered || !model.images[at(pair->second)].registered ||
+        !conflicts.are_different(pair->first, pair->second)) {
+      continue;
+    }
+    all.push_back(pair);
+    if (is_built_on(model, *pair)) built_on.push_back(pair);
+  }
+  return built_on.empty() ? all : built_on;
 }
 
 }  // namespace tarsier::sfm

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <map>
@@ -60,5 +61,12 @@ class ModelConflicts {
   std::map<std::pair<int, int>, Evidence> between_places_;  // lower number first
   double usual_ = 1;  // share of what is expected that images of one place have
 };
+
+// The pairs by which a model laid different places over each other: they join such places, and a fifth of their matches
+// or more are points of the model. A right pair between two such places is not: the model has its images elsewhere.
+// Where there is no such pair, all that join different places.
+[[nodiscard]] std::vector<const Pair*> conflicting_pairs(const Model& model,
+                                                         const ModelConflicts& conflicts,
+                                                         const std::vector<const Pair*>& pairs);
 
 }  // namespace tarsier::sfm
