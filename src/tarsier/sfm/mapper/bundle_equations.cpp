@@ -1,0 +1,346 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/bundle_equations.h"
+
+#include "tarsier/sfm/mapper/bundle_residual.h"
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kPathShare = 0.1;  // of a step, at which the second order of its path is measured
+
+using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
+using Matrix2x6 = Eigen::Matrix<double, 2, 6>;
+using Matrix2xN = Eigen::Matrix<double, 2, Eigen::Dynamic, 0, 2, 9>;
+using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using Eigen::Matrix2d;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+double loss(const BundleProblem& problem, double squares) {
+  const double c2 = problem.loss_px * problem.loss_px;
+  return c2 > 0 ? c2 * std::log1p(squares / c2) : squares;
+}
+
+double hold_residual(const BundleProblem::Hold& hold, const BundleState& state) {
+  return hold.weight * (state.poses[at(hold.pose)].center()[hold.axis] - hold.value);
+}
+
+// A residual and its derivatives as of plain squares that have the gradient and the second
+// derivatives of the loss.
+void weigh(const BundleProblem& problem, double curvature, Vector2d& residual, Matrix2d& factor) {
+  factor.setIdentity();
+  const double c2 = problem.loss_px * problem.loss_px;
+  const double squares = residual.squaredNorm();
+  if (c2 <= 0 || squares <= 0) return;
+  const double x = squares / c2;
+  const double slope = 1 / (1 + x);                                     // rho'
+  const double along = std::max(curvature, (1 - x) / (1 + x)) * slope;  // rho' + 2 s rho''
+  const Vector2d unit = residual / std::sqrt(squares);
+  factor = std::sqrt(slope) * Matrix2d::Identity() +
+           (std::sqrt(along) - std::sqrt(slope)) * unit * unit.transpose();
+  residual *= slope / std::sqrt(along);
+}
+
+}  // namespace
+
+BundleVariables::BundleVariables(const BundleProblem& problem) {
+  number_variables(problem);
+  find_entries(problem);
+  find_blocks(problem);
+}
+
+void BundleVariables::number_variables(const BundleProblem& problem) {
+  pose_variable.assign(problem.poses.size(), -1);
+  for (std::size_t i = 0; i < problem.poses.size(); ++i)
+    if (problem.pose_moves[i] != 0) pose_variable[i] = poses++;
+  lens_size = static_cast<int>(problem.free_numbers.size());
+  count = poses;
+  lens_variable.assign(problem.lenses.size(), -1);
+  if (!problem.free_numbers.empty())
+    for (int& variable : lens_variable) variable = count++;
+  size = 0;
+  for (int v = 0; v < count; ++v) size += size_of(v);
+  moving_points = std::count_if(problem.point_moves.begin(), problem.point_moves.end(),
+                                [](char moves) { return moves != 0; });
+}
+
+void BundleVariables::find_entries(const BundleProblem& problem) {
+  const std::size_t points = problem.points.size();
+  entry_first.reserve(points + 1);
+  pair_first.reserve(points + 1);
+  pose_entry.assign(problem.seen.size(), -1);
+  lens_entry.assign(problem.seen.size(), -1);
+  std::vector<int> variables;
+  std::size_t pairs = 0;
+  for (std::size_t p = 0; p < points; ++p) {
+    entry_first.push_back(entries.size());
+    pair_first.push_back(pairs);
+    variables.clear();
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      for (const int v :
+           {pose_variable[at(problem.seen[k].pose)], lens_variable[at(problem.seen[k].lens)]}) {
+        if (v >= 0) variables.push_back(v);
+      }
+    }
+    std::sort(variables.begin(), variables.end());
+    variables.erase(std::unique(variables.begin(), variables.end()), variables.end());
+    const auto entry_of = [&](int variable) {
+      const auto found = std::lower_bound(variables.begin(), variables.end(), variable);
+      return variable < 0 ? -1 : static_cast<int>(found - variables.begin());
+    };
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      pose_entry[k] = entry_of(pose_variable[at(problem.seen[k].pose)]);
+      lens_entry[k] = entry_of(lens_variable[at(problem.seen[k].lens)]);
+    }
+    for (const int v : variables) {
+      entries.push_back({v, mixed_numbers});
+      mixed_numbers += 3 * at(size_of(v));
+    }
+    pairs += variables.size() * (variables.size() + 1) / 2;
+  }
+  entry_first.push_back(entries.size());
+  pair_first.push_back(pairs);
+}
+
+// A block for each two variables that a point has in common, and which one it is for each pair
+// (k <= l) of a point's entries: at pair_first + l (l + 1) / 2 + k.
+void BundleVariables::find_blocks(const BundleProblem& problem) {
+  std::vector<std::vector<std::pair<int, int>>> seen_by(at(count));  // point, entry
+  for (std::size_t p = 0; p + 1 < entry_first.size(); ++p)
+    for (std::size_t e = entry_first[p]; e < entry_first[p + 1]; ++e)
+      seen_by[at(entries[e].variable)].emplace_back(static_cast<int>(p),
+                                                    static_cast<int>(e - entry_first[p]));
+  // Points in an order in which those that touch the same blocks follow each other.
+  order.resize(problem.points.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const auto place = [&](std::size_t p) {
+    const std::size_t first = entry_first[p];
+    const std::size_t last = entry_first[p + 1];
+    return first == last ? std::pair(-1, -1)
+                         : std::pair(entries[first].variable, entries[last - 1].variable);
+  };
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return place(a) < place(b); });
+  pair_block.resize(pair_first.back());
+  diagonal.resize(at(count));
+  std::vector<int> known(at(count), -1);
+  std::vector<int> rows;
+  for (int column = 0; column < count; ++column) {
+    rows.assign(1, column);
+    known[at(column)] = 0;
+    for (const auto& [p, l] : seen_by[at(column)]) {
+      for (int k = 0; k < l; ++k) {
+        const int row = entries[entry_first[at(p)] + at(k)].variable;
+        if (known[at(row)] < 0) rows.push_back(row);
+        known[at(row)] = 0;
+      }
+    }
+    std::sort(rows.begin(), rows.end());
+    for (const int row : rows) {
+      known[at(row)] = static_cast<int>(blocks.size());
+      blocks.push_back({row, column, block_numbers});
+      block_numbers += at(size_of(row)) * at(size_of(column));
+    }
+    diagonal[at(column)] = known[at(column)];
+    for (const auto& [p, l] : seen_by[at(column)]) {
+      int* pair = pair_block.data() + pair_first[at(p)] + at(l) * (at(l) + 1) / 2;
+      for (int k = 0; k <= l; ++k)
+        pair[k] = known[at(entries[entry_first[at(p)] + at(k)].variable)];
+    }
+    for (const int row : rows) known[at(row)] = -1;
+  }
+}
+
+std::optional<double> cost_of(const BundleProblem& problem, const BundleState& state) {
+  double sum = 0;
+  Vector2d residual;
+  for (std::size_t p = 0; p < state.points.size(); ++p) {
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      const BundleProblem::Seen& seen = problem.seen[k];
+      if (!residual_of(seen, state.lenses[at(seen.lens)],
+                       state.poses[at(seen.pose)] * state.points[p], residual, nullptr, nullptr))
+        return std::nullopt;
+      sum += loss(problem, residual.squaredNorm());
+    }
+  }
+  if (problem.hold) {
+    const double off = hold_residual(*problem.hold, state);
+    sum += off * off;
+  }
+  if (!std::isfinite(sum)) return std::nullopt;
+  return 0.5 * sum;
+}
+
+void linearize(const BundleProblem& problem, const BundleVariables& variables,
+               const BundleState& state, double curvature, NormalEquations& equations) {
+  const std::size_t points = state.points.size();
+  equations.blocks.assign(variables.block_numbers, 0.0);
+  equations.mixed.assign(variables.mixed_numbers, 0.0);
+  VectorXd& gradient = equations.gradient;
+  gradient = VectorXd::Zero(variables.size);
+  equations.point_hessian.assign(points, Matrix3d::Zero());
+  equations.point_gradient.assign(points, Vector3d::Zero());
+  const auto& chosen = problem.free_numbers;
+  const auto free = static_cast<Eigen::Index>(chosen.size());
+  Vector2d residual;
+  Matrix2d factor;
+  Matrix2x3 by_place;
+  Matrix2x3 by_point;
+  Matrix2x6 by_pose;
+  Eigen::Matrix<double, 2, 9> by_lens;
+  Matrix2xN by_free(2, free);
+  for (std::size_t p = 0; p < points; ++p) {
+    const bool moves = problem.point_moves[p] != 0;
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      const BundleProblem::Seen& seen = problem.seen[k];
+      const geometry::Rigid3& pose = state.poses[at(seen.pose)];
+      const Vector3d place = pose * state.points[p];
+      (void)residual_of(seen, state.lenses[at(seen.lens)], place, residual, &by_place,
+                        free > 0 ? &by_lens : nullptr);
+      weigh(problem, curvature, residual, factor);
+      by_place = (factor * by_place).eval();
+      by_point.noalias() = by_place * pose.rotation;
+      if (moves) {
+        equations.point_hessian[p].noalias() += by_point.transpose() * by_point;
+        equations.point_gradient[p].noalias() += by_point.transpose() * residual;
+      }
+      const int l = variables.pose_entry[k];
+      if (l >= 0) {
+        // A small turn w after the rotation moves the point in the camera's frame by w x place.
+        by_pose.col(0) = by_place.col(2) * place[1] - by_place.col(1) * place[2];
+        by_pose.col(1) = by_place.col(0) * place[2] - by_place.col(2) * place[0];
+        by_pose.col(2) = by_place.col(1) * place[0] - by_place.col(0) * place[1];
+        by_pose.rightCols<3>() = -by_point;
+        const BundleVariables::Entry& entry = variables.entries[variables.entry_first[p] + at(l)];
+        Eigen::Map<Matrix6>(equations.blocks.data() + variables.diagonal_offset(entry.variable))
+            .noalias() += by_pose.transpose() * by_pose;
+        gradient.segment<6>(variables.offset_of(entry.variable)).noalias() +=
+            by_pose.transpose() * residual;
+        if (moves)
+          Eigen::Map<Matrix6x3>(equations.mixed.data() + entry.offset).noalias() +=
+              by_pose.transpose() * by_point;
+      }
+      const int m = variables.lens_entry[k];
+      if (m < 0) continue;
+      for (Eigen::Index c = 0; c < free; ++c)
+        by_free.col(c) = factor * by_lens.col(chosen[static_cast<std::size_t>(c)]);
+      const BundleVariables::Entry& entry = variables.entries[variables.entry_first[p] + at(m)];
+      Eigen::Map<MatrixXd>(equations.blocks.data() + variables.diagonal_offset(entry.variable),
+                           free, free) += by_free.transpose() * by_free;
+      gradient.segment(variables.offset_of(entry.variable), free) += by_free.transpose() * residual;
+      if (moves)
+        Eigen::Map<MatrixNx3>(equations.mixed.data() + entry.offset, free, 3) +=
+            by_free.transpose() * by_point;
+      if (l >= 0)
+        Eigen::Map<MatrixXd>(equations.blocks.data() + variables.offset_of(p, l, m), 6, free) +=
+            by_pose.transpose() * by_free;
+    }
+  }
+  if (problem.hold) {
+    const BundleProblem::Hold& hold = *problem.hold;
+    const int variable = variables.pose_variable[at(hold.pose)];
+    const int number = 3 + hold.axis;
+    gradient[variables.offset_of(variable) + number] += hold.weight * hold_residual(hold, state);
+    equations.blocks[variables.diagonal_offset(variable) + at(7 * number)] +=
+        hold.weight * hold.weight;
+  }
+  equations.scale = VectorXd(variables.size);
+  for (int v = 0; v < variables.count; ++v)
+    for (int k = 0; k < variables.size_of(v); ++k)
+      equations.scale[variables.offset_of(v) + k] =
+          equations.blocks[variables.diagonal_offset(v) + at(k * (variables.size_of(v) + 1))];
+}
+
+BundleState moved_by(const BundleProblem& problem, const BundleVariables& variables,
+                     const BundleState& now, const VectorXd& moved, const std::vector<Vector3d>& by,
+                     double share) {
+  BundleState next = now;
+  for (std::size_t i = 0; i < next.poses.size(); ++i) {
+    if (variables.pose_variable[i] < 0) continue;
+    const Eigen::Index offset = variables.offset_of(variables.pose_variable[i]);
+    const geometry::Rigid3& pose = now.poses[i];
+    next.poses[i].rotation =
+        geometry::rotation_by(share * moved.segment<3>(offset)) * pose.rotation;
+    next.poses[i].translation =
+        -(next.poses[i].rotation * (pose.center() + share * moved.segment<3>(offset + 3)));
+  }
+  for (std::size_t i = 0; i < next.lenses.size(); ++i) {
+    if (variables.lens_variable[i] < 0) continue;
+    for (std::size_t k = 0; k < problem.free_numbers.size(); ++k)
+      next.lenses[i][at(problem.free_numbers[k])] +=
+          share *
+          moved[variables.offset_of(variables.lens_variable[i]) + static_cast<Eigen::Index>(k)];
+  }
+  for (std::size_t p = 0; p < next.points.size(); ++p) next.points[p] += share * by[p];
+  return next;
+}
+
+bool second_derivative(const BundleProblem& problem, const BundleVariables& variables,
+                       const BundleState& now, const VectorXd& moved,
+                       const std::vector<Vector3d>& by, double curvature, VectorXd& gradient,
+                       std::vector<Vector3d>& point_gradient) {
+  const BundleState ahead = moved_by(problem, variables, now, moved, by, kPathShare);
+  gradient = VectorXd::Zero(variables.size);
+  point_gradient.assign(by.size(), Vector3d::Zero());
+  Vector2d residual;
+  Vector2d later;
+  Matrix2d factor;
+  Matrix2x3 by_place;
+  const auto& chosen = problem.free_numbers;
+  const auto free = static_cast<Eigen::Index>(chosen.size());
+  Eigen::Matrix<double, 2, 9> by_lens;
+  Matrix2xN by_free(2, free);
+  for (std::size_t p = 0; p < by.size(); ++p) {
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      const BundleProblem::Seen& seen = problem.seen[k];
+      const geometry::Rigid3& pose = now.poses[at(seen.pose)];
+      const Vector3d place = pose * now.points[p];
+      const LensNumbers& lens = now.lenses[at(seen.lens)];
+      (void)residual_of(seen, lens, place, residual, &by_place, free > 0 ? &by_lens : nullptr);
+      if (!residual_of(seen, lens, ahead.poses[at(seen.pose)] * ahead.points[p], later, nullptr,
+                       nullptr))
+        return false;
+      Vector3d along = pose.rotation * by[p];  // of the place in the camera's frame
+      const int variable = variables.pose_variable[at(seen.pose)];
+      if (variable >= 0) {
+        const auto step = moved.segment<6>(variables.offset_of(variable));
+        along += Vector3d(step.head<3>()).cross(place) - pose.rotation * step.tail<3>();
+      }
+      Vector2d first = by_place * along;  // J d
+      const int lens_variable = variables.lens_variable[at(seen.lens)];
+      if (lens_variable >= 0) {
+        for (Eigen::Index c = 0; c < free; ++c)
+          by_free.col(c) = by_lens.col(chosen[static_cast<std::size_t>(c)]);
+        first += by_free * moved.segment(variables.offset_of(lens_variable), free);
+      }
+      const Vector2d bend = 2 / kPathShare * ((later - residual) / kPathShare - first);
+      weigh(problem, curvature, residual, factor);
+      const Vector2d weighted = factor.transpose() * (factor * bend);
+      const Vector3d pull = by_place.transpose() * weighted;
+      if (problem.point_moves[p] != 0) point_gradient[p] += pose.rotation.transpose() * pull;
+      if (lens_variable >= 0)
+        gradient.segment(variables.offset_of(lens_variable), free) +=
+            by_free.transpose() * weighted;
+      if (variable < 0) continue;
+      gradient.segment<3>(variables.offset_of(variable)) += place.cross(pull);
+      gradient.segment<3>(variables.offset_of(variable) + 3) -= pose.rotation.transpose() * pull;
+    }
+  }
+  return true;
+}
+
+}  // namespace tarsier::sfm
