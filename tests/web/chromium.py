@@ -98,6 +98,7 @@ class Browser:
             "--disable-gpu",
             "--disable-dev-shm-usage",
             "--mute-audio",
+            "--renderer-process-limit=1",
             "--hide-scrollbars",
             "--force-color-profile=srgb",
             "--enable-unsafe-swiftshader",

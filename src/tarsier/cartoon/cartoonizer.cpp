@@ -2,6 +2,7 @@
 #include "tarsier/cartoon/cartoonizer.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/detect/cascade.h"
 #include "tarsier/face/detect/detector.h"
 
 #include <fmt/format.h>

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/face/detect/cascade.h"
 #include "tarsier/face/detect/detector.h"
 #include "tarsier/media/testing_folder.h"
 

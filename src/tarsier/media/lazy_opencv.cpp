@@ -4,12 +4,22 @@
 #include "tarsier/core/errors.h"
 
 #include <fmt/format.h>
+#include <opencv2/objdetect.hpp>
+#include <opencv2/video/tracking.hpp>
 #include <opencv2/videoio/registry.hpp>
 
+#include <cstddef>
 #include <dlfcn.h>
 #include <new>
 
 namespace tarsier::lazy_opencv {
+namespace {
+
+cv::Ptr<cv::BaseCascadeClassifier> classifier_of(const cv::CascadeClassifier& cascade) {
+  return cascade.cc != nullptr && !cascade.cc->empty() ? cascade.cc : nullptr;
+}
+
+}  // namespace
 
 #ifdef TARSIER_IMGCODECS_SONAME
 namespace {
@@ -41,6 +51,16 @@ void* imgcodecs() {
 
 void* videoio() {
   static void* const kHandle = load(TARSIER_VIDEOIO_SONAME);
+  return kHandle;
+}
+
+void* video() {
+  static void* const kHandle = load(TARSIER_VIDEO_SONAME);
+  return kHandle;
+}
+
+void* objdetect() {
+  static void* const kHandle = load(TARSIER_OBJDETECT_SONAME);
   return kHandle;
 }
 
@@ -91,6 +111,38 @@ bool has_backend(cv::VideoCaptureAPIs backend) {
   return kHas(backend);
 }
 
+void optical_flow_pyr_lk(cv::InputArray from, cv::InputArray to, cv::InputArray points,
+                         cv::InputOutputArray moved, cv::OutputArray status, cv::OutputArray error,
+                         cv::Size window, int max_level, cv::TermCriteria criteria, int flags,
+                         double min_eigenvalue) {
+  static const auto kFlow = find<decltype(cv::calcOpticalFlowPyrLK)>(
+      video(),
+      "_ZN2cv20calcOpticalFlowPyrLKERKNS_11_InputArrayES2_S2_RKNS_17_InputOutputArrayERKNS_12_"
+      "OutputArrayES8_NS_5Size_IiEEiNS_12TermCriteriaEid");
+  kFlow(from, to, points, moved, status, error, window, max_level, criteria, flags, min_eigenvalue);
+}
+
+int optical_flow_pyramid(cv::InputArray image, cv::OutputArrayOfArrays pyramid, cv::Size window,
+                         int max_level) {
+  static const auto kBuild = find<decltype(cv::buildOpticalFlowPyramid)>(
+      video(),
+      "_ZN2cv23buildOpticalFlowPyramidERKNS_11_InputArrayERKNS_12_OutputArrayENS_5Size_IiEEibiib");
+  return kBuild(image, pyramid, window, max_level, true, cv::BORDER_REFLECT_101,
+                cv::BORDER_CONSTANT, true);
+}
+
+cv::Ptr<cv::BaseCascadeClassifier> load_cascade(const std::string& path) {
+  static const auto kConstructor = find<void(void*, const cv::String&)>(
+      objdetect(),
+      "_ZN2cv17CascadeClassifierC1ERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEE");
+  static const auto kDestructor = find<void(void*)>(objdetect(), "_ZN2cv17CascadeClassifierD1Ev");
+  alignas(cv::CascadeClassifier) std::byte place[sizeof(cv::CascadeClassifier)];
+  kConstructor(place, path);
+  auto classifier = classifier_of(*std::launder(reinterpret_cast<cv::CascadeClassifier*>(place)));
+  kDestructor(place);
+  return classifier;
+}
+
 #else
 
 cv::Mat imdecode(const cv::Mat& bytes, int flags) { return cv::imdecode(bytes, flags); }
@@ -107,6 +159,23 @@ std::unique_ptr<cv::VideoCapture> make_video_capture() {
 std::unique_ptr<cv::VideoWriter> make_video_writer() { return std::make_unique<cv::VideoWriter>(); }
 
 bool has_backend(cv::VideoCaptureAPIs backend) { return cv::videoio_registry::hasBackend(backend); }
+
+void optical_flow_pyr_lk(cv::InputArray from, cv::InputArray to, cv::InputArray points,
+                         cv::InputOutputArray moved, cv::OutputArray status, cv::OutputArray error,
+                         cv::Size window, int max_level, cv::TermCriteria criteria, int flags,
+                         double min_eigenvalue) {
+  cv::calcOpticalFlowPyrLK(from, to, points, moved, status, error, window, max_level, criteria,
+                           flags, min_eigenvalue);
+}
+
+int optical_flow_pyramid(cv::InputArray image, cv::OutputArrayOfArrays pyramid, cv::Size window,
+                         int max_level) {
+  return cv::buildOpticalFlowPyramid(image, pyramid, window, max_level);
+}
+
+cv::Ptr<cv::BaseCascadeClassifier> load_cascade(const std::string& path) {
+  return classifier_of(cv::CascadeClassifier(path));
+}
 
 #endif
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
@@ -9,11 +10,15 @@
 #include <string>
 #include <vector>
 
-// OpenCV's libraries of image files and videos, loaded when they are first needed. As packaged they
-// bring some 200 further libraries (GDAL, GStreamer, ..), whose symbols take 0.1 s to resolve: more
-// than most commands need for all they do, and without use for JPEG and PNG (image_codec.h).
-// Where OpenCV is no shared library it is linked as usual. Each throws Error if it cannot be
-// loaded.
+namespace cv {
+class BaseCascadeClassifier;
+}
+
+// OpenCV's libraries that few commands need, loaded when they are first needed. Those of image files and videos bring
+// some 200 further libraries as packaged (GDAL, GStreamer, ..), whose symbols take 0.1 s to resolve: more than most
+// commands need for all they do, and without use for JPEG and PNG (image_codec.h). Those of optical flow and of cascades
+// bring networks and protobuf: a quarter of the time that the program takes to start.
+// Where OpenCV is no shared library it is linked as usual. Each throws Error if it cannot be loaded.
 namespace tarsier::lazy_opencv {
 
 // As cv::imdecode and cv::imencode.
@@ -26,5 +31,16 @@ namespace tarsier::lazy_opencv {
 [[nodiscard]] std::unique_ptr<cv::VideoWriter> make_video_writer();
 // As cv::videoio_registry::hasBackend.
 [[nodiscard]] bool has_backend(cv::VideoCaptureAPIs backend);
+
+// As cv::calcOpticalFlowPyrLK and cv::buildOpticalFlowPyramid.
+void optical_flow_pyr_lk(cv::InputArray from, cv::InputArray to, cv::InputArray points,
+                         cv::InputOutputArray moved, cv::OutputArray status, cv::OutputArray error,
+                         cv::Size window, int max_level, cv::TermCriteria criteria, int flags = 0,
+                         double min_eigenvalue = 1e-4);
+int optical_flow_pyramid(cv::InputArray image, cv::OutputArrayOfArrays pyramid, cv::Size window,
+                         int max_level);
+
+// The classifier of a cv::CascadeClassifier; null where the file holds none. Its functions are virtual.
+[[nodiscard]] cv::Ptr<cv::BaseCascadeClassifier> load_cascade(const std::string& path);
 
 }  // namespace tarsier::lazy_opencv

@@ -2,15 +2,12 @@
 #include "tarsier/face/detect/detector.h"
 
 #include "tarsier/core/boxes.h"
-#include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/face/detect/cascade.h"
 
 #include <opencv2/imgproc.hpp>
-#include <opencv2/objdetect.hpp>
 
 #include <algorithm>
-#include <cstdlib>
-#include <filesystem>
 
 namespace tarsier::face {
 namespace {
@@ -22,24 +19,6 @@ cv::Rect blended(const cv::Rect& old, const cv::Rect& seen, double share) {
 }
 
 }  // namespace
-
-std::string find_cascade(const std::string& name) {
-  namespace fs = std::filesystem;
-  std::vector<fs::path> folders;
-  if (const char* own = std::getenv("TARSIER_CASCADES")) folders.emplace_back(own);
-  for (const char* root : {"/usr/share", "/usr/local/share", "/opt/homebrew/share"}) {
-    for (const char* package : {"opencv4", "opencv"}) {
-      for (const char* kind : {"lbpcascades", "haarcascades"}) {
-        folders.push_back(fs::path(root) / package / kind);
-      }
-    }
-  }
-  std::error_code error;
-  for (const fs::path& folder : folders) {
-    if (fs::is_regular_file(folder / name, error)) return (folder / name).string();
-  }
-  return "";
-}
 
 double usual_min_face(cv::Size image) {
   constexpr double kSmallImage = 0.5e6;  // px
@@ -55,29 +34,17 @@ void FaceDetectorOptions::check() const {
 }
 
 struct FaceDetector::Impl {
+  explicit Impl(const FaceDetectorOptions& given) : options(given), cascade(given.cascade) {}
+
   FaceDetectorOptions options;
-  cv::CascadeClassifier cascade;
+  Cascade cascade;
   cv::Mat gray;
   cv::Mat small;
   std::int64_t pixels = 0;
 };
 
-FaceDetector::FaceDetector(const FaceDetectorOptions& options) : impl_(std::make_unique<Impl>()) {
-  options.check();
-  impl_->options = options;
-  const std::string path = find_cascade(options.cascade);
-  if (path.empty()) {
-    throw ModelError(options.cascade,
-                     "not found; install the package opencv-data, or set TARSIER_CASCADES");
-  }
-  bool loaded = false;
-  try {
-    loaded = impl_->cascade.load(path);
-  } catch (const cv::Exception&) {
-    loaded = false;
-  }
-  if (!loaded) throw ModelError(path, "is no cascade that this OpenCV reads");
-}
+FaceDetector::FaceDetector(const FaceDetectorOptions& options)
+    : impl_((options.check(), std::make_unique<Impl>(options))) {}
 
 FaceDetector::~FaceDetector() = default;
 FaceDetector::FaceDetector(FaceDetector&&) noexcept = default;
@@ -112,8 +79,10 @@ std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame, double min_face
   my.pixels += size.area();
   std::vector<cv::Rect> faces;
   if (std::min(size.width, size.height) >= smallest && (largest == 0 || largest >= smallest)) {
-    my.cascade.detectMultiScale(my.gray, faces, my.options.step, my.options.neighbors, 0,
-                                cv::Size(smallest, smallest), cv::Size(largest, largest));
+    faces = my.cascade.detect(my.gray, {.step = my.options.step,
+                                        .neighbors = my.options.neighbors,
+                                        .min = cv::Size(smallest, smallest),
+                                        .max = cv::Size(largest, largest)});
   }
   for (cv::Rect& face : faces) {
     face = cv::Rect(cvRound(face.x / scale), cvRound(face.y / scale), cvRound(face.width / scale),

@@ -13,11 +13,6 @@
 
 namespace tarsier::face {
 
-// Where Debian, Ubuntu, Raspberry Pi OS and a built OpenCV keep the cascade files; the folder that
-// the environment variable TARSIER_CASCADES names comes first. Returns the path of `name`
-// ("haarcascade_frontalface_alt2.xml") or "".
-[[nodiscard]] std::string find_cascade(const std::string& name);
-
 // Width of the smallest face that is looked for where nothing else is asked, px of the image: 40,
 // and 24 in images of up to half a megapixel, where it costs little.
 [[nodiscard]] double usual_min_face(cv::Size image);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/detect/detector.h"
 
+#include "tarsier/face/detect/cascade.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/synth/portrait.h"
 

@@ -5,6 +5,7 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
+#include "tarsier/face/detect/cascade.h"
 #include "tarsier/face/landmarks/face_places.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/media/archive.h"

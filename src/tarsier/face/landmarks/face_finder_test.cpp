@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/face_finder.h"
 
+#include "tarsier/face/detect/cascade.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/testing_blobs.h"
 #include "tarsier/face/landmarks/tracker.h"

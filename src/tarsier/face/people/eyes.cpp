@@ -5,7 +5,7 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
-#include "tarsier/face/detect/detector.h"
+#include "tarsier/face/detect/cascade.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -31,42 +31,25 @@ constexpr NameTable<EyeMethod, 3> kMethods{"way to find eyes",
 // Smallest eye, share of the region's width.
 constexpr double kSmallestEye = 0.3;
 
-cv::CascadeClassifier load(const std::string& name) {
-  const std::string path = find_cascade(name);
-  if (path.empty()) {
-    throw ModelError(name, "not found; install the package opencv-data, or set TARSIER_CASCADES");
-  }
-  cv::CascadeClassifier cascade;
-  bool loaded = false;
-  try {
-    loaded = cascade.load(path);
-  } catch (const cv::Exception&) {
-    loaded = false;
-  }
-  if (!loaded) throw ModelError(path, "is no cascade that this OpenCV reads");
-  return cascade;
-}
-
 cv::Rect region_of(const EyeRegion& region, const cv::Rect& face, bool right) {
   const double x = right ? 1 - region.x - region.width : region.x;
   return {cvRound(face.x + x * face.width), cvRound(face.y + region.y * face.height),
           cvRound(region.width * face.width), cvRound(region.height * face.height)};
 }
 
-std::optional<cv::Point2d> find_in(cv::CascadeClassifier& cascade, const cv::Mat& gray,
-                                   const cv::Rect& wanted) {
+std::optional<cv::Point2d> find_in(Cascade& cascade, const cv::Mat& gray, const cv::Rect& wanted) {
   const cv::Rect area = wanted & cv::Rect(0, 0, gray.cols, gray.rows);
   if (area.width < 8 || area.height < 8) return std::nullopt;
   cv::Mat part;
   cv::equalizeHist(gray(area), part);
   // Cascades see nothing below their own size: small faces are enlarged for them.
-  const cv::Size own = cascade.getOriginalWindowSize();
+  const cv::Size own = cascade.window();
   const double zoom = std::max(1.0, own.width / (kSmallestEye * area.width));
   if (zoom > 1) cv::resize(part, part, {}, zoom, zoom, cv::INTER_LINEAR);
   const int least = std::max(own.width, cvRound(kSmallestEye * part.cols));
-  std::vector<cv::Rect> found;
-  cascade.detectMultiScale(part, found, 1.1, 3, cv::CASCADE_FIND_BIGGEST_OBJECT,
-                           {least, least * own.height / std::max(1, own.width)});
+  const std::vector<cv::Rect> found =
+      cascade.detect(part, {.flags = cv::CASCADE_FIND_BIGGEST_OBJECT,
+                            .min = {least, least * own.height / std::max(1, own.width)}});
   if (found.empty()) return std::nullopt;
   const cv::Rect& box =
       *std::max_element(found.begin(), found.end(),
@@ -92,12 +75,12 @@ EyeRegion eye_region(EyeMethod method) {
 struct EyeDetector::Impl {
   EyeRegion region{};
   // Tried in this order, for the left and the right eye as seen.
-  std::vector<cv::CascadeClassifier> left;
-  std::vector<cv::CascadeClassifier> right;
+  std::vector<Cascade> left;
+  std::vector<Cascade> right;
 
-  static std::optional<cv::Point2d> first(std::vector<cv::CascadeClassifier>& cascades,
-                                          const cv::Mat& gray, const cv::Rect& area) {
-    for (auto& cascade : cascades)
+  static std::optional<cv::Point2d> first(std::vector<Cascade>& cascades, const cv::Mat& gray,
+                                          const cv::Rect& area) {
+    for (Cascade& cascade : cascades)
       if (const auto eye = find_in(cascade, gray, area)) return eye;
     return std::nullopt;
   }
@@ -107,13 +90,13 @@ EyeDetector::EyeDetector(EyeMethod method) : impl_(std::make_unique<Impl>()) {
   impl_->region = eye_region(method);
   if (method == EyeMethod::kCascades) {
     for (const char* name : {"haarcascade_eye.xml", "haarcascade_eye_tree_eyeglasses.xml"}) {
-      impl_->left.push_back(load(name));
-      impl_->right.push_back(load(name));
+      impl_->left.emplace_back(name);
+      impl_->right.emplace_back(name);
     }
   } else {
     // Named after the person's own sides.
-    impl_->left.push_back(load("haarcascade_righteye_2splits.xml"));
-    impl_->right.push_back(load("haarcascade_lefteye_2splits.xml"));
+    impl_->left.emplace_back("haarcascade_righteye_2splits.xml");
+    impl_->right.emplace_back("haarcascade_lefteye_2splits.xml");
   }
 }
 EyeDetector::~EyeDetector() = default;

@@ -3,9 +3,9 @@
 
 #include "tarsier/core/statistics.h"
 #include "tarsier/face/shape/similarity.h"
+#include "tarsier/media/lazy_opencv.h"
 
 #include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -91,8 +91,8 @@ std::optional<Matrix2Xd> moved_along(const cv::Mat& from, const Matrix2Xd& point
   std::vector<std::uint8_t> there;
   std::vector<std::uint8_t> here;
   std::vector<float> error;
-  cv::calcOpticalFlowPyrLK(from, to, start, end, there, error, side, 4, enough);
-  cv::calcOpticalFlowPyrLK(to, from, end, back, here, error, side, 4, enough);
+  lazy_opencv::optical_flow_pyr_lk(from, to, start, end, there, error, side, 4, enough);
+  lazy_opencv::optical_flow_pyr_lk(to, from, end, back, here, error, side, 4, enough);
   Matrix2Xd seen = Matrix2Xd::Constant(2, points.cols(), std::nan(""));
   int found = 0;
   for (std::size_t k = 0; k < start.size(); ++k) {

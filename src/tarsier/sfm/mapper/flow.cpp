@@ -2,9 +2,9 @@
 #include "tarsier/sfm/mapper/flow.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/media/lazy_opencv.h"
 
 #include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -218,7 +218,7 @@ void FlowTracker::add(const cv::Mat& image) {
   if (image.channels() == 3) cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   // With derivatives: they serve the way back and the next frame's way forward.
   std::vector<cv::Mat> pyramid;
-  cv::buildOpticalFlowPyramid(gray, pyramid, kWindow, levels_of(size_), true);
+  lazy_opencv::optical_flow_pyramid(gray, pyramid, kWindow, levels_of(size_));
   cv::Mat smooth;
   gray.convertTo(smooth, CV_32F);
   cv::GaussianBlur(smooth, smooth, {}, kSmoothing);
@@ -248,10 +248,10 @@ void FlowTracker::follow(const cv::Mat& image, const std::vector<cv::Mat>& pyram
   std::vector<std::uint8_t> back_found;
   const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
   const int levels = levels_of(size_);
-  cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, forth_found, cv::noArray(), kWindow,
-                           levels, enough);
-  cv::calcOpticalFlowPyrLK(pyramid, pyramid_, after, back, back_found, cv::noArray(), kWindow,
-                           levels, enough);
+  lazy_opencv::optical_flow_pyr_lk(pyramid_, pyramid, before, after, forth_found, cv::noArray(),
+                                   kWindow, levels, enough);
+  lazy_opencv::optical_flow_pyr_lk(pyramid, pyramid_, after, back, back_found, cv::noArray(),
+                                   kWindow, levels, enough);
   std::vector<std::uint8_t> kept(live_.size(), 0);
   cv::parallel_for_(cv::Range(0, static_cast<int>(live_.size())), [&](const cv::Range& range) {
     for (auto i = static_cast<std::size_t>(range.start); i < static_cast<std::size_t>(range.end);

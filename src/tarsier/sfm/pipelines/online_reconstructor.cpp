@@ -6,6 +6,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/media/lazy_opencv.h"
 #include "tarsier/sfm/pipelines/inputs.h"
 
 #include <opencv2/imgproc.hpp>
@@ -200,10 +201,10 @@ void OnlineReconstructor::track_points() {
   std::vector<std::uint8_t> there;
   std::vector<std::uint8_t> here;
   std::vector<float> error;
-  cv::calcOpticalFlowPyrLK(tracked_.gray, gray_, tracked_.from, tracked_.to, there, error, window,
-                           4, enough, cv::OPTFLOW_USE_INITIAL_FLOW);
-  cv::calcOpticalFlowPyrLK(gray_, tracked_.gray, tracked_.to, back, here, error, window, 4, enough,
-                           cv::OPTFLOW_USE_INITIAL_FLOW);
+  lazy_opencv::optical_flow_pyr_lk(tracked_.gray, gray_, tracked_.from, tracked_.to, there, error,
+                                   window, 4, enough, cv::OPTFLOW_USE_INITIAL_FLOW);
+  lazy_opencv::optical_flow_pyr_lk(gray_, tracked_.gray, tracked_.to, back, here, error, window, 4,
+                                   enough, cv::OPTFLOW_USE_INITIAL_FLOW);
   for (std::size_t k = 0; k < tracked_.from.size(); ++k) {
     const bool is_found =
         there[k] != 0 && here[k] != 0 && cv::norm(back[k] - tracked_.from[k]) <= kBackPx;

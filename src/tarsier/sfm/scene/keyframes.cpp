@@ -2,6 +2,7 @@
 #include "tarsier/sfm/scene/keyframes.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/media/lazy_opencv.h"
 
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -57,9 +58,9 @@ std::vector<cv::Point2f> corners_of(const cv::Mat& gray) {
 void follow(const cv::Mat& from, const cv::Mat& to, const std::vector<cv::Point2f>& start,
             std::vector<cv::Point2f>& end, std::vector<unsigned char>& found) {
   std::vector<float> ignored;
-  cv::calcOpticalFlowPyrLK(from, to, start, end, found, ignored, {21, 21}, 4,
-                           {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01},
-                           cv::OPTFLOW_USE_INITIAL_FLOW);
+  lazy_opencv::optical_flow_pyr_lk(from, to, start, end, found, ignored, {21, 21}, 4,
+                                   {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01},
+                                   cv::OPTFLOW_USE_INITIAL_FLOW);
 }
 
 }  // namespace
