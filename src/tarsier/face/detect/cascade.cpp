@@ -35,19 +35,27 @@ Cascade::Cascade(const std::string& name) {
     throw ModelError(name, "not found; install the package opencv-data, or set TARSIER_CASCADES");
   }
   try {
-    classifier_ = lazy_opencv::load_cascade(path);
+    haar_ = HaarCascade::read(path);
+    if (!haar_) classifier_ = lazy_opencv::load_cascade(path);
   } catch (const cv::Exception&) {
     classifier_ = nullptr;
   }
-  if (classifier_ == nullptr) throw ModelError(path, "is no cascade that this OpenCV reads");
+  if (!haar_ && classifier_ == nullptr)
+    throw ModelError(path, "is no cascade that this OpenCV reads");
 }
 
-cv::Size Cascade::window() const { return classifier_->getOriginalWindowSize(); }
+cv::Size Cascade::window() const {
+  return haar_ ? haar_->window() : classifier_->getOriginalWindowSize();
+}
 
 std::vector<cv::Rect> Cascade::detect(const cv::Mat& gray, const Search& search) {
   std::vector<cv::Rect> found;
-  classifier_->detectMultiScale(gray, found, search.step, search.neighbors, search.flags,
-                                search.min, search.max);
+  if (haar_) {
+    found = grouped_boxes(haar_->find(gray, search.step, search.min, search.max), search.neighbors);
+  } else {
+    classifier_->detectMultiScale(gray, found, search.step, search.neighbors, 0, search.min,
+                                  search.max);
+  }
   for (cv::Rect& box : found) box &= cv::Rect({}, gray.size());
   std::erase_if(found, [](const cv::Rect& box) { return box.empty(); });
   return found;

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/face/detect/haar_cascade.h"
+
 #include <opencv2/core.hpp>
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,7 +20,8 @@ namespace tarsier::face {
 // ("haarcascade_frontalface_alt2.xml") or "".
 [[nodiscard]] std::string find_cascade(const std::string& name);
 
-// A cascade of boosted classifiers (Viola and Jones, 2001), run by OpenCV.
+// A cascade of boosted classifiers: ours (haar_cascade.h) for upright Haar features, as the files of faces have, OpenCV's
+// for others.
 class Cascade {
  public:
   // Throws ModelError where find_cascade() does not find it, or OpenCV does not read it.
@@ -29,15 +33,15 @@ class Cascade {
   struct Search {
     double step = 1.1;  // between sizes
     int neighbors = 3;  // boxes that must agree
-    int flags = 0;      // cv::CASCADE_*
     cv::Size min = {};  // px
     cv::Size max = {};  // px; empty: as large as the image
   };
-  // Boxes within an 8-bit gray image, in the order in which OpenCV finds them.
+  // Boxes within an 8-bit gray image.
   [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& gray, const Search& search);
 
  private:
-  cv::Ptr<cv::BaseCascadeClassifier> classifier_;
+  std::optional<HaarCascade> haar_;
+  cv::Ptr<cv::BaseCascadeClassifier> classifier_;  // where haar_ is empty
 };
 
 }  // namespace tarsier::face

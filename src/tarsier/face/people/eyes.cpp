@@ -48,8 +48,7 @@ std::optional<cv::Point2d> find_in(Cascade& cascade, const cv::Mat& gray, const 
   if (zoom > 1) cv::resize(part, part, {}, zoom, zoom, cv::INTER_LINEAR);
   const int least = std::max(own.width, cvRound(kSmallestEye * part.cols));
   const std::vector<cv::Rect> found =
-      cascade.detect(part, {.flags = cv::CASCADE_FIND_BIGGEST_OBJECT,
-                            .min = {least, least * own.height / std::max(1, own.width)}});
+      cascade.detect(part, {.min = {least, least * own.height / std::max(1, own.width)}});
   if (found.empty()) return std::nullopt;
   const cv::Rect& box =
       *std::max_element(found.begin(), found.end(),
