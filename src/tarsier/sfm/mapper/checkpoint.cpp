@@ -16,7 +16,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxBytes = 16'000'000'000;
-constexpr std::int32_t kVersion = 1;  // of what follows
+constexpr std::int32_t kVersion = 2;  // of what follows
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -154,6 +154,7 @@ int MapperState::registered() const {
 bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
           const std::vector<Image>& images, std::size_t pairs) {
   if (state.reasons.size() != images.size() || state.bad_start.size() != pairs) return false;
+  if (state.has_aside && state.models.empty()) return false;
   for (const PackedModel& model : state.models)
     if (!fits(model, cameras.size(), images)) return false;
   for (const auto& [image, points] : state.failed)
@@ -187,7 +188,8 @@ void write_checkpoint(const std::string& path, const MapperState& state) {
   writer.put(static_cast<std::uint64_t>(state.failed.size()));
   for (const auto& [image, points] : state.failed)
     writer.put(std::array<std::int32_t, 2>{image, points});
-  writer.put(std::array<std::int32_t, 3>{state.adjusted_at, state.stage, state.round});
+  writer.put(std::array<std::int32_t, 5>{state.adjusted_at, state.stage, state.round,
+                                         state.has_aside ? 1 : 0, state.is_global ? 1 : 0});
   writer.write(path);
 }
 
@@ -215,10 +217,12 @@ std::optional<MapperState> read_checkpoint(const std::string& path) {
       const auto numbers = reader.get<std::array<std::int32_t, 2>>();
       state.failed.emplace_back(numbers[0], numbers[1]);
     }
-    const auto numbers = reader.get<std::array<std::int32_t, 3>>();
+    const auto numbers = reader.get<std::array<std::int32_t, 5>>();
     state.adjusted_at = numbers[0];
     state.stage = numbers[1];
     state.round = numbers[2];
+    state.has_aside = numbers[3] != 0;
+    state.is_global = numbers[4] != 0;
     return state;
   } catch (const Damaged&) {
   } catch (const InputError&) {

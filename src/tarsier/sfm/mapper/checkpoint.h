@@ -42,11 +42,14 @@ struct IncrementalMapperState {
 
 struct MapperState {
   std::vector<PackedModel> models;  // that are done
+  bool has_aside =
+      false;  // the last of them is set aside: its images are mapped once more, globally
   std::vector<std::string> log;
   std::vector<std::string> reasons;               // of each image: why it is not in, so far
   std::vector<std::uint8_t> bad_start;            // of each pair
   bool done = false;                              // all of it
   std::optional<IncrementalMapperState> current;  // the model that grows
+  bool is_global = false;                         // it began with all images at once
   std::vector<std::pair<int, int>> failed;        // image: points it saw when it failed
   int adjusted_at = 0;                            // images in it when all of it was last adjusted
   int stage = 0;                                  // 0: images are added; then the steps of the end

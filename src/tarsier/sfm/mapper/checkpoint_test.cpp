@@ -33,6 +33,8 @@ MapperState some_state() {
   state.adjusted_at = 4;
   state.stage = 2;
   state.round = 1;
+  state.has_aside = true;
+  state.is_global = true;
   return state;
 }
 
@@ -60,6 +62,8 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   EXPECT_EQ(read->adjusted_at, 4);
   EXPECT_EQ(read->stage, 2);
   EXPECT_EQ(read->round, 1);
+  EXPECT_EQ(read->has_aside, state.has_aside);
+  EXPECT_EQ(read->is_global, state.is_global);
   EXPECT_FALSE(read->done);
   EXPECT_EQ(read->registered(), 8);
   ASSERT_TRUE(read->current);
@@ -97,6 +101,11 @@ TEST_F(Checkpoint, MustFitTheImages) {
   fewer[2].features.resize(10);
   EXPECT_FALSE(fits(state, model.cameras, fewer, 3));
   state.current->model.places.back() = 100;
+  EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
+  state = some_state();
+  state.has_aside = true;
+  EXPECT_TRUE(fits(state, model.cameras, model.images, 3));
+  state.models.clear();
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
 }
 

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/global_start.h"
 
 #include "tarsier/geometry/sim3.h"
+#include "tarsier/sfm/mapper/open_loops.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/mapper/trust.h"
@@ -12,6 +13,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
+#include <cstdlib>
 #include <numeric>
 #include <string>
 
@@ -29,12 +31,7 @@ struct Given {
   std::vector<Pair> pairs;
 };
 
-Given given(synth::SiteKind kind, int images, int features = 200, int neighbours = 8) {
-  synth::SiteOptions options;
-  options.kind = kind;
-  options.images = images;
-  options.features = features;
-  options.neighbours = neighbours;
+Given given(const synth::SiteOptions& options) {
   Given result;
   result.site = synth::make_observed_site(options);
   result.cameras = {result.site.camera};
@@ -58,6 +55,15 @@ Given given(synth::SiteKind kind, int images, int features = 200, int neighbours
     result.pairs.push_back(std::move(pair));
   }
   return result;
+}
+
+Given given(synth::SiteKind kind, int images, int features = 200, int neighbours = 8) {
+  synth::SiteOptions options;
+  options.kind = kind;
+  options.images = images;
+  options.features = features;
+  options.neighbours = neighbours;
+  return given(options);
 }
 
 Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 250,
@@ -180,6 +186,69 @@ TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   for (std::size_t i = 0; i < site.images.size(); ++i)
     EXPECT_EQ(resumed.models[0].images[i].pose.translation,
               whole.models[0].images[i].pose.translation);
+}
+
+// Few and noisy observations of a long ring: image by image its ends do not meet.
+Given drifting_ring() {
+  synth::SiteOptions options;
+  options.kind = synth::SiteKind::kRing;
+  options.images = 200;
+  options.features = 150;
+  options.neighbours = 4;
+  options.noise_px = 1.5;
+  return given(options);
+}
+
+TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
+  const Given site = drifting_ring();
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  hooks.keep_every_s = 0;
+  const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
+  const Reconstruction whole = mapped();
+  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("pairs open")));
+  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("the second is kept")));
+  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("start from")));
+  EXPECT_EQ(registered(whole), 200);
+  EXPECT_LT(worst_center(whole.models[0], site.site.poses), 0.02);
+
+  // A checkpoint has the model that was set aside.
+  const auto aside = std::find_if(states.begin(), states.end(),
+                                  [](const MapperState& state) { return state.has_aside; });
+  ASSERT_LT(aside + 2, states.end());
+  hooks.from = *(aside + 2);
+  hooks.keep = nullptr;
+  const Reconstruction resumed = mapped();
+  EXPECT_EQ(resumed.log, whole.log);
+  ASSERT_EQ(resumed.models.size(), whole.models.size());
+  for (std::size_t i = 0; i < site.images.size(); ++i)
+    EXPECT_EQ(resumed.models[0].images[i].pose.translation,
+              whole.models[0].images[i].pose.translation);
+}
+
+TEST(MapperOfLoops, OpenOnesAreFoundInABentModel) {
+  const Given site = given(synth::SiteKind::kRing, 80, 100, 4);
+  Model model;
+  model.cameras = site.cameras;
+  model.images = site.images;
+  std::vector<const Pair*> pairs;
+  for (const Pair& pair : site.pairs) pairs.push_back(&pair);
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    model.images[i].registered = true;
+    model.images[i].pose = site.site.poses[i];
+  }
+  EXPECT_TRUE(open_loops(model, pairs).empty());
+  const double before = agreeing_inliers(model, pairs);
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    const double angle = 0.003 * static_cast<double>(i);
+    model.images[i].pose.rotation =
+        geometry::rotation_by({0, angle, 0}) * model.images[i].pose.rotation;
+  }
+  const std::vector<const Pair*> open = open_loops(model, pairs);
+  ASSERT_FALSE(open.empty());
+  for (const Pair* pair : open) EXPECT_GT(std::abs(pair->first - pair->second), 70);
+  EXPECT_LT(agreeing_inliers(model, pairs), before);
 }
 
 TEST(RepeatedStructure, FewTruePairsAreRefusedAndManyWrongOnes) {

@@ -9,6 +9,8 @@
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
 #include "tarsier/sfm/mapper/model_conflicts.h"
+#include "tarsier/sfm/mapper/model_parts.h"
+#include "tarsier/sfm/mapper/open_loops.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/trust.h"
 
@@ -120,9 +122,13 @@ class Mapping {
       keep();
     } catch (const Interrupted&) {
       if (!in_between_) keep();
-      if (!hooks_.partial || (result_.models.empty() && !mapper_)) throw;
+      if (!hooks_.partial || (result_.models.empty() && !mapper_ && !aside_)) throw;
       result_.interrupted = true;
-      if (mapper_) result_.models.push_back(mapper_->finished(colors_));
+      if (aside_) {
+        result_.models.push_back(std::move(*aside_));
+      } else if (mapper_) {
+        result_.models.push_back(mapper_->finished(colors_));
+      }
     }
     progress_.end();
     finish();
@@ -144,6 +150,13 @@ class Mapping {
   [[nodiscard]] bool is_left(const Pair& pair) const {
     return !pair.view.inliers.empty() && !used_[at(pair.first)] && !used_[at(pair.second)] &&
            bad_start_[static_cast<std::size_t>(&pair - pairs_.data())] <= kBadStart;
+  }
+
+  [[nodiscard]] std::vector<const Pair*> left_pairs() const {
+    std::vector<const Pair*> left;
+    for (const Pair& pair : pairs_)
+      if (is_left(pair)) left.push_back(&pair);
+    return left;
   }
 
   // A model with the features of one component: what can join is in it, and a folder of many small
@@ -176,8 +189,9 @@ class Mapping {
     }
   }
 
-  // Maps a component of what is left globally, if one is large enough and that is not refused.
-  bool begin_globally(Components& components) {
+  // Maps a component of what is left globally, if one is large enough and that is not refused. `only`: the root of the
+  // one that is tried, of whatever size; -1: all.
+  bool begin_globally(Components& components, int only) {
     std::map<int, std::vector<std::size_t>> pairs_of;  // of each component
     std::map<int, int> sizes;
     for (std::size_t k = 0; k < pairs_.size(); ++k)
@@ -188,7 +202,9 @@ class Mapping {
     for (const auto& [root, all] : pairs_of) order.emplace_back(-sizes[root], root);
     std::sort(order.begin(), order.end());
     for (const auto& [size, root] : order) {
-      if (options_.choice == MapperChoice::kAuto && apart_ == 0 && -size < options_.auto_global)
+      if (only >= 0 && root != only) continue;
+      if (only < 0 && options_.choice == MapperChoice::kAuto && apart_ == 0 &&
+          -size < options_.auto_global)
         return false;
       make_mapper(components, root);
       std::vector<const Pair*> chosen;
@@ -200,12 +216,11 @@ class Mapping {
         for (std::size_t k = 0; k < chosen.size(); ++k)
           if (start.doubts[k] != Doubt::kNone)
             bad_start_[pairs_of[root][k]] = static_cast<std::uint8_t>(start.doubts[k]);
-        const auto first = std::find_if(start.model.images.begin(), start.model.images.end(),
-                                        [](const Image& image) { return image.registered; });
         Components kept = this->components();
-        make_mapper(kept, kept.root(static_cast<int>(first - start.model.images.begin())));
+        make_mapper(kept, kept.root(first_registered(start.model)));
         mapper_->resume(start.model);
         begin_growing();
+        is_global_ = true;
         return true;
       }
       mapper_.reset();
@@ -224,17 +239,23 @@ class Mapping {
     failed_.clear();
     adjusted_at_ = mapper_->registered();
     stage_ = round_ = 0;
+    is_global_ = false;
   }
 
   // Finds a start among what is left; false: there is none.
   bool begin_model() {
     Components components = this->components();
-    if (options_.choice != MapperChoice::kIncremental || apart_ > 0) {
+    if (aside_ || options_.choice != MapperChoice::kIncremental || apart_ > 0) {
       try {
-        if (begin_globally(components)) return true;
+        if (begin_globally(components, aside_ ? components.root(first_registered(*aside_)) : -1))
+          return true;
       } catch (const Interrupted&) {
         mapper_.reset();
         throw;
+      }
+      if (aside_) {
+        add_model(*std::exchange(aside_, std::nullopt));
+        return begin_model();
       }
       if (options_.choice == MapperChoice::kGlobal) return false;
     }
@@ -331,11 +352,81 @@ class Mapping {
     }
     Model model = mapper_->finished(colors_);
     mapper_.reset();
+    // What grew image by image hangs together.
+    if (const int left_out = is_global_ ? keep_largest_part(model) : 0; left_out > 0) {
+      result_.log.push_back(
+          fmt::format("{} images are left out of a model: they have next to no points in common "
+                      "with its {} others",
+                      left_out, statistics_of(model).registered));
+    }
     if (takes_apart(model)) return;
+    if (aside_) {
+      add_model(better(*std::exchange(aside_, std::nullopt), std::move(model)));
+    } else if (leaves_loops_open(model)) {
+      aside_ = std::move(model);
+    } else {
+      add_model(std::move(model));
+    }
+  }
+
+  void add_model(Model model) {
     for (std::size_t i = 0; i < images_.size(); ++i)
       used_[i] = used_[i] || model.images[i].registered;
     if (hooks_.watch) hooks_.watch(fmt::format("model-{}", result_.models.size()), model);
     result_.models.push_back(std::move(model));
+  }
+
+  // Whether images of a model that grew one by one are to be mapped globally, which spreads the errors of a loop over all
+  // of it.
+  bool leaves_loops_open(const Model& model) {
+    if (is_global_ || options_.choice == MapperChoice::kGlobal) return false;
+    if (std::any_of(result_.log.begin(), result_.log.end(),
+                    [](const std::string& line) { return line.starts_with(kRefusal); }))
+      return false;  // tried before
+    const std::vector<const Pair*> open = open_loops(model, left_pairs());
+    if (open.empty()) return false;
+    const Pair& strongest =
+        **std::max_element(open.begin(), open.end(), [](const Pair* a, const Pair* b) {
+          return a->view.inliers.size() < b->view.inliers.size();
+        });
+    result_.log.push_back(
+        fmt::format("a model of {} images leaves {} pairs open ({} and {} have {} inliers): it is "
+                    "set aside, and "
+                    "its images are mapped globally",
+                    statistics_of(model).registered, open.size(), images_[at(strongest.first)].name,
+                    images_[at(strongest.second)].name, strongest.view.inliers.size()));
+    progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
+    return true;
+  }
+
+  // The one of two models of the same images that agrees with more of the verified matches.
+  Model better(Model aside, Model global) {
+    // Also with those that global mapping left out.
+    const std::vector<std::uint8_t> doubts = bad_start_;
+    clear_doubts_of_cycles();
+    const std::vector<const Pair*> left = left_pairs();
+    const double before = agreeing_inliers(aside, left);
+    const double after = agreeing_inliers(global, left);
+    result_.log.push_back(fmt::format(
+        "the model that was set aside agrees with {:.0f} inliers, the one made globally with "
+        "{:.0f}: the {} is kept",
+        before, after, after > before ? "second" : "first"));
+    if (!(after > before)) return aside;
+    bad_start_ = doubts;
+    return global;
+  }
+
+  void clear_doubts_of_cycles() {
+    for (std::uint8_t& doubt : bad_start_)
+      if (doubt == static_cast<std::uint8_t>(Doubt::kCycles) ||
+          doubt == static_cast<std::uint8_t>(Doubt::kRotation))
+        doubt = 0;
+  }
+
+  static int first_registered(const Model& model) {
+    const auto first = std::find_if(model.images.begin(), model.images.end(),
+                                    [](const Image& image) { return image.registered; });
+    return static_cast<int>(first - model.images.begin());
   }
 
   // Whether the model lays places over each other: the pairs that did it are refused, and its images are mapped again
@@ -344,19 +435,13 @@ class Mapping {
     if (followed_ || apart_ >= kMaxApart) return false;
     const ModelConflicts conflicts(model);
     if (!conflicts.any()) return false;
-    std::vector<const Pair*> left;
-    for (const Pair& pair : pairs_)
-      if (is_left(pair)) left.push_back(&pair);
-    const std::vector<const Pair*> refused = conflicting_pairs(model, conflicts, left);
+    const std::vector<const Pair*> refused = conflicting_pairs(model, conflicts, left_pairs());
     if (refused.empty()) return false;
     for (const Pair* pair : refused)
       bad_start_[static_cast<std::size_t>(pair - pairs_.data())] =
           static_cast<std::uint8_t>(Doubt::kModel);
     // What contradicted the wrong pairs may be right.
-    for (std::uint8_t& doubt : bad_start_)
-      if (doubt == static_cast<std::uint8_t>(Doubt::kCycles) ||
-          doubt == static_cast<std::uint8_t>(Doubt::kRotation))
-        doubt = 0;
+    clear_doubts_of_cycles();
     ++apart_;
     result_.log.push_back(fmt::format(
         "a model of {} images{} ({} near images contradict each other): {} pairs are refused, "
@@ -396,6 +481,9 @@ class Mapping {
     const Clock::time_point start = Clock::now();
     MapperState state;
     for (const Model& model : result_.models) state.models.push_back(packed(model));
+    if (aside_) state.models.push_back(packed(*aside_));
+    state.has_aside = aside_.has_value();
+    state.is_global = is_global_;
     state.log = result_.log;
     for (const Outcome& outcome : result_.outcomes) state.reasons.push_back(outcome.reason);
     state.bad_start = bad_start_;
@@ -428,7 +516,6 @@ class Mapping {
       for (const int image : packed.registered) {
         model.images[at(image)] = images_[at(image)];
         model.images[at(image)].points.assign(images_[at(image)].features.size(), -1);
-        used_[at(image)] = true;
       }
       model.points.resize(static_cast<std::size_t>(packed.points));
       unpack(packed, model);
@@ -437,6 +524,14 @@ class Mapping {
           model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(p);
       result_.models.push_back(std::move(model));
     }
+    if (state.has_aside) {
+      aside_ = std::move(result_.models.back());
+      result_.models.pop_back();
+    }
+    for (const Model& model : result_.models)
+      for (std::size_t i = 0; i < images_.size(); ++i)
+        used_[i] = used_[i] || model.images[i].registered;
+    is_global_ = state.is_global;
     if (state.current) {
       Components components = this->components();
       make_mapper(components, components.root(state.current->model.registered.front()));
@@ -579,7 +674,9 @@ class Mapping {
   int stage_ = 0;
   int round_ = 0;
   int adjustments_ = 0;
-  int apart_ = 0;  // models that were taken apart
+  int apart_ = 0;               // models that were taken apart
+  std::optional<Model> aside_;  // left loops open; its images are mapped globally
+  bool is_global_ = false;      // how the model of mapper_ began
   Clock::time_point kept_at_ = Clock::now();
   double keeping_s_ = 0;
   Clock::time_point shown_at_ = Clock::now();

@@ -20,6 +20,8 @@ constexpr double kShare = 0.5;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
+}  // namespace
+
 bool agrees(const Model& model, const Pair& pair) {
   const geometry::Rigid3 relative =
       model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
@@ -29,8 +31,6 @@ bool agrees(const Model& model, const Pair& pair) {
   if (pair.view.median_angle < kRays || !(lengths > 0)) return true;
   return relative.translation.dot(found.translation) >= std::cos(kDirection) * lengths;
 }
-
-}  // namespace
 
 std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,
                              const std::vector<std::uint8_t>& refused) {
