@@ -22,18 +22,18 @@ class AreaMaking(AreaPageTest):
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
             subprocess.run(
-                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "11", "--size", "400x300"],
+                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "9", "--size", "360x270"],
                 check=True, capture_output=True)
             paths = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
-            self.assertEqual(len(paths), 11)
+            self.assertEqual(len(paths), 9)
             self.go("/reconstruct")
             self.page.upload(self.page.file_input(), paths)
-            self.page.wait_text("11 images in ")
+            self.page.wait_text("9 images in ")
         self.page.choose("Make", "surface")
         self.page.choose("How finely", "draft")
         self.page.click("button", "Reconstruct")
         self.page.wait_text("reprojection error", LONG)
-        self.assertRegex(self.page.text("main"), r"11 of 11 images, \d+ points")
+        self.assertRegex(self.page.text("main"), r"9 of 9 images, \d+ points")
         self.page.wait("Number(document.querySelector('.cloud canvas')?.dataset.drawn) > 1000", 60, "a drawn cloud")
         self.path("reconstruct")
 
