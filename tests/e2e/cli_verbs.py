@@ -573,7 +573,7 @@ def make_inputs_here():
     made("ar", "markers", "markers/images", "--jsonl", "part.jsonl", "--quiet")
     made("ar", "synth", "planar", "-o", "many", "--count", "12", "--size", "480x360", "--quiet")
     made("ar", "target-train", "scene.png", "-o", "first.target.json", "--trials", "2", "--quiet")
-    made("sfm", "synth", "-o", "views", "--images", "5", "--size", "400x300", "--quiet")
+    made("sfm", "synth", "-o", "views", "--images", "5", "--size", "320x240", "--quiet")
     os.makedirs("points")
     with open("points/a.pts", "w") as file:
         file.write("version: 1\nn_points: 3\n{\n1 1\n5 1\n3 4\n}\n")

@@ -26,7 +26,7 @@ double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
 }
 
 TEST(RegressionNetwork, FindsThePointsOfOtherFaces) {
-  const RegressionNetwork model = train(testing::blob_faces(40, 7), 120);
+  const RegressionNetwork model = train(testing::blob_faces(40, 7), 90);
   const std::vector<TrainingFace> others = testing::blob_faces(20, 99);
   const std::vector<Start> starts = scattered_starts(others, model.mean, 1, 2);
   RegressionNetworkWorkspace workspace;

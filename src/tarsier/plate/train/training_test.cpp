@@ -230,7 +230,7 @@ TEST_F(Training, TenCorrectionsTeachATypeface) {
     corrections.push_back(labelled);
   }
   TrainingOptions options;
-  options.line_steps = 60;
+  options.line_steps = 50;
   NoProgress progress;
   ReaderModel after = before;
   after.line = train_line_reader(views_, corrections, options, progress, {}, &before.line);
