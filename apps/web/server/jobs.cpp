@@ -14,6 +14,7 @@
 #include "router.h"
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
@@ -30,17 +31,18 @@ constexpr std::size_t kMaxShown = 64U << 10U;  // bytes of lines in one answer
 constexpr std::size_t kMaxStored = 1U << 20U;
 constexpr std::string_view kForgotten = "(forgotten)";
 
-// Sorts by time, and nobody guesses the next.
+// Sorts by time, also within a millisecond and where the clock is set back; nobody guesses the next.
 std::string new_id() {
+  using std::chrono::milliseconds;
   static std::mutex mutex;
   static std::mt19937_64 random{std::random_device{}()};
-  const auto now = std::chrono::system_clock::now();
-  const auto ms =
-      std::chrono::duration_cast<std::chrono::milliseconds>(now.time_since_epoch()) % 1000;
+  static std::chrono::sys_time<milliseconds> last;
   const std::lock_guard lock(mutex);
+  last = std::max(std::chrono::floor<milliseconds>(std::chrono::system_clock::now()),
+                  last + milliseconds(1));
   return fmt::format("{:%Y%m%d-%H%M%S}-{:03}-{:06x}",
-                     fmt::gmtime(std::chrono::system_clock::to_time_t(now)), ms.count(),
-                     random() & 0xffffffU);
+                     fmt::gmtime(std::chrono::system_clock::to_time_t(last)),
+                     last.time_since_epoch().count() % 1000, random() & 0xffffffU);
 }
 
 JobState state_of(const std::string& name) {

@@ -17,6 +17,7 @@
 #include "openapi.h"
 #include "router.h"
 #include "runs.h"
+#include <algorithm>
 #include <condition_variable>
 #include <filesystem>
 #include <mutex>
@@ -136,6 +137,15 @@ TEST_F(JobsTest, TellsWhatWentWrong) {
   EXPECT_EQ(over(start("bad"))["error"], "it is bad");
   EXPECT_EQ(over(start("bad"))["state"], "failed");
   EXPECT_THAT(over(start("crash"))["error"].get<std::string>(), HasSubstr("signal 11"));
+}
+
+TEST_F(JobsTest, TakesThemInTheOrderInWhichTheyCame) {
+  std::vector<std::string> ids;
+  for (int n = 0; n < 8; ++n) ids.push_back(start("wait"));
+  EXPECT_TRUE(std::is_sorted(ids.begin(), ids.end()));
+  (void)running(ids.front());
+  for (const std::string& id : ids) jobs_->cancel(id);
+  for (const std::string& id : ids) EXPECT_EQ(over(id)["state"], "cancelled");
 }
 
 TEST_F(JobsTest, OneAtATimeAndCancel) {
