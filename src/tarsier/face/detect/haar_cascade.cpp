@@ -284,7 +284,7 @@ const HaarKernels& haar_kernels() {
 }
 
 std::vector<cv::Rect> grouped_boxes(const std::vector<cv::Rect>& boxes, int min, double eps) {
-  if (min <= 0) return boxes;
+  if (min <= 0 || boxes.empty()) return boxes;
   std::vector<int> labels;
   const int count = cv::partition(
       boxes, labels, [eps](const cv::Rect& a, const cv::Rect& b) { return are_alike(a, b, eps); });

@@ -9,6 +9,7 @@ constexpr int kLanes = TARSIER_VECTOR_BYTES / 4;
 
 using Floats __attribute__((vector_size(TARSIER_VECTOR_BYTES))) = float;
 using Ints __attribute__((vector_size(TARSIER_VECTOR_BYTES))) = std::int32_t;
+using Unsigned __attribute__((vector_size(TARSIER_VECTOR_BYTES))) = std::uint32_t;
 using Doubles __attribute__((vector_size(2 * TARSIER_VECTOR_BYTES))) = double;
 
 template <typename T>
@@ -18,10 +19,11 @@ T loaded(const void* from) {
   return value;
 }
 
+// Without a sign: windows behind the last one may have any numbers.
 Floats rect_sums(const std::int32_t* sum, const RectOffsets& at) {
-  return __builtin_convertvector(loaded<Ints>(sum + at[0]) - loaded<Ints>(sum + at[1]) -
-                                     loaded<Ints>(sum + at[2]) + loaded<Ints>(sum + at[3]),
-                                 Floats);
+  const Unsigned sums = loaded<Unsigned>(sum + at[0]) - loaded<Unsigned>(sum + at[1]) -
+                        loaded<Unsigned>(sum + at[2]) + loaded<Unsigned>(sum + at[3]);
+  return __builtin_convertvector(__builtin_convertvector(sums, Ints), Floats);
 }
 
 Floats values_of(const HaarNode& node, const std::int32_t* sum, Floats norms) {
