@@ -86,6 +86,14 @@ int registered(const Reconstruction& built) {
   return built.models.empty() ? 0 : statistics_of(built.models[0]).registered;
 }
 
+void expect_same(const Reconstruction& built, const Reconstruction& expected) {
+  EXPECT_EQ(built.log, expected.log);
+  ASSERT_EQ(built.models.size(), expected.models.size());
+  for (std::size_t i = 0; i < expected.models[0].images.size(); ++i)
+    EXPECT_EQ(built.models[0].images[i].pose.translation,
+              expected.models[0].images[i].pose.translation);
+}
+
 TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
   for (const synth::SiteKind kind : {synth::SiteKind::kRing, synth::SiteKind::kGrid}) {
     const Given site = given(kind, 50);
@@ -181,11 +189,7 @@ TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   hooks.from = *apart;
   hooks.keep = nullptr;
   const Reconstruction resumed = mapped();
-  EXPECT_EQ(resumed.log, whole.log);
-  ASSERT_EQ(resumed.models.size(), whole.models.size());
-  for (std::size_t i = 0; i < site.images.size(); ++i)
-    EXPECT_EQ(resumed.models[0].images[i].pose.translation,
-              whole.models[0].images[i].pose.translation);
+  expect_same(resumed, whole);
 }
 
 // Few and noisy observations of a long ring: image by image its ends do not meet.
@@ -220,11 +224,7 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   hooks.from = *(aside + 2);
   hooks.keep = nullptr;
   const Reconstruction resumed = mapped();
-  EXPECT_EQ(resumed.log, whole.log);
-  ASSERT_EQ(resumed.models.size(), whole.models.size());
-  for (std::size_t i = 0; i < site.images.size(); ++i)
-    EXPECT_EQ(resumed.models[0].images[i].pose.translation,
-              whole.models[0].images[i].pose.translation);
+  expect_same(resumed, whole);
 }
 
 TEST(MapperOfLoops, OpenOnesAreFoundInABentModel) {

@@ -391,8 +391,7 @@ class Mapping {
         });
     result_.log.push_back(
         fmt::format("a model of {} images leaves {} pairs open ({} and {} have {} inliers): it is "
-                    "set aside, and "
-                    "its images are mapped globally",
+                    "set aside, and its images are mapped globally",
                     statistics_of(model).registered, open.size(), images_[at(strongest.first)].name,
                     images_[at(strongest.second)].name, strongest.view.inliers.size()));
     progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
