@@ -12,6 +12,7 @@
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/open_loops.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
+#include "tarsier/sfm/mapper/strong_pairs.h"
 #include "tarsier/sfm/mapper/trust.h"
 
 #include <fmt/format.h>
@@ -37,6 +38,9 @@ constexpr int kMaxApart = 4;     // times that models are made again without som
 constexpr int kSmall = 10;       // images of a model that is cheap to adjust as a whole
 constexpr double kRough = 1e-3;  // of an adjustment while the model still changes
 constexpr double kFine = 1e-5;
+// Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
+constexpr double kFoldedWeight = 3;
+constexpr double kStrongShares[] = {0.9, 0.8, 0.6, 0};    // of strong_pairs()
 constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
 const std::string kRefusal = "global mapping refused: ";  // before the reason
 const std::string kTakenApart = " lays different places over each other";
@@ -593,11 +597,20 @@ class Mapping {
     }
   }
 
-  // For places that still lie over each other.
-  static void take_off_conflicts(const Model& model, std::vector<double>& trust) {
+  // For near images that contradict each other; more where there are pairs that laid different places over each other, and
+  // not single images that lack what they should show.
+  void take_off_conflicts(const Model& model, std::vector<double>& trust) {
     const ModelConflicts conflicts(model);
     if (!conflicts.any()) return;
-    for (std::size_t i = 0; i < trust.size(); ++i) trust[i] *= 1 - conflicts.shares()[i];
+    std::vector<const Pair*> standing;
+    for (std::size_t k = 0; k < pairs_.size(); ++k)
+      if (!pairs_[k].view.inliers.empty() && bad_start_[k] <= kBadStart)
+        standing.push_back(&pairs_[k]);
+    const bool is_folded = !conflicting_pairs(model, conflicts, standing).empty();
+    const double weight = is_folded ? kFoldedWeight : 1;
+    for (std::size_t i = 0; i < trust.size(); ++i)
+      trust[i] *= std::max(0.0, 1 - weight * conflicts.shares()[i]);
+    result_.is_folded = result_.is_folded || is_folded;
   }
 
   [[nodiscard]] std::vector<std::uint8_t> refused_by_evidence() const {
@@ -683,70 +696,85 @@ class Mapping {
   bool has_shown_ = false;
 };
 
-}  // namespace
-
-int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images) {
-  std::vector<bool> looked(model.images.size(), images.empty());
-  for (const int image : images) looked[at(image)] = true;
-  std::vector<int> points;
-  for (std::size_t p = 0; p < model.points.size(); ++p) {
-    const std::vector<Observation>& track = model.points[p].track;
-    if (std::any_of(track.begin(), track.end(),
-                    [&](const Observation& seen) { return looked[at(seen.image)]; })) {
-      points.push_back(static_cast<int>(p));
-    }
-  }
-  return filter_these(model, options, points);
-}
-
-int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points) {
-  std::vector<int> dropped(points.size(), 0);
-  const auto filter = [&](Point& point) {
-    const std::size_t before = point.track.size();
-    if (before == 0) return 0;
-    std::erase_if(point.track, [&](const Observation& seen) {
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
-      return !error || *error > options.reprojection_px;
-    });
-    if (point.track.size() < 2 || !IncrementalMapper::has_angle(model, point.track, point.position,
-                                                                options.min_angle_deg * kRadians)) {
-      point = {};
-    }
-    return static_cast<int>(before - point.track.size());
+// Maps all images by the strongest pairs of each, then by weaker ones, too, that none of the models so far contradicts, as
+// long as the score rises; weaker ones that the best models agree with are added at the end (strong_pairs.h).
+Reconstruction mapped_from_strong_pairs(const MapperInput& input, const MapperOptions& options,
+                                        Progress& progress, const std::stop_token& stop) {
+  const auto run = [&](const std::vector<Pair>& pairs) {
+    const MapperInput among{.cameras = input.cameras,
+                            .images = input.images,
+                            .colors = input.colors,
+                            .descriptors = input.descriptors,
+                            .kind = input.kind,
+                            .pairs = pairs,
+                            .followed = input.followed};
+    return Mapping(among, options, progress, stop, {}).run();
   };
-  cv::parallel_for_(cv::Range(0, static_cast<int>(points.size())), [&](const cv::Range& range) {
-    for (int k = range.start; k < range.end; ++k)
-      dropped[at(k)] = filter(model.points[at(points[at(k)])]);
-  });
-  return std::accumulate(dropped.begin(), dropped.end(), 0);
+  std::vector<std::string> log{
+      "the models still lay different places over each other: mapped again"};
+  std::vector<Pair> left = input.pairs;
+  std::vector<Pair> taken;
+  Reconstruction best;
+  for (const double share : kStrongShares) {
+    std::vector<Pair> strong = strong_pairs(left, input.images.size(), share);
+    Reconstruction tried = run(strong);
+    log.push_back(
+        fmt::format("from pairs of {} times the inliers of the strongest: {} models, sum "
+                    "of trust {:.1f}",
+                    share, tried.models.size(), score_of(tried)));
+    if (score_of(tried) < score_of(best)) break;
+    best = std::move(tried);
+    taken = std::move(strong);
+    left = without_contradicted(left, best.models);
+  }
+  std::vector<Pair> supported = with_supported(taken, left, best.models);
+  Reconstruction all = run(supported);
+  if (score_of(all) >= score_of(best)) {
+    best = std::move(all);
+    taken = std::move(supported);
+  }
+  for (std::size_t k = 0; k < taken.size(); ++k) {
+    const Pair& pair = input.pairs[k];
+    if (pair.view.inliers.empty() || !taken[k].view.inliers.empty()) continue;
+    best.refused.push_back({pair.first, pair.second, static_cast<int>(pair.view.inliers.size()),
+                            "it is weak, and models of stronger pairs do not agree with it"});
+  }
+  best.log.insert(best.log.begin(), log.begin(), log.end());
+  return best;
 }
 
-ModelStatistics statistics_of(const Model& model) {
-  ModelStatistics result;
-  for (const Image& image : model.images) result.registered += image.registered;
-  std::int64_t points = 0;
-  double squares = 0;
-  for (const Point& point : model.points) {
-    if (point.track.empty()) continue;
-    ++points;
-    for (const Observation& seen : point.track) {
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
-      squares += error ? *error * *error : 0;
-      ++result.observations;
-    }
-  }
-  if (points > 0) {
-    result.reprojection_px = std::sqrt(squares / static_cast<double>(result.observations));
-    result.mean_track = static_cast<double>(result.observations) / static_cast<double>(points);
-  }
-  return result;
+// The one with the higher score. Its log tells of both.
+Reconstruction better(Reconstruction first, Reconstruction second) {
+  const double before = score_of(first);
+  const double after = score_of(second);
+  const bool is_better = after > before;
+  Reconstruction& kept = is_better ? second : first;
+  std::vector<std::string> log = std::move(first.log);
+  log.insert(log.end(), second.log.begin(), second.log.end());
+  log.push_back(
+      fmt::format("score of the models: {:.1f} before, {:.1f} then: the {} "
+                  "models are kept",
+                  before, after, is_better ? "second" : "first"));
+  kept.resumed = first.resumed;
+  kept.log = std::move(log);
+  return std::move(kept);
 }
+
+}  // namespace
 
 Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
                            Progress& progress, const std::stop_token& stop,
                            const MapperHooks& hooks) {
   options.check();
-  return Mapping(input, options, progress, stop, hooks).run();
+  Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
+  if (!result.is_folded || result.interrupted) return result;
+  try {
+    return better(std::move(result), mapped_from_strong_pairs(input, options, progress, stop));
+  } catch (const Interrupted&) {
+    if (!hooks.partial) throw;
+    result.interrupted = true;
+    return result;
+  }
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

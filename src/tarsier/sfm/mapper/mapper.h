@@ -5,6 +5,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
 
@@ -96,6 +97,7 @@ struct Reconstruction {
   std::vector<std::string> log;   // what was done, and what went wrong, line by line
   std::vector<double> trust;      // of each model
   std::vector<RefusedPair> refused;
+  bool is_folded = false;    // pairs are known that laid different places over each other
   std::string no_model;      // why there is none, where there is none
   bool interrupted = false;  // these are the models so far
   int resumed = 0;           // images that a checkpoint had in models
@@ -158,21 +160,5 @@ struct ExtendedModel {
 [[nodiscard]] ExtendedModel extend_model(const Model& before, const MapperInput& input,
                                          const MapperOptions& options, const ExtendOptions& extend,
                                          const std::stop_token& stop);
-
-// Drops observations that are off, behind a camera or too flat, and points that are left with fewer
-// than two; returns how many observations went. Looks at the points that some of `images` show;
-// empty: at all.
-int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images = {});
-// The same for the points of these numbers.
-int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points);
-
-// Root mean square reprojection error over all observations, px; mean track length.
-struct ModelStatistics {
-  int registered = 0;
-  std::int64_t observations = 0;
-  double reprojection_px = 0;
-  double mean_track = 0;
-};
-[[nodiscard]] ModelStatistics statistics_of(const Model& model);
 
 }  // namespace tarsier::sfm

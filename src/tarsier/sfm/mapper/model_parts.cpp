@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_parts.h"
 
-#include "tarsier/sfm/global/view_graph.h"
-
 #include <algorithm>
 #include <cstddef>
-#include <map>
-#include <utility>
 #include <vector>
 
 namespace tarsier::sfm {
@@ -16,33 +12,76 @@ constexpr std::size_t kMinViews = 3;  // of a point that loses some
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
+// Parts of a model as they grow image by image.
+class Parts {
+ public:
+  Parts(const Model& model, int min_common)
+      : model_(model), min_common_(min_common), points_of_(model.images.size()) {
+    for (std::size_t p = 0; p < model.points.size(); ++p)
+      for (const Observation& seen : model.points[p].track) points_of_[at(seen.image)].push_back(p);
+  }
+
+  // The images that join `first` and the image that has most points in common with it.
+  [[nodiscard]] std::vector<int> part_of(int first) const {
+    std::vector<int> part;
+    std::vector<char> is_in(points_of_.size(), 0);
+    std::vector<char> views(model_.points.size(),
+                            0);  // images of the part that show it: 0, 1, 2 or more
+    std::vector<int> known(points_of_.size(),
+                           0);  // points that it shows, and two images of the part
+    std::vector<int> next{first};
+    if (const int second = nearest(first); second >= 0) next.push_back(second);
+    for (std::size_t k = 0; k < next.size(); ++k) {
+      const int image = next[k];
+      if (is_in[at(image)] != 0) continue;
+      is_in[at(image)] = 1;
+      part.push_back(image);
+      for (const std::size_t p : points_of_[at(image)]) {
+        if (views[p] == 2 || ++views[p] < 2) continue;
+        for (const Observation& seen : model_.points[p].track)
+          if (++known[at(seen.image)] == min_common_) next.push_back(seen.image);
+      }
+    }
+    return part;
+  }
+
+ private:
+  // -1: there is none.
+  [[nodiscard]] int nearest(int image) const {
+    std::vector<int> common(points_of_.size(), 0);
+    int best = -1;
+    for (const std::size_t p : points_of_[at(image)])
+      for (const Observation& seen : model_.points[p].track)
+        if (seen.image != image) ++common[at(seen.image)];
+    for (std::size_t i = 0; i < common.size(); ++i)
+      if (common[i] >= min_common_ && (best < 0 || common[i] > common[at(best)]))
+        best = static_cast<int>(i);
+    return best;
+  }
+
+  const Model& model_;
+  int min_common_;
+  std::vector<std::vector<std::size_t>> points_of_;  // of each image
+};
+
 }  // namespace
 
 int keep_largest_part(Model& model, int min_common) {
-  Components parts(model.images.size());
-  std::map<std::pair<int, int>, int> common;
-  for (const Point& point : model.points) {
-    for (std::size_t a = 0; a < point.track.size(); ++a) {
-      for (std::size_t b = a + 1; b < point.track.size(); ++b) {
-        const int first = std::min(point.track[a].image, point.track[b].image);
-        const int second = std::max(point.track[a].image, point.track[b].image);
-        if (parts.root(first) == parts.root(second)) continue;
-        if (++common[{first, second}] >= min_common) parts.join(first, second);
-      }
-    }
-  }
-  std::vector<int> sizes(model.images.size(), 0);
-  int best = -1;
-  for (std::size_t i = 0; i < model.images.size(); ++i)
-    if (model.images[i].registered) ++sizes[at(parts.root(static_cast<int>(i)))];
+  const Parts parts(model, min_common);
+  std::vector<char> is_covered(model.images.size(), 0);
+  std::vector<int> best;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
-    const int root = parts.root(static_cast<int>(i));
-    if (model.images[i].registered && (best < 0 || sizes[at(root)] > sizes[at(best)])) best = root;
+    if (!model.images[i].registered || is_covered[i] != 0) continue;
+    std::vector<int> part = parts.part_of(static_cast<int>(i));
+    for (const int image : part) is_covered[at(image)] = 1;
+    if (part.size() > best.size()) best = std::move(part);
   }
+  std::vector<char> is_kept(model.images.size(), 0);
+  for (const int image : best) is_kept[at(image)] = 1;
   int left_out = 0;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     Image& image = model.images[i];
-    if (!image.registered || parts.root(static_cast<int>(i)) == best) continue;
+    if (!image.registered || is_kept[i] != 0) continue;
     ++left_out;
     Image empty;
     empty.name = image.name;

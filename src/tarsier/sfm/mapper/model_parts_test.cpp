@@ -27,20 +27,19 @@ Model model_of(int images, const std::vector<std::vector<int>>& shown_by) {
 }
 
 TEST(ModelParts, ImagesThatShareNothingWithTheOthersAreLeftOut) {
-  std::vector<std::vector<int>> shown(8, {2, 3});
+  std::vector<std::vector<int>> shown(8, {2, 3, 4});
   shown.insert(shown.end(), 8, {0, 1});
-  shown.insert(shown.end(), 8, {3, 4});
   shown.push_back({1, 2});        // one common point is chance
-  shown.push_back({1, 3, 4});     // two that show it are left
+  shown.push_back({1, 3, 4});     // only two that show it are left
   shown.push_back({1, 2, 3, 4});  // loses an observation
   Model model = model_of(5, shown);
   EXPECT_EQ(keep_largest_part(model), 2);
   for (int i = 0; i < 5; ++i)
     EXPECT_EQ(model.images[static_cast<std::size_t>(i)].registered, i >= 2) << i;
-  ASSERT_EQ(model.points.size(), 17U);
-  EXPECT_EQ(model.points[0].track.size(), 2U);
-  EXPECT_EQ(model.points[16].track.size(), 3U);
-  EXPECT_EQ(model.points[16].track[0].image, 2);
+  ASSERT_EQ(model.points.size(), 9U);
+  EXPECT_EQ(model.points[0].track.size(), 3U);
+  EXPECT_EQ(model.points[8].track.size(), 3U);
+  EXPECT_EQ(model.points[8].track[0].image, 2);
   EXPECT_TRUE(model.images[0].features.empty());
   // Images and points refer to each other.
   int shown_points = 0;
@@ -54,17 +53,32 @@ TEST(ModelParts, ImagesThatShareNothingWithTheOthersAreLeftOut) {
       EXPECT_NE(std::find(track.begin(), track.end(), expected), track.end());
     }
   }
-  EXPECT_EQ(shown_points, 16 * 2 + 3);
+  EXPECT_EQ(shown_points, 8 * 3 + 3);
 }
 
 TEST(ModelParts, OneThatHangsTogetherStays) {
-  std::vector<std::vector<int>> shown(8, {0, 1});
-  shown.insert(shown.end(), 8, {1, 2});
-  Model model = model_of(4, shown);  // the fourth is not registered
+  std::vector<std::vector<int>> shown(8, {0, 1, 2});
+  shown.insert(shown.end(), 8, {1, 2, 3});
+  shown.insert(shown.end(), 8, {0, 3});
+  Model model = model_of(5, shown);  // the fifth is not registered
   EXPECT_EQ(keep_largest_part(model), 0);
-  EXPECT_TRUE(model.images[0].registered && model.images[1].registered &&
-              model.images[2].registered);
-  EXPECT_EQ(model.points[15].track.size(), 2U);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_TRUE(model.images[i].registered) << i;
+  EXPECT_EQ(model.points[23].track.size(), 2U);
+}
+
+// Each can be made larger or smaller beside the other, about their common image.
+TEST(ModelParts, PartsWithOneImageInCommonAreApart) {
+  std::vector<std::vector<int>> shown(20, {2, 3, 4, 5});
+  shown.insert(shown.end(), 20, {0, 1, 2});
+  shown.insert(shown.end(), 20, {2, 3});
+  shown.insert(shown.end(), 7, {1, 2, 3});  // one more, and they would measure it
+  Model model = model_of(6, shown);
+  EXPECT_EQ(keep_largest_part(model), 2);
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(model.images[i].registered, i >= 2) << i;
+
+  shown.push_back({1, 2, 3});
+  model = model_of(6, shown);
+  EXPECT_EQ(keep_largest_part(model), 0);
 }
 
 }  // namespace

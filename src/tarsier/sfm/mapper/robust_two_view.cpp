@@ -25,8 +25,16 @@ using Vector9 = Eigen::Matrix<double, 9, 1>;
 using Vector5 = Eigen::Matrix<double, 5, 1>;
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-constexpr int kRefinements = 4;  // of a model that is better than all before
+constexpr int kRefinements = 4;
 constexpr int kLastRefinements = 10;
+
+// What is tried before a model is taken.
+struct Effort {
+  int min_samples = 1;
+  double worth_refining = 1;  // times the least cost so far: a model that costs less is refined
+};
+// A motion with most inliers may still be a wrong one, which fits a plane that fills both images.
+constexpr Effort kMotionEffort{.min_samples = 30, .worth_refining = 2};
 constexpr double kProsacSamples = 20000;  // after which the best first are as good as any
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
@@ -95,8 +103,14 @@ struct Scored {
 
 class Ransac {
  public:
-  Ransac(const PointPairs& pairs, const RobustOptions& options, Errors errors)
-      : pairs_(pairs), options_(options), columns_(pairs), errors_(errors), rng_(options.seed) {
+  Ransac(const PointPairs& pairs, const RobustOptions& options, Errors errors,
+         const Effort& effort = {})
+      : pairs_(pairs),
+        options_(options),
+        effort_(effort),
+        columns_(pairs),
+        errors_(errors),
+        rng_(options.seed) {
     const double t = options.threshold;
     squared_threshold_ = t * t;
   }
@@ -125,9 +139,12 @@ class Ransac {
       }
       draw(sample, among, is_ordered && round <= next_at && among < count);
       solve(sample, [&](const Matrix3d& matrix) {
-        Scored candidate = score(matrix, best.cost);
+        const double limit = effort_.worth_refining * best.cost;
+        Scored candidate = score(matrix, limit);
+        if (candidate.cost >= limit) return;
+        candidate = refined(candidate, refine, kRefinements);
         if (candidate.cost >= best.cost) return;
-        best = refined(candidate, refine, kRefinements);
+        best = candidate;
         needed = std::min(needed, samples_for(best.inliers, kSize));
       });
     }
@@ -203,14 +220,16 @@ class Ransac {
   [[nodiscard]] int samples_for(int inliers, int size) const {
     const double share = static_cast<double>(inliers) / columns_.count();
     const double good = std::pow(share, size);
-    if (good >= 1) return 1;
-    const double samples = std::log(1 - options_.confidence) / std::log1p(-good);
-    return samples < options_.max_samples ? static_cast<int>(std::ceil(samples))
-                                          : options_.max_samples;
+    const double samples = good < 1 ? std::log(1 - options_.confidence) / std::log1p(-good) : 0;
+    return samples < options_.max_samples
+               ? std::min(std::max(static_cast<int>(std::ceil(samples)), effort_.min_samples),
+                          options_.max_samples)
+               : options_.max_samples;
   }
 
   const PointPairs& pairs_;
   const RobustOptions& options_;
+  Effort effort_;
   Columns columns_;
   Errors errors_;
   Rng rng_;
@@ -369,7 +388,7 @@ RobustMatrix finished(const Ransac& ransac, const Scored& best) {
 
 RobustMotion robust_motion(const PointPairs& pairs, const RobustOptions& options) {
   check(pairs, options);
-  Ransac ransac(pairs, options, sampson);
+  Ransac ransac(pairs, options, sampson, kMotionEffort);
   const double squared = options.threshold * options.threshold;
   const auto solve = [&](const std::array<int, 5>& sample, const auto& offer) {
     std::array<Matrix3d, geometry::kMaxEssentials> essentials;

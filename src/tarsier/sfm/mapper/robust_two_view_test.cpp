@@ -141,5 +141,38 @@ TEST(RobustTwoView, TooFewPairsOrOnesThatAreAllAlikeAreNoTrouble) {
   EXPECT_THROW((void)robust_motion(pairs, threshold(1)), std::invalid_argument);
 }
 
+// Points near a plane that fills both images: a motion of the plane's other solution has most of them as inliers, too.
+TEST(RobustMotion, IsRightWherePointsAreNearAPlane) {
+  int wrong = 0;
+  for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+    Rng rng(seed);
+    geometry::Rigid3 motion;
+    motion.rotation = geometry::rotation_by({0, rng.uniform(-0.2, 0.2), 0});
+    motion.translation = motion.rotation * Eigen::Vector3d(-2.5, 0, 0);
+    PointPairs rays;
+    while (rays.first.size() < 150) {
+      const Eigen::Vector3d point(rng.uniform(-6, 6), rng.uniform(-4, 4),
+                                  8 + rng.uniform(-0.8, 0.8));
+      const Eigen::Vector3d there = motion * point;
+      if (std::abs(there[0]) > 0.64 * there[2]) continue;
+      const auto noise = [&]() -> Eigen::Vector2d {
+        const double x = rng.normal();
+        const double y = rng.normal();
+        return {x / kFocal, y / kFocal};
+      };
+      const Eigen::Vector2d at_first = noise();
+      rays.first.push_back(point.hnormalized() + at_first);
+      rays.second.push_back(there.hnormalized() + noise());
+    }
+    RobustOptions options = threshold(3 / kFocal);
+    options.seed = seed;
+    const RobustMotion found = robust_motion(rays, options);
+    const double error =
+        geometry::angle_of(found.second_from_first.rotation * motion.rotation.transpose());
+    wrong += error > 0.05 ? 1 : 0;
+  }
+  EXPECT_LE(wrong, 3);
+}
+
 }  // namespace
 }  // namespace tarsier::sfm

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/mapper.h"
+
+#include <cstddef>
+#include <vector>
+
+// Other tries for scenes that repeat. An image has most in common with its true neighbours: of two places that look alike
+// their details, and what lies beside them, differ. So the strongest pairs of each image are mapped alone, and their model
+// judges the others. In each list of pairs they keep their places; those that are not taken have no inliers.
+namespace tarsier::sfm {
+
+// Those that have at least this share of the inliers of the strongest pair of either of their images.
+[[nodiscard]] std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t images,
+                                             double share);
+
+// All but those of two images of one model that lie elsewhere in it than the pair says (agrees(), trust.h).
+[[nodiscard]] std::vector<Pair> without_contradicted(const std::vector<Pair>& pairs,
+                                                     const std::vector<Model>& models);
+
+// Those of `some`, and of `pairs` those whose images one model has where the pair says.
+[[nodiscard]] std::vector<Pair> with_supported(const std::vector<Pair>& some,
+                                               const std::vector<Pair>& pairs,
+                                               const std::vector<Model>& models);
+
+// Of two reconstructions of the same images the better one has the higher score: the sum over all models of trust times
+// n^1.06 of its n images. An image counts a little more in a large model.
+[[nodiscard]] double score_of(const Reconstruction& reconstruction);
+
+}  // namespace tarsier::sfm
