@@ -768,13 +768,15 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   options.check();
   Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
   if (!result.is_folded || result.interrupted) return result;
+  std::optional<Reconstruction> second;
   try {
-    return better(std::move(result), mapped_from_strong_pairs(input, options, progress, stop));
+    second = mapped_from_strong_pairs(input, options, progress, stop);
   } catch (const Interrupted&) {
     if (!hooks.partial) throw;
     result.interrupted = true;
     return result;
   }
+  return better(std::move(result), std::move(*second));
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

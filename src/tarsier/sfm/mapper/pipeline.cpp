@@ -118,7 +118,8 @@ class KnownFeatures {
       features.features.colors.assign(features.features.points.size(), cv::Vec3b::all(128));
     else
       add_colors(image, features.features);
-    features.key = cache_key(fmt::format("{} database {}", features.key, sum_));
+    // Without files the names alone tell images apart.
+    features.key = cache_key(fmt::format("{} database {} {}", features.key, sum_, input.name));
     taken_[found->second] = static_cast<int>(taken_.size());
   }
 
