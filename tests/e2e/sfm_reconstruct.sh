@@ -149,7 +149,7 @@ run sfm eval model --truth scene/camera.yaml
 expect_status 3
 
 # Features and matches without images: what is kept of one pair is not taken for another's.
-run sfm synth --observations --trajectory ring --images 12 --features 100 -o observed --quiet
+run sfm synth --observations --trajectory walk --images 16 -o observed --quiet
 expect_status 0
 for kept in --quiet --no-cache; do
   run sfm reconstruct --database observed/database.db --camera-file observed/camera.yaml -o "of-database$kept" --quiet "$kept"
