@@ -105,7 +105,7 @@ bool find_image_features(const cv::Mat& image, const PipelineOptions& options, c
 
 std::string pairs_key(const ImageFeatures& image_features, const PipelineOptions& options) {
   const TwoViewOptions& two_view = options.two_view;
-  return cache_key(fmt::format("{} {} pairs-2 {} {} {}", image_features.key,
+  return cache_key(fmt::format("{} {} pairs-3 {} {} {}", image_features.key,
                                camera_text(image_features.lens), options.matching.ratio,
                                two_view.threshold_px, two_view.min_inliers) +
                    std::to_string(two_view.seed));

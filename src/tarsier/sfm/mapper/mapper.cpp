@@ -40,7 +40,6 @@ constexpr double kRough = 1e-3;  // of an adjustment while the model still chang
 constexpr double kFine = 1e-5;
 // Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
 constexpr double kFoldedWeight = 3;
-constexpr double kStrongShares[] = {0.9, 0.8, 0.6, 0};    // of strong_pairs()
 constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
 const std::string kRefusal = "global mapping refused: ";  // before the reason
 const std::string kTakenApart = " lays different places over each other";
@@ -359,8 +358,8 @@ class Mapping {
     // What grew image by image hangs together.
     if (const int left_out = is_global_ ? keep_largest_part(model) : 0; left_out > 0) {
       result_.log.push_back(
-          fmt::format("{} images are left out of a model: they have next to no points in common "
-                      "with its {} others",
+          fmt::format("{} images are left out of a model: too few points that two of its {} others "
+                      "show say where they are",
                       left_out, statistics_of(model).registered));
     }
     if (takes_apart(model)) return;
@@ -696,11 +695,15 @@ class Mapping {
   bool has_shown_ = false;
 };
 
-// Maps all images by the strongest pairs of each, then by weaker ones, too, that none of the models so far contradicts, as
-// long as the score rises; weaker ones that the best models agree with are added at the end (strong_pairs.h).
-Reconstruction mapped_from_strong_pairs(const MapperInput& input, const MapperOptions& options,
-                                        Progress& progress, const std::stop_token& stop) {
-  const auto run = [&](const std::vector<Pair>& pairs) {
+}  // namespace
+
+Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
+                           Progress& progress, const std::stop_token& stop,
+                           const MapperHooks& hooks) {
+  options.check();
+  Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
+  if (!result.is_folded || result.interrupted) return result;
+  const auto map = [&](const std::vector<Pair>& pairs) {
     const MapperInput among{.cameras = input.cameras,
                             .images = input.images,
                             .colors = input.colors,
@@ -710,73 +713,15 @@ Reconstruction mapped_from_strong_pairs(const MapperInput& input, const MapperOp
                             .followed = input.followed};
     return Mapping(among, options, progress, stop, {}).run();
   };
-  std::vector<std::string> log{
-      "the models still lay different places over each other: mapped again"};
-  std::vector<Pair> left = input.pairs;
-  std::vector<Pair> taken;
-  Reconstruction best;
-  for (const double share : kStrongShares) {
-    std::vector<Pair> strong = strong_pairs(left, input.images.size(), share);
-    Reconstruction tried = run(strong);
-    log.push_back(
-        fmt::format("from pairs of {} times the inliers of the strongest: {} models, sum "
-                    "of trust {:.1f}",
-                    share, tried.models.size(), score_of(tried)));
-    if (score_of(tried) < score_of(best)) break;
-    best = std::move(tried);
-    taken = std::move(strong);
-    left = without_contradicted(left, best.models);
-  }
-  std::vector<Pair> supported = with_supported(taken, left, best.models);
-  Reconstruction all = run(supported);
-  if (score_of(all) >= score_of(best)) {
-    best = std::move(all);
-    taken = std::move(supported);
-  }
-  for (std::size_t k = 0; k < taken.size(); ++k) {
-    const Pair& pair = input.pairs[k];
-    if (pair.view.inliers.empty() || !taken[k].view.inliers.empty()) continue;
-    best.refused.push_back({pair.first, pair.second, static_cast<int>(pair.view.inliers.size()),
-                            "it is weak, and models of stronger pairs do not agree with it"});
-  }
-  best.log.insert(best.log.begin(), log.begin(), log.end());
-  return best;
-}
-
-// The one with the higher score. Its log tells of both.
-Reconstruction better(Reconstruction first, Reconstruction second) {
-  const double before = score_of(first);
-  const double after = score_of(second);
-  const bool is_better = after > before;
-  Reconstruction& kept = is_better ? second : first;
-  std::vector<std::string> log = std::move(first.log);
-  log.insert(log.end(), second.log.begin(), second.log.end());
-  log.push_back(
-      fmt::format("score of the models: {:.1f} before, {:.1f} then: the {} "
-                  "models are kept",
-                  before, after, is_better ? "second" : "first"));
-  kept.resumed = first.resumed;
-  kept.log = std::move(log);
-  return std::move(kept);
-}
-
-}  // namespace
-
-Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
-                           Progress& progress, const std::stop_token& stop,
-                           const MapperHooks& hooks) {
-  options.check();
-  Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
-  if (!result.is_folded || result.interrupted) return result;
   std::optional<Reconstruction> second;
   try {
-    second = mapped_from_strong_pairs(input, options, progress, stop);
+    second = map_strong_pairs_first(input.pairs, input.images.size(), map);
   } catch (const Interrupted&) {
     if (!hooks.partial) throw;
     result.interrupted = true;
     return result;
   }
-  return better(std::move(result), std::move(*second));
+  return better_of(std::move(result), std::move(*second));
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

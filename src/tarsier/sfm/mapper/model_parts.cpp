@@ -25,10 +25,10 @@ class Parts {
   [[nodiscard]] std::vector<int> part_of(int first) const {
     std::vector<int> part;
     std::vector<char> is_in(points_of_.size(), 0);
-    std::vector<char> views(model_.points.size(),
-                            0);  // images of the part that show it: 0, 1, 2 or more
-    std::vector<int> known(points_of_.size(),
-                           0);  // points that it shows, and two images of the part
+    // Of each point: images of the part that show it, 2 for more.
+    std::vector<char> views(model_.points.size(), 0);
+    // Of each image: points that it shows, and two images of the part.
+    std::vector<int> known(points_of_.size(), 0);
     std::vector<int> next{first};
     if (const int second = nearest(first); second >= 0) next.push_back(second);
     for (std::size_t k = 0; k < next.size(); ++k) {
@@ -46,7 +46,7 @@ class Parts {
   }
 
  private:
-  // -1: there is none.
+  // The image with most points in common; -1 if no image has enough.
   [[nodiscard]] int nearest(int image) const {
     std::vector<int> common(points_of_.size(), 0);
     int best = -1;

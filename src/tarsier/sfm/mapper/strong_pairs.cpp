@@ -3,12 +3,17 @@
 
 #include "tarsier/sfm/mapper/trust.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <string>
+#include <utility>
 
 namespace tarsier::sfm {
 namespace {
 
+constexpr double kShares[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the strongest pair
 constexpr double kLarge = 1.06;  // above 1: images in one model are better than in two
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
@@ -68,6 +73,57 @@ double score_of(const Reconstruction& reconstruction) {
     sum += reconstruction.trust[m] *
            std::pow(statistics_of(reconstruction.models[m]).registered, kLarge);
   return sum;
+}
+
+Reconstruction better_of(Reconstruction first, Reconstruction second) {
+  const double before = score_of(first);
+  const double after = score_of(second);
+  const bool is_better = after > before;
+  std::vector<std::string> log = std::move(first.log);
+  log.insert(log.end(), second.log.begin(), second.log.end());
+  log.push_back(
+      fmt::format("score of the models: {:.1f} before, {:.1f} then: the {} models are kept", before,
+                  after, is_better ? "second" : "first"));
+  const int resumed = first.resumed;
+  Reconstruction kept = std::move(is_better ? second : first);
+  kept.resumed = resumed;
+  kept.log = std::move(log);
+  return kept;
+}
+
+Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs, std::size_t images,
+                                      const MapPairs& map) {
+  std::vector<std::string> log{
+      "the models still lay different places over each other: mapped again"};
+  std::vector<Pair> left = pairs;
+  std::vector<Pair> taken;
+  Reconstruction best;
+  for (const double share : kShares) {
+    std::vector<Pair> strong = strong_pairs(left, images, share);
+    Reconstruction tried = map(strong);
+    log.push_back(
+        fmt::format("from pairs of {} times the inliers of the strongest: {} models, score {:.1f}",
+                    share, tried.models.size(), score_of(tried)));
+    if (score_of(tried) < score_of(best)) break;
+    best = std::move(tried);
+    taken = std::move(strong);
+    left = without_contradicted(left, best.models);
+  }
+  std::vector<Pair> supported = with_supported(taken, left, best.models);
+  Reconstruction all = map(supported);
+  if (score_of(all) >= score_of(best)) {
+    best = std::move(all);
+    taken = std::move(supported);
+  }
+  const std::string reason = "it is weak, and models of stronger pairs do not agree with it";
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    const Pair& pair = pairs[k];
+    if (pair.view.inliers.empty() || !taken[k].view.inliers.empty()) continue;
+    best.refused.push_back(
+        {pair.first, pair.second, static_cast<int>(pair.view.inliers.size()), reason});
+  }
+  best.log.insert(best.log.begin(), log.begin(), log.end());
+  return best;
 }
 
 }  // namespace tarsier::sfm

@@ -4,6 +4,7 @@
 #include "tarsier/sfm/mapper/mapper.h"
 
 #include <cstddef>
+#include <functional>
 #include <vector>
 
 // Other tries for scenes that repeat. An image has most in common with its true neighbours: of two places that look alike
@@ -27,5 +28,18 @@ namespace tarsier::sfm {
 // Of two reconstructions of the same images the better one has the higher score: the sum over all models of trust times
 // n^1.06 of its n images. An image counts a little more in a large model.
 [[nodiscard]] double score_of(const Reconstruction& reconstruction);
+
+// Of two the one with the higher score, of two alike the first. Its log tells of both.
+[[nodiscard]] Reconstruction better_of(Reconstruction first, Reconstruction second);
+
+// A mapper: makes models of all images by the pairs that have inliers.
+using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
+
+// Maps by the pairs of 0.9 times the inliers of an image's strongest, then by those of 0.8, of 0.6 and by all, each time
+// without those that a model so far contradicts, as long as the score does not fall. Weaker pairs that the best models
+// agree with are added at the end. The pairs that are not taken are in `refused`. Calls `map` up to five times; what it
+// throws goes through.
+[[nodiscard]] Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
+                                                    std::size_t images, const MapPairs& map);
 
 }  // namespace tarsier::sfm

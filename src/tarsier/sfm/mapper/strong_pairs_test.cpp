@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
+#include "tarsier/core/errors.h"
+
 #include <gtest/gtest.h>
+
+#include <functional>
+#include <vector>
 
 namespace tarsier::sfm {
 namespace {
@@ -49,6 +54,65 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
   EXPECT_EQ(supported[1].view.inliers.size(), 0U);
   EXPECT_EQ(supported[2].view.inliers.size(), 0U);
   EXPECT_EQ(supported[3].view.inliers.size(), 50U);
+}
+
+// A mapper whose models have `trusts[k]` in its call number k, and all five images in one place of a line.
+struct FakeMapper {
+  std::vector<double> trusts;
+  std::vector<std::vector<std::size_t>> calls;  // inliers of the pairs
+
+  Reconstruction operator()(const std::vector<Pair>& pairs) {
+    std::vector<std::size_t> inliers;
+    for (const Pair& pair : pairs) inliers.push_back(pair.view.inliers.size());
+    Reconstruction made;
+    made.models.resize(1);
+    made.models[0].images.resize(5);
+    for (std::size_t i = 0; i < 5; ++i) {
+      made.models[0].images[i].registered = true;
+      made.models[0].images[i].pose.translation = {static_cast<double>(i), 0, 0};
+    }
+    made.trust = {trusts.at(calls.size())};
+    calls.push_back(std::move(inliers));
+    return made;
+  }
+};
+
+TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
+  Pair wrong = pair_of(0, 4, 70);
+  wrong.view.second_from_first.translation = {-1, 0, 0};
+  const std::vector<Pair> pairs{
+      pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
+      pair_of(1, 3, 85),  pair_of(1, 4, 30)};
+  FakeMapper mapper{{0.5, 0.6, 0.4, 0.6}, {}};
+  const Reconstruction made = map_strong_pairs_first(pairs, 5, std::ref(mapper));
+  using Inliers = std::vector<std::size_t>;
+  ASSERT_EQ(mapper.calls.size(), 4U);
+  EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0, 0}));
+  EXPECT_EQ(mapper.calls[1], (Inliers{100, 100, 100, 100, 0, 85, 0}));
+  EXPECT_EQ(mapper.calls[2],
+            (Inliers{100, 100, 100, 100, 0, 85, 0}));  // without the wrong one: worse
+  EXPECT_EQ(mapper.calls[3],
+            (Inliers{100, 100, 100, 100, 0, 85, 30}));  // what the model agrees with
+  ASSERT_EQ(made.refused.size(), 1U);
+  EXPECT_EQ(made.refused[0].second, 4);
+  EXPECT_EQ(made.trust[0], 0.6);
+}
+
+TEST(StrongPairs, AnInterruptionGoesThroughAndTheBetterOfTwoIsKept) {
+  const MapPairs interrupted = [](const std::vector<Pair>&) -> Reconstruction {
+    throw Interrupted();
+  };
+  EXPECT_THROW((void)map_strong_pairs_first({pair_of(0, 1, 50)}, 2, interrupted), Interrupted);
+  FakeMapper mapper{{0.5, 0.6}, {}};
+  Reconstruction first = mapper({});
+  first.resumed = 3;
+  first.log = {"a"};
+  const Reconstruction second = mapper({});
+  const Reconstruction kept = better_of(first, second);
+  EXPECT_EQ(kept.trust[0], 0.6);
+  EXPECT_EQ(kept.resumed, 3);
+  EXPECT_EQ(kept.log[0], "a");
+  EXPECT_EQ(better_of(second, first).trust[0], 0.6);
 }
 
 }  // namespace
