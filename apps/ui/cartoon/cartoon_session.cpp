@@ -126,7 +126,7 @@ struct CartoonSession::Impl {
     cartoonizer.set_options(settings);
     // The time it takes is only reported, never acted on: what a session shows does not depend on a
     // clock.
-    result = cartoonizer.process(frame, state, sink, options.timers);
+    result = cartoonizer.process(frame, state, sink, options.timers, options.stop);
     debug_view = debug && !stages.empty() ? stages.tiled(frame.image.size()) : cv::Mat();
   }
 

@@ -7,6 +7,7 @@
 
 #include "ui/session.h"
 #include <memory>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@ struct CartoonSessionOptions {
   bool overlay = true;  // status, banners and help on the shown image; off where nobody looks
   DebugSink* debug = nullptr;  // also takes each stage (--debug-dir); must outlive the session
   Timers* timers = nullptr;    // also takes the times; must outlive the session
+  std::stop_token stop;  // ends a frame of Quality::kReference early: on_frame() throws Interrupted
 
   void check() const;  // throws std::invalid_argument
 };

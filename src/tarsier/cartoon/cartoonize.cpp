@@ -10,6 +10,7 @@
 #include "tarsier/cartoon/skin.h"
 #include "tarsier/cartoon/stabilize.h"
 #include "tarsier/core/image.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/face/detect/detector.h"
 
 #include <opencv2/imgproc.hpp>
@@ -284,7 +285,7 @@ void evil_lines(const cv::Mat& frame, const CartoonOptions& options, State& stat
 
 // The painting at half size into state.small.
 void paint_small(const cv::Mat& frame, const CartoonOptions& options, State& state,
-                 const Watch& watch) {
+                 const Watch& watch, const std::stop_token& stop) {
   {
     const auto timer = watch.time("half size");
     cv::resize(frame, state.small, cv::Size(frame.cols / 2, frame.rows / 2), 0, 0,
@@ -298,6 +299,7 @@ void paint_small(const cv::Mat& frame, const CartoonOptions& options, State& sta
     state.painter.paint(state.small, options.paint, 2 * rounds);
   } else {
     for (int i = 0; i < 2 * rounds; ++i) {
+      throw_if_stopped(stop);
       cv::bilateralFilter(state.small, state.small_other, options.paint.diameter,
                           options.paint.sigma_color, options.paint.sigma_space);
       cv::swap(state.small, state.small_other);
@@ -387,7 +389,7 @@ cv::Mat skin_of(const cv::Mat& frame, const CartoonOptions& options, State& stat
 }  // namespace
 
 const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, CartoonState& state,
-                          DebugSink* debug, Timers* timers) {
+                          DebugSink* debug, Timers* timers, const std::stop_token& stop) {
   require_bgr(frame);
   constexpr int kMinSize = 16;
   TARSIER_REQUIRE(frame.cols >= kMinSize && frame.rows >= kMinSize,
@@ -414,18 +416,18 @@ const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, C
       break;
     case Mode::kCartoon:
       sketch_lines(frame, options, my, watch);
-      paint_small(frame, options, my, watch);
+      paint_small(frame, options, my, watch, stop);
       break;
     case Mode::kEvil:
       evil_lines(frame, options, my, watch);
-      paint_small(frame, options, my, watch);
+      paint_small(frame, options, my, watch, stop);
       break;
     case Mode::kPaint:
-      paint_small(frame, options, my, watch);
+      paint_small(frame, options, my, watch, stop);
       break;
     case Mode::kAlien:
       sketch_lines(frame, options, my, watch);
-      paint_small(frame, options, my, watch);
+      paint_small(frame, options, my, watch, stop);
       break;
     case Mode::kSmooth:
       if (options.steady.on || watch.wants_images()) {
@@ -434,7 +436,7 @@ const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, C
         smooth_gray(frame, options, my, my.lines, watch);
         line_response(options, my, watch);
       }
-      paint_small(frame, options, my, watch);
+      paint_small(frame, options, my, watch, stop);
       break;
   }
   // The last frame may still be shared with the output (mode none): never write into it.

@@ -9,6 +9,7 @@
 #include <opencv2/core/types.hpp>
 
 #include <memory>
+#include <stop_token>
 #include <vector>
 
 namespace tarsier::cartoon {
@@ -40,10 +41,11 @@ class CartoonState {
 // In steady state (same size, same options) nothing is allocated. Uses cv::getNumThreads() threads;
 // the result does not depend on their number. `debug` takes each stage; `timers`, if given, the
 // time of each. Throws std::invalid_argument (frame type, options); ModelError when FaceMode::kAuto
-// finds no cascade file.
+// finds no cascade file; Interrupted when `stop` fires while it paints with Quality::kReference,
+// the only stage that takes long.
 [[nodiscard]] const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options,
                                         CartoonState& state, DebugSink* debug = nullptr,
-                                        Timers* timers = nullptr);
+                                        Timers* timers = nullptr, const std::stop_token& stop = {});
 
 // The outline that helps a user to put the face in the right place, blended onto `image` with
 // `opacity` 0..1: an ellipse 70 % of the height, aspect 0.72, two eyes, a lower lip, "Put your face

@@ -2,6 +2,7 @@
 #include "tarsier/cartoon/cartoonize.h"
 
 #include "tarsier/cartoon/reference.h"
+#include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 
 #include <gmock/gmock.h>
@@ -9,6 +10,7 @@
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -287,6 +289,20 @@ TEST(Options, FramesThatAreNoneAreRefused) {
                std::invalid_argument);
   EXPECT_THROW((void)cartoonize(cv::Mat(8, 100, CV_8UC3, cv::Scalar::all(0)), {}, state),
                std::invalid_argument);
+}
+
+TEST(Reference, ItsPaintingCanBeInterrupted) {
+  std::stop_source source;
+  source.request_stop();
+  CartoonState state;
+  CartoonOptions options;
+  options.mode = Mode::kPaint;
+  options.quality = Quality::kReference;
+  EXPECT_THROW((void)cartoonize(test_frame(), options, state, nullptr, nullptr, source.get_token()),
+               Interrupted);
+  const cv::Mat after = cartoonize(test_frame(), options, state);
+  EXPECT_EQ(cv::norm(after, run(test_frame(), options), cv::NORM_INF), 0)
+      << "the same state draws the frame as if nothing had been interrupted";
 }
 
 TEST(Outline, IsBlendedByItsOpacity) {

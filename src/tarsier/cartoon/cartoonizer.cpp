@@ -57,7 +57,7 @@ void Cartoonizer::set_options(const CartoonOptions& options) {
 }
 
 CartoonResult Cartoonizer::process(const Frame& frame, CartoonizerState& state, DebugSink* debug,
-                                   Timers* timers) const {
+                                   Timers* timers, const std::stop_token& stop) const {
   if (!frame.image.empty() && (frame.image.cols < kMinSize || frame.image.rows < kMinSize)) {
     throw InputError(frame.name,
                      fmt::format("{}x{} is too small to draw; at least {}x{} is needed",
@@ -71,7 +71,7 @@ CartoonResult Cartoonizer::process(const Frame& frame, CartoonizerState& state, 
   state.time = frame.time;
   state.index = frame.index;
   CartoonResult result;
-  result.image = cartoonize(frame.image, options_, state.drawing, debug, timers);
+  result.image = cartoonize(frame.image, options_, state.drawing, debug, timers, stop);
   result.mode = options_.mode;
   if (finds_faces(options_)) result.faces = state.drawing.faces();
   result.ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();

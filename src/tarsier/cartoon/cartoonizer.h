@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
+#include <stop_token>
 #include <vector>
 
 namespace tarsier::cartoon {
@@ -66,9 +67,11 @@ class Cartoonizer {
   // `frame.image`: CV_8UC3 (BGR), 16x16 or larger. A still is drawn for itself, and so is the first
   // frame of another video: one whose time is not after that of the frame before. The same frame
   // may come again, with other options. `debug` takes each stage, `timers` what each took; both may
-  // be null. Throws InputError that names a frame that is too small, std::invalid_argument.
+  // be null. Throws InputError that names a frame that is too small, std::invalid_argument;
+  // Interrupted as cartoonize().
   [[nodiscard]] CartoonResult process(const Frame& frame, CartoonizerState& state,
-                                      DebugSink* debug = nullptr, Timers* timers = nullptr) const;
+                                      DebugSink* debug = nullptr, Timers* timers = nullptr,
+                                      const std::stop_token& stop = {}) const;
 
  private:
   Cartoonizer(const CartoonOptions& options, const std::string& cascade);

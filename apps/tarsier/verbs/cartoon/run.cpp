@@ -151,6 +151,7 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
   options.save_folder = flags.save_folder;
   options.overlay = opens_window(flags.run);
   options.debug = debug.sink();
+  options.stop = context.stop;
   if (flags.timings) options.timers = &timers;
   CartoonSession session(cartoon::Cartoonizer::load(ModelStore::find(), parsed_options(flags)),
                          options);
