@@ -26,7 +26,7 @@ DIST = os.path.join(ROOT, "apps", "web", "dist")
 SKIPPED = 77  # what ctest counts as skipped
 LONG = 240  # s, of work on a busy machine
 # What was on its way when its session or camera was ended: on a busy machine the server hears of the end first.
-LATE = re.compile(r"404 \(Not Found\) \S+/api/(sessions/\w+/stages|viewer-cameras/\w+/frame)")
+LATE = re.compile(r"404 \(Not Found\) \S+/api/(sessions/\w+(/stages\b|$)|viewer-cameras/\w+/frame)")
 
 BIN = os.environ.get("TARSIER_SERVE_BIN", os.path.join(ROOT, "build", "release", "bin"))
 OUT = os.environ.get("TARSIER_WEB_BUILD", os.path.join(ROOT, "build", "web"))

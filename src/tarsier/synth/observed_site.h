@@ -50,7 +50,8 @@ struct SiteOptions {
              "share of the facades that look like others, of --observations"},
             {"sides", sides, range(2, 12), "--sides", "of the prism of --trajectory symmetric"},
             {"details", details, range(0, 1), "--details",
-             "share of points that no other side has, of --trajectory symmetric"}};
+             "share of points that no other side has, of --trajectory symmetric; of the area, of "
+             "--content symmetric"}};
   }
   void check() const { check_fields(*this); }
 };

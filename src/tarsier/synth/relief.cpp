@@ -43,13 +43,19 @@ constexpr int kFaceCells = 8;
 constexpr double kTile = 1.6;  // units, of Content::kRepeated
 constexpr double kMaxTexels = 120;
 constexpr int kBoxes = 12;
+const cv::Vec3f kWhite{250, 250, 250};    // around Content::kSymmetric
+const cv::Vec3f kTop{170, 170, 170};      // of its box
+constexpr double kSymmetricHalf = 1.5;    // units, of its sides
+constexpr double kSymmetricHeight = 2.4;  //
+constexpr double kSymmetricDeg = 20;      // of a ring around it, above the ground
 
 enum Stream : std::uint64_t {
   kWallStream = 1,
   kFaceStream,
   kHeightStream,
   kBoxStream,
-  kPoseStream
+  kPoseStream,
+  kDetailStream
 };
 
 struct Hit {
@@ -119,8 +125,8 @@ double spread(int index, int count, double step, double span) {
 }
 
 // Held by hand: each camera is a little off its place and aim.
-geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, int index, int count,
-                           const Rng& base) {
+geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double ring_deg, int index,
+                           int count, const Rng& base) {
   Rng rng = base.fork(static_cast<std::uint64_t>(index));
   const Eigen::Vector3d y_up{0, 1, 0};
   const Eigen::Vector3d shake{rng.uniform(-0.08, 0.08), rng.uniform(-0.35, 0.35),
@@ -144,7 +150,7 @@ geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, int index,
     }
     case Trajectory::kRing: {
       const double angle = 360.0 * index / count * kRadians;
-      const double rise = (kRingDeg + rng.uniform(-2, 2)) * kRadians;
+      const double rise = (ring_deg + rng.uniform(-2, 2)) * kRadians;
       const Eigen::Vector3d center =
           kMiddle + kDistance * Eigen::Vector3d(std::cos(rise) * std::cos(angle),
                                                 std::cos(rise) * std::sin(angle), std::sin(rise));
@@ -164,9 +170,10 @@ void SceneOptions::check() const {
   const int side = std::max(size.width, size.height);
   TARSIER_REQUIRE(focal_px == 0 || (focal_px >= 0.5 * side && focal_px <= 20.0 * side),
                   "focal length {} px of an image of {} px", focal_px, side);
+  TARSIER_REQUIRE(details >= 0 && details <= 0.5, "details {} of a side", details);
   TARSIER_REQUIRE(trajectory >= Trajectory::kArc && trajectory <= Trajectory::kLine,
                   "trajectory {}", static_cast<int>(trajectory));
-  TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kShiny, "content {}",
+  TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kSymmetric, "content {}",
                   static_cast<int>(content));
 }
 
@@ -178,6 +185,8 @@ struct ReliefScene::Parts {
   std::vector<Box> boxes;
   Texture wall;   // not for kNothing
   Texture faces;  // for boxes
+  std::array<std::vector<cv::Rect2d>, 4>
+      details;  // of kSymmetric, on each side, units from its middle
 
   explicit Parts(const SceneOptions& wanted) : options(wanted) {
     const int side = std::max(options.size.width, options.size.height);
@@ -185,8 +194,9 @@ struct ReliefScene::Parts {
     camera = make_camera(options.size, focal);
     const Rng base(options.seed);
     for (int i = 0; i < options.images; ++i) {
-      poses.push_back(make_pose(options.trajectory, options.pure_rotation, i, options.images,
-                                base.fork(kPoseStream)));
+      poses.push_back(make_pose(options.trajectory, options.pure_rotation,
+                                options.content == Content::kSymmetric ? kSymmetricDeg : kRingDeg,
+                                i, options.images, base.fork(kPoseStream)));
     }
     const Content content = options.content;
     // A little finer than the pixels of a camera at its usual distance.
@@ -197,8 +207,12 @@ struct ReliefScene::Parts {
     }
     if (content == Content::kRepeated) {
       wall = Texture(kTile, kTile, texels, base.fork(kWallStream));
-    } else if (content != Content::kNothing) {
+    } else if (content != Content::kNothing && content != Content::kSymmetric) {
       wall = Texture(kWallWidth, kWallHeight, texels, base.fork(kWallStream));
+    }
+    if (content == Content::kSymmetric) {
+      place_symmetric_box(base.fork(kDetailStream));
+      faces = Texture(kFaceCell * kFaceCells, kFaceCell, texels, base.fork(kFaceStream));
     }
     const bool has_fins = content == Content::kThin;
     if (content == Content::kRelief || content == Content::kBoxes || content == Content::kRoom ||
@@ -207,6 +221,33 @@ struct ReliefScene::Parts {
       if (content == Content::kRoom) build_room();
       faces =
           Texture(kFaceCell * kFaceCells, kFaceCell * kFaceCells, texels, base.fork(kFaceStream));
+    }
+  }
+
+  // A box, and for each of its sides rectangles until they cover the wanted share of it, or as much as fits.
+  void place_symmetric_box(Rng rng) {
+    Box box;
+    box.half[0] = box.half[1] = kSymmetricHalf;
+    box.top = kSymmetricHeight;
+    box.tint = {1, 1, 1};
+    boxes.push_back(box);
+    const double wanted = options.details * 2 * kSymmetricHalf * kSymmetricHeight;
+    constexpr int kTries = 1000;
+    for (std::vector<cv::Rect2d>& side : details) {
+      double covered = 0;
+      for (int i = 0; i < kTries && covered < wanted; ++i) {
+        const double left = std::min(0.6, std::sqrt(wanted - covered));
+        cv::Rect2d detail;
+        detail.width = std::min(left, rng.uniform(0.3, 0.6));
+        detail.height = std::min(left, rng.uniform(0.3, 0.6));
+        detail.x = rng.uniform(-kSymmetricHalf, kSymmetricHalf - detail.width);
+        detail.y = rng.uniform(-kSymmetricHeight / 2, kSymmetricHeight / 2 - detail.height);
+        if (std::any_of(side.begin(), side.end(),
+                        [&](const cv::Rect2d& other) { return (other & detail).area() > 0; }))
+          continue;
+        side.push_back(detail);
+        covered += detail.area();
+      }
     }
   }
 
@@ -333,6 +374,20 @@ struct ReliefScene::Parts {
             high[1] - low[1] + 2 * margin};
   }
 
+  // A side of the symmetric box as it is seen from outside: u to the right and v upwards, units from its middle.
+  [[nodiscard]] cv::Vec3f symmetric_colour(const Eigen::Vector3d& at, int face,
+                                           double footprint) const {
+    if (face == 4) return kTop;
+    const double u = face == 0 ? -at[1] : face == 1 ? at[1] : face == 2 ? at[0] : -at[0];
+    const double v = at[2] - kSymmetricHeight / 2;
+    const std::vector<cv::Rect2d>& side = details[static_cast<std::size_t>(face)];
+    const bool is_detail = std::any_of(side.begin(), side.end(), [&](const cv::Rect2d& detail) {
+      return detail.contains(cv::Point2d(u, v));
+    });
+    const int cell = is_detail ? 1 + face : 0;
+    return faces.at(u + kFaceCell * (cell + 0.5), v + kFaceCell * 0.5, footprint);
+  }
+
   // Squares of 1.5 units without texture, of kPatchy.
   [[nodiscard]] bool is_bare(const Eigen::Vector3d& at) const {
     if (options.content != Content::kPatchy) return false;
@@ -352,6 +407,7 @@ struct ReliefScene::Parts {
 
   [[nodiscard]] cv::Vec3f colour(const View& view, const Eigen::Vector3d& direction,
                                  const Hit& hit) const {
+    if (options.content == Content::kSymmetric && hit.box < 0) return kWhite;
     if (!hit.is_any) return kSky;
     // Two samples in a pixel's width.
     const double reach = std::sqrt(direction.dot(direction));
@@ -377,6 +433,8 @@ struct ReliefScene::Parts {
     Eigen::Vector3d own{0, 0, 0};
     own[hit.face / 2] = hit.face == 4 || hit.face % 2 == 1 ? 1 : -1;
     const Eigen::Vector3d normal = box.from_own(own);
+    if (options.content == Content::kSymmetric)
+      return light(normal) * symmetric_colour(at, hit.face, footprint(normal));
     const int cell = hit.box * 5 + hit.face;
     const double u = (hit.face < 2 ? at[1] : at[0]) + kFaceCell * (cell % kFaceCells + 0.5);
     const double v =
@@ -455,7 +513,7 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
   }
   const cv::Rect2d image(-0.5, -0.5, size.width, size.height);
   for (int i = 0; i < images; ++i) {
-    problem.poses.push_back(make_pose(Trajectory::kArc, false, i, images, base.fork(2)));
+    problem.poses.push_back(make_pose(Trajectory::kArc, false, kRingDeg, i, images, base.fork(2)));
     Rng rng = base.fork(100 + static_cast<std::uint64_t>(i));
     for (int k = 0; k < points; ++k) {
       const Eigen::Vector3d at = problem.poses.back() * problem.points[static_cast<std::size_t>(k)];

@@ -28,15 +28,16 @@ enum class Trajectory {
 };
 
 enum class Content {
-  kRelief,    // a bumpy wall, 2 units deep, and a dozen boxes standing out of it
-  kBoxes,     // a dozen boxes on a plane
-  kPlane,     // a flat wall
-  kRepeated,  // the bumpy wall, with one tile of 1.6 units all over
-  kNothing,   // a flat wall of one colour
-  kRoom,      // a niche: a wall, two side walls, a floor, and boxes on the wall
-  kThin,      // fins of a few hundredths of a unit standing on a plane
-  kPatchy,    // the bumpy wall, a third of it in squares of one colour
-  kShiny,     // the bumpy wall with highlights that move with the camera
+  kRelief,     // a bumpy wall, 2 units deep, and a dozen boxes standing out of it
+  kBoxes,      // a dozen boxes on a plane
+  kPlane,      // a flat wall
+  kRepeated,   // the bumpy wall, with one tile of 1.6 units all over
+  kNothing,    // a flat wall of one colour
+  kRoom,       // a niche: a wall, two side walls, a floor, and boxes on the wall
+  kThin,       // fins of a few hundredths of a unit standing on a plane
+  kPatchy,     // the bumpy wall, a third of it in squares of one colour
+  kShiny,      // the bumpy wall with highlights that move with the camera
+  kSymmetric,  // on white a box of 3 x 3 x 2.4 units whose four sides are alike but for some details
 };
 
 struct SceneOptions {
@@ -48,6 +49,7 @@ struct SceneOptions {
   Content content = Content::kRelief;
   double noise = 2;            // grey levels, standard deviation
   bool pure_rotation = false;  // all from one place, turned by steps of 7 degrees; no trajectory
+  double details = 0.2;  // share of a side's area that no other side has, 0..0.5; of kSymmetric
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(32, 8192)},

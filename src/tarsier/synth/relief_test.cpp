@@ -24,9 +24,30 @@ SceneOptions small(Content content = Content::kRelief, Trajectory trajectory = T
 
 bool is_same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
 
+TEST(ReliefScene, DetailsAreAllThatTellTheSidesOfASymmetricBoxApart) {
+  SceneOptions options = small(Content::kSymmetric, Trajectory::kRing);
+  options.images = 4;  // one side each
+  options.details = 0;
+  const cv::Mat plain = ReliefScene(options).render(0);
+  options.details = 0.1;
+  const ReliefScene scene(options);
+  cv::Mat differs;
+  cv::absdiff(plain, scene.render(0), differs);
+  cv::cvtColor(differs, differs, cv::COLOR_BGR2GRAY);
+  cv::Mat side;
+  cv::cvtColor(plain, side, cv::COLOR_BGR2GRAY);
+  const double share = static_cast<double>(cv::countNonZero(differs > 3)) /
+                       cv::countNonZero(side < 160);  // without white and top
+  EXPECT_GT(share, 0.05);
+  EXPECT_LT(share, 0.15);
+  EXPECT_EQ(plain.at<cv::Vec3b>(2, 2), cv::Vec3b(250, 250, 250));
+  options.details = 0.6;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+}
+
 TEST(ReliefScene, DepthAndPosesFitTheImages) {
   for (const Content content : {Content::kRelief, Content::kBoxes, Content::kPlane, Content::kRoom,
-                                Content::kThin, Content::kPatchy}) {
+                                Content::kThin, Content::kPatchy, Content::kSymmetric}) {
     for (const Trajectory trajectory : {Trajectory::kArc, Trajectory::kRing, Trajectory::kLine}) {
       const ReliefScene scene(small(content, trajectory));
       cv::Mat a;

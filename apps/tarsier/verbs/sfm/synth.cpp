@@ -44,7 +44,7 @@ const std::map<std::string, synth::Content> kContents{
     {"plane", synth::Content::kPlane},     {"repeated", synth::Content::kRepeated},
     {"nothing", synth::Content::kNothing}, {"room", synth::Content::kRoom},
     {"thin", synth::Content::kThin},       {"patchy", synth::Content::kPatchy},
-    {"shiny", synth::Content::kShiny}};
+    {"shiny", synth::Content::kShiny},     {"symmetric", synth::Content::kSymmetric}};
 
 // Of scenes that are observed and not drawn.
 const std::map<std::string, synth::SiteKind> kSites{{"ring", synth::SiteKind::kRing},
@@ -119,6 +119,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
   flags.scene.seed = context.seed;
   flags.scene.trajectory = kTrajectories.at(flags.trajectory);
   flags.scene.content = kContents.at(flags.content);
+  if (flags.scene.content == synth::Content::kSymmetric) flags.scene.details = flags.site.details;
   flags.scene.check();
   const auto scene = [&] {
     const EndOnSignals at_once;

@@ -171,24 +171,6 @@ TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
   }
 }
 
-// A third of the facades of a street look like others.
-TEST(MapperOfRepeats, TheStrongestPairsMapWhatAllOfThemFold) {
-  synth::SiteOptions options;
-  options.kind = synth::SiteKind::kWalk;
-  options.images = 200;
-  options.repeats = 0.33;
-  const Given site = given(options);
-  const Reconstruction built = run(site, MapperChoice::kIncremental);
-  EXPECT_GE(std::count_if(built.outcomes.begin(), built.outcomes.end(),
-                          [](const Outcome& outcome) { return outcome.registered; }),
-            190);
-  for (const Model& model : built.models) EXPECT_LT(worst_center(model, site.site.poses), 0.005);
-  EXPECT_THAT(built.log, testing::Contains(HasSubstr("the second models are kept")));
-  EXPECT_TRUE(std::any_of(built.refused.begin(), built.refused.end(), [](const RefusedPair& pair) {
-    return pair.reason.find("stronger pairs do not agree") != std::string::npos;
-  }));
-}
-
 // An image by image model that is taken up from any checkpoint ends the same, also after it was taken apart.
 TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);

@@ -40,7 +40,8 @@ constexpr double kRough = 1e-3;  // of an adjustment while the model still chang
 constexpr double kFine = 1e-5;
 // Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
 constexpr double kFoldedWeight = 3;
-constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
+constexpr double kDoubted = 0.05;      // of the pairs that a model agrees with: it is folded
+constexpr std::uint8_t kBadStart = 1;  // beside the values of Doubt
 const std::string kRefusal = "global mapping refused: ";  // before the reason
 const std::string kTakenApart = " lays different places over each other";
 
@@ -601,6 +602,7 @@ class Mapping {
   void take_off_conflicts(const Model& model, std::vector<double>& trust) {
     const ModelConflicts conflicts(model);
     if (!conflicts.any()) return;
+    result_.has_conflicts = true;
     std::vector<const Pair*> standing;
     for (std::size_t k = 0; k < pairs_.size(); ++k)
       if (!pairs_[k].view.inliers.empty() && bad_start_[k] <= kBadStart)
@@ -695,6 +697,16 @@ class Mapping {
   bool has_shown_ = false;
 };
 
+// By their pixels, where these can be had.
+std::vector<std::string> doubts_about(const MapperInput& input, Progress& progress,
+                                      const std::stop_token& stop) {
+  if (!input.gray) return std::vector<std::string>(input.pairs.size());
+  std::vector<std::vector<cv::Point2f>> features;
+  for (const Image& image : input.images) features.push_back(image.features);
+  return doubts_of_patches(input.pairs, features.size(),
+                           compare_all_patches(features, input.pairs, input.gray, progress, stop));
+}
+
 }  // namespace
 
 Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
@@ -702,7 +714,7 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                            const MapperHooks& hooks) {
   options.check();
   Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
-  if (!result.is_folded || result.interrupted) return result;
+  if (result.interrupted || !result.has_conflicts) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
     const MapperInput among{.cameras = input.cameras,
                             .images = input.images,
@@ -715,7 +727,12 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   };
   std::optional<Reconstruction> second;
   try {
-    second = map_strong_pairs_first(input.pairs, input.images.size(), map);
+    const std::vector<std::string> doubts = doubts_about(input, progress, stop);
+    if (!result.is_folded && share_of_doubted(input.pairs, doubts, result.models) < kDoubted)
+      return result;
+    second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
+    lower_trust(input.pairs, doubts, result);
+    lower_trust(input.pairs, doubts, *second);
   } catch (const Interrupted&) {
     if (!hooks.partial) throw;
     result.interrupted = true;

@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
 #include "tarsier/sfm/mapper/colmap_database.h"
@@ -13,6 +14,7 @@
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <atomic>
@@ -315,6 +317,26 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
   result.from_cache += from_cache;
 }
 
+// The files again, for the mapper. One that cannot be read any more, or is another one now, is left out of it.
+GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images) {
+  return [&inputs, &images](int image) {
+    const ImageFeatures& features = images[at(image)];
+    const std::string& path = inputs[at(features.input)].path;
+    if (path.empty()) return cv::Mat();
+    cv::Mat gray;
+    try {
+      const cv::Mat read = read_image(path);
+      if (read.channels() == 1)
+        gray = read;
+      else
+        cv::cvtColor(read, gray, cv::COLOR_BGR2GRAY);
+    } catch (const InputError&) {
+      return cv::Mat();
+    }
+    return gray.size() == features.size ? gray : cv::Mat();
+  };
+}
+
 // All that the mapper's work depends on.
 std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const std::vector<std::string>& names, const ImageSet& image_set,
@@ -458,7 +480,8 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                                  .descriptors = descriptors,
                                  .kind = options.features.kind,
                                  .pairs = result.pairs,
-                                 .followed = options.flow};
+                                 .followed = options.flow,
+                                 .gray = gray_images(inputs, images)};
   result.reconstruction = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
   result.resumed = result.reconstruction.resumed;
   stages.note();

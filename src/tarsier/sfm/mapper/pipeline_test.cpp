@@ -121,6 +121,33 @@ TEST_F(Images, ADamagedCacheIsWorkedOutAgain) {
   EXPECT_EQ(again.reconstruction.models.at(0).points.size(), first.points.size());
 }
 
+// A box whose four sides look alike: by its features alone it is folded onto one or two of them.
+TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
+  synth::SceneOptions scene;
+  scene.content = synth::Content::kSymmetric;
+  scene.trajectory = synth::Trajectory::kRing;
+  scene.size = {400, 300};
+  scene.focal_px = 700;
+  scene.images = 24;
+  scene.details = 0.1;
+  const auto inputs = shoot(scene);
+  PipelineOptions how = options();
+  how.features.max_count = 2000;
+  const PipelineResult result = run(inputs, how);
+  const Reconstruction& built = result.reconstruction;
+  int registered = 0;
+  for (std::size_t m = 0; m < built.models.size(); ++m) {
+    if (built.trust[m] < 0.5) continue;
+    const PoseScores score = evaluate_poses(built.models[m], truth_, "truth");
+    registered += score.registered;
+    EXPECT_LT(score.center_mean, 0.005 * score.extent);
+  }
+  EXPECT_GE(registered, 20);
+  EXPECT_TRUE(std::any_of(built.refused.begin(), built.refused.end(), [](const RefusedPair& pair) {
+    return pair.reason.find("patches that both images should show") != std::string::npos;
+  }));
+}
+
 TEST_F(Images, TwoScenesGiveTwoModels) {
   auto inputs = shoot(small_scene(4), "a");
   synth::SceneOptions other = small_scene(3);

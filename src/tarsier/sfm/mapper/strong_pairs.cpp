@@ -67,6 +67,47 @@ std::vector<Pair> with_supported(const std::vector<Pair>& some, const std::vecto
   return result;
 }
 
+double share_of_doubted(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
+                        const std::vector<Model>& models) {
+  int supported = 0;
+  int doubted = 0;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (pairs[k].view.inliers.empty() || !judged(pairs[k], models).is_supported) continue;
+    ++supported;
+    if (!doubts[k].empty()) ++doubted;
+  }
+  return supported == 0 ? 0 : static_cast<double>(doubted) / supported;
+}
+
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
+                 Reconstruction& reconstruction) {
+  struct Count {
+    int supported = 0;
+    int doubted = 0;
+    [[nodiscard]] double left() const {
+      return supported == 0 ? 1 : 1 - static_cast<double>(doubted) / supported;
+    }
+  };
+  std::vector<Count> of_image(reconstruction.outcomes.size());
+  for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
+    Count of_model;
+    for (std::size_t k = 0; k < pairs.size(); ++k) {
+      const std::vector<Image>& images = reconstruction.models[m].images;
+      const Pair& pair = pairs[k];
+      if (pair.view.inliers.empty() || !images[at(pair.first)].registered ||
+          !images[at(pair.second)].registered || !agrees(reconstruction.models[m], pair))
+        continue;
+      for (Count* count : {&of_model, &of_image[at(pair.first)], &of_image[at(pair.second)]}) {
+        ++count->supported;
+        if (!doubts[k].empty()) ++count->doubted;
+      }
+    }
+    reconstruction.trust[m] *= of_model.left();
+  }
+  for (std::size_t i = 0; i < of_image.size(); ++i)
+    reconstruction.outcomes[i].trust *= of_image[i].left();
+}
+
 double score_of(const Reconstruction& reconstruction) {
   double sum = 0;
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m)
@@ -91,11 +132,14 @@ Reconstruction better_of(Reconstruction first, Reconstruction second) {
   return kept;
 }
 
-Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs, std::size_t images,
+Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
+                                      const std::vector<std::string>& doubts, std::size_t images,
                                       const MapPairs& map) {
   std::vector<std::string> log{
       "the models still lay different places over each other: mapped again"};
   std::vector<Pair> left = pairs;
+  for (std::size_t k = 0; k < pairs.size(); ++k)
+    if (!doubts[k].empty()) left[k].view.inliers.clear();
   std::vector<Pair> taken;
   Reconstruction best;
   for (const double share : kShares) {
@@ -109,7 +153,8 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs, std::size_
     taken = std::move(strong);
     left = without_contradicted(left, best.models);
   }
-  std::vector<Pair> supported = with_supported(taken, left, best.models);
+  std::vector<Pair> supported =
+      with_supported(taken, without_contradicted(pairs, best.models), best.models);
   Reconstruction all = map(supported);
   if (score_of(all) >= score_of(best)) {
     best = std::move(all);
@@ -119,8 +164,8 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs, std::size_
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const Pair& pair = pairs[k];
     if (pair.view.inliers.empty() || !taken[k].view.inliers.empty()) continue;
-    best.refused.push_back(
-        {pair.first, pair.second, static_cast<int>(pair.view.inliers.size()), reason});
+    best.refused.push_back({pair.first, pair.second, static_cast<int>(pair.view.inliers.size()),
+                            doubts[k].empty() ? reason : doubts[k]});
   }
   best.log.insert(best.log.begin(), log.begin(), log.end());
   return best;

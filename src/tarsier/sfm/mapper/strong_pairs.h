@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <string>
 #include <vector>
 
 // Other tries for scenes that repeat. An image has most in common with its true neighbours: of two places that look alike
@@ -32,14 +33,26 @@ namespace tarsier::sfm {
 // Of two the one with the higher score, of two alike the first. Its log tells of both.
 [[nodiscard]] Reconstruction better_of(Reconstruction first, Reconstruction second);
 
+// Of the pairs that a model agrees with the share that is doubted.
+[[nodiscard]] double share_of_doubted(const std::vector<Pair>& pairs,
+                                      const std::vector<std::string>& doubts,
+                                      const std::vector<Model>& models);
+
+// Takes the share of doubted pairs, among those that a model agrees with, off the trust of the model, and off that of each
+// image by its own pairs.
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
+                 Reconstruction& reconstruction);
+
 // A mapper: makes models of all images by the pairs that have inliers.
 using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
 
 // Maps by the pairs of 0.9 times the inliers of an image's strongest, then by those of 0.8, of 0.6 and by all, each time
 // without those that a model so far contradicts, as long as the score does not fall. Weaker pairs that the best models
-// agree with are added at the end. The pairs that are not taken are in `refused`. Calls `map` up to five times; what it
-// throws goes through.
+// agree with are added at the end. `doubts`: of each pair why it is left out until then, as doubts_of_patches()
+// (patch_evidence.h) says; empty: it is not. The pairs that are not taken are in `refused`. Calls `map` up to five times;
+// what it throws goes through.
 [[nodiscard]] Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
+                                                    const std::vector<std::string>& doubts,
                                                     std::size_t images, const MapPairs& map);
 
 }  // namespace tarsier::sfm

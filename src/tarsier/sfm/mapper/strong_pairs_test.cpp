@@ -84,7 +84,8 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 85),  pair_of(1, 4, 30)};
   FakeMapper mapper{{0.5, 0.6, 0.4, 0.6}, {}};
-  const Reconstruction made = map_strong_pairs_first(pairs, 5, std::ref(mapper));
+  const Reconstruction made =
+      map_strong_pairs_first(pairs, std::vector<std::string>(pairs.size()), 5, std::ref(mapper));
   using Inliers = std::vector<std::size_t>;
   ASSERT_EQ(mapper.calls.size(), 4U);
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0, 0}));
@@ -98,11 +99,45 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
   EXPECT_EQ(made.trust[0], 0.6);
 }
 
+TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
+  Pair wrong = pair_of(0, 4, 100);
+  wrong.view.second_from_first.translation = {-1, 0, 0};
+  const std::vector<Pair> pairs{
+      pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
+      pair_of(1, 3, 100)};
+  FakeMapper mapper{{0.5, 0.4, 0.6}, {}};
+  const Reconstruction made =
+      map_strong_pairs_first(pairs, {"", "", "", "", "differ", "differ"}, 5, std::ref(mapper));
+  using Inliers = std::vector<std::size_t>;
+  ASSERT_EQ(mapper.calls.size(), 3U);
+  EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0}));
+  EXPECT_EQ(mapper.calls[2], (Inliers{100, 100, 100, 100, 0, 100}));
+  ASSERT_EQ(made.refused.size(), 1U);
+  EXPECT_EQ(made.refused[0].reason, "differ");
+}
+
+TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
+  FakeMapper mapper{{0.8}, {}};
+  Reconstruction made = mapper({});
+  made.outcomes.assign(5, {});
+  for (Outcome& outcome : made.outcomes) outcome.trust = 1;
+  const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
+                                pair_of(3, 4, 100)};
+  const std::vector<std::string> doubts{"differ", "", "", ""};
+  EXPECT_DOUBLE_EQ(share_of_doubted(pairs, doubts, made.models), 0.25);
+  lower_trust(pairs, doubts, made);
+  EXPECT_DOUBLE_EQ(made.trust[0], 0.6);
+  EXPECT_DOUBLE_EQ(made.outcomes[0].trust, 0);
+  EXPECT_DOUBLE_EQ(made.outcomes[1].trust, 0.5);
+  EXPECT_DOUBLE_EQ(made.outcomes[4].trust, 1);
+}
+
 TEST(StrongPairs, AnInterruptionGoesThroughAndTheBetterOfTwoIsKept) {
   const MapPairs interrupted = [](const std::vector<Pair>&) -> Reconstruction {
     throw Interrupted();
   };
-  EXPECT_THROW((void)map_strong_pairs_first({pair_of(0, 1, 50)}, 2, interrupted), Interrupted);
+  EXPECT_THROW((void)map_strong_pairs_first({pair_of(0, 1, 50)}, {""}, 2, interrupted),
+               Interrupted);
   FakeMapper mapper{{0.5, 0.6}, {}};
   Reconstruction first = mapper({});
   first.resumed = 3;
