@@ -575,8 +575,10 @@ class Mapping {
     if (result_.models.empty()) result_.no_model = why_no_model();
     report_refused();
     std::vector<std::vector<double>> trust;  // of each model's images
+    std::vector<std::vector<double>> of_pairs;
     for (const Model& model : result_.models) {
       trust.push_back(trust_of(model, pairs_, refused_by_evidence()));
+      of_pairs.push_back(trust.back());
       if (!followed_) take_off_conflicts(model, trust.back());
       result_.trust.push_back(model_trust(model, trust.back()));
     }
@@ -588,6 +590,7 @@ class Mapping {
         outcome.registered = true;
         outcome.model = static_cast<int>(m);
         outcome.trust = trust[m][i];
+        outcome.trust_of_pairs = of_pairs[m][i];
         outcome.reason.clear();
       }
       if (outcome.registered || !outcome.reason.empty()) continue;
@@ -697,14 +700,20 @@ class Mapping {
   bool has_shown_ = false;
 };
 
+struct Doubts {
+  std::vector<std::string> of_pairs;
+  bool tell = false;  // the pixels of most pairs could be compared
+};
+
 // By their pixels, where these can be had.
-std::vector<std::string> doubts_about(const MapperInput& input, Progress& progress,
-                                      const std::stop_token& stop) {
-  if (!input.gray) return std::vector<std::string>(input.pairs.size());
+Doubts doubts_about(const MapperInput& input, Progress& progress, const std::stop_token& stop) {
+  if (!input.gray) return {std::vector<std::string>(input.pairs.size()), false};
   std::vector<std::vector<cv::Point2f>> features;
   for (const Image& image : input.images) features.push_back(image.features);
-  return doubts_of_patches(input.pairs, features.size(),
-                           compare_all_patches(features, input.pairs, input.gray, progress, stop));
+  const std::vector<PatchEvidence> evidence =
+      compare_all_patches(features, input.pairs, input.gray, progress, stop);
+  return {doubts_of_patches(input.pairs, features.size(), evidence),
+          tell_apart(input.pairs, evidence)};
 }
 
 }  // namespace
@@ -727,12 +736,14 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   };
   std::optional<Reconstruction> second;
   try {
-    const std::vector<std::string> doubts = doubts_about(input, progress, stop);
-    if (!result.is_folded && share_of_doubted(input.pairs, doubts, result.models) < kDoubted)
-      return result;
+    const Doubts doubted = doubts_about(input, progress, stop);
+    const std::vector<std::string>& doubts = doubted.of_pairs;
+    const bool is_needed =
+        result.is_folded || share_of_doubted(input.pairs, doubts, result.models) >= kDoubted;
+    judge_trust(input.pairs, doubts, doubted.tell, result);
+    if (!is_needed) return result;
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
-    lower_trust(input.pairs, doubts, result);
-    lower_trust(input.pairs, doubts, *second);
+    judge_trust(input.pairs, doubts, doubted.tell, *second);
   } catch (const Interrupted&) {
     if (!hooks.partial) throw;
     result.interrupted = true;

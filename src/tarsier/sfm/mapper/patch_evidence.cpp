@@ -31,7 +31,7 @@ constexpr double kMinDeviation = 5;  // grey levels: a patch without contrast te
 constexpr double kNoise = 3;         // grey levels, of the image that is searched
 constexpr double kSame = 0.8;        // correlation
 constexpr double kDiffer = 0.4;      //
-constexpr int kMaxSide = 1600;       // px
+constexpr int kMaxSide = 1200;       // px
 constexpr std::size_t kMaxBytes = std::size_t{256} << 20;
 constexpr int kMinCompared = 30;        // patches of a pair that can be doubted
 constexpr std::size_t kNeighbours = 2;  // images beside one
@@ -312,12 +312,12 @@ std::vector<PatchEvidence> compare_all_patches(
   std::vector<PatchEvidence> evidence(pairs.size());
   progress.begin("compare patches", static_cast<std::int64_t>(pairs.size()), "pairs");
   std::map<int, PatchImage> loaded;
+  std::size_t largest = std::size_t{kMaxSide} * kMaxSide;  // bytes of an image, at first a guess
   for (std::size_t start = 0; start < pairs.size();) {
     // Pairs whose images fit into memory together; at least one.
     std::set<int> wanted;
     std::size_t end = start;
-    constexpr std::size_t kMaxImages = kMaxBytes / (kMaxSide * kMaxSide * 3 / 4);
-    for (; end < pairs.size() && wanted.size() + 2 <= kMaxImages; ++end) {
+    for (; end < pairs.size() && (wanted.size() + 2) * largest <= kMaxBytes; ++end) {
       if (pairs[end].view.inliers.empty()) continue;
       wanted.insert(pairs[end].first);
       wanted.insert(pairs[end].second);
@@ -333,6 +333,9 @@ std::vector<PatchEvidence> compare_all_patches(
       }
     });
     throw_if_stopped(stop);
+    std::size_t seen = 0;
+    for (const auto& [image, known] : loaded) seen = std::max(seen, known.gray.total());
+    if (seen > 0) largest = seen;
     cv::parallel_for_({static_cast<int>(start), static_cast<int>(end)},
                       [&](const cv::Range& range) {
                         for (int k = range.start; k < range.end && !stop.stop_requested(); ++k) {
@@ -401,6 +404,17 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
         "only {} patches could be compared, and other places of this scene look alike", compared);
   }
   return doubts;
+}
+
+bool tell_apart(const std::vector<Pair>& pairs, const std::vector<PatchEvidence>& evidence) {
+  std::size_t verified = 0;
+  std::size_t judged = 0;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (pairs[k].view.inliers.empty()) continue;
+    ++verified;
+    if (evidence[k].same + evidence[k].differ >= kMinCompared) ++judged;
+  }
+  return verified > 0 && 2 * judged >= verified;
 }
 
 }  // namespace tarsier::sfm

@@ -40,7 +40,7 @@ struct PatchImage {
 // The pixels of an image, by its index; empty: they cannot be had. Called by several threads.
 using GrayImages = std::function<cv::Mat(int image)>;
 
-// compare_patches() of all pairs that have inliers; of others all is 0. Images are taken at 1600 px of their longer side
+// compare_patches() of all pairs that have inliers; of others all is 0. Images are taken at 1200 px of their longer side
 // at most, and at most about 256 MB of them at once. The pairs have to be sorted for that to be fast. Throws Interrupted.
 [[nodiscard]] std::vector<PatchEvidence> compare_all_patches(
     const std::vector<std::vector<cv::Point2f>>& features, const std::vector<Pair>& pairs,
@@ -54,5 +54,9 @@ using GrayImages = std::function<cv::Mat(int image)>;
 // all pairs is doubted, those are, too, that compare less than a fifth of the patches that other pairs of both images do.
 [[nodiscard]] std::vector<std::string> doubts_of_patches(
     const std::vector<Pair>& pairs, std::size_t images, const std::vector<PatchEvidence>& evidence);
+
+// Whether at least half of the pairs that have inliers have enough patches to be judged, 30.
+[[nodiscard]] bool tell_apart(const std::vector<Pair>& pairs,
+                              const std::vector<PatchEvidence>& evidence);
 
 }  // namespace tarsier::sfm

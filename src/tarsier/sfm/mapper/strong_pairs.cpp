@@ -79,33 +79,38 @@ double share_of_doubted(const std::vector<Pair>& pairs, const std::vector<std::s
   return supported == 0 ? 0 : static_cast<double>(doubted) / supported;
 }
 
-void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
+void judge_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts, bool tell,
                  Reconstruction& reconstruction) {
   struct Count {
     int supported = 0;
     int doubted = 0;
-    [[nodiscard]] double left() const {
-      return supported == 0 ? 1 : 1 - static_cast<double>(doubted) / supported;
-    }
   };
-  std::vector<Count> of_image(reconstruction.outcomes.size());
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
-    Count of_model;
+    const Model& model = reconstruction.models[m];
+    std::vector<Count> counts(model.images.size());
     for (std::size_t k = 0; k < pairs.size(); ++k) {
-      const std::vector<Image>& images = reconstruction.models[m].images;
       const Pair& pair = pairs[k];
-      if (pair.view.inliers.empty() || !images[at(pair.first)].registered ||
-          !images[at(pair.second)].registered || !agrees(reconstruction.models[m], pair))
+      if (pair.view.inliers.empty() || !model.images[at(pair.first)].registered ||
+          !model.images[at(pair.second)].registered || !agrees(model, pair))
         continue;
-      for (Count* count : {&of_model, &of_image[at(pair.first)], &of_image[at(pair.second)]}) {
-        ++count->supported;
-        if (!doubts[k].empty()) ++count->doubted;
+      for (const int image : {pair.first, pair.second}) {
+        ++counts[at(image)].supported;
+        if (!doubts[k].empty()) ++counts[at(image)].doubted;
       }
     }
-    reconstruction.trust[m] *= of_model.left();
+    std::vector<double> trust(model.images.size(), 0);
+    for (std::size_t i = 0; i < counts.size(); ++i) {
+      if (!model.images[i].registered) continue;
+      Outcome& outcome = reconstruction.outcomes[i];
+      const double before =
+          tell && !reconstruction.is_folded ? outcome.trust_of_pairs : outcome.trust;
+      trust[i] = before * (counts[i].supported == 0
+                               ? 1
+                               : 1 - static_cast<double>(counts[i].doubted) / counts[i].supported);
+      if (outcome.model == static_cast<int>(m)) outcome.trust = trust[i];
+    }
+    reconstruction.trust[m] = model_trust(model, trust);
   }
-  for (std::size_t i = 0; i < of_image.size(); ++i)
-    reconstruction.outcomes[i].trust *= of_image[i].left();
 }
 
 double score_of(const Reconstruction& reconstruction) {
