@@ -575,10 +575,8 @@ class Mapping {
     if (result_.models.empty()) result_.no_model = why_no_model();
     report_refused();
     std::vector<std::vector<double>> trust;  // of each model's images
-    std::vector<std::vector<double>> of_pairs;
     for (const Model& model : result_.models) {
       trust.push_back(trust_of(model, pairs_, refused_by_evidence()));
-      of_pairs.push_back(trust.back());
       if (!followed_) take_off_conflicts(model, trust.back());
       result_.trust.push_back(model_trust(model, trust.back()));
     }
@@ -590,7 +588,6 @@ class Mapping {
         outcome.registered = true;
         outcome.model = static_cast<int>(m);
         outcome.trust = trust[m][i];
-        outcome.trust_of_pairs = of_pairs[m][i];
         outcome.reason.clear();
       }
       if (outcome.registered || !outcome.reason.empty()) continue;
@@ -700,20 +697,14 @@ class Mapping {
   bool has_shown_ = false;
 };
 
-struct Doubts {
-  std::vector<std::string> of_pairs;
-  bool tell = false;  // the pixels of most pairs could be compared
-};
-
 // By their pixels, where these can be had.
-Doubts doubts_about(const MapperInput& input, Progress& progress, const std::stop_token& stop) {
-  if (!input.gray) return {std::vector<std::string>(input.pairs.size()), false};
+std::vector<std::string> doubts_about(const MapperInput& input, Progress& progress,
+                                      const std::stop_token& stop) {
+  if (!input.gray) return std::vector<std::string>(input.pairs.size());
   std::vector<std::vector<cv::Point2f>> features;
   for (const Image& image : input.images) features.push_back(image.features);
-  const std::vector<PatchEvidence> evidence =
-      compare_all_patches(features, input.pairs, input.gray, progress, stop);
-  return {doubts_of_patches(input.pairs, features.size(), evidence),
-          tell_apart(input.pairs, evidence)};
+  return doubts_of_patches(input.pairs, features.size(),
+                           compare_all_patches(features, input.pairs, input.gray, progress, stop));
 }
 
 }  // namespace
@@ -736,14 +727,13 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   };
   std::optional<Reconstruction> second;
   try {
-    const Doubts doubted = doubts_about(input, progress, stop);
-    const std::vector<std::string>& doubts = doubted.of_pairs;
+    const std::vector<std::string> doubts = doubts_about(input, progress, stop);
     const bool is_needed =
         result.is_folded || share_of_doubted(input.pairs, doubts, result.models) >= kDoubted;
-    judge_trust(input.pairs, doubts, doubted.tell, result);
+    lower_trust(input.pairs, doubts, result);
     if (!is_needed) return result;
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
-    judge_trust(input.pairs, doubts, doubted.tell, *second);
+    lower_trust(input.pairs, doubts, *second);
   } catch (const Interrupted&) {
     if (!hooks.partial) throw;
     result.interrupted = true;

@@ -86,10 +86,9 @@ struct RefusedPair {
 // What became of an image.
 struct Outcome {
   bool registered = false;
-  int model = -1;             // which, 0 is the largest
-  double trust = 0;           // trust.h
-  double trust_of_pairs = 0;  // before conflicts in the model lowered it
-  std::string reason;         // why not: "12 of 40 points agree on a pose, 16 are needed"; or ""
+  int model = -1;      // which, 0 is the largest
+  double trust = 0;    // trust.h
+  std::string reason;  // why not: "12 of 40 points agree on a pose, 16 are needed"; or ""
 };
 
 struct Reconstruction {

@@ -23,7 +23,7 @@ constexpr std::size_t kAsked = 300;  // features of an image, per pair
 constexpr double kReach = 0.06;      // of the longer side: how far matches tell of a feature
 constexpr std::size_t kMatches = 8;  // that tell where a feature is
 constexpr double kAround = 0.7;      // how far from their mean it may lie, in their mean spread
-constexpr double kResidual = 2;      // px, of those matches
+constexpr double kResidual = 1;      // px, of those matches
 constexpr int kHalf = 5;             // of a patch, samples
 constexpr double kStep = 1.2;        // px between samples
 constexpr int kSearch = 2;           // samples in each direction
@@ -36,10 +36,10 @@ constexpr std::size_t kMaxBytes = std::size_t{256} << 20;
 constexpr int kMinCompared = 30;        // patches of a pair that can be doubted
 constexpr std::size_t kNeighbours = 2;  // images beside one
 constexpr int kBeside = 3;              // pairs of images beside those of a pair, that doubt it
-constexpr double kRepeating = 0.2;      // of the pairs, doubted: places of the scene look alike
+constexpr double kRepeating = 0.25;     // of the pairs, doubted: places of the scene look alike
 constexpr double kFew = 0.2;            // of the patches that an image's best pair compares
 constexpr double kStrong = 0.6;         // of the inliers of the strongest
-constexpr double kMinShare = 0.003;     // that always may differ
+constexpr double kMinShare = 0.004;     // that always may differ
 constexpr double kOfBest = 1.5;         // times the share of the best pairs
 constexpr double kDeviations = 2;
 
@@ -395,7 +395,7 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
         compared, evidence[k].differ);
   }
   if (static_cast<double>(doubted) < kRepeating * static_cast<double>(differs.size()))
-    return doubts;
+    return std::vector<std::string>(pairs.size());
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const int compared = evidence[k].same + evidence[k].differ;
     const int usual = std::min(most[at(pairs[k].first)], most[at(pairs[k].second)]);
@@ -404,17 +404,6 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
         "only {} patches could be compared, and other places of this scene look alike", compared);
   }
   return doubts;
-}
-
-bool tell_apart(const std::vector<Pair>& pairs, const std::vector<PatchEvidence>& evidence) {
-  std::size_t verified = 0;
-  std::size_t judged = 0;
-  for (std::size_t k = 0; k < pairs.size(); ++k) {
-    if (pairs[k].view.inliers.empty()) continue;
-    ++verified;
-    if (evidence[k].same + evidence[k].differ >= kMinCompared) ++judged;
-  }
-  return verified > 0 && 2 * judged >= verified;
 }
 
 }  // namespace tarsier::sfm

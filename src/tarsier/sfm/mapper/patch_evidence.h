@@ -33,7 +33,7 @@ struct PatchImage {
 
 // A patch of 13x13 px around a feature of one image is looked for within 2 px of where an affine map says, that of the
 // eight nearest matches. Features that do not lie amid so many (silhouettes, edges of a relief), or whose matches no
-// affine map fits within 2 px, are not counted. `inliers`: of the pair, as TwoView::inliers. Throws std::invalid_argument (not CV_8UC1).
+// affine map fits within 1 px, are not counted. `inliers`: of the pair, as TwoView::inliers. Throws std::invalid_argument (not CV_8UC1).
 [[nodiscard]] PatchEvidence compare_patches(const PatchImage& first, const PatchImage& second,
                                             const std::vector<Match>& inliers);
 
@@ -48,15 +48,12 @@ using GrayImages = std::function<cv::Mat(int image)>;
 
 // Of each pair why it is doubted, empty: it is not. Patches that differ are compared with those that differ in the best
 // pair of either image (of those with 0.6 times the inliers of its strongest the one with the lowest share): relief that
-// hides points, and a change of scale, let patches differ, too. A pair is doubted where more differ than 0.3 % and 1.5
+// hides points, and a change of scale, let patches differ, too. A pair is doubted where more differ than 0.4 % and 1.5
 // times that share, by two standard deviations (Poisson); and where any differ and so do two thirds of the pairs of the
-// images that surely are beside them, three or more. Of pairs with less than 30 patches nothing is known. Where a fifth of
-// all pairs is doubted, those are, too, that compare less than a fifth of the patches that other pairs of both images do.
+// images that surely are beside them, three or more. Of pairs with less than 30 patches nothing is known. Where less than
+// a quarter of the pairs are doubted, none is: wide pairs of a relief are, here and there. Otherwise those are, too, that
+// compare less than a fifth of the patches that other pairs of both images do.
 [[nodiscard]] std::vector<std::string> doubts_of_patches(
     const std::vector<Pair>& pairs, std::size_t images, const std::vector<PatchEvidence>& evidence);
-
-// Whether at least half of the pairs that have inliers have enough patches to be judged, 30.
-[[nodiscard]] bool tell_apart(const std::vector<Pair>& pairs,
-                              const std::vector<PatchEvidence>& evidence);
 
 }  // namespace tarsier::sfm

@@ -126,13 +126,13 @@ TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
   synth::SceneOptions scene;
   scene.content = synth::Content::kSymmetric;
   scene.trajectory = synth::Trajectory::kRing;
-  scene.size = {400, 300};
-  scene.focal_px = 700;
+  scene.size = {480, 360};
+  scene.focal_px = 840;
   scene.images = 24;
   scene.details = 0.1;
   const auto inputs = shoot(scene);
   PipelineOptions how = options();
-  how.features.max_count = 2000;
+  how.features.max_count = 4000;
   const PipelineResult result = run(inputs, how);
   const Reconstruction& built = result.reconstruction;
   int registered = 0;

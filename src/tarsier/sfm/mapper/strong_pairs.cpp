@@ -79,7 +79,7 @@ double share_of_doubted(const std::vector<Pair>& pairs, const std::vector<std::s
   return supported == 0 ? 0 : static_cast<double>(doubted) / supported;
 }
 
-void judge_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts, bool tell,
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
                  Reconstruction& reconstruction) {
   struct Count {
     int supported = 0;
@@ -102,9 +102,8 @@ void judge_trust(const std::vector<Pair>& pairs, const std::vector<std::string>&
     for (std::size_t i = 0; i < counts.size(); ++i) {
       if (!model.images[i].registered) continue;
       Outcome& outcome = reconstruction.outcomes[i];
-      const double before =
-          tell && !reconstruction.is_folded ? outcome.trust_of_pairs : outcome.trust;
-      trust[i] = before * (counts[i].supported == 0
+      trust[i] =
+          outcome.trust * (counts[i].supported == 0
                                ? 1
                                : 1 - static_cast<double>(counts[i].doubted) / counts[i].supported);
       if (outcome.model == static_cast<int>(m)) outcome.trust = trust[i];

@@ -38,10 +38,8 @@ namespace tarsier::sfm {
                                       const std::vector<std::string>& doubts,
                                       const std::vector<Model>& models);
 
-// Takes the share of doubted pairs, among those that a model agrees with, off the trust of each image and so of the
-// models. `tell`: pixels could be compared (tell_apart()); they then stand in for the conflicts of models that no pairs are
-// known to fold, as they tell a detail that was missed from one that is not there.
-void judge_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts, bool tell,
+// Takes the share of doubted pairs, among those that a model agrees with, off the trust of each image and so of the models.
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
                  Reconstruction& reconstruction);
 
 // A mapper: makes models of all images by the pairs that have inliers.

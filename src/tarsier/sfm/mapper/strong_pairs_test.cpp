@@ -122,21 +122,13 @@ TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
   made.outcomes.assign(5, {});
   for (Outcome& outcome : made.outcomes) {
     outcome.model = 0;
-    outcome.trust = 0.5;
-    outcome.trust_of_pairs = 1;
+    outcome.trust = 1;
   }
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100)};
   const std::vector<std::string> doubts{"differ", "", "", ""};
   EXPECT_DOUBLE_EQ(share_of_doubted(pairs, doubts, made.models), 0.25);
-  Reconstruction blind = made;
-  judge_trust(pairs, doubts, false, blind);
-  EXPECT_DOUBLE_EQ(blind.trust[0], (0 + 0.25 + 3 * 0.5) / 5);
-  Reconstruction folded = made;
-  folded.is_folded = true;
-  judge_trust(pairs, doubts, true, folded);
-  EXPECT_DOUBLE_EQ(folded.trust[0], blind.trust[0]);
-  judge_trust(pairs, doubts, true, made);
+  lower_trust(pairs, doubts, made);
   EXPECT_DOUBLE_EQ(made.trust[0], (0 + 0.5 + 3 * 1) / 5);
   EXPECT_DOUBLE_EQ(made.outcomes[1].trust, 0.5);
 }
