@@ -170,7 +170,7 @@ void SceneOptions::check() const {
   const int side = std::max(size.width, size.height);
   TARSIER_REQUIRE(focal_px == 0 || (focal_px >= 0.5 * side && focal_px <= 20.0 * side),
                   "focal length {} px of an image of {} px", focal_px, side);
-  TARSIER_REQUIRE(details >= 0 && details <= 0.5, "details {} of a side", details);
+  TARSIER_REQUIRE(details >= 0 && details <= 0.5, "details {} of a side: expected 0..0.5", details);
   TARSIER_REQUIRE(trajectory >= Trajectory::kArc && trajectory <= Trajectory::kLine,
                   "trajectory {}", static_cast<int>(trajectory));
   TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kSymmetric, "content {}",

@@ -98,10 +98,10 @@ struct Reconstruction {
   std::vector<std::string> log;   // what was done, and what went wrong, line by line
   std::vector<double> trust;      // of each model
   std::vector<RefusedPair> refused;
-  bool has_conflicts =
-      false;               // near images of a model lack what they should show (model_conflicts.h)
-  bool is_folded = false;  // and pairs are known that laid different places over each other
-  std::string no_model;    // why there is none, where there is none
+  // Near images of a model lack what they should show (model_conflicts.h).
+  bool has_conflicts = false;
+  bool is_folded = false;    // pairs are known that laid different places over each other
+  std::string no_model;      // why there is none, where there is none
   bool interrupted = false;  // these are the models so far
   int resumed = 0;           // images that a checkpoint had in models
 };
@@ -139,7 +139,7 @@ struct MapperInput {
   // Features were followed from image to image and not found in each: what an image lacks tells nothing then, and models
   // are not searched for places that lie over each other (model_conflicts.h).
   bool followed = false;
-  // Where the pixels can be had (patch_evidence.h): they are looked at where pairs still fold the finished models.
+  // Where the pixels can be had (patch_evidence.h): they are looked at where finished models have conflicts.
   GrayImages gray = {};
 };
 

@@ -239,7 +239,7 @@ class Neighbourhoods {
     for (std::size_t k = 0; k < pairs.size(); ++k) {
       if (pairs[k].view.inliers.empty()) continue;
       known_[{pairs[k].first, pairs[k].second}] = evidence[k];
-      if (evidence[k].same + evidence[k].differ < kMinCompared) continue;
+      if (evidence[k].compared() < kMinCompared) continue;
       for (const auto& [image, other] : {std::pair(pairs[k].first, pairs[k].second),
                                          std::pair(pairs[k].second, pairs[k].first)}) {
         if (static_cast<double>(pairs[k].view.inliers.size()) <
@@ -247,7 +247,7 @@ class Neighbourhoods {
           continue;
         // One more, so that a share of few patches counts less.
         candidates[at(image)].push_back(
-            {(evidence[k].differ + 1.0) / (evidence[k].same + evidence[k].differ + 1), other});
+            {(evidence[k].differ + 1.0) / (evidence[k].compared() + 1), other});
       }
     }
     for (std::size_t i = 0; i < images; ++i) {
@@ -360,7 +360,7 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
   const Neighbourhoods near(pairs, images, evidence);
   std::map<std::pair<int, int>, bool> differs;  // of the pairs with enough patches
   for (std::size_t k = 0; k < pairs.size(); ++k) {
-    const int compared = evidence[k].same + evidence[k].differ;
+    const int compared = evidence[k].compared();
     if (pairs[k].view.inliers.empty() || compared < kMinCompared) continue;
     const double usual = std::max(near.usual(pairs[k].first), near.usual(pairs[k].second));
     const double expected = (kMinShare + kOfBest * usual) * compared;
@@ -371,7 +371,7 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
   std::vector<int> most(images, 0);  // patches of an image that could be compared in one pair
   std::size_t doubted = 0;
   for (std::size_t k = 0; k < pairs.size(); ++k) {
-    const int compared = evidence[k].same + evidence[k].differ;
+    const int compared = evidence[k].compared();
     for (const int image : {pairs[k].first, pairs[k].second})
       most[at(image)] = std::max(most[at(image)], compared);
     const auto own = differs.find({pairs[k].first, pairs[k].second});
@@ -397,7 +397,7 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
   if (static_cast<double>(doubted) < kRepeating * static_cast<double>(differs.size()))
     return std::vector<std::string>(pairs.size());
   for (std::size_t k = 0; k < pairs.size(); ++k) {
-    const int compared = evidence[k].same + evidence[k].differ;
+    const int compared = evidence[k].compared();
     const int usual = std::min(most[at(pairs[k].first)], most[at(pairs[k].second)]);
     if (pairs[k].view.inliers.empty() || !doubts[k].empty() || compared >= kFew * usual) continue;
     doubts[k] = fmt::format(

@@ -21,8 +21,9 @@ struct PatchEvidence {
   int same = 0;    // normalized cross-correlation above 0.8
   int differ = 0;  // below 0.4
 
+  [[nodiscard]] int compared() const { return same + differ; }
   [[nodiscard]] double share() const {
-    return same + differ == 0 ? 0 : static_cast<double>(differ) / (same + differ);
+    return compared() == 0 ? 0 : static_cast<double>(differ) / compared();
   }
 };
 

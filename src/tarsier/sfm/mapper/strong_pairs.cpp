@@ -81,6 +81,8 @@ double share_of_doubted(const std::vector<Pair>& pairs, const std::vector<std::s
 
 void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
                  Reconstruction& reconstruction) {
+  if (std::all_of(doubts.begin(), doubts.end(), [](const std::string& why) { return why.empty(); }))
+    return;
   struct Count {
     int supported = 0;
     int doubted = 0;
