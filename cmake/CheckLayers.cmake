@@ -1,8 +1,10 @@
 # Fails when a file includes a module that its own module did not declare in tarsier_module(DEPENDS ...), when a file
 # opens a namespace that is not its folder's, when a family of applications uses another one, when anything but a window
-# host uses highgui, or when a header lacks #pragma once. Test files may also include tarsier/synth. Also when the table
-# of docs/architecture.md lacks a module or names other modules that it uses.
-# Run as: cmake -DROOT=<src/tarsier> -DAPPS=<apps> -DLAYERS=<build>/layers.txt -DTABLE=<architecture.md> -P CheckLayers.cmake
+# host uses highgui, when a header lacks #pragma once, or when a header that is installed includes one that is not. Test
+# files may also include tarsier/synth. Also when the table of docs/architecture.md lacks a module or names other modules
+# that it uses.
+# Run as: cmake -DROOT=<src/tarsier> -DAPPS=<apps> -DLAYERS=<build>/layers.txt -DHEADERS=<build>/headers.txt
+#               -DTABLE=<architecture.md> -P CheckLayers.cmake
 cmake_minimum_required(VERSION 3.25)
 
 # The names of these stand everywhere, so they are in namespace tarsier itself.
@@ -25,6 +27,7 @@ function(module_of path result)
   set(${result} "${found}" PARENT_SCOPE)
 endfunction()
 
+file(STRINGS ${HEADERS} installed)
 file(STRINGS ${LAYERS} lines)
 set(modules "")
 foreach(line IN LISTS lines)
@@ -82,13 +85,17 @@ foreach(module IN LISTS modules)
       elseif(line MATCHES "^namespace" AND NOT line MATCHES "^namespace ${namespaces} {")
         message(SEND_ERROR "${path}: '${line}' is not the namespace of its folder")
       elseif(line MATCHES "^#include \"tarsier/(.+)\"")
-        module_of(${CMAKE_MATCH_1} used)
+        set(included ${CMAKE_MATCH_1})
+        module_of(${included} used)
         set(is_test_helper FALSE)
         if(path MATCHES "_test\\.cpp$|/testing_[a-z_]+\\.h$" AND used MATCHES "^synth")
           set(is_test_helper TRUE)
         endif()
         if(NOT used STREQUAL module AND NOT used IN_LIST allowed AND NOT is_test_helper)
-          message(SEND_ERROR "${path}: module '${module}' may not include 'tarsier/${CMAKE_MATCH_1}'")
+          message(SEND_ERROR "${path}: module '${module}' may not include 'tarsier/${included}'")
+        endif()
+        if(path IN_LIST installed AND NOT included IN_LIST installed)
+          message(SEND_ERROR "${path} is installed and includes '${included}', which is not: HEADERS lacks it")
         endif()
       endif()
     endforeach()

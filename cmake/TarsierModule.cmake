@@ -37,6 +37,9 @@ function(tarsier_module path)
     install(TARGETS ${target} EXPORT tarsierTargets
             ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev
             FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
+    foreach(header IN LISTS arg_HEADERS)
+      file(APPEND ${PROJECT_BINARY_DIR}/headers.txt "${path}/${header}\n")
+    endforeach()
   endif()
   list(JOIN arg_DEPENDS " " depends)
   file(APPEND ${PROJECT_BINARY_DIR}/layers.txt "${path}: ${depends}\n")
@@ -159,10 +162,11 @@ function(tarsier_add_layer_test)
   if(TARSIER_BUILD_TESTS)
     add_test(NAME architecture/layers
              COMMAND ${CMAKE_COMMAND} -DROOT=${PROJECT_SOURCE_DIR}/src/tarsier -DAPPS=${PROJECT_SOURCE_DIR}/apps
-                     -DLAYERS=${PROJECT_BINARY_DIR}/layers.txt
+                     -DLAYERS=${PROJECT_BINARY_DIR}/layers.txt -DHEADERS=${PROJECT_BINARY_DIR}/headers.txt
                      -DTABLE=${PROJECT_SOURCE_DIR}/docs/architecture.md
                      -P ${PROJECT_SOURCE_DIR}/cmake/CheckLayers.cmake)
   endif()
 endfunction()
 
 file(WRITE ${PROJECT_BINARY_DIR}/layers.txt "")
+file(WRITE ${PROJECT_BINARY_DIR}/headers.txt "")
