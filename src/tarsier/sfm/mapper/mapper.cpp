@@ -40,6 +40,8 @@ constexpr double kRough = 1e-3;  // of an adjustment while the model still chang
 constexpr double kFine = 1e-5;
 // Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
 constexpr double kFoldedWeight = 3;
+// .. and in any model that was chosen: an image that a fifth of its neighbours contradict has none.
+constexpr double kConflictWeight = 5;
 constexpr double kDoubted = 0.05;      // of the pairs that a model agrees with: it is folded
 constexpr std::uint8_t kBadStart = 1;  // beside the values of Doubt
 const std::string kRefusal = "global mapping refused: ";  // before the reason
@@ -707,12 +709,31 @@ std::vector<std::string> doubts_about(const MapperInput& input, Progress& progre
                            compare_all_patches(features, input.pairs, input.gray, progress, stop));
 }
 
-}  // namespace
+// The models that were chosen. Of several reconstructions of the same images the best one is chosen with less weight on
+// conflicts: a whole model that has some may be better than parts that have none.
+void lower_trust_by_conflicts(Reconstruction& reconstruction) {
+  for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
+    const Model& model = reconstruction.models[m];
+    const ModelConflicts conflicts(model);
+    if (!conflicts.any()) continue;
+    double sum = 0;
+    int registered = 0;
+    for (std::size_t i = 0; i < model.images.size(); ++i) {
+      if (!model.images[i].registered) continue;
+      const double left = std::max(0.0, 1 - kConflictWeight * conflicts.shares()[i]);
+      Outcome& outcome = reconstruction.outcomes[i];
+      if (outcome.model == static_cast<int>(m)) outcome.trust *= left;
+      sum += left;
+      ++registered;
+    }
+    reconstruction.trust[m] *= sum / std::max(1, registered);
+  }
+}
 
-Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
+// The models, or those of the strongest pairs where these have fewer conflicts.
+Reconstruction best_models(const MapperInput& input, const MapperOptions& options,
                            Progress& progress, const std::stop_token& stop,
                            const MapperHooks& hooks) {
-  options.check();
   Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
   if (result.interrupted || !result.has_conflicts) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
@@ -740,6 +761,17 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
     return result;
   }
   return better_of(std::move(result), std::move(*second));
+}
+
+}  // namespace
+
+Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
+                           Progress& progress, const std::stop_token& stop,
+                           const MapperHooks& hooks) {
+  options.check();
+  Reconstruction result = best_models(input, options, progress, stop, hooks);
+  if (!result.interrupted && result.has_conflicts) lower_trust_by_conflicts(result);
+  return result;
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

@@ -4,6 +4,7 @@
 #include "tarsier/sfm/global/view_graph.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <queue>
@@ -17,8 +18,9 @@ constexpr int kMinShared = 12;               // points of two images that are co
 constexpr std::size_t kMaxNear = 40;         // images that each is compared with
 constexpr double kMaxAngle = 12 * kRadians;  // between the rays of two images to a point
 constexpr double kMaxScale = 1.3;            // of their distances to it
-constexpr double kRadius = 2.5;   // px, of an image of 1000 px: a feature so near is the point's
-constexpr double kShift = 6;      // radii, to the places beside it
+constexpr double kRadius = 2.5;  // px, of an image of 1000 px: a feature so near is the point's
+constexpr double kShift = 6;     // radii, to the places beside it
+constexpr double kMaxChance = 0.9;
 constexpr int kMinLooks = 5;      // images that should show a point whose rate counts
 constexpr double kMost = 0.75;    // share of the points with a lower rate than "most"
 constexpr double kRare = 0.7;     // of that rate: below it a point tells places apart, or is unsure
@@ -27,6 +29,8 @@ constexpr double kMinExpected = 8;       // of two images that contradict each o
 constexpr std::size_t kMinPairs = 3;     // that contradict each other
 constexpr double kMinShare = 0.005;      // .. of those that are judged
 constexpr double kContradiction = 0.15;  // of what is expected
+constexpr double kUnusual = 0.25;        // .. and of the share that is usual
+constexpr double kMinTelling = 0.35;     // a usual share below it says nothing
 constexpr double kMinUsual = 4;          // expected of images whose share says what is usual
 constexpr double kMinUsualShare = 0.3;   // of what is expected
 constexpr double kSame = 0.5;            // of the usual share: more is of one place
@@ -97,7 +101,6 @@ class Comparison {
     shown_.assign(model.points.size(), 0);
     find_near();
     looks_.resize(model.images.size());
-    chance_.assign(model.images.size(), 0);
     for (std::size_t i = 0; i < model.images.size(); ++i) look(i);
     find_rare();
   }
@@ -105,12 +108,23 @@ class Comparison {
   // The images that share points with it, nearest first.
   [[nodiscard]] const std::vector<int>& near(int image) const { return near_[at(image)]; }
 
+  // How far apart two images look at the points of the first: 1 for one that is as far as near images can be.
+  [[nodiscard]] double distance(int first, int second) const {
+    const std::vector<int>& points = points_of_[at(first)];
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (const int p : points) middle += model_.points[at(p)].position;
+    middle /= std::max(1.0, static_cast<double>(points.size()));
+    const Eigen::Vector3d one = middle - centers_[at(first)];
+    const Eigen::Vector3d other = middle - centers_[at(second)];
+    const double cosine = one.dot(other) / (one.norm() * other.norm());
+    return std::acos(std::clamp(cosine, -1.0, 1.0)) / kMaxAngle +
+           std::abs(std::log(one.norm() / other.norm())) / std::log(kMaxScale);
+  }
+
   // Of the points of `from` that tell places apart, those that `to` should show and does.
   [[nodiscard]] ModelConflicts::Evidence shown(int from, int to) const {
-    double rare = 0;
-    double rare_shown = 0;
-    double common = 0;
-    double common_shown = 0;
+    Sum rare;
+    Sum common;
     const std::vector<Look>& looks = looks_[at(to)];
     for (const int p : points_of_[at(from)]) {
       if (looked_[at(p)] < kMinLooks) continue;
@@ -119,19 +133,34 @@ class Comparison {
                            [](const Look& look, int point) { return look.point < point; });
       if (found == looks.end() || found->point != p) continue;
       const bool is_rare = shown_[at(p)] < rare_ * looked_[at(p)];
-      (is_rare ? rare : common) += 1;
-      (is_rare ? rare_shown : common_shown) += found->is_shown ? 1 : 0;
+      (is_rare ? rare : common).add(*found);
     }
-    if (common < kMinCommon) return {};
-    const double chance = chance_[at(to)];
-    const double rate = std::max(0.0, (common_shown / common - chance) / (1 - chance));
-    return {rare * rate, (rare_shown - chance * rare) / (1 - chance)};
+    if (common.points < kMinCommon) return {};
+    return {rare.points * std::max(0.0, common.shown_beyond_chance() / common.points),
+            rare.shown_beyond_chance()};
   }
 
  private:
   struct Look {
     int point;
     bool is_shown;
+    int by_chance;  // of four places beside it, those that have a feature
+  };
+  // Weak points lie where there are few features, so chance is that of the points that are summed.
+  struct Sum {
+    double points = 0;
+    double shown = 0;
+    double by_chance = 0;
+
+    void add(const Look& look) {
+      points += 1;
+      shown += look.is_shown ? 1 : 0;
+      by_chance += look.by_chance / 4.0;
+    }
+    [[nodiscard]] double shown_beyond_chance() const {
+      const double chance = std::min(kMaxChance, by_chance / std::max(1.0, points));
+      return (shown - chance * points) / (1 - chance);
+    }
   };
 
   void find_near() {
@@ -176,22 +205,19 @@ class Comparison {
           points.push_back(p);
     std::sort(points.begin(), points.end());
     points.erase(std::unique(points.begin(), points.end()), points.end());
-    int by_chance = 0;
     for (const int p : points) {
       const auto pixel = camera.project(image.pose * model_.points[at(p)].position);
       if (!pixel || !(pixel->x > margin && pixel->y > margin && pixel->x < camera.width - margin &&
                       pixel->y < camera.height - margin))
         continue;
-      const bool is_shown = grid.has(pixel->x, pixel->y);
-      looks_[to].push_back({p, is_shown});
-      ++looked_[at(p)];
-      shown_[at(p)] += is_shown ? 1 : 0;
+      Look look{p, grid.has(pixel->x, pixel->y), 0};
       for (const cv::Point2d& by : {cv::Point2d(shift, 0), cv::Point2d(-shift, 0),
                                     cv::Point2d(0, shift), cv::Point2d(0, -shift)})
-        by_chance += grid.has(pixel->x + by.x, pixel->y + by.y) ? 1 : 0;
+        look.by_chance += grid.has(pixel->x + by.x, pixel->y + by.y) ? 1 : 0;
+      looks_[to].push_back(look);
+      ++looked_[at(p)];
+      shown_[at(p)] += look.is_shown ? 1 : 0;
     }
-    if (!looks_[to].empty())
-      chance_[to] = std::min(0.9, by_chance / (4.0 * static_cast<double>(looks_[to].size())));
   }
 
   void find_rare() {
@@ -210,10 +236,40 @@ class Comparison {
   std::vector<Eigen::Vector3d> centers_;
   std::vector<std::vector<int>> near_;
   std::vector<std::vector<Look>> looks_;  // of each image, by point
-  std::vector<double> chance_;            // of each image
   std::vector<int> looked_;               // of each point: images that should show it
   std::vector<int> shown_;                // that do
   double rare_ = 0;                       // rate
+};
+
+// What images share of the points that tell places apart falls with their distance, in some scenes fast: a detector finds
+// weak features from nearby only. Of two images that are not of different places it is what the best of those share that
+// are as far from each other or farther.
+class UsualShares {
+ public:
+  explicit UsualShares(std::vector<std::pair<double, double>> by_distance) {
+    std::sort(by_distance.begin(), by_distance.end());
+    for (std::size_t k = 0; k < kSteps; ++k) {
+      const auto from = std::lower_bound(by_distance.begin(), by_distance.end(),
+                                         std::pair(static_cast<double>(k) * kStep, -1e9));
+      std::vector<double> shares;
+      for (auto pair = from; pair != by_distance.end(); ++pair) shares.push_back(pair->second);
+      if (shares.size() < kMinFarther) break;
+      const auto best = shares.begin() +
+                        static_cast<std::ptrdiff_t>(kBest * static_cast<double>(shares.size() - 1));
+      std::nth_element(shares.begin(), best, shares.end());
+      shares_[k] = *best;
+    }
+  }
+  [[nodiscard]] double at(double distance) const {
+    return shares_[std::min(kSteps - 1, static_cast<std::size_t>(distance / kStep))];
+  }
+
+ private:
+  static constexpr std::size_t kSteps = 24;
+  static constexpr double kStep = 0.25;
+  static constexpr std::size_t kMinFarther = 5;
+  static constexpr double kBest = 0.9;
+  std::array<double, kSteps> shares_{};
 };
 
 // Whether the matches of a pair are points of the model.
@@ -244,6 +300,7 @@ ModelConflicts::ModelConflicts(const Model& model)
     }
   }
   std::vector<double> shares;
+  std::vector<std::pair<double, double>> judged;  // distance and share
   for (std::size_t i = 0; i < near.size(); ++i) {
     std::sort(near[i].begin(), near[i].end());
     near[i].erase(std::unique(near[i].begin(), near[i].end()), near[i].end());
@@ -259,9 +316,12 @@ ModelConflicts::ModelConflicts(const Model& model)
               ? one
               : other;
       if (!(evidence.expected > 0)) continue;
-      near_[i].push_back({second, evidence});
-      near_[at(second)].push_back({first, evidence});
+      const double distance = comparison.distance(first, second);
+      near_[i].push_back({second, evidence, distance});
+      near_[at(second)].push_back({first, evidence, distance});
       if (evidence.expected >= kMinUsual) shares.push_back(evidence.found / evidence.expected);
+      if (evidence.expected >= kMinExpected)
+        judged.emplace_back(distance, evidence.found / evidence.expected);
     }
   }
   if (!shares.empty()) {
@@ -270,16 +330,19 @@ ModelConflicts::ModelConflicts(const Model& model)
     std::nth_element(shares.begin(), usual, shares.end());
     usual_ = std::clamp(*usual, kMinUsualShare, 1.0);
   }
+  const UsualShares usual_shares(judged);
   for (std::size_t i = 0; i < near_.size(); ++i) {
     std::sort(near_[i].begin(), near_[i].end(),
               [](const Near& a, const Near& b) { return a.image < b.image; });
     double all = 0;
     double contradicted = 0;
-    for (const auto& [other, evidence] : near_[i]) {
-      if (evidence.expected < kMinExpected) continue;
+    for (const auto& [other, evidence, distance] : near_[i]) {
+      const double usual = usual_shares.at(distance);
+      if (evidence.expected < kMinExpected || usual < kMinTelling) continue;
       all += 1;
       judged_ += other > static_cast<int>(i) ? 1 : 0;
-      if (evidence.found >= kContradiction * evidence.expected) continue;
+      if (evidence.found >= std::min(kContradiction, kUnusual * usual) * evidence.expected)
+        continue;
       contradicted += 1;
       if (other > static_cast<int>(i)) pairs_.emplace_back(static_cast<int>(i), other);
     }
@@ -302,7 +365,7 @@ const ModelConflicts::Evidence* ModelConflicts::find(int first, int second) cons
 
 std::vector<int> ModelConflicts::same_place(int image) const {
   std::vector<int> same{image};
-  for (const auto& [other, evidence] : near_[at(image)])
+  for (const auto& [other, evidence, distance] : near_[at(image)])
     if (evidence.expected >= kMinUsual && evidence.found >= kSame * usual_ * evidence.expected)
       same.push_back(other);
   std::sort(same.begin(), same.end());
@@ -332,7 +395,7 @@ void ModelConflicts::find_places() {
   std::vector<std::map<int, double>> edges(images);
   std::priority_queue<std::tuple<double, int, int>> next;
   for (std::size_t i = 0; i < images; ++i) {
-    for (const auto& [other, evidence] : near_[i]) {
+    for (const auto& [other, evidence, distance] : near_[i]) {
       const double weight = evidence.found - kSame * usual_ * evidence.expected;
       edges[i][other] = weight;
       if (weight > 0 && other > static_cast<int>(i))
@@ -365,7 +428,7 @@ void ModelConflicts::find_places() {
   place_.resize(images);
   for (std::size_t i = 0; i < images; ++i) place_[i] = places.root(static_cast<int>(i));
   for (std::size_t i = 0; i < images; ++i) {
-    for (const auto& [other, evidence] : near_[i]) {
+    for (const auto& [other, evidence, distance] : near_[i]) {
       if (other < static_cast<int>(i) || place_[i] == place_[at(other)]) continue;
       Evidence& sum = between_places_[std::minmax(place_[i], place_[at(other)])];
       sum.expected += evidence.expected;

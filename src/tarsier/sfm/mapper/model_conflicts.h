@@ -19,7 +19,9 @@ namespace tarsier::sfm {
 // 2.5 px of its projection (in an image of 1000 px); what chance gives is measured at places beside it and taken off.
 // A point that fewer images show than should (below 0.7 of the rate of most) tells places apart, or its detection is
 // unsure. Unsure points are missing here and there. Of two places laid over each other, the points of one are missing in
-// all images of the other, and the other way round.
+// all images of the other, and the other way round. Images that are farther from each other share fewer unsure points; so
+// two are judged by what the best of those share that are at least as far apart (the share of 9 of 10 is below it), where
+// that is 0.35 or more of what is expected.
 class ModelConflicts {
  public:
   // What two near images, or the images around them, should share of points that tell places apart.
@@ -31,8 +33,8 @@ class ModelConflicts {
   // One thread, no random numbers.
   explicit ModelConflicts(const Model& model);
 
-  // Near images that contradict each other: of 8 points or more, less than 0.15 are shared. By first, then second; first
-  // < second.
+  // Near images that contradict each other: of 8 points or more, less than 0.15 are shared, and less than a quarter of
+  // what is usual so far apart. By first, then second; first < second.
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
   // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence.
   [[nodiscard]] bool any() const;
@@ -48,6 +50,7 @@ class ModelConflicts {
   struct Near {
     int image;
     Evidence evidence;
+    double distance;  // 0 from the same place, 1 as far as near images can be
   };
   [[nodiscard]] const Evidence* find(int first, int second) const;
   [[nodiscard]] std::vector<int> same_place(int image) const;

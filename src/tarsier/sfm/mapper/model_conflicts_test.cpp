@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_conflicts.h"
 
+#include "tarsier/core/rng.h"
 #include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/synth/observed_site.h"
 
@@ -98,6 +99,40 @@ TEST(ModelConflicts, ATrueModelHasNone) {
   const ModelConflicts conflicts(prism(false));
   EXPECT_FALSE(conflicts.any());
   for (int i = 0; i < kImages; ++i) EXPECT_FALSE(conflicts.are_different(i, (i + 2) % kImages));
+}
+
+// An arc of ten images, 4 degrees from one to the next. A third of the points are features of all, the others of the three
+// images around one of them: images that are 12 degrees apart share none of those.
+Model arc_of_weak_features() {
+  constexpr int kArc = 10;
+  Model model;
+  model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
+  model.images.resize(kArc);
+  for (int i = 0; i < kArc; ++i) {
+    model.images[at(i)].registered = true;
+    model.images[at(i)].pose = {geometry::rotation_by({0, 4 * CV_PI / 180 * (i - 4.5), 0}),
+                                {0, 0, 6}};
+  }
+  Rng rng(3);
+  for (int p = 0; p < 300; ++p) {
+    Point point;
+    for (int k = 0; k < 3; ++k) point.position[k] = rng.uniform(-1.5, 1.5);
+    for (int i = 0; i < kArc; ++i) {
+      Image& image = model.images[at(i)];
+      if (p % 3 != 0 && std::abs(p % kArc - i) > 1) continue;
+      image.features.emplace_back(*model.cameras[0].project(image.pose * point.position));
+      image.points.push_back(p);
+      point.track.push_back({i, static_cast<int>(image.features.size()) - 1});
+    }
+    model.points.push_back(std::move(point));
+  }
+  return model;
+}
+
+TEST(ModelConflicts, FeaturesThatAreFoundFromNearbyOnlyAreNone) {
+  const ModelConflicts conflicts(arc_of_weak_features());
+  EXPECT_TRUE(conflicts.pairs().empty());
+  EXPECT_FALSE(conflicts.any());
 }
 
 TEST(ModelConflicts, SidesThatLieOverEachOtherContradict) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/open_loops.h"
 
-#include "tarsier/sfm/mapper/trust.h"
+#include "tarsier/sfm/mapper/pair_agreement.h"
 
 #include <algorithm>
 #include <cstddef>

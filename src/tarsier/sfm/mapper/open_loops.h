@@ -9,7 +9,7 @@
 namespace tarsier::sfm {
 
 // Loops that a model leaves open: verified pairs of 30 inliers or more whose images lie elsewhere in the model than the
-// pair says (agrees(), trust.h), and which pairs that agree do not join, or only by a way of 8 or more. Errors of many
+// pair says (pair_agreement.h), and which pairs that agree do not join, or only by a way of 8 or more. Errors of many
 // steps have added up along it, or the pair is a wrong one. None where less than half of all inliers agree: then the
 // model is wrong as a whole, or the focal length is.
 [[nodiscard]] std::vector<const Pair*> open_loops(const Model& model,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
+#include "tarsier/sfm/mapper/pair_agreement.h"
 #include "tarsier/sfm/mapper/trust.h"
 
 #include <fmt/format.h>

@@ -17,7 +17,7 @@ namespace tarsier::sfm {
 [[nodiscard]] std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t images,
                                              double share);
 
-// All but those of two images of one model that lie elsewhere in it than the pair says (agrees(), trust.h).
+// All but those of two images of one model that lie elsewhere in it than the pair says (pair_agreement.h).
 [[nodiscard]] std::vector<Pair> without_contradicted(const std::vector<Pair>& pairs,
                                                      const std::vector<Model>& models);
 

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/trust.h"
 
 #include "tarsier/sfm/mapper/image_cells.h"
+#include "tarsier/sfm/mapper/pair_agreement.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,10 +11,6 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kRadians = CV_PI / 180;
-constexpr double kRotation = 3 * kRadians;
-constexpr double kDirection = 15 * kRadians;
-constexpr double kRays = 2 * kRadians;
 constexpr double kPoints = 50;
 constexpr double kCells = 12;
 constexpr double kShare = 0.5;
@@ -21,16 +18,6 @@ constexpr double kShare = 0.5;
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
-
-bool agrees(const Model& model, const Pair& pair) {
-  const geometry::Rigid3 relative =
-      model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
-  const geometry::Rigid3& found = pair.view.second_from_first;
-  if (geometry::angle_of(relative.rotation * found.rotation.transpose()) > kRotation) return false;
-  const double lengths = relative.translation.norm() * found.translation.norm();
-  if (pair.view.median_angle < kRays || !(lengths > 0)) return true;
-  return relative.translation.dot(found.translation) >= std::cos(kDirection) * lengths;
-}
 
 std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,
                              const std::vector<std::uint8_t>& refused) {

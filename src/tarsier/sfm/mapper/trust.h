@@ -9,14 +9,10 @@
 
 namespace tarsier::sfm {
 
-// Whether the poses of a pair's two images, both registered, are those that the pair says: the relative rotation within
-// 3 degrees, and the direction of the translation within 15, where the rays of the pair differ by 2 degrees or more.
-[[nodiscard]] bool agrees(const Model& model, const Pair& pair);
-
 // How much speaks for the pose of each image of a model, 0 to 1; 0 for those that are not registered. A score to order
 // images by, not a probability: the product of
 //
-//   the share of the inliers of its pairs with registered images that agree with the model (agrees()); pairs that were
+//   the share of the inliers of its pairs with registered images that agree with the model (pair_agreement.h); pairs that were
 //   refused for what they should have in common and have not count against it where the model agrees with them;
 //   its points, of 50, times the cells of 8 x 6 that they lie in, of 12;
 //   the share of its points that three images or more show, of a half.

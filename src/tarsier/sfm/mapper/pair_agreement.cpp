@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/pair_agreement.h"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kRadians = CV_PI / 180;
+constexpr double kRotation = 3 * kRadians;
+constexpr double kDirection = 15 * kRadians;
+constexpr double kRays = 2 * kRadians;
+constexpr double kOnePlane = 0.7;  // share of the inliers
+constexpr double kPlanePx = 4;     // between a feature and where the plane takes its match
+constexpr int kRounds = 8;         // of reweighted least squares
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// The inliers of a pair in normalised coordinates.
+struct Rays {
+  std::vector<Vector3d> first;
+  std::vector<Vector2d> second;
+};
+
+Rays rays_of(const Model& model, const Pair& pair) {
+  const Image& first = model.images[at(pair.first)];
+  const Image& second = model.images[at(pair.second)];
+  Rays rays;
+  for (const Match& match : pair.view.inliers) {
+    const auto a =
+        model.cameras[at(first.camera)].normalized_of(cv::Point2d(first.features[at(match.first)]));
+    const auto b = model.cameras[at(second.camera)].normalized_of(
+        cv::Point2d(second.features[at(match.second)]));
+    if (!a || !b) continue;
+    rays.first.emplace_back(a->x, a->y, 1);
+    rays.second.emplace_back(b->x, b->y);
+  }
+  return rays;
+}
+
+bool is_of_one_plane(const Pair& pair) {
+  return !pair.view.inliers.empty() &&
+         pair.view.homography_inliers >= kOnePlane * static_cast<double>(pair.view.inliers.size());
+}
+
+double threshold_of(const geometry::Camera& camera) {
+  return kPlanePx / ((camera.fx + camera.fy) / 2);
+}
+
+// The plane n of least squares, each ray with its weight: what H = R + t n' does to them is linear in n.
+Vector3d fit_plane(const Rays& rays, const geometry::Rigid3& motion,
+                   const std::vector<double>& weights) {
+  Matrix3d normal = 1e-12 * Matrix3d::Identity();
+  Vector3d right = Vector3d::Zero();
+  const Vector3d& t = motion.translation;
+  for (std::size_t i = 0; i < rays.first.size(); ++i) {
+    const Vector3d turned = motion.rotation * rays.first[i];
+    for (int k = 0; k < 2; ++k) {
+      const double factor = rays.second[i][k] * t[2] - t[k];
+      const double wanted = turned[k] - rays.second[i][k] * turned[2];
+      normal += weights[i] * factor * factor * rays.first[i] * rays.first[i].transpose();
+      right += weights[i] * factor * wanted * rays.first[i];
+    }
+  }
+  return normal.ldlt().solve(right);
+}
+
+// Of the inliers of a pair the share that lies on one plane, with this relative pose of its images.
+double share_on_plane(const Rays& rays, geometry::Rigid3 motion, double threshold) {
+  const double length = motion.translation.norm();
+  if (length > 0) motion.translation /= length;
+  std::vector<double> weights(rays.first.size(), 1);
+  int best = 0;
+  for (int round = 0; round < kRounds; ++round) {
+    const Vector3d plane = fit_plane(rays, motion, weights);
+    int inliers = 0;
+    for (std::size_t i = 0; i < weights.size(); ++i) {
+      const Vector3d point =
+          motion.rotation * rays.first[i] + motion.translation * plane.dot(rays.first[i]);
+      weights[i] = 0;
+      if (!(point[2] > 0)) continue;
+      const double error = (point.head<2>() / point[2] - rays.second[i]).norm() / threshold;
+      if (error < 1) ++inliers;
+      // Of the error in the image, not of the linear one; Geman and McClure's weight.
+      weights[i] = 1 / (point[2] * point[2] * (1 + error * error) * (1 + error * error));
+    }
+    best = std::max(best, inliers);
+  }
+  return best / std::max(1.0, static_cast<double>(weights.size()));
+}
+
+}  // namespace
+
+bool agrees(const Model& model, const Pair& pair) {
+  const geometry::Rigid3 relative =
+      model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
+  const geometry::Rigid3& found = pair.view.second_from_first;
+  if (geometry::angle_of(relative.rotation * found.rotation.transpose()) <= kRotation) {
+    const double lengths = relative.translation.norm() * found.translation.norm();
+    if (pair.view.median_angle < kRays || !(lengths > 0)) return true;
+    if (relative.translation.dot(found.translation) >= std::cos(kDirection) * lengths) return true;
+  }
+  if (!is_of_one_plane(pair)) return false;
+  const double threshold = threshold_of(model.cameras[at(model.images[at(pair.second)].camera)]);
+  return share_on_plane(rays_of(model, pair), relative, threshold) >= kOnePlane;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/pair_agreement.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/calib3d.hpp>
+
+#include <cmath>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Two images of 8 x 6 points, 4 units before the first; `depth` of a point in front of the wall at that distance.
+struct TwoImages {
+  Model model;
+  Pair pair;
+
+  template <typename Depth>
+  explicit TwoImages(const Depth& depth) {
+    model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
+    model.images.resize(2);
+    for (Image& image : model.images) image.registered = true;
+    model.images[1].pose = {geometry::rotation_by({0.02, -0.4, 0.01}), {1.4, 0.1, 0.3}};
+    for (int i = 0; i < 48; ++i) {
+      const Vector3d point(0.35 * (i % 8) - 1.2, 0.4 * (i / 8) - 1, 4 + 0.2 * (i % 8) - depth(i));
+      for (Image& image : model.images) {
+        const auto pixel = model.cameras[0].project(image.pose * point);
+        image.features.emplace_back(*pixel);
+      }
+      pair.view.inliers.push_back({i, i});
+    }
+    pair.first = 0;
+    pair.second = 1;
+    pair.view.homography_inliers = 48;
+    pair.view.second_from_first = model.images[1].pose;
+    pair.view.second_from_first.translation.normalize();
+    pair.view.median_angle = 0.3;
+  }
+  // What a homography of the matches says: the pose that is not the true one.
+  [[nodiscard]] geometry::Rigid3 other_pose() const {
+    const cv::Mat h = cv::findHomography(model.images[0].features, model.images[1].features);
+    const cv::Matx33d k(600, 0, 320, 0, 600, 240, 0, 0, 1);
+    std::vector<cv::Mat> rotations, translations, normals;
+    cv::decomposeHomographyMat(h, k, rotations, translations, normals);
+    for (std::size_t s = 0; s < rotations.size(); ++s) {
+      geometry::Rigid3 pose;
+      for (int r = 0; r < 3; ++r) {
+        pose.translation[r] = translations[s].at<double>(r);
+        for (int c = 0; c < 3; ++c) pose.rotation(r, c) = rotations[s].at<double>(r, c);
+      }
+      const double off =
+          geometry::angle_of(pose.rotation * model.images[1].pose.rotation.transpose());
+      if (off > 0.1 && normals[s].at<double>(2) > 0) return pose;
+    }
+    ADD_FAILURE() << "one pose only";
+    return {};
+  }
+};
+
+double flat(int /*point*/) { return 0; }
+double uneven(int point) { return 0.5 * (point % 3) + 0.3 * (point % 5); }
+
+TEST(PairAgreement, IsThatOfThePoses) {
+  TwoImages images(uneven);
+  images.pair.view.homography_inliers = 20;
+  EXPECT_TRUE(agrees(images.model, images.pair));
+  Pair turned = images.pair;
+  turned.view.second_from_first.rotation =
+      geometry::rotation_by({0, 0.08, 0}) * turned.view.second_from_first.rotation;
+  EXPECT_FALSE(agrees(images.model, turned));
+  Pair beside = images.pair;
+  beside.view.second_from_first.translation = Vector3d(0.3, 1, 0.3).normalized();
+  EXPECT_FALSE(agrees(images.model, beside));
+  beside.view.median_angle = 0.01;  // hardly known
+  EXPECT_TRUE(agrees(images.model, beside));
+}
+
+TEST(PairAgreement, OfAPlaneIsThatOfEitherPose) {
+  TwoImages images(flat);
+  images.pair.view.second_from_first = images.other_pose();
+  EXPECT_TRUE(agrees(images.model, images.pair));
+  // A fifth of the matches is elsewhere.
+  for (std::size_t k = 0; k < 48; k += 5) images.model.images[1].features[k].y += 30;
+  EXPECT_TRUE(agrees(images.model, images.pair));
+}
+
+TEST(PairAgreement, IsNotThatOfAnyPoseWhereAPlaneFits) {
+  TwoImages images(flat);
+  images.pair.view.second_from_first = images.other_pose();
+  Model folded = images.model;
+  folded.images[1].pose = {geometry::rotation_by({0, 1.2, 0}), {-4, 0, 2}};
+  EXPECT_FALSE(agrees(folded, images.pair));
+  folded.images[1].pose = images.model.images[1].pose;
+  folded.images[1].pose.translation = {0.2, 1.4, 0.3};
+  EXPECT_FALSE(agrees(folded, images.pair));
+  folded.images[1].pose.translation.setZero();
+  EXPECT_FALSE(agrees(folded, images.pair));
+}
+
+TEST(PairAgreement, OfPointsThatNoPlaneHasIsThatOfThePoseAlone) {
+  TwoImages images(uneven);
+  TwoImages wall(flat);
+  images.pair.view.second_from_first = wall.other_pose();
+  EXPECT_FALSE(agrees(images.model, images.pair));
+  images.pair.view.homography_inliers = 20;
+  EXPECT_FALSE(agrees(images.model, images.pair));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm
