@@ -18,6 +18,7 @@ constexpr int kMinShared = 12;               // points of two images that are co
 constexpr std::size_t kMaxNear = 40;         // images that each is compared with
 constexpr double kMaxAngle = 12 * kRadians;  // between the rays of two images to a point
 constexpr double kMaxScale = 1.3;            // of their distances to it
+constexpr double kFarthest = 6;  // distance() of two images; farther ones are judged as such
 constexpr double kRadius = 2.5;  // px, of an image of 1000 px: a feature so near is the point's
 constexpr double kShift = 6;     // radii, to the places beside it
 constexpr double kMaxChance = 0.9;
@@ -116,6 +117,7 @@ class Comparison {
     middle /= std::max(1.0, static_cast<double>(points.size()));
     const Eigen::Vector3d one = middle - centers_[at(first)];
     const Eigen::Vector3d other = middle - centers_[at(second)];
+    if (!(one.norm() > 0 && other.norm() > 0)) return kFarthest;
     const double cosine = one.dot(other) / (one.norm() * other.norm());
     return std::acos(std::clamp(cosine, -1.0, 1.0)) / kMaxAngle +
            std::abs(std::log(one.norm() / other.norm())) / std::log(kMaxScale);
@@ -261,12 +263,12 @@ class UsualShares {
     }
   }
   [[nodiscard]] double at(double distance) const {
-    return shares_[std::min(kSteps - 1, static_cast<std::size_t>(distance / kStep))];
+    return shares_[static_cast<std::size_t>(std::min(distance, kFarthest) / kStep)];
   }
 
  private:
-  static constexpr std::size_t kSteps = 24;
   static constexpr double kStep = 0.25;
+  static constexpr auto kSteps = static_cast<std::size_t>(kFarthest / kStep) + 1;
   static constexpr std::size_t kMinFarther = 5;
   static constexpr double kBest = 0.9;
   std::array<double, kSteps> shares_{};
