@@ -42,8 +42,7 @@ constexpr double kFine = 1e-5;
 constexpr double kFoldedWeight = 3;
 // .. and in any model that was chosen: an image that a fifth of its neighbours contradict has none.
 constexpr double kConflictWeight = 5;
-constexpr double kDoubted = 0.05;      // of the pairs that a model agrees with: it is folded
-constexpr std::uint8_t kBadStart = 1;  // beside the values of Doubt
+constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
 const std::string kRefusal = "global mapping refused: ";  // before the reason
 const std::string kTakenApart = " lays different places over each other";
 
@@ -613,7 +612,6 @@ class Mapping {
     const double weight = is_folded ? kFoldedWeight : 1;
     for (std::size_t i = 0; i < trust.size(); ++i)
       trust[i] *= std::max(0.0, 1 - weight * conflicts.shares()[i]);
-    result_.is_folded = result_.is_folded || is_folded;
   }
 
   [[nodiscard]] std::vector<std::uint8_t> refused_by_evidence() const {
@@ -749,10 +747,7 @@ Reconstruction best_models(const MapperInput& input, const MapperOptions& option
   std::optional<Reconstruction> second;
   try {
     const std::vector<std::string> doubts = doubts_about(input, progress, stop);
-    const bool is_needed =
-        result.is_folded || share_of_doubted(input.pairs, doubts, result.models) >= kDoubted;
     lower_trust(input.pairs, doubts, result);
-    if (!is_needed) return result;
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
     lower_trust(input.pairs, doubts, *second);
   } catch (const Interrupted&) {

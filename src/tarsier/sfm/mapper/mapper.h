@@ -100,7 +100,6 @@ struct Reconstruction {
   std::vector<RefusedPair> refused;
   // Near images of a model lack what they should show (model_conflicts.h).
   bool has_conflicts = false;
-  bool is_folded = false;    // pairs are known that laid different places over each other
   std::string no_model;      // why there is none, where there is none
   bool interrupted = false;  // these are the models so far
   int resumed = 0;           // images that a checkpoint had in models

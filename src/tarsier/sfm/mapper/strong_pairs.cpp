@@ -68,18 +68,6 @@ std::vector<Pair> with_supported(const std::vector<Pair>& some, const std::vecto
   return result;
 }
 
-double share_of_doubted(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
-                        const std::vector<Model>& models) {
-  int supported = 0;
-  int doubted = 0;
-  for (std::size_t k = 0; k < pairs.size(); ++k) {
-    if (pairs[k].view.inliers.empty() || !judged(pairs[k], models).is_supported) continue;
-    ++supported;
-    if (!doubts[k].empty()) ++doubted;
-  }
-  return supported == 0 ? 0 : static_cast<double>(doubted) / supported;
-}
-
 void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
                  Reconstruction& reconstruction) {
   if (std::all_of(doubts.begin(), doubts.end(), [](const std::string& why) { return why.empty(); }))

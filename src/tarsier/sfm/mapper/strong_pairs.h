@@ -33,11 +33,6 @@ namespace tarsier::sfm {
 // Of two the one with the higher score, of two alike the first. Its log tells of both.
 [[nodiscard]] Reconstruction better_of(Reconstruction first, Reconstruction second);
 
-// Of the pairs that a model agrees with the share that is doubted.
-[[nodiscard]] double share_of_doubted(const std::vector<Pair>& pairs,
-                                      const std::vector<std::string>& doubts,
-                                      const std::vector<Model>& models);
-
 // Takes the share of doubted pairs, among those that a model agrees with, off the trust of each image and so of the models.
 void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
                  Reconstruction& reconstruction);
