@@ -5,6 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/global/view_graph.h"
+#include "tarsier/sfm/mapper/all_pairs.h"
 #include "tarsier/sfm/mapper/global_start.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
@@ -40,8 +41,6 @@ constexpr double kRough = 1e-3;  // of an adjustment while the model still chang
 constexpr double kFine = 1e-5;
 // Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
 constexpr double kFoldedWeight = 3;
-// .. and in any model that was chosen: an image that a fifth of its neighbours contradict has none.
-constexpr double kConflictWeight = 5;
 constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
 const std::string kRefusal = "global mapping refused: ";  // before the reason
 const std::string kTakenApart = " lays different places over each other";
@@ -628,8 +627,9 @@ class Mapping {
     for (std::size_t k = 0; k < pairs_.size(); ++k) {
       if (bad_start_[k] <= kBadStart) continue;
       RefusedPair refused{pairs_[k].first, pairs_[k].second,
-                          static_cast<int>(pairs_[k].view.inliers.size()), ""};
-      switch (static_cast<Doubt>(bad_start_[k])) {
+                          static_cast<int>(pairs_[k].view.inliers.size()), "",
+                          static_cast<Doubt>(bad_start_[k])};
+      switch (refused.doubt) {
         case Doubt::kCycles:
           refused.reason = "no cycle of three pairs that it is in closes";
           break;
@@ -707,31 +707,12 @@ std::vector<std::string> doubts_about(const MapperInput& input, Progress& progre
                            compare_all_patches(features, input.pairs, input.gray, progress, stop));
 }
 
-// The models that were chosen. Of several reconstructions of the same images the best one is chosen with less weight on
-// conflicts: a whole model that has some may be better than parts that have none.
-void lower_trust_by_conflicts(Reconstruction& reconstruction) {
-  for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
-    const Model& model = reconstruction.models[m];
-    const ModelConflicts conflicts(model);
-    if (!conflicts.any()) continue;
-    double sum = 0;
-    int registered = 0;
-    for (std::size_t i = 0; i < model.images.size(); ++i) {
-      if (!model.images[i].registered) continue;
-      const double left = std::max(0.0, 1 - kConflictWeight * conflicts.shares()[i]);
-      Outcome& outcome = reconstruction.outcomes[i];
-      if (outcome.model == static_cast<int>(m)) outcome.trust *= left;
-      sum += left;
-      ++registered;
-    }
-    reconstruction.trust[m] *= sum / std::max(1, registered);
-  }
-}
+}  // namespace
 
-// The models, or those of the strongest pairs where these have fewer conflicts.
-Reconstruction best_models(const MapperInput& input, const MapperOptions& options,
+Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
                            Progress& progress, const std::stop_token& stop,
                            const MapperHooks& hooks) {
+  options.check();
   Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
   if (result.interrupted || !result.has_conflicts) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
@@ -742,11 +723,14 @@ Reconstruction best_models(const MapperInput& input, const MapperOptions& option
                             .kind = input.kind,
                             .pairs = pairs,
                             .followed = input.followed};
-    return Mapping(among, options, progress, stop, {}).run();
+    Reconstruction made = Mapping(among, options, progress, stop, {}).run();
+    judge_by_all_pairs(input, options, made);
+    return made;
   };
   std::optional<Reconstruction> second;
   try {
     const std::vector<std::string> doubts = doubts_about(input, progress, stop);
+    judge_by_all_pairs(input, options, result);
     lower_trust(input.pairs, doubts, result);
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
     lower_trust(input.pairs, doubts, *second);
@@ -756,17 +740,6 @@ Reconstruction best_models(const MapperInput& input, const MapperOptions& option
     return result;
   }
   return better_of(std::move(result), std::move(*second));
-}
-
-}  // namespace
-
-Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
-                           Progress& progress, const std::stop_token& stop,
-                           const MapperHooks& hooks) {
-  options.check();
-  Reconstruction result = best_models(input, options, progress, stop, hooks);
-  if (!result.interrupted && result.has_conflicts) lower_trust_by_conflicts(result);
-  return result;
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

@@ -81,6 +81,7 @@ struct RefusedPair {
   int second = 0;
   int inliers = 0;
   std::string reason;
+  Doubt doubt = Doubt::kNone;  // kNone: it is weak, or its patches differ (strong_pairs.h)
 };
 
 // What became of an image.

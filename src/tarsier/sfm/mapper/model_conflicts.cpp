@@ -109,7 +109,8 @@ class Comparison {
   // The images that share points with it, nearest first.
   [[nodiscard]] const std::vector<int>& near(int image) const { return near_[at(image)]; }
 
-  // How far apart two images look at the points of the first: 1 for one that is as far as near images can be.
+  // How far apart two images look at the middle of the points of the first: the angle in units of kMaxAngle plus the
+  // logarithm of the ratio of their distances to it in units of that of kMaxScale. 0 from the same place.
   [[nodiscard]] double distance(int first, int second) const {
     const std::vector<int>& points = points_of_[at(first)];
     Eigen::Vector3d middle = Eigen::Vector3d::Zero();

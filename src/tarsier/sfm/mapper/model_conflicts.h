@@ -50,7 +50,7 @@ class ModelConflicts {
   struct Near {
     int image;
     Evidence evidence;
-    double distance;  // 0 from the same place, 1 as far as near images can be
+    double distance;  // between them: Comparison::distance()
   };
   [[nodiscard]] const Evidence* find(int first, int second) const;
   [[nodiscard]] std::vector<int> same_place(int image) const;

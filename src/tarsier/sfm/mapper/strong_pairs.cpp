@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <string>
 #include <utility>
 
@@ -15,7 +14,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kShares[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the strongest pair
-constexpr double kLarge = 1.06;  // above 1: images in one model are better than in two
+constexpr int kUnchecked = 2;                     // images of a model that any poses fit
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -107,7 +106,7 @@ double score_of(const Reconstruction& reconstruction) {
   double sum = 0;
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m)
     sum += reconstruction.trust[m] *
-           std::pow(statistics_of(reconstruction.models[m]).registered, kLarge);
+           std::max(0, statistics_of(reconstruction.models[m]).registered - kUnchecked);
   return sum;
 }
 

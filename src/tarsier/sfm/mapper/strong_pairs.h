@@ -27,7 +27,7 @@ namespace tarsier::sfm {
                                                const std::vector<Model>& models);
 
 // Of two reconstructions of the same images the better one has the higher score: the sum over all models of trust times
-// n^1.06 of its n images. An image counts a little more in a large model.
+// n - 2 of its n images. Two images that match have poses whatever they show; only further ones can contradict them.
 [[nodiscard]] double score_of(const Reconstruction& reconstruction);
 
 // Of two the one with the higher score, of two alike the first. Its log tells of both.

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/all_pairs.h"
+
+#include "tarsier/sfm/mapper/incremental_mapper.h"
+#include "tarsier/sfm/mapper/model_conflicts.h"
+#include "tarsier/sfm/mapper/pair_agreement.h"
+#include "tarsier/sfm/mapper/trust.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <set>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+// Of conflicts: an image that a fifth of its neighbours contradict has no trust.
+constexpr double kConflictWeight = 5;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+bool has_both(const Model& model, const Pair& pair) {
+  return !pair.view.inliers.empty() && model.images[at(pair.first)].registered &&
+         model.images[at(pair.second)].registered;
+}
+
+}  // namespace
+
+Model with_points_of(const Model& model, const std::vector<const Pair*>& pairs,
+                     const MapperInput& input, const MapperOptions& options) {
+  std::vector<int> features;
+  for (const Image& image : input.images)
+    features.push_back(static_cast<int>(image.features.size()));
+  Model start;
+  start.images = input.images;
+  start.cameras = input.cameras;
+  IncrementalMapper mapper(std::move(start), make_tracks(pairs, features), input.descriptors,
+                           input.kind, options);
+  mapper.resume(model);
+  return mapper.finished(input.colors);
+}
+
+void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
+                        Reconstruction& reconstruction) {
+  std::set<std::pair<int, int>> lacking;  // what they should have in common
+  for (const RefusedPair& refused : reconstruction.refused)
+    if (refused.doubt == Doubt::kEvidence || refused.doubt == Doubt::kModel)
+      lacking.emplace(refused.first, refused.second);
+  for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
+    const Model& model = reconstruction.models[m];
+    std::vector<const Pair*> agreeing;
+    std::vector<std::uint8_t> refused(input.pairs.size(), 1);
+    for (std::size_t k = 0; k < input.pairs.size(); ++k) {
+      const Pair& pair = input.pairs[k];
+      if (!has_both(model, pair) || !agrees(model, pair)) continue;
+      agreeing.push_back(&pair);
+      refused[k] = lacking.contains({pair.first, pair.second}) ? 1 : 0;
+    }
+    std::vector<double> trust = trust_of(model, input.pairs, refused);
+    const ModelConflicts conflicts(with_points_of(model, agreeing, input, options));
+    for (std::size_t i = 0; i < trust.size(); ++i) {
+      trust[i] *= std::max(0.0, 1 - kConflictWeight * conflicts.shares()[i]);
+      Outcome& outcome = reconstruction.outcomes[i];
+      if (outcome.model == static_cast<int>(m)) outcome.trust = trust[i];
+    }
+    reconstruction.trust[m] = model_trust(model, trust);
+  }
+}
+
+}  // namespace tarsier::sfm

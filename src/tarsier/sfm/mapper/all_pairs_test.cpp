@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/all_pairs.h"
+
+#include "tarsier/sfm/mapper/model_conflicts.h"
+#include "tarsier/sfm/mapper/testing_prism.h"
+
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <set>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+using testing::kPrismImages;
+using testing::kPrismSide;
+
+// A prism, and a reconstruction of it by the pairs of one side only.
+struct Scene {
+  explicit Scene(bool folded) : prism(testing::prism(folded)), colors(kPrismImages) {
+    for (std::size_t i = 0; i < colors.size(); ++i)
+      colors[i].resize(prism.model.images[i].features.size());
+    std::vector<const Pair*> of_one_side;
+    for (const Pair& pair : prism.pairs)
+      if (pair.first / kPrismSide == pair.second / kPrismSide) of_one_side.push_back(&pair);
+    made.models.push_back(with_points_of(prism.model, of_one_side, input(), options));
+    made.trust = {1};
+    made.outcomes.assign(kPrismImages, {true, 0, 1, ""});
+  }
+  MapperInput input() const {
+    return {.cameras = prism.model.cameras,
+            .images = prism.model.images,
+            .colors = colors,
+            .descriptors = descriptors,
+            .pairs = prism.pairs};
+  }
+  testing::Prism prism;
+  std::vector<std::vector<cv::Vec3b>> colors;
+  std::vector<cv::Mat> descriptors;
+  MapperOptions options;
+  Reconstruction made;
+};
+
+// Points that images before several sides show.
+int between_sides(const Model& model) {
+  int count = 0;
+  for (const Point& point : model.points) {
+    std::set<int> sides;
+    for (const Observation& seen : point.track) sides.insert(seen.image / kPrismSide);
+    count += sides.size() > 1 ? 1 : 0;
+  }
+  return count;
+}
+
+TEST(AllPairs, AFoldedModelWithoutThePairsBetweenItsPlacesHasNoConflictsAndNoTrust) {
+  Scene scene(true);
+  EXPECT_FALSE(ModelConflicts(scene.made.models[0]).any());
+  judge_by_all_pairs(scene.input(), scene.options, scene.made);
+  EXPECT_LT(scene.made.trust[0], 0.3);
+  EXPECT_LT(scene.made.outcomes[0].trust, 0.3);
+}
+
+TEST(AllPairs, ATrueModelKeepsItsTrust) {
+  Scene scene(false);
+  judge_by_all_pairs(scene.input(), scene.options, scene.made);
+  EXPECT_GT(scene.made.trust[0], 0.95);
+}
+
+TEST(AllPairs, PairsThatLackWhatTheyShouldHaveInCommonCountAgainstAModelThatAgreesWithThem) {
+  Scene scene(false);
+  for (const Pair& pair : scene.prism.pairs)
+    if (pair.first == 5 || pair.second == 5)
+      scene.made.refused.push_back({pair.first, pair.second, 50, "", Doubt::kEvidence});
+  judge_by_all_pairs(scene.input(), scene.options, scene.made);
+  EXPECT_EQ(scene.made.outcomes[5].trust, 0);
+  EXPECT_GT(scene.made.outcomes[40].trust, 0.9);
+}
+
+TEST(AllPairs, PointsAreThoseOfThePairsThatAreNamed) {
+  const Scene scene(false);
+  const Model none = with_points_of(scene.prism.model, {}, scene.input(), scene.options);
+  EXPECT_TRUE(none.points.empty());
+  EXPECT_TRUE(none.images[3].registered);
+  std::vector<const Pair*> all;
+  for (const Pair& pair : scene.prism.pairs) all.push_back(&pair);
+  const Model made = with_points_of(scene.prism.model, all, scene.input(), scene.options);
+  EXPECT_EQ(between_sides(scene.made.models[0]), 0);
+  EXPECT_GT(between_sides(made), 50);
+  EXPECT_EQ(made.images[3].pose.translation, scene.prism.model.images[3].pose.translation);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm
