@@ -44,7 +44,7 @@ vehicles = re.findall(r"<tr><td>([0-9]{4}[A-Z]{3})</td>", text)
 assert len(vehicles) == len(set(vehicles)) == 3, vehicles  # one line for each vehicle
 PY
 
-run demo -o out --only cartoon --json --quiet
+run demo -o out --only people --json --quiet
 expect_status 0
 expect_out '"page":"out/index.html"'
 
