@@ -171,6 +171,21 @@ TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
   }
 }
 
+// The models of the strongest pairs of this prism are folded, and by these pairs alone they have no conflicts.
+TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
+  synth::SiteOptions options;
+  options.kind = synth::SiteKind::kSymmetric;
+  options.images = 80;
+  options.sides = 6;
+  const Given site = given(options);
+  const Reconstruction built = run(site, MapperChoice::kAuto);
+  EXPECT_THAT(built.log, testing::Contains(HasSubstr("score of the models")));
+  ASSERT_FALSE(built.models.empty());
+  EXPECT_EQ(registered(built), 80);
+  EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
+  EXPECT_GT(built.trust[0], 0.8);
+}
+
 // An image by image model that is taken up from any checkpoint ends the same, also after it was taken apart.
 TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
