@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/all_pairs.h"
 
+#include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/model_conflicts.h"
 #include "tarsier/sfm/mapper/pair_agreement.h"
@@ -41,7 +42,7 @@ Model with_points_of(const Model& model, const std::vector<const Pair*>& pairs,
 }
 
 void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
-                        Reconstruction& reconstruction) {
+                        const std::stop_token& stop, Reconstruction& reconstruction) {
   std::set<std::pair<int, int>> lacking;  // what they should have in common
   for (const RefusedPair& refused : reconstruction.refused)
     if (refused.doubt == Doubt::kEvidence || refused.doubt == Doubt::kModel)
@@ -51,12 +52,14 @@ void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
     std::vector<const Pair*> agreeing;
     std::vector<std::uint8_t> refused(input.pairs.size(), 1);
     for (std::size_t k = 0; k < input.pairs.size(); ++k) {
+      throw_if_stopped(stop);
       const Pair& pair = input.pairs[k];
       if (!has_both(model, pair) || !agrees(model, pair)) continue;
       agreeing.push_back(&pair);
       refused[k] = lacking.contains({pair.first, pair.second}) ? 1 : 0;
     }
     std::vector<double> trust = trust_of(model, input.pairs, refused);
+    throw_if_stopped(stop);
     const ModelConflicts conflicts(with_points_of(model, agreeing, input, options));
     for (std::size_t i = 0; i < trust.size(); ++i) {
       trust[i] *= std::max(0.0, 1 - kConflictWeight * conflicts.shares()[i]);

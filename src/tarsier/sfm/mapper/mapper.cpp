@@ -724,13 +724,13 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .pairs = pairs,
                             .followed = input.followed};
     Reconstruction made = Mapping(among, options, progress, stop, {}).run();
-    judge_by_all_pairs(input, options, made);
+    judge_by_all_pairs(input, options, stop, made);
     return made;
   };
   std::optional<Reconstruction> second;
   try {
     const std::vector<std::string> doubts = doubts_about(input, progress, stop);
-    judge_by_all_pairs(input, options, result);
+    judge_by_all_pairs(input, options, stop, result);
     lower_trust(input.pairs, doubts, result);
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
     lower_trust(input.pairs, doubts, *second);

@@ -17,7 +17,8 @@ namespace tarsier::sfm {
 //   its points, of 50, times the cells of 8 x 6 that they lie in, of 12;
 //   the share of its points that three images or more show, of a half.
 //
-// The mapper takes off it what conflicts are left (model_conflicts.h).
+// The mapper takes off it what conflicts are left (model_conflicts.h), and where there are any, judges by all pairs
+// (all_pairs.h).
 //
 // `refused`: of each pair, 1 or 0.
 [[nodiscard]] std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,
