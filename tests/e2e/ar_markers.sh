@@ -119,7 +119,7 @@ refused() { # STATUS PATTERN ARGUMENTS..
 }
 printf 'v 0 0 0\nf 1 2 3\n' >range.obj
 printf 'v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n' >point.obj
-head -c 4000 /dev/urandom >noise.obj
+noise 4000 >noise.obj
 python3 - <<'END'
 with open("many.obj", "w") as f:
     f.write("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 5000000)

@@ -103,7 +103,7 @@ usage 'lens' synth:bars "${board[@]}" --lens mirror
 run calibrate nowhere.jpg "${board[@]}"
 expect_status 3
 expect_error 'nowhere.jpg'
-head -c 1000 /dev/urandom >noise.jpg
+noise 1000 >noise.jpg
 run calibrate noise.jpg "${board[@]}"
 expect_status 3
 expect_error 'noise.jpg'

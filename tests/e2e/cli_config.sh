@@ -42,7 +42,7 @@ expect_error '\.:'
 run doctor --config
 expect_status 2
 expect_error 'config'
-head -c 3000 /dev/urandom >noise.toml
+noise 3000 >noise.toml
 run doctor --config noise.toml
 [ "$status" -ge 2 ] || fail "noise as a configuration: exit status $status"
 expect_error 'noise.toml|config'

@@ -77,7 +77,7 @@ mkdir broken
 printf 'no json' >broken/text.json
 : >broken/void.json
 head -c 100000 /dev/zero | tr '\0' '[' >broken/nested.json
-head -c 5000 /dev/urandom >broken/noise.json
+noise 5000 >broken/noise.json
 run models list --models-dir broken
 expect_status 5
 for name in text void nested noise; do expect_out "^$name +unusable: "; done

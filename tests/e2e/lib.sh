@@ -28,6 +28,10 @@ skip() { # skip REASON: the whole test
   exit 77
 }
 
+# noise COUNT: that many bytes that look random to stdout, the same each time: a test that draws its garbage anew can meet an
+# error of another name once in some hundred runs.
+noise() { python3 -c 'import random, sys; sys.stdout.buffer.write(random.Random(1).randbytes(int(sys.argv[1])))' "$1"; }
+
 finish() { # the last line of each test
   [ "$failures" -eq 0 ] || { printf '%d failed\n' "$failures"; exit 1; }
   exit 0

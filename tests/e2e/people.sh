@@ -202,7 +202,7 @@ $python -c 'import sqlite3; d = sqlite3.connect("version.db"); d.execute("PRAGMA
 run people list --gallery version.db
 expect_status 3
 expect_error 'version.db' 'version 9'
-head -c 3000 /dev/urandom >noise.db
+noise 3000 >noise.db
 run people list --gallery noise.db
 expect_status 3
 expect_error 'noise.db'

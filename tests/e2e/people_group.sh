@@ -219,7 +219,7 @@ run people group none.db
 expect_status 6
 run people group --false-merges 7
 expect_status 2
-head -c 3000 /dev/urandom >noise.db
+noise 3000 >noise.db
 run people correct undo --gallery noise.db
 expect_status 6
 expect_error 'noise.db'

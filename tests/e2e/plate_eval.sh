@@ -42,7 +42,7 @@ expect_error 'missing.csv'
 run plate eval broken.jsonl --truth truth.csv
 expect_status 3
 expect_error 'broken.jsonl: line 4: no text "text"'
-head -c 3000 /dev/urandom >noise.jsonl
+noise 3000 >noise.jsonl
 run plate eval noise.jsonl --truth truth.csv
 expect_status 3
 expect_error 'noise.jsonl: line 1'

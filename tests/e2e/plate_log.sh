@@ -123,7 +123,7 @@ expect_error 'missing.db: No such file'
 run plate log empty.db
 expect_status 3
 expect_error 'empty.db: is empty'
-head -c 5000 /dev/urandom >noise.db
+noise 5000 >noise.db
 cp noise.db before.db
 for arguments in '' '--keep 1d'; do
   # shellcheck disable=SC2086
