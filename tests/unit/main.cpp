@@ -9,6 +9,9 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 namespace {
 
@@ -30,6 +33,10 @@ std::string filter_of(std::string_view stem) {
 }  // namespace
 
 int main(int argc, char** argv) {
+#ifdef __GLIBC__  // as the program does (framework/cli.cpp): images that come and go keep their pages
+  mallopt(M_MMAP_THRESHOLD, 32 << 20);
+  mallopt(M_TRIM_THRESHOLD, 128 << 20);
+#endif
   testing::InitGoogleMock(&argc, argv);
   constexpr std::string_view kFile = "--file=";
   for (int i = 1; i < argc; ++i) {

@@ -71,6 +71,7 @@ void LivenessSession::process(const Frame& frame) {
   if (chosen != nullptr) {
     asked_ = chosen->face.id;
     seen.points = chosen->face.points;
+    seen.image = frame.image;
     seen.id = asked_;
     if (chosen->pose) {
       seen.yaw_deg = chosen->pose->angles.yaw_deg;

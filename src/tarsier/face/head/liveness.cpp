@@ -23,9 +23,7 @@ constexpr std::array<std::array<int, 4>, 2> kLids{{{37, 41, 38, 40}, {43, 47, 44
 // are turned or nodded look narrower than the map of the eyes' corners says.
 constexpr double kFacingDeg = 12;
 
-using Affine = Eigen::Matrix<double, 2, 3>;
-
-Affine affine_between(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to) {
+AffineMap affine_between(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to) {
   Eigen::Matrix<double, kPlane.size(), 3> a;
   Eigen::Matrix<double, kPlane.size(), 2> b;
   for (std::size_t i = 0; i < kPlane.size(); ++i) {
@@ -36,7 +34,7 @@ Affine affine_between(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to) 
   return a.colPivHouseholderQr().solve(b).transpose();
 }
 
-Eigen::Matrix2Xd mapped(const Affine& map, const Eigen::Matrix2Xd& points) {
+Eigen::Matrix2Xd mapped(const AffineMap& map, const Eigen::Matrix2Xd& points) {
   return (map.leftCols<2>() * points).colwise() + map.col(2);
 }
 
@@ -77,10 +75,7 @@ std::string_view name_of(LivenessState state) {
   return "failed";
 }
 
-void LivenessOptions::check() const {
-  check_fields(*this);
-  TARSIER_REQUIRE(closed < open, "shut below {} and open above {}", closed, open);
-}
+void LivenessOptions::check() const { check_fields(*this); }
 
 std::vector<LivenessTask> draw_tasks(int count, std::uint64_t seed) {
   TARSIER_REQUIRE(count >= 1, "{} tasks", count);
@@ -95,7 +90,8 @@ std::vector<LivenessTask> draw_tasks(int count, std::uint64_t seed) {
   return out;
 }
 
-Liveness::Liveness(std::uint64_t seed, const LivenessOptions& options) : options_(options) {
+Liveness::Liveness(std::uint64_t seed, const LivenessOptions& options)
+    : options_(options), blinks_(options.blink) {
   options_.check();
   tasks_ = draw_tasks(options_.tasks, seed);
 }
@@ -109,7 +105,7 @@ void Liveness::fail(std::string reason) {
 
 void Liveness::next_task(double time) {
   task_start_ = time;
-  shut_since_.reset();
+  blinks_.clear();
   flat_turn_ = false;
   if (status_.done == static_cast<int>(tasks_.size())) {
     status_.state = LivenessState::kPassed;
@@ -141,8 +137,9 @@ void Liveness::look(const LivenessFrame& frame) {
   next_task(frame.time);
 }
 
-void Liveness::measure(const LivenessFrame& frame) {
-  const Eigen::Matrix2Xd flat = mapped(affine_between(reference_, frame.points), reference_);
+AffineMap Liveness::measure(const LivenessFrame& frame) {
+  const AffineMap map = affine_between(reference_, frame.points);
+  const Eigen::Matrix2Xd flat = mapped(map, reference_);
   const Eigen::Vector2d across = eye_to_eye(flat);
   const double length = std::max(across.norm(), 1e-6);
   status_.parallax =
@@ -151,22 +148,19 @@ void Liveness::measure(const LivenessFrame& frame) {
   for (const auto& lids : kLids)
     status_.openness = std::max(
         status_.openness, lids_apart(frame.points, lids) / std::max(lids_apart(flat, lids), 1e-6));
+  return map;
 }
 
 void Liveness::ask(const LivenessFrame& frame) {
-  measure(frame);
+  const AffineMap map = measure(frame);
   const double turned = frame.yaw_deg ? *frame.yaw_deg - yaw_ : 0;
   bool done = false;
   if (*status_.task == LivenessTask::kBlink) {
     const double nodded = frame.pitch_deg ? *frame.pitch_deg - pitch_ : 0;
-    if (!frame.yaw_deg || std::abs(turned) > kFacingDeg || std::abs(nodded) > kFacingDeg) {
-      shut_since_.reset();
-    } else if (status_.openness < options_.closed) {
-      if (!shut_since_) shut_since_ = frame.time;
-    } else if (status_.openness > options_.open && shut_since_) {
-      done = frame.time - *shut_since_ <= options_.longest_blink_s;
-      shut_since_.reset();
-    }
+    const bool facing =
+        frame.yaw_deg && std::abs(turned) <= kFacingDeg && std::abs(nodded) <= kFacingDeg;
+    done = facing &&
+           blinks_.step(frame.time, status_.openness, look_of_eyes(frame.image, reference_, map));
   } else {
     // Yaw and parallax have the sign of the image's left and right: their own left is its right.
     const double sign = *status_.task == LivenessTask::kTurnLeft ? 1 : -1;

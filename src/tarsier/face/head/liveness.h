@@ -2,8 +2,10 @@
 #pragma once
 
 #include "tarsier/core/option_fields.h"
+#include "tarsier/face/head/blink.h"
 
 #include <Eigen/Core>
+#include <opencv2/core.hpp>
 
 #include <cstdint>
 #include <optional>
@@ -22,7 +24,8 @@
 //   parallax = (x_seen - A x_reference) . u / |A| e    u: from eye to eye, e: their distance, px
 //   openness = d_seen / d_of(A lids of the reference)  the smaller of closing: of both eyes the larger
 // so that openness stays about 1 and parallax 0 for a plane, however it is moved. Of a head that is turned by
-// the angle a the nose's tip moves by about 0.3 sin a to 0.45 sin a.
+// the angle a the nose's tip moves by about 0.3 sin a to 0.45 sin a. A blink is judged by openness and by how the
+// eyes look at the places of A (blink.h).
 namespace tarsier::face::head {
 
 enum class LivenessTask { kBlink, kTurnLeft, kTurnRight };  // their own left and right
@@ -36,9 +39,7 @@ struct LivenessOptions {
   double lost_s = 0.5;         // without a face, s, after which it fails
   double turn_deg = 15;        // of yaw, beyond that of the reference
   double min_parallax = 0.06;  // of the distance of the eyes
-  double closed = 0.85;        // openness below which an eye is shut
-  double open = 0.93;          // and above which it is open again
-  double longest_blink_s = 1;  // eyes shut for longer are no blink
+  BlinkOptions blink;          // eyes shut for longer than its time are no blink
 
   [[nodiscard]] OptionFields fields() {
     return {{"tasks", tasks, range(2, 20), "--tasks", "tasks that are asked"},
@@ -47,9 +48,9 @@ struct LivenessOptions {
             {"lost_s", lost_s, range(0, 10)},
             {"turn_deg", turn_deg, range(5, 60)},
             {"min_parallax", min_parallax, range(0, 1)},
-            {"closed", closed, inside(0, 1)},
-            {"open", open, range(0, 1)},
-            {"longest_blink_s", longest_blink_s, range(0.05, 10)}};
+            {"min_closing", blink.min_closing, range(0, 1)},
+            {"min_change", blink.min_change, range(0, 2)},
+            {"longest_blink_s", blink.longest_s, range(0.05, 10)}};
   }
   void check() const;  // throws std::invalid_argument
 };
@@ -58,6 +59,7 @@ struct LivenessOptions {
 struct LivenessFrame {
   double time = 0;                  // s, rising
   Eigen::Matrix2Xd points;          // 2 x 68 px; none: no face
+  cv::Mat image;                    // 8 bits, 1 or 3 channels; may be empty while no blink is asked
   std::optional<double> yaw_deg;    // of the head, + to the image's left; none: not known
   std::optional<double> pitch_deg;  // + up; none: not known
   int id = 0;                       // of the tracked face
@@ -85,7 +87,8 @@ class Liveness {
  public:
   // Throws std::invalid_argument for options that do not pass their check.
   explicit Liveness(std::uint64_t seed, const LivenessOptions& options = {});
-  // The next frame. Throws std::invalid_argument for points of another number, or a time that falls.
+  // The next frame. Throws std::invalid_argument for points of another number, a time that falls,
+  // and an image of another type where a blink is asked.
   // Nothing changes once it passed or failed.
   const LivenessStatus& step(const LivenessFrame& frame);
   [[nodiscard]] const LivenessStatus& status() const { return status_; }
@@ -93,7 +96,7 @@ class Liveness {
 
  private:
   void look(const LivenessFrame& frame);
-  void measure(const LivenessFrame& frame);
+  AffineMap measure(const LivenessFrame& frame);  // that a flat image would have been moved by
   void ask(const LivenessFrame& frame);
   void next_task(double time);
   void fail(std::string reason);
@@ -114,7 +117,7 @@ class Liveness {
   double yaw_ = 0;  // of the reference, degrees
   double pitch_ = 0;
   double task_start_ = 0;
-  std::optional<double> shut_since_;
+  BlinkDetector blinks_;
   bool flat_turn_ = false;  // of this task: the yaw was there, the parallax was not
 };
 

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/rng.h"
 #include "tarsier/face/head/angles.h"
+#include "tarsier/face/head/testing_eyes.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -15,15 +16,16 @@
 namespace tarsier::face::head {
 namespace {
 
-using testing::Contains;
-using testing::ElementsAreArray;
+using ::testing::ElementsAreArray;
 
 constexpr double kFps = 15;
 
-// The 68 points of a head of formulas, mm, in the head's frame (x right, y down, z away from the
-// camera); `open`: of the lids, 1 open.
+constexpr Eigen::Index kIris = 12;  // points
+
+// The 68 points of a head of formulas and the outlines of its irises, mm, in the head's frame (x right, y
+// down, z away from the camera); `open`: of the lids, 1 open.
 Eigen::Matrix3Xd formula_head(double open) {
-  Eigen::Matrix3Xd x = Eigen::Matrix3Xd::Zero(3, 68);
+  Eigen::Matrix3Xd x = Eigen::Matrix3Xd::Zero(3, 68 + 2 * kIris);
   for (int i = 0; i < 17; ++i) {  // outline
     const double a = (i - 8) * 0.19;
     x.col(i) << 68 * std::sin(a), 20 + 75 * std::cos(a), 60 - 50 * std::cos(a);
@@ -39,6 +41,10 @@ Eigen::Matrix3Xd formula_head(double open) {
     const double dx[6] = {-14, -5, 5, 14, 5, -5};
     const double dy[6] = {0, -5, -5, 0, 5, 5};
     for (int k = 0; k < 6; ++k) x.col(36 + 6 * eye + k) << middle + dx[k], open * dy[k], 2;
+    for (Eigen::Index k = 0; k < kIris; ++k) {
+      const double a = 2 * 3.14159265358979 * static_cast<double>(k) / kIris;
+      x.col(68 + kIris * eye + k) << middle + 5 * std::cos(a), 5 * std::sin(a), 2;
+    }
   }
   for (int k = 0; k < 20; ++k) {  // mouth
     const double a = 2 * 3.14159265358979 * (k < 12 ? k / 12.0 : (k - 12) / 8.0);
@@ -101,7 +107,9 @@ LivenessStatus play(std::uint64_t seed, const Actor& actor, bool flat, double no
     LivenessFrame frame;
     frame.time = time;
     frame.id = 1;
-    frame.points = image_of(shape, act.angles, noise, rng);
+    frame.points = image_of(shape, act.angles, noise, rng).leftCols(68);
+    if (liveness.status().task == LivenessTask::kBlink)
+      frame.image = testing::image_of_eyes(image_of(shape, act.angles, 0, rng));
     frame.yaw_deg = act.angles.yaw_deg + rng.normal();
     frame.pitch_deg = act.angles.pitch_deg + rng.normal();
     const LivenessStatus& status = liveness.step(frame);
@@ -178,7 +186,7 @@ TEST(Liveness, FailsWithoutAFaceAndWithAnotherOne) {
     LivenessFrame out;
     out.time = time;
     out.id = id;
-    out.points = image_of(formula_head(1), {}, 0.3, rng);
+    out.points = image_of(formula_head(1), {}, 0.3, rng).leftCols(68);
     out.yaw_deg = 0;
     return out;
   };
@@ -202,7 +210,7 @@ TEST(Liveness, FailsWithoutAFaceAndWithAnotherOne) {
 
 TEST(Liveness, RefusesMisuse) {
   LivenessOptions bad;
-  bad.open = 0.5;
+  bad.blink.min_closing = -0.5;
   EXPECT_THROW(Liveness(1, bad), std::invalid_argument);
   Liveness liveness(1);
   LivenessFrame frame;
