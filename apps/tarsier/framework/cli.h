@@ -54,8 +54,10 @@ Command& add_verb(Command& area, std::string_view name, std::string_view help, C
                   const Bind& bind, Run run) {
   Command& verb = area.add_subcommand(name, help);
   const auto flags = std::make_shared<Flags>();
-  bind(verb, *flags);
-  add_common_flags(verb, context);
+  verb.add_flags_later([&verb, &context, flags, bind] {
+    bind(verb, *flags);
+    add_common_flags(verb, context);
+  });
   set_run(verb, context, [flags, &context, run] { return run(*flags, context); });
   return verb;
 }

@@ -204,6 +204,7 @@ struct Command::Parts {
   std::string example = {};
   std::vector<std::unique_ptr<Command>> commands = {};
   std::vector<std::unique_ptr<Flag>> flags = {};
+  std::function<void()> add_flags = {};  // that are not there yet
 };
 
 Command::Command(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {
@@ -301,6 +302,12 @@ Flag& Command::add_version_flag(std::string_view names) {
   return add(std::make_unique<Flag::Parts>(Flag::Parts{option, FlagType::kSwitch}));
 }
 
+void Command::add_flags_later(std::function<void()> add) { parts_->add_flags = std::move(add); }
+
+void Command::add_flags_now() const {
+  if (parts_->add_flags) std::exchange(parts_->add_flags, nullptr)();
+}
+
 void Command::require_subcommand(int count) { parts_->app->require_subcommand(count); }
 
 void Command::require_subcommand(int min, int max) {
@@ -329,6 +336,7 @@ std::vector<const Command*> Command::subcommands() const {
 }
 
 std::vector<FlagInfo> Command::flags() const {
+  add_flags_now();
   std::vector<FlagInfo> flags;
   for (const auto& flag : parts_->flags) flags.push_back(flag->describe());
   return flags;
@@ -346,6 +354,11 @@ Command* Command::find(std::string_view name) {
 }
 
 Command::Parsed Command::parse(std::vector<std::string> words) {
+  const Command* chosen = this;
+  for (auto word = words.begin(); chosen != nullptr; ++word) {
+    chosen->add_flags_now();
+    chosen = word == words.end() ? nullptr : chosen->find(*word);
+  }
   Parsed parsed;
   std::reverse(words.begin(), words.end());  // CLI11 takes them from the end
   try {

@@ -120,6 +120,10 @@ class Command {
   // Makes parse() return kVersion.
   Flag& add_version_flag(std::string_view names);
 
+  // `add` adds the flags once they are needed: by a command line that chooses this command, or by
+  // flags(). A command line chooses one verb of many.
+  void add_flags_later(std::function<void()> add);
+
   // Just so many of the sub-commands must be given; or min..max of them.
   void require_subcommand(int count);
   void require_subcommand(int min, int max);
@@ -160,6 +164,7 @@ class Command {
  private:
   struct Parts;
   explicit Command(std::unique_ptr<Parts> parts);
+  void add_flags_now() const;
   Flag& add(std::unique_ptr<Flag::Parts> flag);
   template <class T>
   Flag& bind(std::string_view names, T& value, std::string_view help);

@@ -18,6 +18,7 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::SizeIs;
 
 // A verb "area verb" with one flag of each kind.
 struct Line {
@@ -442,6 +443,34 @@ TEST(CommandJson, DescribesEveryFlag) {
   EXPECT_EQ(flags["--numbers"]["values"], 2);
   EXPECT_EQ(flags["--fast"]["excludes"], nlohmann::json::array({"--slow"}));
   EXPECT_EQ(flags["--slow"]["excludes"], nlohmann::json::array({"--fast"}));
+}
+
+// Every start of the program adds all verbs, and runs one of them.
+TEST(Command, FlagsAreAddedWhereTheyAreNeeded) {
+  Command root("tarsier", "a program");
+  Command& area = root.add_subcommand("area", "verbs of a kind");
+  int count = 0;
+  int added = 0;
+  int others = 0;
+  Command& verb = area.add_subcommand("verb", "does it");
+  verb.add_flags_later([&] {
+    ++added;
+    verb.add_option("--count", count, "how many");
+  });
+  Command& other = area.add_subcommand("other", "does something else");
+  other.add_flags_later([&] {
+    ++others;
+    other.add_option("--size", count, "how large");
+  });
+  (void)parse_command_line(root, {"area", "verb", "--count", "3"});
+  EXPECT_EQ(count, 3);
+  EXPECT_EQ(added, 1);
+  EXPECT_EQ(others, 0);
+  EXPECT_THAT(verb.flags(), SizeIs(2)) << "--help and its own";
+  EXPECT_EQ(added, 1);
+  EXPECT_THAT(other.flags(), SizeIs(2));
+  EXPECT_THAT(help_text(other), HasSubstr("--size"));
+  EXPECT_EQ(others, 1);
 }
 
 }  // namespace
