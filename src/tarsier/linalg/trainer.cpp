@@ -35,10 +35,13 @@ void backward_maximum(const Layer& layer, const float* input, Shape from, Shape 
                                       static_cast<std::ptrdiff_t>(y * layer.kernel_y) * from.width +
                                       static_cast<std::ptrdiff_t>(x) * layer.kernel_x;
         std::ptrdiff_t best = corner;
+        float largest = input[corner];
         for (int v = 0; v < layer.kernel_y; ++v) {
           for (int u = 0; u < layer.kernel_x; ++u) {
+            // No branches: which of the pixels is the largest cannot be foreseen.
             const std::ptrdiff_t at = corner + v * from.width + u;
-            if (input[at] > input[best]) best = at;
+            best = input[at] > largest ? at : best;
+            largest = std::max(largest, input[at]);
           }
         }
         input_gradient[static_cast<std::size_t>(best)] += *output_gradient++;
@@ -254,7 +257,7 @@ void backward(const Network& network, const Workspace& forward,
       if (layer.relu) {
         const std::vector<float>& map = forward.maps[i];
         for (std::size_t k = 0; k < map.size(); ++k)
-          if (map[k] <= 0) workspace.output[k] = 0;
+          workspace.output[k] = map[k] <= 0 ? 0.0F : workspace.output[k];
       }
       const Padded source{forward.padded[i].data(), from.height + 2 * layer.pad_y,
                           from.width + 2 * layer.pad_x};
