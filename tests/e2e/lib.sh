@@ -28,8 +28,8 @@ skip() { # skip REASON: the whole test
   exit 77
 }
 
-# noise COUNT: that many bytes that look random to stdout, the same each time: a test that draws its garbage anew can meet an
-# error of another name once in some hundred runs.
+# noise COUNT: so many pseudo-random bytes to stdout, the same in every run. Bytes of /dev/urandom made a test fail once in some
+# hundred runs, where they began with an empty line.
 noise() { python3 -c 'import random, sys; sys.stdout.buffer.write(random.Random(1).randbytes(int(sys.argv[1])))' "$1"; }
 
 finish() { # the last line of each test

@@ -354,11 +354,9 @@ Command* Command::find(std::string_view name) {
 }
 
 Command::Parsed Command::parse(std::vector<std::string> words) {
-  const Command* chosen = this;
-  for (auto word = words.begin(); chosen != nullptr; ++word) {
+  for (const Command* chosen = chosen_command(*this, words).command; chosen != nullptr;
+       chosen = chosen->parent())
     chosen->add_flags_now();
-    chosen = word == words.end() ? nullptr : chosen->find(*word);
-  }
   Parsed parsed;
   std::reverse(words.begin(), words.end());  // CLI11 takes them from the end
   try {

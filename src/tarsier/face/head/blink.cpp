@@ -25,10 +25,26 @@ struct Correlation {
   float high = 0;
 };
 
-Correlation correlation(const EyeLook& a, const EyeLook& b) {
+Correlation correlation(const EyePatches& a, const EyePatches& b) {
   const float first = a[0].dot(b[0]);
   const float second = a[1].dot(b[1]);
   return {std::min(first, second), std::max(first, second)};
+}
+
+// Where the samples of one eye are in the image: kEyeHeight x kEyeWidth, CV_32FC2.
+cv::Mat sample_places(const Eigen::Vector2d& outer, const Eigen::Vector2d& across,
+                      const AffineMap& map) {
+  const Eigen::Vector2d down(-across.y(), across.x());
+  cv::Mat places(kEyeHeight, kEyeWidth, CV_32FC2);
+  for (int y = 0; y < kEyeHeight; ++y) {
+    for (int x = 0; x < kEyeWidth; ++x) {
+      const Eigen::Vector2d place = outer + (0.5 + kWide * ((x + 0.5) / kEyeWidth - 0.5)) * across +
+                                    kHigh * ((y + 0.5) / kEyeHeight - 0.5) * down;
+      const Eigen::Vector2d at = map.leftCols<2>() * place + map.col(2);
+      places.at<cv::Vec2f>(y, x) = {static_cast<float>(at.x()), static_cast<float>(at.y())};
+    }
+  }
+  return places;
 }
 
 // The part of the image that holds `area`, in grey and without what is finer than the samples.
@@ -53,27 +69,17 @@ cv::Mat smooth_part(const cv::Mat& image, const cv::Rect2d& area, double step, c
 
 }  // namespace
 
-EyeLook look_of_eyes(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
-                     const AffineMap& map) {
+EyePatches eye_patches(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
+                       const AffineMap& map) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC1 || image.type() == CV_8UC3),
                   "an image of 8 bits with 1 or 3 channels is needed for the eyes");
   TARSIER_REQUIRE(reference.cols() == kPoints, "{} points, not 68", reference.cols());
-  EyeLook look;
-  for (std::size_t eye = 0; eye < look.size(); ++eye) {
-    look[eye] = Eigen::VectorXf::Zero(kEyeWidth * kEyeHeight);
+  EyePatches patches;
+  for (std::size_t eye = 0; eye < patches.size(); ++eye) {
+    patches[eye] = Eigen::VectorXf::Zero(kEyeWidth * kEyeHeight);
     const Eigen::Vector2d outer = reference.col(kCorners[eye][0]);
     const Eigen::Vector2d across = reference.col(kCorners[eye][1]) - outer;
-    const Eigen::Vector2d down(-across.y(), across.x());
-    cv::Mat places(kEyeHeight, kEyeWidth, CV_32FC2);
-    for (int y = 0; y < kEyeHeight; ++y) {
-      for (int x = 0; x < kEyeWidth; ++x) {
-        const Eigen::Vector2d place = outer +
-                                      (0.5 + kWide * ((x + 0.5) / kEyeWidth - 0.5)) * across +
-                                      kHigh * ((y + 0.5) / kEyeHeight - 0.5) * down;
-        const Eigen::Vector2d at = map.leftCols<2>() * place + map.col(2);
-        places.at<cv::Vec2f>(y, x) = {static_cast<float>(at.x()), static_cast<float>(at.y())};
-      }
-    }
+    cv::Mat places = sample_places(outer, across, map);
     if (!cv::checkRange(places, true, nullptr, -1e5, 1e5)) continue;
     cv::Point corner;
     const double step = (map.leftCols<2>() * across).norm() * kWide / kEyeWidth;
@@ -84,32 +90,31 @@ EyeLook look_of_eyes(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
     cv::Mat samples;
     cv::remap(part, samples, places, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
     for (int y = 0; y < kEyeHeight; ++y)
-      for (int x = 0; x < kEyeWidth; ++x) look[eye](y * kEyeWidth + x) = samples.at<uchar>(y, x);
-    look[eye].array() -= look[eye].mean();
-    const float norm = look[eye].norm();
-    if (norm > 0) look[eye] /= norm;
+      for (int x = 0; x < kEyeWidth; ++x) patches[eye](y * kEyeWidth + x) = samples.at<uchar>(y, x);
+    patches[eye].array() -= patches[eye].mean();
+    const float norm = patches[eye].norm();
+    if (norm > 0) patches[eye] /= norm;
   }
-  return look;
+  return patches;
 }
 
-bool BlinkDetector::step(double time, double lids, EyeLook eyes) {
+bool BlinkDetector::step(double time, double lids, EyePatches eyes) {
   while (!frames_.empty() && time - frames_.front().time > options_.longest_s) frames_.pop_front();
   const Seen now{time, lids, std::move(eyes)};
   std::vector<Correlation> to_now;
   to_now.reserve(frames_.size());
   for (const Seen& frame : frames_) to_now.push_back(correlation(frame.eyes, now.eyes));
-  std::size_t shut = 0;
-  for (std::size_t i = 1; i < frames_.size(); ++i)
-    if (to_now[i].high < to_now[shut].high || shut == 0) shut = i;
-  std::size_t before = 0;
-  for (std::size_t i = 1; i < shut; ++i)
-    if (to_now[i].high > to_now[before].high) before = i;
-  if (shut > 0) {
-    const double open = std::min(frames_[before].lids, now.lids);
-    const double closing = open > 0 ? 1 - frames_[shut].lids / open : 0;
-    const float unlike =
-        std::max(to_now[shut].high, correlation(frames_[before].eyes, frames_[shut].eyes).high);
-    if (closing >= options_.min_closing && to_now[before].low - unlike >= options_.min_change) {
+  if (to_now.size() >= 2) {
+    const auto lower = [](const Correlation& a, const Correlation& b) { return a.high < b.high; };
+    const auto first = to_now.begin();
+    const auto shut_at = std::min_element(first + 1, to_now.end(), lower);
+    const auto before_at = std::max_element(first, shut_at, lower);
+    const Seen& shut = frames_[static_cast<std::size_t>(shut_at - first)];
+    const Seen& before = frames_[static_cast<std::size_t>(before_at - first)];
+    const double open = std::min(before.lids, now.lids);
+    const double closing = open > 0 ? 1 - shut.lids / open : 0;
+    const float unlike = std::max(shut_at->high, correlation(before.eyes, shut.eyes).high);
+    if (closing >= options_.min_closing && before_at->low - unlike >= options_.min_change) {
       clear();
       return true;
     }

@@ -7,7 +7,7 @@
 #include <array>
 #include <deque>
 
-// Blinks of a face in a video, by the lids' points and by how the eyes look, with no threshold that
+// Blinks of a face in a video, by the lids' points and by the eyes' pixels, with no threshold that
 // depends on the person: a shut eye is compared with the same eye shortly before and after.
 //
 // A frame's eyes are sampled at the places that an affine map A takes from a reference face, so that
@@ -25,13 +25,13 @@ using AffineMap = Eigen::Matrix<double, 2, 3>;
 inline constexpr int kEyeWidth = 32;  // samples
 inline constexpr int kEyeHeight = 20;
 // Both eyes, each less its mean and of norm 1 (or zero, where it is of one colour).
-using EyeLook = std::array<Eigen::VectorXf, 2>;
+using EyePatches = std::array<Eigen::VectorXf, 2>;
 
 // The eyes of `image` (8 bits, 1 or 3 channels, BGR), with some of what is about them, at the places that
 // `map` takes from `reference` (68 points). Places beyond the image repeat its edge.
 // Throws std::invalid_argument for other images and other points.
-[[nodiscard]] EyeLook look_of_eyes(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
-                                   const AffineMap& map);
+[[nodiscard]] EyePatches eye_patches(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
+                                     const AffineMap& map);
 
 struct BlinkOptions {
   double min_closing = 0.05;
@@ -44,14 +44,14 @@ class BlinkDetector {
   explicit BlinkDetector(const BlinkOptions& options) : options_(options) {}
   // The next frame of the same face, of which `lids` (o above) and `eyes` are known, at `time` (s,
   // rising). True where it ends a blink; the detector begins again then.
-  bool step(double time, double lids, EyeLook eyes);
+  bool step(double time, double lids, EyePatches eyes);
   void clear() { frames_.clear(); }
 
  private:
   struct Seen {
     double time = 0;
     double lids = 1;
-    EyeLook eyes;
+    EyePatches eyes;
   };
   BlinkOptions options_;
   std::deque<Seen> frames_;

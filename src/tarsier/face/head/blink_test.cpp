@@ -34,13 +34,13 @@ Eigen::Matrix2Xd eyes(double open) {
 
 AffineMap no_motion() { return AffineMap::Identity(); }
 
-EyeLook look(double open) {
+EyePatches patches(double open) {
   const Eigen::Matrix2Xd points = eyes(1);
-  return look_of_eyes(testing::image_of_eyes(eyes(open)), points.leftCols(68), no_motion());
+  return eye_patches(testing::image_of_eyes(eyes(open)), points.leftCols(68), no_motion());
 }
 
 // The frames (from 0) at which a detector finds a blink.
-std::vector<int> blinks(const std::vector<std::pair<double, EyeLook>>& frames) {
+std::vector<int> blinks(const std::vector<std::pair<double, EyePatches>>& frames) {
   BlinkDetector detector({});
   std::vector<int> found;
   for (std::size_t i = 0; i < frames.size(); ++i)
@@ -49,10 +49,10 @@ std::vector<int> blinks(const std::vector<std::pair<double, EyeLook>>& frames) {
   return found;
 }
 
-TEST(LookOfEyes, IsThatOfTheReferenceHoweverAFlatImageMoves) {
+TEST(EyePatchesTest, IsThatOfTheReferenceHoweverAFlatImageMoves) {
   const Eigen::Matrix2Xd points = eyes(1);
   const cv::Mat image = testing::image_of_eyes(points);
-  const EyeLook first = look(1);
+  const EyePatches first = patches(1);
   for (const double squeeze : {1.0, 0.7, 1.3}) {
     AffineMap map;
     map << 0.95, -0.2, 60, 0.18, 0.95 * squeeze, -30;
@@ -62,60 +62,61 @@ TEST(LookOfEyes, IsThatOfTheReferenceHoweverAFlatImageMoves) {
     cv::Mat moved;
     cv::warpAffine(image, moved, motion, image.size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
     moved = 0.6 * moved + 30;  // in another light
-    const EyeLook second = look_of_eyes(moved, points.leftCols(68), map);
+    const EyePatches second = eye_patches(moved, points.leftCols(68), map);
     EXPECT_GT(first[0].dot(second[0]), 0.97) << squeeze;
     EXPECT_GT(first[1].dot(second[1]), 0.97) << squeeze;
   }
-  const EyeLook shut = look(0.1);
+  const EyePatches shut = patches(0.1);
   EXPECT_LT(first[0].dot(shut[0]), 0.7);
 }
 
-TEST(LookOfEyes, TakesAnyPlaceAndRefusesOtherImages) {
+TEST(EyePatchesTest, TakesAnyPlaceAndRefusesOtherImages) {
   const Eigen::Matrix2Xd points = eyes(1).leftCols(68);
   AffineMap away = no_motion();
   away.col(2) << -245, 0;  // one eye at the edge
   const cv::Mat image = testing::image_of_eyes(eyes(1));
-  const EyeLook at_edge = look_of_eyes(image.colRange(245, 640), points, away);
+  const EyePatches at_edge = eye_patches(image.colRange(245, 640), points, away);
   EXPECT_NEAR(at_edge[0].norm(), 1, 1e-5);
-  EXPECT_GT(at_edge[1].dot(look(1)[1]), 0.999);
+  EXPECT_GT(at_edge[1].dot(patches(1)[1]), 0.999);
   for (const double far : {5e3, 1e8, -1e12}) {
     away.col(2) << far, far;
-    EXPECT_EQ(look_of_eyes(image, points, away)[0].norm(), 0) << far;
+    EXPECT_EQ(eye_patches(image, points, away)[0].norm(), 0) << far;
   }
   EXPECT_EQ(
-      look_of_eyes(cv::Mat(480, 640, CV_8UC3, cv::Scalar(1, 2, 3)), points, no_motion())[0].norm(),
+      eye_patches(cv::Mat(480, 640, CV_8UC3, cv::Scalar(1, 2, 3)), points, no_motion())[0].norm(),
       0);
-  EXPECT_THROW((void)look_of_eyes(cv::Mat(), points, no_motion()), std::invalid_argument);
-  EXPECT_THROW((void)look_of_eyes(cv::Mat(9, 9, CV_32F), points, no_motion()),
+  EXPECT_THROW((void)eye_patches(cv::Mat(), points, no_motion()), std::invalid_argument);
+  EXPECT_THROW((void)eye_patches(cv::Mat(9, 9, CV_32F), points, no_motion()),
                std::invalid_argument);
-  EXPECT_THROW((void)look_of_eyes(image, points.leftCols(5), no_motion()), std::invalid_argument);
+  EXPECT_THROW((void)eye_patches(image, points.leftCols(5), no_motion()), std::invalid_argument);
 }
 
 TEST(BlinkDetector, FindsEachBlinkOnce) {
-  std::vector<std::pair<double, EyeLook>> frames;
+  std::vector<std::pair<double, EyePatches>> frames;
   for (int i = 0; i < 45; ++i) {
     const double open = i % 15 == 10 ? 0.5 : i % 15 == 11 ? 0.1 : 1;
-    frames.emplace_back(open, look(open));
+    frames.emplace_back(open, patches(open));
   }
   EXPECT_EQ(blinks(frames), (std::vector<int>{12, 27, 42}));
 }
 
 TEST(BlinkDetector, DoesNotDependOnHowFarTheLidsAreOpen) {
   for (const double wide : {0.6, 1.0, 1.6}) {  // of the reference
-    std::vector<std::pair<double, EyeLook>> frames;
+    std::vector<std::pair<double, EyePatches>> frames;
     for (int i = 0; i < 20; ++i)
-      frames.emplace_back(i == 10 ? 0.8 * wide : wide, look(i == 10 ? 0.2 : 1));
+      frames.emplace_back(i == 10 ? 0.8 * wide : wide, patches(i == 10 ? 0.2 : 1));
     EXPECT_EQ(blinks(frames).size(), 1U) << wide;
   }
 }
 
 TEST(BlinkDetector, IsNotDeceived) {
-  const EyeLook open = look(1);
-  const EyeLook shut = look(0.1);
-  std::vector<std::pair<double, EyeLook>> nodded;     // the lids nearer, the eyes as ever
-  std::vector<std::pair<double, EyeLook>> something;  // before the eyes, the lids where they were
-  std::vector<std::pair<double, EyeLook>> closing;    // and they stay shut
-  std::vector<std::pair<double, EyeLook>> sleeping;   // for 1.7 s
+  const EyePatches open = patches(1);
+  const EyePatches shut = patches(0.1);
+  std::vector<std::pair<double, EyePatches>> nodded;  // the lids nearer, the eyes as ever
+  std::vector<std::pair<double, EyePatches>>
+      something;                                        // before the eyes, the lids where they were
+  std::vector<std::pair<double, EyePatches>> closing;   // and they stay shut
+  std::vector<std::pair<double, EyePatches>> sleeping;  // for 1.7 s
   for (int i = 0; i < 60; ++i) {
     nodded.emplace_back(i == 15 ? 0.7 : 1, open);
     something.emplace_back(1, i == 15 ? shut : open);

@@ -160,7 +160,7 @@ void Liveness::ask(const LivenessFrame& frame) {
     const bool facing =
         frame.yaw_deg && std::abs(turned) <= kFacingDeg && std::abs(nodded) <= kFacingDeg;
     done = facing &&
-           blinks_.step(frame.time, status_.openness, look_of_eyes(frame.image, reference_, map));
+           blinks_.step(frame.time, status_.openness, eye_patches(frame.image, reference_, map));
   } else {
     // Yaw and parallax have the sign of the image's left and right: their own left is its right.
     const double sign = *status_.task == LivenessTask::kTurnLeft ? 1 : -1;
