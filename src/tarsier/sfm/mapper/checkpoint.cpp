@@ -153,7 +153,7 @@ int MapperState::registered() const {
 
 bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
           const std::vector<Image>& images, std::size_t pairs) {
-  if (state.reasons.size() != images.size() || state.bad_start.size() != pairs) return false;
+  if (state.reasons.size() != images.size() || state.doubts.size() != pairs) return false;
   if (state.has_aside && state.models.empty()) return false;
   for (const PackedModel& model : state.models)
     if (!fits(model, cameras.size(), images)) return false;
@@ -176,7 +176,7 @@ void write_checkpoint(const std::string& path, const MapperState& state) {
   for (const PackedModel& model : state.models) put(writer, model);
   put(writer, state.log);
   put(writer, state.reasons);
-  writer.put(state.bad_start);
+  writer.put(state.doubts);
   writer.put(static_cast<std::int32_t>(state.done));
   writer.put(static_cast<std::int32_t>(state.current.has_value()));
   if (state.current) {
@@ -202,7 +202,7 @@ std::optional<MapperState> read_checkpoint(const std::string& path) {
     for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_model(reader));
     state.log = get_texts(reader);
     state.reasons = get_texts(reader);
-    state.bad_start = reader.get_all<std::uint8_t>();
+    state.doubts = reader.get_all<Doubt>();
     state.done = reader.get<std::int32_t>() != 0;
     if (reader.get<std::int32_t>() != 0) {
       IncrementalMapperState& current = state.current.emplace();

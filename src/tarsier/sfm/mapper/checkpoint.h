@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>
@@ -46,7 +47,7 @@ struct MapperState {
       false;  // the last of them is set aside: its images are mapped once more, globally
   std::vector<std::string> log;
   std::vector<std::string> reasons;               // of each image: why it is not in, so far
-  std::vector<std::uint8_t> bad_start;            // of each pair
+  std::vector<Doubt> doubts;                      // of each pair
   bool done = false;                              // all of it
   std::optional<IncrementalMapperState> current;  // the model that grows
   bool is_global = false;                         // it began with all images at once

@@ -28,7 +28,7 @@ MapperState some_state() {
   for (std::size_t p = 0; p < model.points.size(); ++p) current.tracks[p] = model.points[p].track;
   state.log = {"one", "", "two\nlines"};
   state.reasons = {"a", "", "b", "", ""};
-  state.bad_start = {0, 1, 0};
+  state.doubts = {Doubt::kNone, Doubt::kBadStart, Doubt::kNone};
   state.failed = {{1, 40}, {3, 7}};
   state.adjusted_at = 4;
   state.stage = 2;
@@ -57,7 +57,7 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   ASSERT_TRUE(read);
   EXPECT_EQ(read->log, state.log);
   EXPECT_EQ(read->reasons, state.reasons);
-  EXPECT_EQ(read->bad_start, state.bad_start);
+  EXPECT_EQ(read->doubts, state.doubts);
   EXPECT_EQ(read->failed, state.failed);
   EXPECT_EQ(read->adjusted_at, 4);
   EXPECT_EQ(read->stage, 2);

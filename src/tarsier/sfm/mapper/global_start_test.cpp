@@ -67,11 +67,11 @@ Given given(synth::SiteKind kind, int images, int features = 200, int neighbours
 }
 
 Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 250,
-                   const MapperHooks& hooks = {}) {
+                   const MapperHooks& hooks = {}, Progress&& progress = NoProgress(),
+                   const std::stop_token& stop = {}) {
   MapperOptions options;
   options.choice = choice;
   options.auto_global = auto_global;
-  NoProgress progress;
   const std::vector<cv::Mat> no_descriptors;
   return reconstruct({.cameras = given.cameras,
                       .images = given.images,
@@ -79,7 +79,7 @@ Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 25
                       .descriptors = no_descriptors,
                       .kind = FeatureKind::kSift,
                       .pairs = given.pairs},
-                     options, progress, {}, hooks);
+                     options, progress, stop, hooks);
 }
 
 int registered(const Reconstruction& built) {
@@ -205,6 +205,37 @@ TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   hooks.keep = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
+}
+
+// Stops the work when the images are mapped for the second time.
+class StopsTheSecondTime final : public Progress {
+ public:
+  explicit StopsTheSecondTime(std::stop_source& stop) : stop_(stop) {}
+  void begin(std::string_view /*stage*/, std::int64_t /*total*/,
+             std::string_view /*unit*/) override {
+    if (++begun_ == 2) stop_.request_stop();
+  }
+  void advance(std::int64_t /*count*/) override {}
+  void end() override {}
+
+ private:
+  std::stop_source& stop_;
+  int begun_ = 0;
+};
+
+// Nothing has been made of its images again, and a model of little trust is better than none.
+TEST(MapperOfRepeats, InterruptedTheModelThatWasTakenApartIsLeft) {
+  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  std::stop_source stop;
+  MapperHooks hooks;
+  hooks.partial = true;
+  const Reconstruction built =
+      run(site, MapperChoice::kIncremental, 250, hooks, StopsTheSecondTime(stop), stop.get_token());
+  EXPECT_TRUE(built.interrupted);
+  ASSERT_THAT(built.log, testing::Contains(HasSubstr("lays different places over each other")));
+  ASSERT_EQ(built.models.size(), 1U);
+  EXPECT_EQ(registered(built), 80);
+  EXPECT_LT(built.trust[0], 0.5);
 }
 
 // Few and noisy observations of a long ring: image by image its ends do not meet.

@@ -7,14 +7,15 @@
 #include "tarsier/sfm/global/view_graph.h"
 #include "tarsier/sfm/mapper/all_pairs.h"
 #include "tarsier/sfm/mapper/global_start.h"
+#include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
 #include "tarsier/sfm/mapper/model_conflicts.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/open_loops.h"
+#include "tarsier/sfm/mapper/outcomes.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/strong_pairs.h"
-#include "tarsier/sfm/mapper/trust.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
@@ -33,89 +34,37 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
-constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
 constexpr int kFirstPairsTried = 20;
+constexpr double kRough = 1e-3;  // of the adjustments of a model that is extended
 constexpr int kMaxApart = 4;     // times that models are made again without some pairs
 constexpr int kSmall = 10;       // images of a model that is cheap to adjust as a whole
-constexpr double kRough = 1e-3;  // of an adjustment while the model still changes
-constexpr double kFine = 1e-5;
-// Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
-constexpr double kFoldedWeight = 3;
-constexpr std::uint8_t kBadStart = 1;                     // beside the values of Doubt
-const std::string kRefusal = "global mapping refused: ";  // before the reason
 const std::string kTakenApart = " lays different places over each other";
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-// Adds what sees most, until nothing more can be added. `thorough`: when nothing more can, all of
-// it is adjusted and what failed is tried once more. `failed`: images that failed, and how
-// many points they saw then. `each_step` is called where a checkpoint can be made. `tell`: image,
-// added, why not.
-template <typename EachStep, typename Tell>
-void add_all(IncrementalMapper& mapper, const std::vector<bool>& used, bool thorough,
-             int& adjusted_at, std::map<int, int>& failed, const std::stop_token& stop,
-             const EachStep& each_step, const Tell& tell) {
-  for (;;) {
-    throw_if_stopped(stop);
-    each_step();
-    if (mapper.registered() >= kGrowth * adjusted_at) {
-      mapper.refine_all(1, kRough, stop);
-      adjusted_at = mapper.registered();
-    }
-    std::vector<std::pair<double, int>> next;
-    for (std::size_t i = 0; i < used.size(); ++i) {
-      const int image = static_cast<int>(i);
-      if (used[i] || mapper.model().images[i].registered) continue;
-      const int seen = mapper.seen(image);
-      if (seen < 6) continue;
-      const auto before = failed.find(image);
-      if (before != failed.end() && seen < 1.1 * before->second + 5) continue;
-      next.emplace_back(-mapper.next_best_view_score(image), image);
-    }
-    std::sort(next.begin(), next.end());
-    bool added = false;
-    for (const auto& [score, image] : next) {
-      std::string why;
-      added = mapper.add(image, stop, why);
-      tell(image, added, added ? std::string() : why);
-      if (added) break;
-      failed[image] = mapper.seen(image);
-    }
-    if (added) continue;
-    if (!thorough || adjusted_at == mapper.registered()) break;
-    mapper.refine_all(1, kRough, stop);
-    adjusted_at = mapper.registered();
-  }
-}
 
 class Mapping {
  public:
   Mapping(const MapperInput& input, const MapperOptions& options, Progress& progress,
           const std::stop_token& stop, const MapperHooks& hooks)
-      : cameras_(input.cameras),
-        images_(input.images),
-        colors_(input.colors),
-        descriptors_(input.descriptors),
-        kind_(input.kind),
-        pairs_(input.pairs),
-        followed_(input.followed),
+      : input_(input),
         options_(options),
         progress_(progress),
         stop_(stop),
         hooks_(hooks),
-        used_(images_.size(), false),
-        bad_start_(pairs_.size(), 0) {
-    result_.outcomes.resize(images_.size());
+        used_(input_.images.size(), false),
+        doubts_(input_.pairs.size(), Doubt::kNone) {
+    result_.outcomes.resize(input_.images.size());
   }
 
   Reconstruction run() {
-    progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
-    evidence_ = check_evidence(cameras_, images_, pairs_);
-    if (hooks_.from && !hooks_.watch && fits(*hooks_.from, cameras_, images_, pairs_.size())) {
+    progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
+    evidence_ = check_evidence(input_.cameras, input_.images, input_.pairs);
+    if (hooks_.from && !hooks_.watch &&
+        fits(*hooks_.from, input_.cameras, input_.images, input_.pairs.size())) {
       resume(*hooks_.from);
     } else {
-      for (std::size_t k = 0; k < pairs_.size(); ++k)
-        if (evidence_[k].is_refused()) bad_start_[k] = static_cast<std::uint8_t>(Doubt::kEvidence);
+      for (std::size_t k = 0; k < input_.pairs.size(); ++k)
+        if (evidence_[k].is_refused()) doubts_[k] = Doubt::kEvidence;
     }
     try {
       while (!done_) {
@@ -125,17 +74,20 @@ class Mapping {
       done_ = true;
       keep();
     } catch (const Interrupted&) {
-      if (!in_between_) keep();
-      if (!hooks_.partial || (result_.models.empty() && !mapper_ && !aside_)) throw;
+      if (!growth_.between_states) keep();
+      if (!hooks_.partial || (result_.models.empty() && !mapper_ && !aside_ && !taken_apart_))
+        throw;
       result_.interrupted = true;
       if (aside_) {
         result_.models.push_back(std::move(*aside_));
       } else if (mapper_) {
-        result_.models.push_back(mapper_->finished(colors_));
+        result_.models.push_back(mapper_->finished(input_.colors));
+      } else if (taken_apart_) {
+        result_.models.push_back(std::move(*taken_apart_));
       }
     }
     progress_.end();
-    finish();
+    add_outcomes(input_, options_, evidence_, doubts_, result_);
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
   }
@@ -145,20 +97,20 @@ class Mapping {
 
   // Images of the pairs that are left, by component.
   Components components() const {
-    Components components(images_.size());
-    for (const Pair& pair : pairs_)
+    Components components(input_.images.size());
+    for (const Pair& pair : input_.pairs)
       if (is_left(pair)) components.join(pair.first, pair.second);
     return components;
   }
 
   [[nodiscard]] bool is_left(const Pair& pair) const {
     return !pair.view.inliers.empty() && !used_[at(pair.first)] && !used_[at(pair.second)] &&
-           bad_start_[static_cast<std::size_t>(&pair - pairs_.data())] <= kBadStart;
+           !is_refused(doubts_[static_cast<std::size_t>(&pair - input_.pairs.data())]);
   }
 
   [[nodiscard]] std::vector<const Pair*> left_pairs() const {
     std::vector<const Pair*> left;
-    for (const Pair& pair : pairs_)
+    for (const Pair& pair : input_.pairs)
       if (is_left(pair)) left.push_back(&pair);
     return left;
   }
@@ -168,27 +120,29 @@ class Mapping {
   void make_mapper(Components& components, int root) {
     mapper_.reset();
     Model model;
-    model.cameras = cameras_;
-    model.images.resize(images_.size());
-    std::vector<int> features(images_.size(), 0);
-    for (std::size_t i = 0; i < images_.size(); ++i) {
+    model.cameras = input_.cameras;
+    model.images.resize(input_.images.size());
+    std::vector<int> features(input_.images.size(), 0);
+    for (std::size_t i = 0; i < input_.images.size(); ++i) {
       Image& image = model.images[i];
       if (components.root(static_cast<int>(i)) == root) {
-        image = images_[i];
+        image = input_.images[i];
         features[i] = static_cast<int>(image.features.size());
       } else {
-        image.name = images_[i].name;
-        image.camera = images_[i].camera;
+        image.name = input_.images[i].name;
+        image.camera = input_.images[i].camera;
       }
     }
     std::vector<const Pair*> left;
-    for (const Pair& pair : pairs_)
+    for (const Pair& pair : input_.pairs)
       if (is_left(pair) && components.root(pair.first) == root) left.push_back(&pair);
-    mapper_.emplace(std::move(model), make_tracks(left, features), descriptors_, kind_, options_);
+    mapper_.emplace(std::move(model), make_tracks(left, features), input_.descriptors, input_.kind,
+                    options_);
     if (hooks_.watch) {
       mapper_->watch([&](const char* moment, const IncrementalMapper& now) {
         if (moment == std::string_view("before")) ++adjustments_;
-        hooks_.watch(fmt::format("grown-{:03}-{}", adjustments_, moment), now.finished(colors_, 2));
+        hooks_.watch(fmt::format("grown-{:03}-{}", adjustments_, moment),
+                     now.finished(input_.colors, 2));
       });
     }
   }
@@ -198,10 +152,11 @@ class Mapping {
   bool begin_globally(Components& components, int only) {
     std::map<int, std::vector<std::size_t>> pairs_of;  // of each component
     std::map<int, int> sizes;
-    for (std::size_t k = 0; k < pairs_.size(); ++k)
-      if (is_left(pairs_[k]) && bad_start_[k] == 0)
-        pairs_of[components.root(pairs_[k].first)].push_back(k);
-    for (std::size_t i = 0; i < images_.size(); ++i) ++sizes[components.root(static_cast<int>(i))];
+    for (std::size_t k = 0; k < input_.pairs.size(); ++k)
+      if (is_left(input_.pairs[k]) && doubts_[k] == Doubt::kNone)
+        pairs_of[components.root(input_.pairs[k].first)].push_back(k);
+    for (std::size_t i = 0; i < input_.images.size(); ++i)
+      ++sizes[components.root(static_cast<int>(i))];
     std::vector<std::pair<int, int>> order;
     for (const auto& [root, all] : pairs_of) order.emplace_back(-sizes[root], root);
     std::sort(order.begin(), order.end());
@@ -212,14 +167,13 @@ class Mapping {
         return false;
       make_mapper(components, root);
       std::vector<const Pair*> chosen;
-      for (const std::size_t k : pairs_of[root]) chosen.push_back(&pairs_[k]);
+      for (const std::size_t k : pairs_of[root]) chosen.push_back(&input_.pairs[k]);
       const GlobalStart start =
-          start_globally(cameras_, mapper_->model().images, chosen, options_, stop_);
+          start_globally(input_.cameras, mapper_->model().images, chosen, options_, stop_);
       result_.log.insert(result_.log.end(), start.log.begin(), start.log.end());
       if (start.refusal.empty()) {
         for (std::size_t k = 0; k < chosen.size(); ++k)
-          if (start.doubts[k] != Doubt::kNone)
-            bad_start_[pairs_of[root][k]] = static_cast<std::uint8_t>(start.doubts[k]);
+          if (start.doubts[k] != Doubt::kNone) doubts_[pairs_of[root][k]] = start.doubts[k];
         Components kept = this->components();
         make_mapper(kept, kept.root(first_registered(start.model)));
         mapper_->resume(start.model);
@@ -228,21 +182,20 @@ class Mapping {
         return true;
       }
       mapper_.reset();
-      result_.log.push_back(kRefusal + start.refusal);
+      result_.log.push_back(fmt::format("{}{}", kGlobalRefusal, start.refusal));
       if (options_.choice != MapperChoice::kGlobal) return false;
-      for (const std::size_t k : pairs_of[root]) bad_start_[k] = kBadStart;
-      for (std::size_t i = 0; i < images_.size(); ++i)
+      for (const std::size_t k : pairs_of[root]) doubts_[k] = Doubt::kBadStart;
+      for (std::size_t i = 0; i < input_.images.size(); ++i)
         if (components.root(static_cast<int>(i)) == root)
-          result_.outcomes[i].reason = kRefusal + start.refusal;
+          result_.outcomes[i].reason = fmt::format("{}{}", kGlobalRefusal, start.refusal);
     }
     return false;
   }
 
   void begin_growing() {
     progress_.advance(mapper_->registered());
-    failed_.clear();
-    adjusted_at_ = mapper_->registered();
-    stage_ = round_ = 0;
+    growth_ = {};
+    growth_.adjusted_at = mapper_->registered();
     is_global_ = false;
   }
 
@@ -264,15 +217,15 @@ class Mapping {
       if (options_.choice == MapperChoice::kGlobal) return false;
     }
     std::vector<std::pair<double, std::size_t>> starts;
-    for (std::size_t k = 0; k < pairs_.size(); ++k) {
-      if (!is_left(pairs_[k])) continue;
-      const double promise = initial_pair_score(pairs_[k], options_);
-      if (promise > 0 && bad_start_[k] == 0) starts.emplace_back(-promise, k);
+    for (std::size_t k = 0; k < input_.pairs.size(); ++k) {
+      if (!is_left(input_.pairs[k])) continue;
+      const double promise = initial_pair_score(input_.pairs[k], options_);
+      if (promise > 0 && doubts_[k] == Doubt::kNone) starts.emplace_back(-promise, k);
     }
     std::sort(starts.begin(), starts.end());
     int made_of = -1;  // component
     for (std::size_t k = 0; k < starts.size() && k < kFirstPairsTried; ++k) {
-      const Pair& pair = pairs_[starts[k].second];
+      const Pair& pair = input_.pairs[starts[k].second];
       const int root = components.root(pair.first);
       std::string why;
       bool started = false;
@@ -287,8 +240,8 @@ class Mapping {
       }
       result_.log.push_back(fmt::format(
           "start from {} and {} ({} inliers, {:.1f} degrees, {:.0f} % of one plane): {}",
-          images_[at(pair.first)].name, images_[at(pair.second)].name, pair.view.inliers.size(),
-          pair.view.median_angle / kRadians,
+          input_.images[at(pair.first)].name, input_.images[at(pair.second)].name,
+          pair.view.inliers.size(), pair.view.median_angle / kRadians,
           100.0 * pair.view.homography_inliers / static_cast<double>(pair.view.inliers.size()),
           started ? "good" : why));
       tell_troubles();
@@ -296,65 +249,26 @@ class Mapping {
         begin_growing();
         return true;
       }
-      bad_start_[starts[k].second] = kBadStart;
+      doubts_[starts[k].second] = Doubt::kBadStart;
     }
     mapper_.reset();
     return false;
   }
 
-  // From where mapper_ is to its end: images are added, then all of it is adjusted and
-  // extended. Each round is a state of its own, from which another process can go on.
   void grow() {
-    enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
-    const auto enter = [&](int stage) {
-      stage_ = stage;
-      round_ = 0;
-    };
-    while (stage_ != kDone) {
-      keep_sometimes();
-      switch (stage_) {
-        case kAdd:
-          add_all(
-              *mapper_, used_, true, adjusted_at_, failed_, stop_, [&] { keep_sometimes(); },
-              [&](int image, bool added, const std::string& why) {
-                if (added) {
-                  result_.log.push_back(fmt::format("add {}", images_[at(image)].name));
-                  progress_.advance();
-                }
-                result_.outcomes[at(image)].reason = why;
-                tell_troubles();
-              });
-          enter(kRefine);
-          break;
-        case kRefine: {
-          const bool changed = mapper_->refine_once(kRough, stop_);
-          if (++round_ == 3 || !changed) enter(kExtend);
-          break;
-        }
-        case kExtend:
-        case kExtendAgain:
-          if (round_ == 0) {
-            in_between_ = true;
-            const int gained = mapper_->extend_tracks(stop_);
-            in_between_ = false;
-            if (gained > 0) {
-              round_ = 1;
-            } else {
-              enter(kLast);
-            }
-          } else {
-            mapper_->refine_once(kRough, stop_);
-            enter(stage_ + 1);
-          }
-          break;
-        default: {
-          const bool changed = mapper_->refine_once(kFine, stop_);
-          if (++round_ == 2 || !changed) enter(kDone);
-        }
-      }
-      tell_troubles();
-    }
-    Model model = mapper_->finished(colors_);
+    sfm::grow(*mapper_, used_, growth_,
+              {.step = [&] { keep_sometimes(); },
+               .tried =
+                   [&](int image, bool added, const std::string& why) {
+                     if (added) {
+                       result_.log.push_back(fmt::format("add {}", input_.images[at(image)].name));
+                       progress_.advance();
+                     }
+                     result_.outcomes[at(image)].reason = why;
+                   },
+               .trouble = [&](std::string line) { result_.log.push_back(std::move(line)); }},
+              stop_);
+    Model model = mapper_->finished(input_.colors);
     mapper_.reset();
     // What grew image by image hangs together.
     if (const int left_out = is_global_ ? keep_largest_part(model) : 0; left_out > 0) {
@@ -363,7 +277,10 @@ class Mapping {
                       "show say where they are",
                       left_out, statistics_of(model).registered));
     }
-    if (takes_apart(model)) return;
+    if (takes_apart(model)) {
+      taken_apart_ = std::move(model);
+      return;
+    }
     if (aside_) {
       add_model(better(*std::exchange(aside_, std::nullopt), std::move(model)));
     } else if (leaves_loops_open(model)) {
@@ -374,10 +291,11 @@ class Mapping {
   }
 
   void add_model(Model model) {
-    for (std::size_t i = 0; i < images_.size(); ++i)
+    for (std::size_t i = 0; i < input_.images.size(); ++i)
       used_[i] = used_[i] || model.images[i].registered;
     if (hooks_.watch) hooks_.watch(fmt::format("model-{}", result_.models.size()), model);
     result_.models.push_back(std::move(model));
+    taken_apart_.reset();
   }
 
   // Whether images of a model that grew one by one are to be mapped globally, which spreads the errors of a loop over all
@@ -385,7 +303,7 @@ class Mapping {
   bool leaves_loops_open(const Model& model) {
     if (is_global_ || options_.choice == MapperChoice::kGlobal) return false;
     if (std::any_of(result_.log.begin(), result_.log.end(),
-                    [](const std::string& line) { return line.starts_with(kRefusal); }))
+                    [](const std::string& line) { return line.starts_with(kGlobalRefusal); }))
       return false;  // tried before
     const std::vector<const Pair*> open = open_loops(model, left_pairs());
     if (open.empty()) return false;
@@ -393,19 +311,19 @@ class Mapping {
         **std::max_element(open.begin(), open.end(), [](const Pair* a, const Pair* b) {
           return a->view.inliers.size() < b->view.inliers.size();
         });
-    result_.log.push_back(
-        fmt::format("a model of {} images leaves {} pairs open ({} and {} have {} inliers): it is "
-                    "set aside, and its images are mapped globally",
-                    statistics_of(model).registered, open.size(), images_[at(strongest.first)].name,
-                    images_[at(strongest.second)].name, strongest.view.inliers.size()));
-    progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
+    result_.log.push_back(fmt::format(
+        "a model of {} images leaves {} pairs open ({} and {} have {} inliers): it is "
+        "set aside, and its images are mapped globally",
+        statistics_of(model).registered, open.size(), input_.images[at(strongest.first)].name,
+        input_.images[at(strongest.second)].name, strongest.view.inliers.size()));
+    progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     return true;
   }
 
   // The one of two models of the same images that agrees with more of the verified matches.
   Model better(Model aside, Model global) {
     // Also with those that global mapping left out.
-    const std::vector<std::uint8_t> doubts = bad_start_;
+    const std::vector<Doubt> doubts = doubts_;
     clear_doubts_of_cycles();
     const std::vector<const Pair*> left = left_pairs();
     const double before = agreeing_inliers(aside, left);
@@ -415,15 +333,13 @@ class Mapping {
         "{:.0f}: the {} is kept",
         before, after, after > before ? "second" : "first"));
     if (!(after > before)) return aside;
-    bad_start_ = doubts;
+    doubts_ = doubts;
     return global;
   }
 
   void clear_doubts_of_cycles() {
-    for (std::uint8_t& doubt : bad_start_)
-      if (doubt == static_cast<std::uint8_t>(Doubt::kCycles) ||
-          doubt == static_cast<std::uint8_t>(Doubt::kRotation))
-        doubt = 0;
+    for (Doubt& doubt : doubts_)
+      if (doubt == Doubt::kCycles || doubt == Doubt::kRotation) doubt = Doubt::kNone;
   }
 
   static int first_registered(const Model& model) {
@@ -435,14 +351,13 @@ class Mapping {
   // Whether the model lays places over each other: the pairs that did it are refused, and its images are mapped again
   // without them, globally if that is possible, as a few wrong pairs that are left do less harm there.
   bool takes_apart(const Model& model) {
-    if (followed_ || apart_ >= kMaxApart) return false;
+    if (input_.followed || apart_ >= kMaxApart) return false;
     const ModelConflicts conflicts(model);
     if (!conflicts.any()) return false;
     const std::vector<const Pair*> refused = conflicting_pairs(model, conflicts, left_pairs());
     if (refused.empty()) return false;
     for (const Pair* pair : refused)
-      bad_start_[static_cast<std::size_t>(pair - pairs_.data())] =
-          static_cast<std::uint8_t>(Doubt::kModel);
+      doubts_[static_cast<std::size_t>(pair - input_.pairs.data())] = Doubt::kModel;
     // What contradicted the wrong pairs may be right.
     clear_doubts_of_cycles();
     ++apart_;
@@ -450,7 +365,7 @@ class Mapping {
         "a model of {} images{} ({} near images contradict each other): {} pairs are refused, "
         "and it is made again",
         statistics_of(model).registered, kTakenApart, conflicts.pairs().size(), refused.size()));
-    progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
+    progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     return true;
   }
 
@@ -473,7 +388,7 @@ class Mapping {
     const double since = seconds_since(shown_at_);
     if (has_shown_ && (since < hooks_.show_every_s || since < 20 * showing_s_)) return;
     const Clock::time_point start = Clock::now();
-    hooks_.show(mapper_->finished(colors_, 2));
+    hooks_.show(mapper_->finished(input_.colors, 2));
     shown_at_ = Clock::now();
     showing_s_ = seconds_since(start);
     has_shown_ = true;
@@ -489,13 +404,13 @@ class Mapping {
     state.is_global = is_global_;
     state.log = result_.log;
     for (const Outcome& outcome : result_.outcomes) state.reasons.push_back(outcome.reason);
-    state.bad_start = bad_start_;
+    state.doubts = doubts_;
     state.done = done_;
     if (mapper_) state.current = mapper_->state();
-    state.failed.assign(failed_.begin(), failed_.end());
-    state.adjusted_at = adjusted_at_;
-    state.stage = stage_;
-    state.round = round_;
+    state.failed.assign(growth_.failed.begin(), growth_.failed.end());
+    state.adjusted_at = growth_.adjusted_at;
+    state.stage = growth_.stage;
+    state.round = growth_.round;
     hooks_.keep(state);
     kept_at_ = Clock::now();
     keeping_s_ = seconds_since(start);
@@ -506,19 +421,20 @@ class Mapping {
     apart_ = static_cast<int>(std::count_if(
         state.log.begin(), state.log.end(),
         [](const std::string& line) { return line.find(kTakenApart) != std::string::npos; }));
-    for (std::size_t i = 0; i < images_.size(); ++i) result_.outcomes[i].reason = state.reasons[i];
-    bad_start_ = state.bad_start;
+    for (std::size_t i = 0; i < input_.images.size(); ++i)
+      result_.outcomes[i].reason = state.reasons[i];
+    doubts_ = state.doubts;
     done_ = state.done;
     for (const PackedModel& packed : state.models) {
       Model model;
-      model.images.resize(images_.size());
-      for (std::size_t i = 0; i < images_.size(); ++i) {
-        model.images[i].name = images_[i].name;
-        model.images[i].camera = images_[i].camera;
+      model.images.resize(input_.images.size());
+      for (std::size_t i = 0; i < input_.images.size(); ++i) {
+        model.images[i].name = input_.images[i].name;
+        model.images[i].camera = input_.images[i].camera;
       }
       for (const int image : packed.registered) {
-        model.images[at(image)] = images_[at(image)];
-        model.images[at(image)].points.assign(images_[at(image)].features.size(), -1);
+        model.images[at(image)] = input_.images[at(image)];
+        model.images[at(image)].points.assign(input_.images[at(image)].features.size(), -1);
       }
       model.points.resize(static_cast<std::size_t>(packed.points));
       unpack(packed, model);
@@ -532,7 +448,7 @@ class Mapping {
       result_.models.pop_back();
     }
     for (const Model& model : result_.models)
-      for (std::size_t i = 0; i < images_.size(); ++i)
+      for (std::size_t i = 0; i < input_.images.size(); ++i)
         used_[i] = used_[i] || model.images[i].registered;
     is_global_ = state.is_global;
     if (state.current) {
@@ -543,10 +459,11 @@ class Mapping {
         mapper_.reset();  // of other pairs: this model begins again
       } else {
         mapper_->restore(*state.current);
-        failed_.insert(state.failed.begin(), state.failed.end());
-        adjusted_at_ = state.adjusted_at;
-        stage_ = state.stage;
-        round_ = state.round;
+        growth_ = {};
+        growth_.failed = {state.failed.begin(), state.failed.end()};
+        growth_.adjusted_at = state.adjusted_at;
+        growth_.stage = state.stage;
+        growth_.round = state.round;
       }
     }
     result_.resumed = mapper_ ? mapper_->registered() : 0;
@@ -554,123 +471,12 @@ class Mapping {
     progress_.advance(result_.resumed);
   }
 
-  // --- the end ---
-
-  void finish() {
-    struct Sized {
-      ModelStatistics size;
-      Model model;
-    };
-    std::vector<Sized> models;
-    for (Model& model : result_.models) {
-      const ModelStatistics size = statistics_of(model);
-      if (size.registered >= options_.min_images) models.push_back({size, std::move(model)});
-    }
-    std::stable_sort(models.begin(), models.end(), [](const Sized& a, const Sized& b) {
-      return a.size.registered != b.size.registered ? a.size.registered > b.size.registered
-                                                    : a.size.observations > b.size.observations;
-    });
-    result_.models.clear();
-    for (Sized& sized : models) result_.models.push_back(std::move(sized.model));
-    if (result_.models.empty()) result_.no_model = why_no_model();
-    report_refused();
-    std::vector<std::vector<double>> trust;  // of each model's images
-    for (const Model& model : result_.models) {
-      trust.push_back(trust_of(model, pairs_, refused_by_evidence()));
-      if (!followed_) take_off_conflicts(model, trust.back());
-      result_.trust.push_back(model_trust(model, trust.back()));
-    }
-    const std::vector<const Pair*> best = best_pairs(pairs_, images_.size());
-    for (std::size_t i = 0; i < images_.size(); ++i) {
-      Outcome& outcome = result_.outcomes[i];
-      for (std::size_t m = 0; m < result_.models.size() && !outcome.registered; ++m) {
-        if (!result_.models[m].images[i].registered) continue;
-        outcome.registered = true;
-        outcome.model = static_cast<int>(m);
-        outcome.trust = trust[m][i];
-        outcome.reason.clear();
-      }
-      if (outcome.registered || !outcome.reason.empty()) continue;
-      outcome.reason = result_.interrupted
-                           ? "the work was interrupted before it was tried"
-                           : why_not_registered(best[i], images_, static_cast<int>(i));
-    }
-  }
-
-  // For near images that contradict each other; more where there are pairs that laid different places over each other, and
-  // not single images that lack what they should show.
-  void take_off_conflicts(const Model& model, std::vector<double>& trust) {
-    const ModelConflicts conflicts(model);
-    if (!conflicts.any()) return;
-    result_.has_conflicts = true;
-    std::vector<const Pair*> standing;
-    for (std::size_t k = 0; k < pairs_.size(); ++k)
-      if (!pairs_[k].view.inliers.empty() && bad_start_[k] <= kBadStart)
-        standing.push_back(&pairs_[k]);
-    const bool is_folded = !conflicting_pairs(model, conflicts, standing).empty();
-    const double weight = is_folded ? kFoldedWeight : 1;
-    for (std::size_t i = 0; i < trust.size(); ++i)
-      trust[i] *= std::max(0.0, 1 - weight * conflicts.shares()[i]);
-  }
-
-  [[nodiscard]] std::vector<std::uint8_t> refused_by_evidence() const {
-    std::vector<std::uint8_t> refused(pairs_.size(), 0);
-    for (std::size_t k = 0; k < pairs_.size(); ++k)
-      refused[k] = bad_start_[k] == static_cast<std::uint8_t>(Doubt::kEvidence) ||
-                           bad_start_[k] == static_cast<std::uint8_t>(Doubt::kModel)
-                       ? 1
-                       : 0;
-    return refused;
-  }
-
-  void report_refused() {
-    for (std::size_t k = 0; k < pairs_.size(); ++k) {
-      if (bad_start_[k] <= kBadStart) continue;
-      RefusedPair refused{pairs_[k].first, pairs_[k].second,
-                          static_cast<int>(pairs_[k].view.inliers.size()), "",
-                          static_cast<Doubt>(bad_start_[k])};
-      switch (refused.doubt) {
-        case Doubt::kCycles:
-          refused.reason = "no cycle of three pairs that it is in closes";
-          break;
-        case Doubt::kRotation:
-          refused.reason = "its rotation contradicts that of the other pairs";
-          break;
-        case Doubt::kModel:
-          refused.reason = "with it the model lays different places over each other";
-          break;
-        default:
-          refused.reason = fmt::format(
-              "of {:.0f} features that tell places apart and should be in both, {} are: the images "
-              "look alike, but show different places",
-              evidence_[k].expected, evidence_[k].found);
-      }
-      result_.refused.push_back(std::move(refused));
-    }
-  }
-
-  [[nodiscard]] std::string why_no_model() const {
-    if (options_.choice == MapperChoice::kGlobal) {
-      const auto refused =
-          std::find_if(result_.log.begin(), result_.log.end(),
-                       [](const std::string& line) { return line.starts_with(kRefusal); });
-      if (refused != result_.log.end()) return *refused;
-    }
-    return why_no_initial_pair(pairs_, images_, options_);
-  }
-
   using Clock = std::chrono::steady_clock;
   static double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
   }
 
-  const std::vector<geometry::Camera>& cameras_;
-  const std::vector<Image>& images_;
-  const std::vector<std::vector<cv::Vec3b>>& colors_;
-  const std::vector<cv::Mat>& descriptors_;
-  FeatureKind kind_;
-  const std::vector<Pair>& pairs_;
-  bool followed_;
+  const MapperInput& input_;
   const MapperOptions& options_;
   Progress& progress_;
   const std::stop_token& stop_;
@@ -678,18 +484,16 @@ class Mapping {
   Reconstruction result_;
   std::vector<bool> used_;  // images in finished models
   std::vector<PairEvidence> evidence_;
-  std::vector<std::uint8_t> bad_start_;  // of each pair: kBadStart, or a Doubt
+  std::vector<Doubt> doubts_;  // of each pair
   bool done_ = false;
-  bool in_between_ = false;  // no state that another process could go on from
   std::optional<IncrementalMapper> mapper_;
-  std::map<int, int> failed_;
-  int adjusted_at_ = 0;
-  int stage_ = 0;
-  int round_ = 0;
+  Growth growth_;  // of the model of mapper_
   int adjustments_ = 0;
   int apart_ = 0;               // models that were taken apart
   std::optional<Model> aside_;  // left loops open; its images are mapped globally
-  bool is_global_ = false;      // how the model of mapper_ began
+  // Was taken apart, and nothing has been made of its images again: where the work is interrupted now, it is what there is.
+  std::optional<Model> taken_apart_;
+  bool is_global_ = false;  // how the model of mapper_ began
   Clock::time_point kept_at_ = Clock::now();
   double keeping_s_ = 0;
   Clock::time_point shown_at_ = Clock::now();
@@ -760,17 +564,15 @@ ExtendedModel extend_model(const Model& before, const MapperInput& input,
   mapper.resume(before);
   const std::vector<bool> used(images.size(), false);
   ExtendedModel result;
-  result.adjusted_at = extend.adjusted_at;
-  const bool thorough = mapper.registered() < kSmall;
-  std::map<int, int> failed;
-  add_all(
-      mapper, used, thorough, result.adjusted_at, failed, stop, [] {},
-      [](int, bool, const std::string&) {});
+  Growth growth;
+  growth.adjusted_at = extend.adjusted_at;
+  add_images(mapper, used, mapper.registered() < kSmall, growth, {}, stop);
   if (extend.adjust_all) {
     mapper.refine_all(2, kRough, stop);
     if (mapper.extend_tracks(stop) > 0) mapper.refine_all(1, kRough, stop);
-    result.adjusted_at = mapper.registered();
+    growth.adjusted_at = mapper.registered();
   }
+  result.adjusted_at = growth.adjusted_at;
   result.model = mapper.finished(input.colors);
   return result;
 }

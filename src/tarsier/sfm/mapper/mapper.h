@@ -5,6 +5,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
+#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/patch_evidence.h"
 #include "tarsier/sfm/mapper/tracks.h"
@@ -65,15 +66,6 @@ struct MapperOptions {
             {"extend_similarity", extend_similarity, range(0, 1)}};
   }
   void check() const { check_fields(*this); }
-};
-
-// Why a verified pair is not used.
-enum class Doubt : std::uint8_t {
-  kNone = 0,
-  kEvidence = 2,  // it lacks what the two should have in common (repeated_structure.h)
-  kCycles = 3,    // no cycle of three pairs that it is in closes (global_start.h)
-  kRotation = 4,  // its rotation contradicts that of all others (global_start.h)
-  kModel = 5,     // a model with it lays different places over each other (model_conflicts.h)
 };
 
 struct RefusedPair {

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/outcomes.h"
+
+#include "tarsier/sfm/mapper/initial_pair.h"
+#include "tarsier/sfm/mapper/model_conflicts.h"
+#include "tarsier/sfm/mapper/trust.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+// Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
+constexpr double kFoldedWeight = 3;
+
+void order_models(int min_images, std::vector<Model>& models) {
+  struct Sized {
+    ModelStatistics size;
+    Model model;
+  };
+  std::vector<Sized> sized;
+  for (Model& model : models) {
+    const ModelStatistics size = statistics_of(model);
+    if (size.registered >= min_images) sized.push_back({size, std::move(model)});
+  }
+  std::stable_sort(sized.begin(), sized.end(), [](const Sized& a, const Sized& b) {
+    return a.size.registered != b.size.registered ? a.size.registered > b.size.registered
+                                                  : a.size.observations > b.size.observations;
+  });
+  models.clear();
+  for (Sized& each : sized) models.push_back(std::move(each.model));
+}
+
+std::string why_no_model(const MapperInput& input, const MapperOptions& options,
+                         const std::vector<std::string>& log) {
+  if (options.choice == MapperChoice::kGlobal) {
+    const auto refused = std::find_if(log.begin(), log.end(), [](const std::string& line) {
+      return line.starts_with(kGlobalRefusal);
+    });
+    if (refused != log.end()) return *refused;
+  }
+  return why_no_initial_pair(input.pairs, input.images, options);
+}
+
+std::string why_refused(Doubt doubt, const PairEvidence& evidence) {
+  switch (doubt) {
+    case Doubt::kCycles:
+      return "no cycle of three pairs that it is in closes";
+    case Doubt::kRotation:
+      return "its rotation contradicts that of the other pairs";
+    case Doubt::kModel:
+      return "with it the model lays different places over each other";
+    default:
+      return fmt::format(
+          "of {:.0f} features that tell places apart and should be in both, {} are: the images "
+          "look alike, but show different places",
+          evidence.expected, evidence.found);
+  }
+}
+
+std::vector<RefusedPair> refused_pairs(const std::vector<Pair>& pairs,
+                                       const std::vector<PairEvidence>& evidence,
+                                       const std::vector<Doubt>& doubts) {
+  std::vector<RefusedPair> refused;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (!is_refused(doubts[k])) continue;
+    refused.push_back({pairs[k].first, pairs[k].second,
+                       static_cast<int>(pairs[k].view.inliers.size()),
+                       why_refused(doubts[k], evidence[k]), doubts[k]});
+  }
+  return refused;
+}
+
+// Whether there are pairs that laid different places over each other, and not single images that lack what they should show.
+bool is_folded(const Model& model, const ModelConflicts& conflicts, const std::vector<Pair>& pairs,
+               const std::vector<Doubt>& doubts) {
+  std::vector<const Pair*> standing;
+  for (std::size_t k = 0; k < pairs.size(); ++k)
+    if (!pairs[k].view.inliers.empty() && !is_refused(doubts[k])) standing.push_back(&pairs[k]);
+  return !conflicting_pairs(model, conflicts, standing).empty();
+}
+
+// Of each image of a model; near images that contradict each other have less.
+std::vector<double> image_trust(const Model& model, const MapperInput& input,
+                                const std::vector<Doubt>& doubts, bool& has_conflicts) {
+  std::vector<std::uint8_t> by_evidence(doubts.size(), 0);
+  for (std::size_t k = 0; k < doubts.size(); ++k)
+    by_evidence[k] = doubts[k] == Doubt::kEvidence || doubts[k] == Doubt::kModel ? 1 : 0;
+  std::vector<double> trust = trust_of(model, input.pairs, by_evidence);
+  if (input.followed) return trust;
+  const ModelConflicts conflicts(model);
+  if (!conflicts.any()) return trust;
+  has_conflicts = true;
+  const double weight = is_folded(model, conflicts, input.pairs, doubts) ? kFoldedWeight : 1;
+  for (std::size_t i = 0; i < trust.size(); ++i)
+    trust[i] *= std::max(0.0, 1 - weight * conflicts.shares()[i]);
+  return trust;
+}
+
+}  // namespace
+
+void add_outcomes(const MapperInput& input, const MapperOptions& options,
+                  const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
+                  Reconstruction& made) {
+  order_models(options.min_images, made.models);
+  if (made.models.empty()) made.no_model = why_no_model(input, options, made.log);
+  made.refused = refused_pairs(input.pairs, evidence, doubts);
+  std::vector<std::vector<double>> trust;  // of each model's images
+  for (const Model& model : made.models) {
+    trust.push_back(image_trust(model, input, doubts, made.has_conflicts));
+    made.trust.push_back(model_trust(model, trust.back()));
+  }
+  const std::vector<const Pair*> best = best_pairs(input.pairs, input.images.size());
+  for (std::size_t i = 0; i < input.images.size(); ++i) {
+    Outcome& outcome = made.outcomes[i];
+    for (std::size_t m = 0; m < made.models.size() && !outcome.registered; ++m) {
+      if (!made.models[m].images[i].registered) continue;
+      outcome.registered = true;
+      outcome.model = static_cast<int>(m);
+      outcome.trust = trust[m][i];
+      outcome.reason.clear();
+    }
+    if (outcome.registered || !outcome.reason.empty()) continue;
+    outcome.reason = made.interrupted
+                         ? "the work was interrupted before it was tried"
+                         : why_not_registered(best[i], input.images, static_cast<int>(i));
+  }
+}
+
+}  // namespace tarsier::sfm
