@@ -62,26 +62,6 @@ double weight_of(const Image& image, int feature) {
   return 1 / std::clamp(size / kSharpSize, 0.7, 4.0);
 }
 
-double rms(const Model& model, const std::vector<int>& points) {
-  double sum = 0;
-  std::int64_t count = 0;
-  for (const int p : points) {
-    const Point& point = model.points[static_cast<std::size_t>(p)];
-    for (const Observation& seen : point.track) {
-      const Image& image = model.images[static_cast<std::size_t>(seen.image)];
-      if (!image.registered) continue;
-      const auto pixel = model.cameras[static_cast<std::size_t>(image.camera)].project(
-          image.pose * point.position);
-      if (!pixel) continue;
-      const cv::Point2d d =
-          *pixel - cv::Point2d(image.features[static_cast<std::size_t>(seen.feature)]);
-      sum += d.dot(d);
-      ++count;
-    }
-  }
-  return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : 0;
-}
-
 // Whether an adjustment may leave a lens like this behind.
 bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
   const auto is_finite = [](double number) { return std::isfinite(number); };
@@ -127,7 +107,6 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
     }
   }
   if (points.empty()) return report;
-  report.before_px = rms(model, points);
 
   BundleProblem problem;
   problem.loss_px = options.loss_px;
@@ -208,10 +187,7 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   const BundleSolution solution = solve(problem, how, stop);
   report.iterations = solution.iterations;
   report.trouble = solution.trouble;
-  if (!solution.trouble.empty()) {
-    report.after_px = report.before_px;
-    return report;
-  }
+  if (!solution.trouble.empty()) return report;
   if (!problem.free_numbers.empty()) {
     for (std::size_t lens = 0; lens < cameras.size(); ++lens) {
       const geometry::Camera& before = model.cameras[at(cameras[lens])];
@@ -235,7 +211,6 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
     if (problem.pose_moves[i] != 0) model.images[at(images[i])].pose = clean(problem.poses[i]);
   for (std::size_t k = 0; k < points.size(); ++k)
     model.points[at(points[k])].position = problem.points[k];
-  report.after_px = rms(model, points);
   return report;
 }
 

@@ -25,8 +25,6 @@ struct BundleOptions {
 };
 
 struct BundleReport {
-  double before_px = 0;  // root mean square of all residuals that took part
-  double after_px = 0;
   int residuals = 0;  // observations
   int iterations = 0;
   // What went wrong, or "". Where there is no solution the model is as it was; where the lens ran
@@ -40,8 +38,7 @@ constexpr double kMinFocalShare = 0.1;
 constexpr double kMaxFocalShare = 20;
 
 // Bundle adjustment (Triggs et al., 2000): poses, points and, if asked, cameras that minimise the
-// sum of the robust squared reprojection errors, by bundle_solver.h, on one thread so that the
-// result depends on nothing else. The first image stays where it is, and the distance to the
+// sum of the robust squared reprojection errors, by bundle_solver.h. The first image stays where it is, and the distance to the
 // one farthest from it keeps the scale. A lens that is no lens afterwards (not finite, or a focal
 // length outside of the shares above) stays as it was. Throws Interrupted: the model is then as it
 // was.

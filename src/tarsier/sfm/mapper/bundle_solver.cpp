@@ -6,13 +6,16 @@
 #include "tarsier/linalg/decompositions.h"
 #include "tarsier/linalg/sparse_cholesky.h"
 #include "tarsier/sfm/mapper/bundle_equations.h"
+#include "tarsier/sfm/mapper/schur_kernel.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/SparseCore>
+#include <opencv2/core/utility.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <numeric>
@@ -34,12 +37,14 @@ constexpr double kFreeDamping = 1e-10;
 constexpr double kRelease = 1e-3;  // of the damping, where a change was small
 constexpr double kMaxBend = 0.75;  // of twice the second order beside the step
 constexpr double kMinGain = 1e-3;
+constexpr int kStripe = 16;  // variables whose columns one thread takes at least
+constexpr int kMaxStripes = 32;
+constexpr int kManyPoints = 10'000;  // beyond, several threads take them
 constexpr int kDensePoses = 300;
 constexpr int kFewPoses = 80;       // up to which a dense system is faster in any case
 constexpr double kThinShare = 0.2;  // of all blocks, below which a sparse system is faster
 
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
@@ -57,6 +62,7 @@ class Solver {
     is_sparse_ =
         options_.system == CameraSystem::kSparse || (options_.system == CameraSystem::kAutomatic &&
                                                      (variables_.poses > kDensePoses || is_thin));
+    cut_into_stripes();
   }
 
   BundleSolution run() {
@@ -140,8 +146,7 @@ class Solver {
             damped(damping, equations_.scale[variables_.offset_of(v) + k]);
     VectorXd moved = -equations_.gradient;
     point_inverse_.resize(now.points.size());
-    for (const std::size_t p : variables_.order)
-      if (problem_.point_moves[p] != 0 && !eliminate(p, damping, moved)) return false;
+    if (!eliminate(damping, moved)) return false;
     if (variables_.size > 0 && !(is_sparse_ ? factor_sparse() : factor_dense())) return false;
     solve_cameras(moved);
     if (!moved.allFinite()) return false;
@@ -211,39 +216,103 @@ class Solver {
     }
   }
 
-  // Takes a point out of the equations.
-  bool eliminate(std::size_t p, double damping, VectorXd& right) {
-    Matrix3d hessian = equations_.point_hessian[p];
-    for (int k = 0; k < 3; ++k) hessian(k, k) += damped(damping, hessian(k, k));
-    const Eigen::LLT<Matrix3d> factor(hessian);
-    if (factor.info() != Eigen::Success) return false;
-    const Matrix3d inverse = point_inverse_[p] = factor.solve(Matrix3d::Identity());
-    eliminate_right(p, equations_.point_gradient[p], right);
-    const std::size_t first = variables_.entry_first[p];
-    const int count = static_cast<int>(variables_.entry_first[p + 1] - first);
-    for (int l = 0; l < count; ++l) {
-      const Entry& column = variables_.entries[first + at(l)];
-      const int columns = variables_.size_of(column.variable);
-      if (column.variable < variables_.poses) {
-        const Matrix6x3 scaled =
-            Eigen::Map<const Matrix6x3>(equations_.mixed.data() + column.offset)
-                .lazyProduct(inverse);
-        for (int k = 0; k <= l; ++k)
-          Eigen::Map<Matrix6>(reduced_.data() + variables_.offset_of(p, k, l)).noalias() -=
-              Eigen::Map<const Matrix6x3>(equations_.mixed.data() +
-                                          variables_.entries[first + at(k)].offset)
-                  .lazyProduct(scaled.transpose());
-        continue;
-      }
-      const MatrixNx3 scaled = mixed_of(column).lazyProduct(inverse);
-      for (int k = 0; k <= l; ++k) {
-        const Entry& row = variables_.entries[first + at(k)];
-        const int rows = variables_.size_of(row.variable);
-        Eigen::Map<MatrixXd>(reduced_.data() + variables_.offset_of(p, k, l), rows, columns) -=
-            mixed_of(row).lazyProduct(scaled.transpose());
+  // Takes the points out of the equations; false where that cannot be done.
+  bool eliminate(double damping, VectorXd& right) {
+    if (!invert_points(damping)) return false;
+    for (const std::size_t p : variables_.order)
+      if (problem_.point_moves[p] != 0) eliminate_right(p, equations_.point_gradient[p], right);
+    cv::parallel_for_(
+        cv::Range(0, static_cast<int>(stripes_.size())),
+        [&](const cv::Range& range) {
+          for (int stripe = range.start; stripe < range.end; ++stripe)
+            eliminate_columns(stripes_[at(stripe)]);
+        },
+        static_cast<double>(stripes_.size()));
+    return true;
+  }
+
+  // Columns of the equations that one thread takes, and the points that are in them, in their order.
+  struct Stripe {
+    int begin = 0;  // variables
+    int end = 0;
+    std::vector<std::size_t> points;
+  };
+
+  void cut_into_stripes() {
+    const int count = std::clamp(variables_.count / kStripe, 1, kMaxStripes);
+    for (int k = 0; k < count; ++k)
+      stripes_.push_back({variables_.count * k / count, variables_.count * (k + 1) / count, {}});
+    for (const std::size_t p : variables_.order) {
+      if (problem_.point_moves[p] == 0) continue;
+      std::size_t stripe = 0;
+      for (std::size_t e = variables_.entry_first[p]; e < variables_.entry_first[p + 1]; ++e) {
+        while (variables_.entries[e].variable >= stripes_[stripe].end) ++stripe;
+        std::vector<std::size_t>& points = stripes_[stripe].points;
+        if (points.empty() || points.back() != p) points.push_back(p);
       }
     }
-    return true;
+  }
+
+  bool invert_points(double damping) {
+    std::atomic<bool> is_good = true;
+    const auto points = static_cast<int>(problem_.points.size());
+    const auto invert = [&](const cv::Range& range) {
+      for (std::size_t p = at(range.start); p < at(range.end); ++p) {
+        if (problem_.point_moves[p] == 0) continue;
+        Matrix3d hessian = equations_.point_hessian[p];
+        for (int k = 0; k < 3; ++k) hessian(k, k) += damped(damping, hessian(k, k));
+        const Eigen::LLT<Matrix3d> factor(hessian);
+        if (factor.info() != Eigen::Success) is_good = false;
+        point_inverse_[p] = factor.solve(Matrix3d::Identity());
+      }
+    };
+    if (points < kManyPoints) {
+      invert({0, points});
+    } else {
+      cv::parallel_for_(cv::Range(0, points), invert);
+    }
+    return is_good;
+  }
+
+  // What the points take from the columns of a stripe.
+  void eliminate_columns(const Stripe& stripe) {
+    std::vector<PoseBlock> list;
+    const auto is_before = [](const Entry& entry, int variable) {
+      return entry.variable < variable;
+    };
+    for (const std::size_t p : stripe.points) {
+      const auto first =
+          variables_.entries.begin() + static_cast<std::ptrdiff_t>(variables_.entry_first[p]);
+      const auto last =
+          variables_.entries.begin() + static_cast<std::ptrdiff_t>(variables_.entry_first[p + 1]);
+      for (auto column = std::lower_bound(first, last, stripe.begin, is_before);
+           column != last && column->variable < stripe.end; ++column)
+        eliminate_column(p, static_cast<int>(column - first), list);
+    }
+  }
+
+  // .. of one point, from the column of its entry l. `list` is filled anew.
+  void eliminate_column(std::size_t p, int l, std::vector<PoseBlock>& list) {
+    const Entry* entries = variables_.entries.data() + variables_.entry_first[p];
+    const Entry& column = entries[l];
+    const Matrix3d& inverse = point_inverse_[p];
+    if (column.variable < variables_.poses) {
+      const Matrix6x3 scaled =
+          Eigen::Map<const Matrix6x3>(equations_.mixed.data() + column.offset).lazyProduct(inverse);
+      list.clear();
+      for (int k = 0; k <= l; ++k)
+        list.push_back({equations_.mixed.data() + entries[k].offset,
+                        reduced_.data() + variables_.offset_of(p, k, l)});
+      subtract_(scaled.data(), list.data(), l + 1);
+      return;
+    }
+    const int columns = variables_.size_of(column.variable);
+    const MatrixNx3 scaled = mixed_of(column).lazyProduct(inverse);
+    for (int k = 0; k <= l; ++k) {
+      const int rows = variables_.size_of(entries[k].variable);
+      Eigen::Map<MatrixXd>(reduced_.data() + variables_.offset_of(p, k, l), rows, columns) -=
+          mixed_of(entries[k]).lazyProduct(scaled.transpose());
+    }
   }
 
   bool factor_dense() {
@@ -310,6 +379,8 @@ class Solver {
   bool bends_ = false;    // steps have a second order
   double curvature_ = 1;  // at least so much as a share of that across; kMinCurvature to 1
 
+  const SubtractProducts subtract_ = subtract_products();
+  std::vector<Stripe> stripes_;
   std::vector<double> reduced_;  // the blocks without points
   std::vector<Matrix3d> point_inverse_;
   MatrixXd dense_;

@@ -87,7 +87,7 @@ struct BundleSolution {
 // acceleration: Transtrum and Sethna, Improvements to the Levenberg-Marquardt algorithm, arXiv:1201.5885, 2012). Of
 // more than 80 poses, a small change ends the search only where damping is low enough for the whole to bend.
 //
-// One thread, no random numbers. Throws Interrupted when stopped: the problem is then as it was.
+// The result does not depend on the number of threads. No random numbers. Throws Interrupted when stopped: the problem is then as it was.
 BundleSolution solve(BundleProblem& problem, const BundleSolverOptions& options,
                      const std::stop_token& stop = {});
 

@@ -6,9 +6,11 @@
 #include "tarsier/geometry/camera.h"
 
 #include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
 
 #include <cmath>
 #include <numeric>
+#include <vector>
 
 namespace tarsier::sfm {
 namespace {
@@ -188,6 +190,26 @@ TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
 
 // Residuals as large as the loss: with second derivatives without the loss's own, each step goes
 // half of the way, and it takes more than three times as many.
+// 80 poses are five stripes of the equations, with the lenses in the last.
+TEST(BundleSolver, TheResultDoesNotDependOnTheNumberOfThreads) {
+  for (const bool free_lens : {false, true}) {
+    const BundleProblem given = some_problem(80, 1200, 0.5, free_lens);
+    const int before = cv::getNumThreads();
+    std::vector<BundleProblem> solved(2, given);
+    cv::setNumThreads(1);
+    const BundleSolution one = solve(solved[0], exact());
+    cv::setNumThreads(3);
+    const BundleSolution several = solve(solved[1], exact());
+    cv::setNumThreads(before);
+    EXPECT_LT(one.cost_after, one.cost_before);
+    EXPECT_EQ(one.cost_after, several.cost_after);
+    for (std::size_t i = 0; i < given.poses.size(); ++i)
+      EXPECT_EQ(solved[0].poses[i].translation, solved[1].poses[i].translation);
+    EXPECT_EQ(solved[0].points, solved[1].points);
+    EXPECT_EQ(solved[0].lenses, solved[1].lenses);
+  }
+}
+
 TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
   BundleProblem problem = some_problem(12, 150, 0.5, false);
   BundleSolverOptions options;

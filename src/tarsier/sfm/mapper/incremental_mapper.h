@@ -94,9 +94,8 @@ class IncrementalMapper {
   [[nodiscard]] double min_angle() const { return options_.min_angle_deg * CV_PI / 180; }
   class Nearby;
   static bool shows(const std::vector<Observation>& track, int image);
-  // The feature of an image that looks most like the point, near its place; or -1.
-  [[nodiscard]] int look_for(int track, int image, const cv::Point2d& pixel,
-                             const Nearby& nearby) const;
+  // The one of some features of an image that looks most like the point, and enough so; or -1.
+  [[nodiscard]] int most_similar(int track, int image, const std::vector<int>& features) const;
   int merge(int track, const Observation& seen);
   // Normalised coordinates of all features.
   void measure_rays();

@@ -6,41 +6,89 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <cstdint>
+#include <unordered_map>
+#include <utility>
+#include <vector>
 
 namespace tarsier::sfm {
 namespace {
 
+constexpr std::size_t kMaxFailed = 4'000'000;
+
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// Pairs of tracks that are not one point, each with its size then: while these stay, so do the tracks.
+class FailedMerges {
+ public:
+  [[nodiscard]] bool contains(int track, std::size_t size, int other,
+                              std::size_t size_of_other) const {
+    const auto found = sizes_.find(key(track, other));
+    return found != sizes_.end() && found->second == sizes(track, size, other, size_of_other);
+  }
+  void insert(int track, std::size_t size, int other, std::size_t size_of_other) {
+    if (sizes_.size() >= kMaxFailed) sizes_.clear();
+    sizes_[key(track, other)] = sizes(track, size, other, size_of_other);
+  }
+
+ private:
+  static std::uint64_t key(int track, int other) {
+    const auto [low, high] = std::minmax(track, other);
+    return static_cast<std::uint64_t>(low) << 32 | static_cast<std::uint32_t>(high);
+  }
+  static std::uint64_t sizes(int track, std::size_t size, int other, std::size_t size_of_other) {
+    if (track > other) std::swap(size, size_of_other);
+    return static_cast<std::uint64_t>(size) << 32 | static_cast<std::uint32_t>(size_of_other);
+  }
+  std::unordered_map<std::uint64_t, std::uint64_t> sizes_;
+};
 
 }  // namespace
 
-// The features of an image by place.
+// The features of an image by place: those of each cell of a grid, one cell after the other.
 class IncrementalMapper::Nearby {
  public:
-  Nearby(const Image& image, double radius) : radius_(radius), features_(image.features) {
+  Nearby(const Image& image, const geometry::Camera& camera, double radius)
+      : radius_(radius),
+        features_(image.features),
+        columns_(static_cast<int>(camera.width / radius) + 1),
+        rows_(static_cast<int>(camera.height / radius) + 1),
+        first_(at(columns_) * at(rows_) + 1, 0),
+        sorted_(features_.size()) {
+    for (const cv::Point2f& feature : features_) ++first_[cell(feature) + 1];
+    for (std::size_t c = 1; c < first_.size(); ++c) first_[c] += first_[c - 1];
+    std::vector<int> next(first_.begin(), first_.end() - 1);
     for (std::size_t f = 0; f < features_.size(); ++f)
-      cells_[cell(features_[f].x, features_[f].y)].push_back(static_cast<int>(f));
+      sorted_[at(next[cell(features_[f])]++)] = static_cast<int>(f);
   }
-  template <typename Function>
-  void for_each(const cv::Point2d& p, const Function& function) const {
-    for (int dy = -1; dy <= 1; ++dy) {
-      for (int dx = -1; dx <= 1; ++dx) {
-        const auto found = cells_.find(cell(p.x + dx * radius_, p.y + dy * radius_));
-        if (found == cells_.end()) continue;
-        for (const int f : found->second)
-          if (cv::norm(cv::Point2d(features_[at(f)]) - p) <= radius_) function(f);
-      }
+
+  // Those within the radius of a place of the image.
+  void find(const cv::Point2d& p, std::vector<int>& found) const {
+    found.clear();
+    const int x = static_cast<int>(p.x / radius_);
+    const int y = static_cast<int>(p.y / radius_);
+    for (int row = std::max(0, y - 1); row <= std::min(rows_ - 1, y + 1); ++row) {
+      const std::size_t begin = at(row) * at(columns_);
+      const int from = first_[begin + at(std::max(0, x - 1))];
+      const int to = first_[begin + at(std::min(columns_ - 1, x + 1)) + 1];
+      for (int k = from; k < to; ++k)
+        if (cv::norm(cv::Point2d(features_[at(sorted_[at(k)])]) - p) <= radius_)
+          found.push_back(sorted_[at(k)]);
     }
   }
 
  private:
-  [[nodiscard]] std::pair<int, int> cell(double x, double y) const {
-    return {static_cast<int>(std::floor(x / radius_)), static_cast<int>(std::floor(y / radius_))};
+  [[nodiscard]] std::size_t cell(const cv::Point2f& p) const {
+    const int x = std::clamp(static_cast<int>(p.x / radius_), 0, columns_ - 1);
+    const int y = std::clamp(static_cast<int>(p.y / radius_), 0, rows_ - 1);
+    return at(y) * at(columns_) + at(x);
   }
   double radius_;
   const std::vector<cv::Point2f>& features_;
-  std::map<std::pair<int, int>, std::vector<int>> cells_;
+  int columns_;
+  int rows_;
+  std::vector<int> first_;   // of each cell, in sorted_; and the end
+  std::vector<int> sorted_;  // features
 };
 
 int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
@@ -56,6 +104,12 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     if (norms_[i].empty()) norms_[i] = norms_of(descriptors_[i], kind_);
   std::vector<int> asked_for(tracks_.size(), -1);  // by the last image
   std::vector<int> covisible_with(model_.images.size(), -1);
+  std::vector<int> shown_by(model_.images.size(), -1);  // the last track that an image is part of
+  std::vector<int> features;
+  FailedMerges failed;
+  const auto size_of = [&](int track) {
+    return model_.points[at(track)].track.size() + tracks_[at(track)].size();
+  };
   for (std::size_t i = 0; i < model_.images.size(); ++i) {
     if (!model_.images[i].registered) continue;
     throw_if_stopped(stop);
@@ -85,25 +139,44 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     }
     std::sort(candidates.begin(), candidates.end(),
               [](const auto& a, const auto& b) { return a.first < b.first; });
-    const Nearby nearby(view, options_.extend_px);
+    const Nearby nearby(view, camera, options_.extend_px);
     for (const auto& [track, pixel] : candidates) {
       const std::vector<Observation>& seen = model_.points[at(track)].track;
       if (seen.empty() || shows(seen, image)) continue;  // joined to another meanwhile
-      const int feature = look_for(track, image, pixel, nearby);
-      if (feature >= 0) gained += merge(track, {image, feature});
+      nearby.find(pixel, features);
+      if (features.empty()) continue;
+      for (const Observation& own : tracks_[at(track)]) shown_by[at(own.image)] = track;
+      if (shown_by[i] == track) continue;  // its feature there was dropped for being off
+      const bool can_join = std::any_of(features.begin(), features.end(), [&](int feature) {
+        const int other = track_of_[i][at(feature)];
+        if (other < 0)
+          return cv::norm(pixel - cv::Point2d(view.features[at(feature)])) <=
+                 options_.reprojection_px;
+        const std::vector<Observation>& theirs = tracks_[at(other)];
+        return std::none_of(
+                   theirs.begin(), theirs.end(),
+                   [&](const Observation& one) { return shown_by[at(one.image)] == track; }) &&
+               !failed.contains(track, size_of(track), other, size_of(other));
+      });
+      if (!can_join) continue;
+      const int feature = most_similar(track, image, features);
+      if (feature < 0) continue;
+      const int other = track_of_[i][at(feature)];
+      const int joined = merge(track, {image, feature});
+      gained += joined;
+      if (joined > 0 || other < 0) continue;
+      failed.insert(track, size_of(track), other, size_of(other));
     }
   }
   return gained;
 }
 
-int IncrementalMapper::look_for(int track, int image, const cv::Point2d& pixel,
-                                const Nearby& nearby) const {
-  const Point& point = model_.points[at(track)];
+int IncrementalMapper::most_similar(int track, int image, const std::vector<int>& features) const {
   int best = -1;
   double most = options_.extend_similarity;
-  nearby.for_each(pixel, [&](int feature) {
+  for (const int feature : features) {
     double likeness = 0;
-    for (const Observation& seen : point.track)
+    for (const Observation& seen : model_.points[at(track)].track)
       likeness = std::max(likeness, similarity(descriptors_[at(image)], feature,
                                                descriptors_[at(seen.image)], seen.feature, kind_,
                                                norms_[at(image)][at(feature)] *
@@ -112,7 +185,7 @@ int IncrementalMapper::look_for(int track, int image, const cv::Point2d& pixel,
       most = likeness;
       best = feature;
     }
-  });
+  }
   return best;
 }
 
