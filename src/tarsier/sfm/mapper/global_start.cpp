@@ -23,7 +23,10 @@ constexpr int kMinCycles = 2;         // of an edge that can be judged by them
 constexpr double kRotationDeg = 10;   // an edge that is off by more is wrong
 constexpr std::size_t kPoints = 150;  // of an image, that take part in positioning
 constexpr double kMaxSine = 0.1;      // of a ray and the direction to its point
-constexpr double kMinShare = 0.5;     // of images, and of observations that agree at the end
+// Of an adjustment. A long loop that has to bend takes many; where it is not closed when observations that are far off are
+// left out, it stays open.
+constexpr int kMaxSteps = 1000;
+constexpr double kMinShare = 0.5;  // of images, and of observations that agree at the end
 // Of reprojection_px, and Cauchy's loss of the adjustment that follows, px.
 struct Round {
   double threshold;
@@ -238,6 +241,7 @@ class GlobalMapping {
       keep_connected();
       BundleOptions bundle;
       bundle.loss_px = round.loss_px;
+      bundle.max_iterations = kMaxSteps;
       bundle.tolerance = 1e-4;
       bundle.focal = options_.refine_focal && round.threshold < 10;
       bundle.distortion = options_.refine_distortion && round.threshold < 5;
