@@ -291,7 +291,7 @@ class Solver {
     }
   }
 
-  // .. of one point, from the column of its entry l. `list` is filled anew.
+  // .. of one point, from the column of its entry l. `list` is its scratch memory.
   void eliminate_column(std::size_t p, int l, std::vector<PoseBlock>& list) {
     const Entry* entries = variables_.entries.data() + variables_.entry_first[p];
     const Entry& column = entries[l];

@@ -95,7 +95,7 @@ class IncrementalMapper {
   class Nearby;
   static bool shows(const std::vector<Observation>& track, int image);
   // The one of some features of an image that looks most like the point, and enough so; or -1.
-  [[nodiscard]] int most_similar(int track, int image, const std::vector<int>& features) const;
+  [[nodiscard]] int best_match(int track, int image, const std::vector<int>& features) const;
   int merge(int track, const Observation& seen);
   // Normalised coordinates of all features.
   void measure_rays();

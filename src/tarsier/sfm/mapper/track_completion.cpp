@@ -15,6 +15,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMaxFailed = 4'000'000;
+constexpr double kMaxColumns = 2048;  // of the grid of an image's features, and rows
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -50,9 +51,10 @@ class IncrementalMapper::Nearby {
  public:
   Nearby(const Image& image, const geometry::Camera& camera, double radius)
       : radius_(radius),
+        side_(std::max(radius, std::max(camera.width, camera.height) / kMaxColumns)),
         features_(image.features),
-        columns_(static_cast<int>(camera.width / radius) + 1),
-        rows_(static_cast<int>(camera.height / radius) + 1),
+        columns_(static_cast<int>(camera.width / side_) + 1),
+        rows_(static_cast<int>(camera.height / side_) + 1),
         first_(at(columns_) * at(rows_) + 1, 0),
         sorted_(features_.size()) {
     for (const cv::Point2f& feature : features_) ++first_[cell(feature) + 1];
@@ -65,8 +67,8 @@ class IncrementalMapper::Nearby {
   // Those within the radius of a place of the image.
   void find(const cv::Point2d& p, std::vector<int>& found) const {
     found.clear();
-    const int x = static_cast<int>(p.x / radius_);
-    const int y = static_cast<int>(p.y / radius_);
+    const int x = static_cast<int>(p.x / side_);
+    const int y = static_cast<int>(p.y / side_);
     for (int row = std::max(0, y - 1); row <= std::min(rows_ - 1, y + 1); ++row) {
       const std::size_t begin = at(row) * at(columns_);
       const int from = first_[begin + at(std::max(0, x - 1))];
@@ -79,11 +81,12 @@ class IncrementalMapper::Nearby {
 
  private:
   [[nodiscard]] std::size_t cell(const cv::Point2f& p) const {
-    const int x = std::clamp(static_cast<int>(p.x / radius_), 0, columns_ - 1);
-    const int y = std::clamp(static_cast<int>(p.y / radius_), 0, rows_ - 1);
+    const int x = std::clamp(static_cast<int>(p.x / side_), 0, columns_ - 1);
+    const int y = std::clamp(static_cast<int>(p.y / side_), 0, rows_ - 1);
     return at(y) * at(columns_) + at(x);
   }
   double radius_;
+  double side_;  // of a cell, px
   const std::vector<cv::Point2f>& features_;
   int columns_;
   int rows_;
@@ -159,7 +162,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
                !failed.contains(track, size_of(track), other, size_of(other));
       });
       if (!can_join) continue;
-      const int feature = most_similar(track, image, features);
+      const int feature = best_match(track, image, features);
       if (feature < 0) continue;
       const int other = track_of_[i][at(feature)];
       const int joined = merge(track, {image, feature});
@@ -171,7 +174,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
   return gained;
 }
 
-int IncrementalMapper::most_similar(int track, int image, const std::vector<int>& features) const {
+int IncrementalMapper::best_match(int track, int image, const std::vector<int>& features) const {
   int best = -1;
   double most = options_.extend_similarity;
   for (const int feature : features) {
