@@ -92,7 +92,6 @@ class IncrementalMapper {
   // Drops what is off among the points of some images; empty: among all.
   int filter(const std::vector<int>& images);
   [[nodiscard]] double min_angle() const { return options_.min_angle_deg * CV_PI / 180; }
-  class Nearby;
   static bool shows(const std::vector<Observation>& track, int image);
   // The one of some features of an image that looks most like the point, and enough so; or -1.
   [[nodiscard]] int best_match(int track, int image, const std::vector<int>& features) const;

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/model_conflicts.h"
 
 #include "tarsier/sfm/global/view_graph.h"
+#include "tarsier/sfm/mapper/feature_grid.h"
 
 #include <algorithm>
 #include <array>
@@ -41,51 +42,10 @@ constexpr double kBuiltOn = 0.2;         // of a pair's matches that are points
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-// The features of an image by place.
-class FeatureGrid {
- public:
-  FeatureGrid(const std::vector<cv::Point2f>& features, const geometry::Camera& camera)
-      : radius_(kRadius * std::max(1.0, std::max(camera.width, camera.height) / 1000.0)),
-        columns_(static_cast<int>(camera.width / (4 * radius_)) + 1),
-        rows_(static_cast<int>(camera.height / (4 * radius_)) + 1),
-        first_(at(columns_) * at(rows_) + 1, 0),
-        places_(features.size()) {
-    const auto cell = [&](const cv::Point2f& p) {
-      return at(row(static_cast<double>(p.y)) * columns_ + column(static_cast<double>(p.x)));
-    };
-    for (const cv::Point2f& p : features) ++first_[cell(p) + 1];
-    for (std::size_t c = 1; c < first_.size(); ++c) first_[c] += first_[c - 1];
-    std::vector<std::size_t> next(first_.begin(), first_.end() - 1);
-    for (const cv::Point2f& p : features) places_[next[cell(p)]++] = p;
-  }
-  [[nodiscard]] double radius() const { return radius_; }
-  // Whether there is a feature within the radius.
-  [[nodiscard]] bool has(double x, double y) const {
-    for (int r = row(y - radius_); r <= row(y + radius_); ++r) {
-      const std::size_t begin = first_[at(r * columns_ + column(x - radius_))];
-      const std::size_t end = first_[at(r * columns_ + column(x + radius_)) + 1];
-      for (std::size_t k = begin; k < end; ++k) {
-        const double dx = static_cast<double>(places_[k].x) - x;
-        const double dy = static_cast<double>(places_[k].y) - y;
-        if (dx * dx + dy * dy <= radius_ * radius_) return true;
-      }
-    }
-    return false;
-  }
-
- private:
-  [[nodiscard]] int column(double x) const {
-    return std::clamp(static_cast<int>(x / (4 * radius_)), 0, columns_ - 1);
-  }
-  [[nodiscard]] int row(double y) const {
-    return std::clamp(static_cast<int>(y / (4 * radius_)), 0, rows_ - 1);
-  }
-  double radius_;
-  int columns_;
-  int rows_;
-  std::vector<std::size_t> first_;  // of each cell, row by row: in places_
-  std::vector<cv::Point2f> places_;
-};
+// px: a feature so near a point's projection is the point's.
+double radius_of(const geometry::Camera& camera) {
+  return kRadius * std::max(1.0, std::max(camera.width, camera.height) / 1000.0);
+}
 
 // What the images of a model should show of its points, and do.
 class Comparison {
@@ -197,7 +157,7 @@ class Comparison {
     if (near_[to].empty()) return;
     const Image& image = model_.images[to];
     const geometry::Camera& camera = model_.cameras[at(image.camera)];
-    const FeatureGrid grid(image.features, camera);
+    const FeatureGrid grid(image.features, camera, radius_of(camera));
     const double shift = kShift * grid.radius();
     const double margin = shift + grid.radius();
     std::vector<int> points;

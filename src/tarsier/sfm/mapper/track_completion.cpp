@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // IncrementalMapper::extend_tracks(): tracks of the model get longer, and two that are one point are merged.
 #include "tarsier/core/stop.h"
+#include "tarsier/sfm/mapper/feature_grid.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/matching.h"
 
@@ -15,7 +16,6 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMaxFailed = 4'000'000;
-constexpr double kMaxColumns = 2048;  // of the grid of an image's features, and rows
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -45,54 +45,6 @@ class FailedMerges {
 };
 
 }  // namespace
-
-// The features of an image by place: those of each cell of a grid, one cell after the other.
-class IncrementalMapper::Nearby {
- public:
-  Nearby(const Image& image, const geometry::Camera& camera, double radius)
-      : radius_(radius),
-        side_(std::max(radius, std::max(camera.width, camera.height) / kMaxColumns)),
-        features_(image.features),
-        columns_(static_cast<int>(camera.width / side_) + 1),
-        rows_(static_cast<int>(camera.height / side_) + 1),
-        first_(at(columns_) * at(rows_) + 1, 0),
-        sorted_(features_.size()) {
-    for (const cv::Point2f& feature : features_) ++first_[cell(feature) + 1];
-    for (std::size_t c = 1; c < first_.size(); ++c) first_[c] += first_[c - 1];
-    std::vector<int> next(first_.begin(), first_.end() - 1);
-    for (std::size_t f = 0; f < features_.size(); ++f)
-      sorted_[at(next[cell(features_[f])]++)] = static_cast<int>(f);
-  }
-
-  // Those within the radius of a place of the image.
-  void find(const cv::Point2d& p, std::vector<int>& found) const {
-    found.clear();
-    const int x = static_cast<int>(p.x / side_);
-    const int y = static_cast<int>(p.y / side_);
-    for (int row = std::max(0, y - 1); row <= std::min(rows_ - 1, y + 1); ++row) {
-      const std::size_t begin = at(row) * at(columns_);
-      const int from = first_[begin + at(std::max(0, x - 1))];
-      const int to = first_[begin + at(std::min(columns_ - 1, x + 1)) + 1];
-      for (int k = from; k < to; ++k)
-        if (cv::norm(cv::Point2d(features_[at(sorted_[at(k)])]) - p) <= radius_)
-          found.push_back(sorted_[at(k)]);
-    }
-  }
-
- private:
-  [[nodiscard]] std::size_t cell(const cv::Point2f& p) const {
-    const int x = std::clamp(static_cast<int>(p.x / side_), 0, columns_ - 1);
-    const int y = std::clamp(static_cast<int>(p.y / side_), 0, rows_ - 1);
-    return at(y) * at(columns_) + at(x);
-  }
-  double radius_;
-  double side_;  // of a cell, px
-  const std::vector<cv::Point2f>& features_;
-  int columns_;
-  int rows_;
-  std::vector<int> first_;   // of each cell, in sorted_; and the end
-  std::vector<int> sorted_;  // features
-};
 
 int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
   if (descriptors_.empty() || options_.extend_px <= 0) return 0;
@@ -142,11 +94,15 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     }
     std::sort(candidates.begin(), candidates.end(),
               [](const auto& a, const auto& b) { return a.first < b.first; });
-    const Nearby nearby(view, camera, options_.extend_px);
+    const FeatureGrid grid(view.features, camera, options_.extend_px);
     for (const auto& [track, pixel] : candidates) {
       const std::vector<Observation>& seen = model_.points[at(track)].track;
       if (seen.empty() || shows(seen, image)) continue;  // joined to another meanwhile
-      nearby.find(pixel, features);
+      features.clear();
+      grid.any(pixel.x, pixel.y, [&](int feature) {
+        features.push_back(feature);
+        return false;
+      });
       if (features.empty()) continue;
       for (const Observation& own : tracks_[at(track)]) shown_by[at(own.image)] = track;
       if (shown_by[i] == track) continue;  // its feature there was dropped for being off
