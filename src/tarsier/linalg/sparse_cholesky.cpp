@@ -2,13 +2,30 @@
 #include "tarsier/linalg/sparse_cholesky.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/tile_cholesky.h"
 
 #include <Eigen/SparseCholesky>
 
 namespace tarsier::linalg {
+namespace {
+
+constexpr double kManyOperations = 2e8;  // below, tiles are not looked for
+constexpr double kTileGain = 4;          // operations of tiles in the time of one of elements
+
+class ByElements : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
+ public:
+  // Multiplications of a factorization.
+  [[nodiscard]] double operations() const {
+    return m_nonZerosPerCol.cast<double>().squaredNorm() / 2;
+  }
+};
+
+}  // namespace
 
 struct SparseCholesky::Factor {
-  Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> solver;
+  ByElements elements;
+  TileCholesky tiles;
+  bool has_tiles = false;
 };
 
 SparseCholesky::SparseCholesky() : factor_(std::make_unique<Factor>()) {}
@@ -18,16 +35,22 @@ SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
 
 void SparseCholesky::analyze(const Eigen::SparseMatrix<double>& a) {
   TARSIER_REQUIRE(a.rows() == a.cols(), "a {} x {} matrix", a.rows(), a.cols());
-  factor_->solver.analyzePattern(a);
+  factor_->elements.analyzePattern(a);
+  factor_->has_tiles = false;
+  const double operations = factor_->elements.operations();
+  if (operations < kManyOperations) return;
+  factor_->tiles.analyze(a);
+  factor_->has_tiles = factor_->tiles.operations() < kTileGain * operations;
 }
 
 bool SparseCholesky::factorize(const Eigen::SparseMatrix<double>& a) {
-  factor_->solver.factorize(a);
-  return factor_->solver.info() == Eigen::Success;
+  if (factor_->has_tiles) return factor_->tiles.factorize(a);
+  factor_->elements.factorize(a);
+  return factor_->elements.info() == Eigen::Success;
 }
 
 Eigen::VectorXd SparseCholesky::solve(const Eigen::VectorXd& b) const {
-  return factor_->solver.solve(b);
+  return factor_->has_tiles ? factor_->tiles.solve(b) : factor_->elements.solve(b).eval();
 }
 
 }  // namespace tarsier::linalg
