@@ -26,6 +26,10 @@ constexpr double kMaxSine = 0.1;      // of a ray and the direction to its point
 // Of an adjustment. A long loop that has to bend takes many; where it is not closed when observations that are far off are
 // left out, it stays open.
 constexpr int kMaxSteps = 1000;
+// A step that takes less off the sum than this share is the last. A loop of n images bends by 1/n at each image, which is
+// 1/n^2 of the sum: of more than kLongLoop images, the share falls with the square.
+constexpr double kTolerance = 1e-4;
+constexpr double kLongLoop = 500;
 constexpr double kMinShare = 0.5;  // of images, and of observations that agree at the end
 // Of reprojection_px, and Cauchy's loss of the adjustment that follows, px.
 struct Round {
@@ -236,13 +240,15 @@ class GlobalMapping {
     Model& model = start_.model;
     std::size_t observations = 0;
     std::size_t all = 0;
+    const double share = std::min(1.0, kLongLoop / static_cast<double>(nodes_.size()));
+    const double tolerance = kTolerance * share * share;
     for (const Round& round : kRounds) {
       filter(round.threshold * options_.reprojection_px);
       keep_connected();
       BundleOptions bundle;
       bundle.loss_px = round.loss_px;
       bundle.max_iterations = kMaxSteps;
-      bundle.tolerance = 1e-4;
+      bundle.tolerance = tolerance;
       bundle.focal = options_.refine_focal && round.threshold < 10;
       bundle.distortion = options_.refine_distortion && round.threshold < 5;
       const BundleReport report = adjust(model, bundle, stop_);

@@ -27,18 +27,20 @@ constexpr int kMinLooks = 5;      // images that should show a point whose rate 
 constexpr double kMost = 0.75;    // share of the points with a lower rate than "most"
 constexpr double kRare = 0.7;     // of that rate: below it a point tells places apart, or is unsure
 constexpr double kMinCommon = 5;  // other points, by which the rate of two images is known
-constexpr double kMinExpected = 8;       // of two images that contradict each other
-constexpr std::size_t kMinPairs = 3;     // that contradict each other
-constexpr double kMinShare = 0.005;      // .. of those that are judged
-constexpr double kContradiction = 0.15;  // of what is expected
-constexpr double kUnusual = 0.25;        // .. and of the share that is usual
-constexpr double kMinTelling = 0.35;     // a usual share below it says nothing
-constexpr double kMinUsual = 4;          // expected of images whose share says what is usual
-constexpr double kMinUsualShare = 0.3;   // of what is expected
-constexpr double kSame = 0.5;            // of the usual share: more is of one place
-constexpr double kMinBetween = 20;       // expected of two images and those around them
-constexpr double kDifferent = 0.35;      // of the usual share: less shows different places
-constexpr double kBuiltOn = 0.2;         // of a pair's matches that are points
+constexpr double kMinExpected = 8;        // of two images that contradict each other
+constexpr std::size_t kMinPairs = 3;      // that contradict each other
+constexpr double kMinShare = 0.005;       // .. of those that are judged
+constexpr double kMinOfImage = 3;         // that contradict one image, at least one in a model
+constexpr double kMinShareOfImage = 0.2;  // .. of those that are judged
+constexpr double kContradiction = 0.15;   // of what is expected
+constexpr double kUnusual = 0.25;         // .. and of the share that is usual
+constexpr double kMinTelling = 0.35;      // a usual share below it says nothing
+constexpr double kMinUsual = 4;           // expected of images whose share says what is usual
+constexpr double kMinUsualShare = 0.3;    // of what is expected
+constexpr double kSame = 0.5;             // of the usual share: more is of one place
+constexpr double kMinBetween = 20;        // expected of two images and those around them
+constexpr double kDifferent = 0.35;       // of the usual share: less shows different places
+constexpr double kBuiltOn = 0.2;          // of a pair's matches that are points
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -310,12 +312,14 @@ ModelConflicts::ModelConflicts(const Model& model)
       if (other > static_cast<int>(i)) pairs_.emplace_back(static_cast<int>(i), other);
     }
     if (all > 0) shares_[i] = contradicted / all;
+    is_clustered_ =
+        is_clustered_ || (contradicted >= kMinOfImage && contradicted >= kMinShareOfImage * all);
   }
   find_places();
 }
 
 bool ModelConflicts::any() const {
-  return pairs_.size() >= kMinPairs &&
+  return is_clustered_ && pairs_.size() >= kMinPairs &&
          static_cast<double>(pairs_.size()) >= kMinShare * static_cast<double>(judged_);
 }
 

@@ -36,7 +36,9 @@ class ModelConflicts {
   // Near images that contradict each other: of 8 points or more, less than 0.15 are shared, and less than a quarter of
   // what is usual so far apart. By first, then second; first < second.
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
-  // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence.
+  // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence; and
+  // three or more of them contradict one and the same image, a fifth of those with as much evidence. Of many images a few
+  // lack by chance what one other should share, here and there; an image in a wrong place contradicts most around it.
   [[nodiscard]] bool any() const;
   // Sums up what is known of two images: of them, and of the images that are of one place with either.
   [[nodiscard]] Evidence between(int first, int second) const;
@@ -58,7 +60,8 @@ class ModelConflicts {
   [[nodiscard]] bool is_little(const Evidence& evidence) const;
   std::vector<std::vector<Near>> near_;  // of each image, by image
   std::vector<std::pair<int, int>> pairs_;
-  std::size_t judged_ = 0;  // near images with as much evidence
+  std::size_t judged_ = 0;     // near images with as much evidence
+  bool is_clustered_ = false;  // some image is contradicted by several
   std::vector<double> shares_;
   std::vector<int> place_;  // of each image: one of the images of its place
   std::map<std::pair<int, int>, Evidence> between_places_;  // lower number first

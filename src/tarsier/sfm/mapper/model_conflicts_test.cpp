@@ -55,6 +55,43 @@ TEST(ModelConflicts, FeaturesThatAreFoundFromNearbyOnlyAreNone) {
   EXPECT_FALSE(conflicts.any());
 }
 
+// A row of images, each before its own part of a wall, whose points are found at random: most of them in two images of three,
+// the others in one of three.
+Model row_of_chance() {
+  constexpr int kRow = 500;
+  Model model;
+  model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
+  model.images.resize(kRow);
+  for (int i = 0; i < kRow; ++i) {
+    model.images[at(i)].registered = true;
+    model.images[at(i)].pose.translation = {-0.5 * i, 0, 5};
+  }
+  Rng rng(2);
+  for (int p = 0; p < 20 * kRow; ++p) {
+    Point point;
+    point.position.x() = rng.uniform(0, 0.5 * kRow);
+    point.position.y() = rng.uniform(-1.5, 1.5);
+    const double rate = p % 3 == 0 ? 0.33 : 0.66;
+    for (int i = 0; i < kRow; ++i) {
+      Image& image = model.images[at(i)];
+      if (std::abs(point.position.x() - 0.5 * i) > 3) continue;
+      const auto pixel = model.cameras[0].project(image.pose * point.position);
+      if (!pixel || std::abs(pixel->x - 320) > 320 || rng.uniform(0, 1) > rate) continue;
+      image.features.emplace_back(*pixel);
+      image.points.push_back(p);
+      point.track.push_back({i, static_cast<int>(image.features.size()) - 1});
+    }
+    model.points.push_back(std::move(point));
+  }
+  return model;
+}
+
+TEST(ModelConflicts, ContradictionsHereAndThereAreChance) {
+  const ModelConflicts conflicts(row_of_chance());
+  EXPECT_GE(conflicts.pairs().size(), 20U);
+  EXPECT_FALSE(conflicts.any());
+}
+
 TEST(ModelConflicts, SidesThatLieOverEachOtherContradict) {
   const ModelConflicts conflicts(testing::prism(true).model);
   EXPECT_TRUE(conflicts.any());
