@@ -91,7 +91,8 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
     movers.resize(model.images.size());
     std::iota(movers.begin(), movers.end(), 0);
   }
-  std::erase_if(movers, [&](int i) { return !model.images[at(i)].registered; });
+  std::erase_if(movers,
+                [&](int i) { return options.only_points || !model.images[at(i)].registered; });
   std::vector<char> is_mover(model.images.size(), 0);
   for (const int i : movers) is_mover[at(i)] = 1;
   const auto moves = [&](const Observation& seen) { return is_mover[at(seen.image)] != 0; };
@@ -154,7 +155,7 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   problem.point_moves.assign(points.size(), 1);
   problem.first.push_back(problem.seen.size());
   report.residuals = static_cast<int>(problem.seen.size());
-  if (options.images.empty()) problem.free_numbers = free_numbers(options);
+  if (options.images.empty() && !options.only_points) problem.free_numbers = free_numbers(options);
 
   if (!any_fixed) {
     // The first stays, and one coordinate of the farthest one keeps the scale, as a residual that

@@ -22,6 +22,7 @@ struct BundleOptions {
   std::vector<int> images;
   // The points that some of `images` show, ascending. Empty: looked for among all of the model's.
   std::vector<int> points;
+  bool only_points = false;  // no image moves; `points` says which points do
 };
 
 struct BundleReport {

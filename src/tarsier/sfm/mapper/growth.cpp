@@ -10,11 +10,24 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
-constexpr double kRough = 1e-3;   // of an adjustment while the model still changes
-constexpr double kFine = 1e-5;
-constexpr int kMinSeen = 6;  // points of an image that is tried
+// Of adjustments while the model still changes, and at the end.
+constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3, .points_per_image = 600};
+constexpr IncrementalMapper::Effort kFine{.tolerance = 1e-5};
+constexpr int kMaxObservations = 2'000'000;  // of an adjustment: about 400 bytes each
+constexpr int kMinSeen = 6;                  // points of an image that is tried
 
+constexpr double kMuch = 0.1;  // of all observations, that tracks gained: worth another time
+
+enum ExtendRound { kExtendMore = 1, kExtendEnough };  // after the tracks were extended
 enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
+
+// At the end: by all points, or by as many as there is memory for.
+IncrementalMapper::Effort fine_effort(const IncrementalMapper& mapper) {
+  IncrementalMapper::Effort effort = kFine;
+  if (mapper.observations() > kMaxObservations)
+    effort.points_per_image = kMaxObservations / std::max(1, mapper.registered());
+  return effort;
+}
 
 void step(const GrowthHooks& hooks) {
   if (hooks.step) hooks.step();
@@ -101,18 +114,21 @@ void grow(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& grow
           growth.between_states = true;
           const int gained = mapper.extend_tracks(stop);
           growth.between_states = false;
-          if (gained > 0) {
-            growth.round = 1;
-          } else {
+          if (gained == 0) {
             enter(kLast);
+          } else {
+            growth.round = gained >= kMuch * static_cast<double>(mapper.observations())
+                               ? kExtendMore
+                               : kExtendEnough;
           }
         } else {
+          const bool is_enough = growth.round == kExtendEnough;
           mapper.refine_once(kRough, stop);
-          enter(growth.stage + 1);
+          enter(is_enough ? kLast : growth.stage + 1);
         }
         break;
       default: {
-        const bool changed = mapper.refine_once(kFine, stop);
+        const bool changed = mapper.refine_once(fine_effort(mapper), stop);
         if (++growth.round == 2 || !changed) enter(kDone);
       }
     }

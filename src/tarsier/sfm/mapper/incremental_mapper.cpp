@@ -4,6 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/opencv_types.h"
+#include "tarsier/sfm/mapper/bundle_residual.h"
+#include "tarsier/sfm/mapper/point_selection.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
@@ -11,6 +13,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <numeric>
 
@@ -21,6 +24,8 @@ constexpr double kRadians = CV_PI / 180;
 constexpr int kMaxPairsOfATrack = 30;
 constexpr int kNeighbours = 6;          // that move with a new image
 constexpr std::size_t kMinPoints = 30;  // of a first pair
+constexpr int kLocalPoints = 600;       // of each image that moves with a new one
+constexpr int kPointSteps = 3;          // of the points that an adjustment left out
 constexpr int kGrids = 5;               // of 2 x 2 to 32 x 32 cells
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
@@ -79,6 +84,12 @@ void IncrementalMapper::count_points(const std::vector<int>& tracks) {
   }
 }
 
+std::int64_t IncrementalMapper::observations() const {
+  std::int64_t count = 0;
+  for (const Point& point : model_.points) count += static_cast<std::int64_t>(point.track.size());
+  return count;
+}
+
 std::vector<int> IncrementalMapper::all_tracks() const {
   std::vector<int> tracks(tracks_.size());
   std::iota(tracks.begin(), tracks.end(), 0);
@@ -96,8 +107,7 @@ std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) co
   return result;
 }
 
-int IncrementalMapper::filter(const std::vector<int>& images) {
-  const std::vector<int> points = images.empty() ? all_tracks() : points_of(images);
+int IncrementalMapper::filter(const std::vector<int>& points) {
   const int dropped = filter_these(model_, options_, points);
   count_points(points);
   return dropped;
@@ -150,6 +160,30 @@ void IncrementalMapper::adjust_model(const BundleOptions& options, const std::st
   if (watch_) watch_("after", *this);
 }
 
+void IncrementalMapper::adjust_by_some_points(BundleOptions options, int per_image,
+                                              const std::stop_token& stop) {
+  std::vector<int> images;
+  for (std::size_t i = 0; i < model_.images.size(); ++i)
+    if (model_.images[i].registered) images.push_back(static_cast<int>(i));
+  std::vector<int> points = all_tracks();
+  std::erase_if(points, [&](int p) { return model_.points[at(p)].track.empty(); });
+  options.points = select_points(model_, points, images, per_image);
+  adjust_model(options, stop);
+  BundleOptions others;
+  others.only_points = true;
+  others.max_iterations = kPointSteps;
+  std::set_difference(points.begin(), points.end(), options.points.begin(), options.points.end(),
+                      std::back_inserter(others.points));
+  // What lies behind a camera now is dropped by the filter.
+  std::erase_if(others.points, [&](int p) {
+    const Point& point = model_.points[at(p)];
+    return !std::all_of(point.track.begin(), point.track.end(), [&](const Observation& seen) {
+      return (model_.images[at(seen.image)].pose * point.position).z() >= kMinDepth;
+    });
+  });
+  if (!others.points.empty()) adjust_model(others, {});
+}
+
 bool IncrementalMapper::start(const Pair& pair, const std::stop_token& stop, std::string& why) {
   Image& first = model_.images[at(pair.first)];
   Image& second = model_.images[at(pair.second)];
@@ -160,7 +194,7 @@ bool IncrementalMapper::start(const Pair& pair, const std::stop_token& stop, std
   (void)triangulate_all(min_angle());
   BundleOptions bundle;
   adjust_model(bundle, stop);
-  (void)filter({});
+  (void)filter(all_tracks());
   std::vector<double> angles;
   for (const Point& point : model_.points) {
     if (!point.track.empty())
@@ -251,25 +285,28 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
   return true;
 }
 
-bool IncrementalMapper::refine_once(double tolerance, const std::stop_token& stop) {
+bool IncrementalMapper::refine_once(const Effort& effort, const std::stop_token& stop) {
   BundleOptions bundle;
-  bundle.tolerance = tolerance;
+  bundle.tolerance = effort.tolerance;
   // Two views do not tell the focal length.
   const bool enough = registered() >= 3;
   bundle.focal = options_.refine_focal && enough;
   bundle.center = options_.refine_center && registered() >= 5;
   bundle.distortion = options_.refine_distortion && enough;
-  adjust_model(bundle, stop);
+  if (effort.points_per_image > 0) {
+    adjust_by_some_points(bundle, effort.points_per_image, stop);
+  } else {
+    adjust_model(bundle, stop);
+  }
   if (bundle.focal || bundle.center || bundle.distortion) measure_rays();
-  const int dropped = filter({});
+  const int dropped = filter(all_tracks());
   const int found = triangulate_all(min_angle());
-  const ModelStatistics now = statistics_of(model_);
-  return dropped + found >= 0.002 * static_cast<double>(now.observations);
+  return dropped + found >= 0.002 * static_cast<double>(observations());
 }
 
-void IncrementalMapper::refine_all(int rounds, double tolerance, const std::stop_token& stop) {
+void IncrementalMapper::refine_all(int rounds, const Effort& effort, const std::stop_token& stop) {
   for (int round = 0; round < rounds; ++round)
-    if (!refine_once(tolerance, stop)) break;
+    if (!refine_once(effort, stop)) break;
 }
 
 Model IncrementalMapper::finished(const std::vector<std::vector<cv::Vec3b>>& colors,
@@ -393,11 +430,16 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
   bundle.images = {image};
   for (std::size_t k = 0; k < order.size() && k < kNeighbours; ++k)
     bundle.images.push_back(order[k].second);
-  // A model this small is adjusted as a whole.
-  if (registered() <= kNeighbours + 1) bundle.images.clear();
-  bundle.points = points_of(bundle.images);
+  std::vector<int> points;
+  if (registered() <= kNeighbours + 1) {
+    bundle.images.clear();  // a model this small is adjusted as a whole
+    points = all_tracks();
+  } else {
+    points = points_of(bundle.images);
+    bundle.points = select_points(model_, points, bundle.images, kLocalPoints);
+  }
   adjust_model(bundle, stop);
-  (void)filter(bundle.images);
+  (void)filter(points);
 }
 
 int IncrementalMapper::triangulate_all(double min_angle, int image) {

@@ -29,6 +29,7 @@ class IncrementalMapper {
                     const MapperOptions& options);
   [[nodiscard]] const Model& model() const { return model_; }
   [[nodiscard]] int registered() const { return registered_; }
+  [[nodiscard]] std::int64_t observations() const;  // of all points
   // Is called with "before" and "after" around each adjustment, of all of it or of a part.
   using Watch = std::function<void(const char* moment, const IncrementalMapper&)>;
   void watch(Watch watch) { watch_ = std::move(watch); }
@@ -48,11 +49,17 @@ class IncrementalMapper {
   // Adds an image; `why` tells what was missing where it fails. Throws Interrupted: it is then
   // not in, and the model is as it was.
   bool add(int image, const std::stop_token& stop, std::string& why);
+  // How all of it is adjusted: to what share of the sum, and by how many points of each image. The others are adjusted
+  // alone afterwards. 0: by all.
+  struct Effort {
+    double tolerance = 1e-3;
+    int points_per_image = 0;
+  };
   // Adjusts all of it, drops what is off, and looks for what fits now; whether much changed, so
   // that another round is worth it. Throws Interrupted: the model is then as it was.
-  bool refine_once(double tolerance, const std::stop_token& stop);
+  bool refine_once(const Effort& effort, const std::stop_token& stop);
   // The same again while much changes.
-  void refine_all(int rounds, double tolerance, const std::stop_token& stop);
+  void refine_all(int rounds, const Effort& effort, const std::stop_token& stop);
   // Looks for known points where they should appear in images that do not show them yet: a
   // match too weak on its own is good at the right place. A feature that belongs to another track
   // joins the two if they are one point. In each image it looks for the points of those that
@@ -83,19 +90,23 @@ class IncrementalMapper {
     std::vector<int> cells;
   };
   void adjust_model(const BundleOptions& options, const std::stop_token& stop);
+  // Adjusts all images by some of the points, then the other points alone.
+  void adjust_by_some_points(BundleOptions options, int per_image, const std::stop_token& stop);
   void count(const Observation& seen, int change);
   // After points of these tracks have come or gone.
   void count_points(const std::vector<int>& tracks);
   [[nodiscard]] std::vector<int> all_tracks() const;
   // Tracks of the points that some of the images show, ascending.
   [[nodiscard]] std::vector<int> points_of(const std::vector<int>& images) const;
-  // Drops what is off among the points of some images; empty: among all.
-  int filter(const std::vector<int>& images);
+  // Drops observations of these points that are off, and points that are left with too few.
+  int filter(const std::vector<int>& points);
   [[nodiscard]] double min_angle() const { return options_.min_angle_deg * CV_PI / 180; }
   static bool shows(const std::vector<Observation>& track, int image);
   // The one of some features of an image that looks most like the point, and enough so; or -1.
   [[nodiscard]] int best_match(int track, int image, const std::vector<int>& features) const;
   int merge(int track, const Observation& seen);
+  // Whether a point is far off where the first and the last image show another one; both are well known.
+  [[nodiscard]] bool are_apart(const Point& point, const Point& other) const;
   // Normalised coordinates of all features.
   void measure_rays();
   [[nodiscard]] std::optional<geometry::Rigid3> pose_of(const std::vector<cv::Point3d>& positions,

@@ -25,6 +25,7 @@
 #include <chrono>
 #include <cmath>
 #include <map>
+#include <memory>
 #include <numeric>
 #include <optional>
 #include <string_view>
@@ -35,9 +36,10 @@ namespace {
 
 constexpr double kRadians = CV_PI / 180;
 constexpr int kFirstPairsTried = 20;
-constexpr double kRough = 1e-3;  // of the adjustments of a model that is extended
-constexpr int kMaxApart = 4;     // times that models are made again without some pairs
-constexpr int kSmall = 10;       // images of a model that is cheap to adjust as a whole
+// Of the adjustments of a model that is extended.
+constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3};
+constexpr int kMaxApart = 4;  // times that models are made again without some pairs
+constexpr int kSmall = 10;    // images of a model that is cheap to adjust as a whole
 const std::string kTakenApart = " lays different places over each other";
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
@@ -87,7 +89,8 @@ class Mapping {
       }
     }
     progress_.end();
-    add_outcomes(input_, options_, evidence_, doubts_, result_);
+    conflicts_.resize(result_.models.size());
+    add_outcomes(input_, options_, evidence_, doubts_, conflicts_, result_);
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
   }
@@ -277,7 +280,8 @@ class Mapping {
                       "show say where they are",
                       left_out, statistics_of(model).registered));
     }
-    if (takes_apart(model)) {
+    std::shared_ptr<const ModelConflicts> conflicts;
+    if (takes_apart(model, conflicts)) {
       taken_apart_ = std::move(model);
       return;
     }
@@ -286,15 +290,18 @@ class Mapping {
     } else if (leaves_loops_open(model)) {
       aside_ = std::move(model);
     } else {
-      add_model(std::move(model));
+      add_model(std::move(model), std::move(conflicts));
     }
   }
 
-  void add_model(Model model) {
+  // `conflicts` of the model, where they are known.
+  void add_model(Model model, std::shared_ptr<const ModelConflicts> conflicts = {}) {
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       used_[i] = used_[i] || model.images[i].registered;
     if (hooks_.watch) hooks_.watch(fmt::format("model-{}", result_.models.size()), model);
     result_.models.push_back(std::move(model));
+    conflicts_.resize(result_.models.size() - 1);
+    conflicts_.push_back(std::move(conflicts));
     taken_apart_.reset();
   }
 
@@ -349,12 +356,13 @@ class Mapping {
   }
 
   // Whether the model lays places over each other: the pairs that did it are refused, and its images are mapped again
-  // without them, globally if that is possible, as a few wrong pairs that are left do less harm there.
-  bool takes_apart(const Model& model) {
+  // without them, globally if that is possible, as a few wrong pairs that are left do less harm there. `conflicts`: of the
+  // model, where they were looked for.
+  bool takes_apart(const Model& model, std::shared_ptr<const ModelConflicts>& conflicts) {
     if (input_.followed || apart_ >= kMaxApart) return false;
-    const ModelConflicts conflicts(model);
-    if (!conflicts.any()) return false;
-    const std::vector<const Pair*> refused = conflicting_pairs(model, conflicts, left_pairs());
+    conflicts = std::make_shared<const ModelConflicts>(model);
+    if (!conflicts->any()) return false;
+    const std::vector<const Pair*> refused = conflicting_pairs(model, *conflicts, left_pairs());
     if (refused.empty()) return false;
     for (const Pair* pair : refused)
       doubts_[static_cast<std::size_t>(pair - input_.pairs.data())] = Doubt::kModel;
@@ -364,7 +372,7 @@ class Mapping {
     result_.log.push_back(fmt::format(
         "a model of {} images{} ({} near images contradict each other): {} pairs are refused, "
         "and it is made again",
-        statistics_of(model).registered, kTakenApart, conflicts.pairs().size(), refused.size()));
+        statistics_of(model).registered, kTakenApart, conflicts->pairs().size(), refused.size()));
     progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     return true;
   }
@@ -482,7 +490,8 @@ class Mapping {
   const std::stop_token& stop_;
   const MapperHooks& hooks_;
   Reconstruction result_;
-  std::vector<bool> used_;  // images in finished models
+  std::vector<std::shared_ptr<const ModelConflicts>> conflicts_;  // of result_.models, where known
+  std::vector<bool> used_;                                        // images in finished models
   std::vector<PairEvidence> evidence_;
   std::vector<Doubt> doubts_;  // of each pair
   bool done_ = false;

@@ -380,12 +380,42 @@ TEST(IncrementalMapper, KnowsWhatEachImageSees) {
     EXPECT_TRUE(mapper.add(i, {}, why)) << why;
     check("add");
   }
-  mapper.refine_all(2, 1e-4, {});
+  mapper.refine_all(2, {.tolerance = 1e-4}, {});
   check("refine");
   EXPECT_GT(mapper.extend_tracks({}), 0);
   check("extend");
-  mapper.refine_all(1, 1e-4, {});
+  mapper.refine_all(1, {.tolerance = 1e-4}, {});
   check("the end");
+}
+
+// An adjustment by few points takes the others along.
+TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
+  const Problem problem = problem_of(synth::make_point_problem(23, 8, 400, 0.4, 0));
+  Model model;
+  model.cameras = problem.cameras;
+  model.cameras[0].fx *= 1.03;
+  model.cameras[0].fy *= 1.03;
+  model.images = problem.images;
+  std::vector<int> features;
+  for (const Image& image : problem.images)
+    features.push_back(static_cast<int>(image.features.size()));
+  MapperOptions options;
+  options.refine_focal = true;
+  options.reprojection_px = 8;
+  const std::vector<cv::Mat> descriptors;
+  const auto error_by = [&](int points_per_image) {
+    IncrementalMapper mapper(model, make_tracks(problem.pairs, features), descriptors,
+                             FeatureKind::kSift, options);
+    std::string why;
+    EXPECT_TRUE(mapper.start(problem.pairs[3], {}, why)) << why;
+    for (int i = 0; i < 8; ++i) {
+      if (mapper.model().images[static_cast<std::size_t>(i)].registered) continue;
+      EXPECT_TRUE(mapper.add(i, {}, why)) << why;
+    }
+    mapper.refine_once({.tolerance = 1e-6, .points_per_image = points_per_image}, {});
+    return statistics_of(mapper.model()).reprojection_px;
+  };
+  EXPECT_LT(error_by(60), 1.1 * error_by(0));
 }
 
 TEST(Reconstruct, AImageThatMatchesNothingIsMissingWithItsReason) {
@@ -485,6 +515,32 @@ TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
     EXPECT_EQ(found.images[i].pose.translation, given.images[i].pose.translation);
     EXPECT_EQ(start.images[i].pose.translation != given.images[i].pose.translation,
               i == 2 || i == 4);
+  }
+}
+
+TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0, 0));
+  const Model before = run(problem).models.at(0);
+  Model model = before;
+  Rng rng(1);
+  BundleOptions options;
+  options.only_points = true;
+  options.focal = true;  // stays nevertheless
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    for (int k = 0; k < 3; ++k) model.points[p].position[k] += rng.normal(0, 0.02);
+    if (p % 2 == 0) options.points.push_back(static_cast<int>(p));
+  }
+  const Model moved = model;
+  EXPECT_TRUE(adjust(model, options).trouble.empty());
+  EXPECT_EQ(model.cameras[0].fx, before.cameras[0].fx);
+  for (std::size_t i = 0; i < model.images.size(); ++i)
+    EXPECT_EQ(model.images[i].pose.translation, before.images[i].pose.translation) << i;
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    if (p % 2 == 0) {
+      EXPECT_LT((model.points[p].position - before.points[p].position).norm(), 1e-3) << p;
+    } else {
+      EXPECT_EQ(model.points[p].position, moved.points[p].position) << p;
+    }
   }
 }
 

@@ -2,7 +2,6 @@
 #include "tarsier/sfm/mapper/outcomes.h"
 
 #include "tarsier/sfm/mapper/initial_pair.h"
-#include "tarsier/sfm/mapper/model_conflicts.h"
 #include "tarsier/sfm/mapper/trust.h"
 
 #include <fmt/format.h>
@@ -18,22 +17,29 @@ namespace {
 // Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
 constexpr double kFoldedWeight = 3;
 
-void order_models(int min_images, std::vector<Model>& models) {
+void order_models(int min_images, std::vector<Model>& models,
+                  std::vector<std::shared_ptr<const ModelConflicts>>& conflicts) {
   struct Sized {
     ModelStatistics size;
     Model model;
+    std::shared_ptr<const ModelConflicts> conflicts;
   };
   std::vector<Sized> sized;
-  for (Model& model : models) {
-    const ModelStatistics size = statistics_of(model);
-    if (size.registered >= min_images) sized.push_back({size, std::move(model)});
+  for (std::size_t m = 0; m < models.size(); ++m) {
+    const ModelStatistics size = statistics_of(models[m]);
+    if (size.registered >= min_images)
+      sized.push_back({size, std::move(models[m]), std::move(conflicts[m])});
   }
   std::stable_sort(sized.begin(), sized.end(), [](const Sized& a, const Sized& b) {
     return a.size.registered != b.size.registered ? a.size.registered > b.size.registered
                                                   : a.size.observations > b.size.observations;
   });
   models.clear();
-  for (Sized& each : sized) models.push_back(std::move(each.model));
+  conflicts.clear();
+  for (Sized& each : sized) {
+    models.push_back(std::move(each.model));
+    conflicts.push_back(std::move(each.conflicts));
+  }
 }
 
 std::string why_no_model(const MapperInput& input, const MapperOptions& options,
@@ -87,18 +93,20 @@ bool is_folded(const Model& model, const ModelConflicts& conflicts, const std::v
 
 // Of each image of a model; near images that contradict each other have less.
 std::vector<double> image_trust(const Model& model, const MapperInput& input,
-                                const std::vector<Doubt>& doubts, bool& has_conflicts) {
+                                const std::vector<Doubt>& doubts,
+                                std::shared_ptr<const ModelConflicts> conflicts,
+                                bool& has_conflicts) {
   std::vector<std::uint8_t> by_evidence(doubts.size(), 0);
   for (std::size_t k = 0; k < doubts.size(); ++k)
     by_evidence[k] = doubts[k] == Doubt::kEvidence || doubts[k] == Doubt::kModel ? 1 : 0;
   std::vector<double> trust = trust_of(model, input.pairs, by_evidence);
   if (input.followed) return trust;
-  const ModelConflicts conflicts(model);
-  if (!conflicts.any()) return trust;
+  if (!conflicts) conflicts = std::make_shared<const ModelConflicts>(model);
+  if (!conflicts->any()) return trust;
   has_conflicts = true;
-  const double weight = is_folded(model, conflicts, input.pairs, doubts) ? kFoldedWeight : 1;
+  const double weight = is_folded(model, *conflicts, input.pairs, doubts) ? kFoldedWeight : 1;
   for (std::size_t i = 0; i < trust.size(); ++i)
-    trust[i] *= std::max(0.0, 1 - weight * conflicts.shares()[i]);
+    trust[i] *= std::max(0.0, 1 - weight * conflicts->shares()[i]);
   return trust;
 }
 
@@ -106,13 +114,15 @@ std::vector<double> image_trust(const Model& model, const MapperInput& input,
 
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
+                  std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made) {
-  order_models(options.min_images, made.models);
+  order_models(options.min_images, made.models, conflicts);
   if (made.models.empty()) made.no_model = why_no_model(input, options, made.log);
   made.refused = refused_pairs(input.pairs, evidence, doubts);
   std::vector<std::vector<double>> trust;  // of each model's images
-  for (const Model& model : made.models) {
-    trust.push_back(image_trust(model, input, doubts, made.has_conflicts));
+  for (std::size_t m = 0; m < made.models.size(); ++m) {
+    const Model& model = made.models[m];
+    trust.push_back(image_trust(model, input, doubts, std::move(conflicts[m]), made.has_conflicts));
     made.trust.push_back(model_trust(model, trust.back()));
   }
   const std::vector<const Pair*> best = best_pairs(input.pairs, input.images.size());

@@ -3,8 +3,10 @@
 
 #include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/model_conflicts.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -16,9 +18,11 @@ namespace tarsier::sfm {
 inline constexpr std::string_view kGlobalRefusal = "global mapping refused: ";
 
 // Orders the models of `made`, largest first, without those that are too small, and tells which pairs were refused, what
-// became of each image, and how much each model is to be trusted. `evidence` and `doubts` are of each pair of the input.
+// became of each image, and how much each model is to be trusted. `evidence` and `doubts` are of each pair of the input,
+// `conflicts` of each model, where they are known.
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
+                  std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made);
 
 }  // namespace tarsier::sfm

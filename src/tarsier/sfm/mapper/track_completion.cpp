@@ -16,6 +16,10 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMaxFailed = 4'000'000;
+constexpr std::size_t kMaxCompared =
+    12;  // views of a point, spread over all, that a feature is compared with
+constexpr std::size_t kSureViews = 6;  // of a point that is not moved far by others
+constexpr double kFarOff = 4;          // reprojection_px: two such points are not one
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -133,19 +137,32 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
 int IncrementalMapper::best_match(int track, int image, const std::vector<int>& features) const {
   int best = -1;
   double most = options_.extend_similarity;
+  const std::vector<Observation>& views = model_.points[at(track)].track;
+  const std::size_t stride = (views.size() + kMaxCompared - 1) / kMaxCompared;
   for (const int feature : features) {
     double likeness = 0;
-    for (const Observation& seen : model_.points[at(track)].track)
+    for (std::size_t k = 0; k < views.size(); k += stride) {
+      const Observation& seen = views[k];
       likeness = std::max(likeness, similarity(descriptors_[at(image)], feature,
                                                descriptors_[at(seen.image)], seen.feature, kind_,
                                                norms_[at(image)][at(feature)] *
                                                    norms_[at(seen.image)][at(seen.feature)]));
+    }
     if (likeness > most) {
       most = likeness;
       best = feature;
     }
   }
   return best;
+}
+
+bool IncrementalMapper::are_apart(const Point& point, const Point& other) const {
+  if (std::min(point.track.size(), other.track.size()) < kSureViews) return false;
+  const auto is_off = [&](const Observation& seen) {
+    const auto error = error_of(model_, seen, point.position);
+    return !error || *error > kFarOff * options_.reprojection_px;
+  };
+  return is_off(other.track.front()) || is_off(other.track.back());
 }
 
 int IncrementalMapper::merge(int track, const Observation& seen) {
@@ -167,6 +184,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   std::vector<Observation>& theirs = tracks_[at(other)];
   for (const Observation& observation : theirs)
     if (shows(own, observation.image)) return 0;
+  if (are_apart(point, model_.points[at(other)])) return 0;
   std::vector<Observation> all = point.track;
   const std::vector<Observation>& more =
       model_.points[at(other)].track.empty() ? theirs : model_.points[at(other)].track;
