@@ -13,7 +13,7 @@ constexpr double kGrowth = 1.25;  // of the model, after which all of it is adju
 // Of adjustments while the model still changes, and at the end.
 constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3, .points_per_image = 600};
 constexpr IncrementalMapper::Effort kFine{.tolerance = 1e-5};
-constexpr int kMaxObservations = 2'000'000;  // of an adjustment: about 400 bytes each
+constexpr int kMaxObservations = 1'000'000;  // of an adjustment: 400 to 700 bytes each
 constexpr int kMinSeen = 6;                  // points of an image that is tried
 
 constexpr double kMuch = 0.1;  // of all observations, that tracks gained: worth another time
