@@ -6,10 +6,12 @@
 
 #include <Eigen/SparseCholesky>
 
+#include <optional>
+
 namespace tarsier::linalg {
 namespace {
 
-constexpr double kManyOperations = 2e8;  // below, tiles are not looked for
+constexpr double kManyOperations = 1e8;  // below, tiles are not looked for
 constexpr double kTileGain = 4;          // operations of tiles in the time of one of elements
 
 class ByElements : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
@@ -22,10 +24,10 @@ class ByElements : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eige
 
 }  // namespace
 
+// One of the two; the other takes no memory.
 struct SparseCholesky::Factor {
-  ByElements elements;
-  TileCholesky tiles;
-  bool has_tiles = false;
+  std::optional<ByElements> elements;
+  std::optional<TileCholesky> tiles;
 };
 
 SparseCholesky::SparseCholesky() : factor_(std::make_unique<Factor>()) {}
@@ -35,22 +37,28 @@ SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
 
 void SparseCholesky::analyze(const Eigen::SparseMatrix<double>& a) {
   TARSIER_REQUIRE(a.rows() == a.cols(), "a {} x {} matrix", a.rows(), a.cols());
-  factor_->elements.analyzePattern(a);
-  factor_->has_tiles = false;
-  const double operations = factor_->elements.operations();
+  factor_->tiles.reset();
+  factor_->elements.emplace();
+  factor_->elements->analyzePattern(a);
+  const double operations = factor_->elements->operations();
   if (operations < kManyOperations) return;
-  factor_->tiles.analyze(a);
-  factor_->has_tiles = factor_->tiles.operations() < kTileGain * operations;
+  factor_->tiles.emplace();
+  factor_->tiles->analyze(a);
+  if (factor_->tiles->operations() < kTileGain * operations) {
+    factor_->elements.reset();
+  } else {
+    factor_->tiles.reset();
+  }
 }
 
 bool SparseCholesky::factorize(const Eigen::SparseMatrix<double>& a) {
-  if (factor_->has_tiles) return factor_->tiles.factorize(a);
-  factor_->elements.factorize(a);
-  return factor_->elements.info() == Eigen::Success;
+  if (factor_->tiles) return factor_->tiles->factorize(a);
+  factor_->elements->factorize(a);
+  return factor_->elements->info() == Eigen::Success;
 }
 
 Eigen::VectorXd SparseCholesky::solve(const Eigen::VectorXd& b) const {
-  return factor_->has_tiles ? factor_->tiles.solve(b) : factor_->elements.solve(b).eval();
+  return factor_->tiles ? factor_->tiles->solve(b) : factor_->elements->solve(b).eval();
 }
 
 }  // namespace tarsier::linalg

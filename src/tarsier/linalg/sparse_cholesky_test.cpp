@@ -40,5 +40,23 @@ TEST(SparseCholesky, FindsAMatrixThatIsNotPositiveDefinite) {
   EXPECT_TRUE(cholesky.factorize(chain(20, 2)));
 }
 
+// A factor that is rather full, which is made by tiles, then one of a chain by the same object.
+TEST(SparseCholesky, TakesFullAndThinOnesInTurn) {
+  constexpr int kSize = 900;
+  std::vector<Eigen::Triplet<double>> numbers;
+  for (int c = 0; c < kSize; ++c)
+    for (int r = 0; r <= c; ++r) numbers.emplace_back(r, c, r == c ? kSize : 1.0 / (1 + c - r));
+  Eigen::SparseMatrix<double> full(kSize, kSize);
+  full.setFromTriplets(numbers.begin(), numbers.end());
+  SparseCholesky cholesky;
+  for (const Eigen::SparseMatrix<double>& a : {full, chain(kSize, 3), full}) {
+    cholesky.analyze(a);
+    ASSERT_TRUE(cholesky.factorize(a));
+    const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(kSize, -1, 5);
+    const Eigen::VectorXd b = a.selfadjointView<Eigen::Upper>() * x;
+    EXPECT_LT((cholesky.solve(b) - x).norm(), 1e-8);
+  }
+}
+
 }  // namespace
 }  // namespace tarsier::linalg

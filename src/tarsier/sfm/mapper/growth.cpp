@@ -15,17 +15,17 @@ constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3, .points_per_image 
 constexpr IncrementalMapper::Effort kFine{.tolerance = 1e-5};
 constexpr int kMaxObservations = 1'000'000;  // of an adjustment: 400 to 700 bytes each
 constexpr int kMinSeen = 6;                  // points of an image that is tried
-
 constexpr double kMuch = 0.1;  // of all observations, that tracks gained: worth another time
 
 enum ExtendRound { kExtendMore = 1, kExtendEnough };  // after the tracks were extended
 enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
 
-// At the end: by all points, or by as many as there is memory for.
+// At the end: by all points, or by as many as there is memory for, but not by fewer than before.
 IncrementalMapper::Effort fine_effort(const IncrementalMapper& mapper) {
   IncrementalMapper::Effort effort = kFine;
   if (mapper.observations() > kMaxObservations)
-    effort.points_per_image = kMaxObservations / std::max(1, mapper.registered());
+    effort.points_per_image =
+        std::max(kRough.points_per_image, kMaxObservations / std::max(1, mapper.registered()));
   return effort;
 }
 
