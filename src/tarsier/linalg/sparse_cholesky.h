@@ -9,7 +9,8 @@
 namespace tarsier::linalg {
 
 // P A P^T = L L^T of a sparse symmetric positive definite matrix, n x n, with an order of elimination P of least fill (Amestoy,
-// Davis and Duff, An approximate minimum degree ordering algorithm, 1996; Eigen's). Compiled once, as decompositions.h.
+// Davis and Duff, An approximate minimum degree ordering algorithm, 1996; Eigen's), element by element; or by
+// tile_cholesky.h, where its products of dense matrices are reckoned to be faster. Compiled once, as decompositions.h.
 class SparseCholesky {
  public:
   SparseCholesky();
@@ -17,7 +18,8 @@ class SparseCholesky {
   SparseCholesky(SparseCholesky&&) noexcept;
   SparseCholesky& operator=(SparseCholesky&&) noexcept;
 
-  // The order of elimination for matrices with the nonzero elements of `a`, of which only the upper triangle is read.
+  // The order of elimination for matrices with the nonzero elements of `a`, of which only the upper triangle is read. Comes
+  // before the others.
   void analyze(const Eigen::SparseMatrix<double>& a);
   // False where `a`, with the nonzero elements that were analyzed, is not positive definite.
   [[nodiscard]] bool factorize(const Eigen::SparseMatrix<double>& a);

@@ -10,10 +10,10 @@ namespace tarsier::linalg {
 
 // P A P^T = L L^T of a sparse symmetric positive definite matrix, n x n, whose factor L is rather full: the equations of
 // cameras each of which has points in common with a hundred others. The variables are put in an order in which neighbours
-// are near each other (Cuthill and McKee, Reducing the bandwidth of sparse symmetric matrices, 1969, reversed), those that all
-// others are tied to at the end, and cut into tiles of 48; tiles are eliminated in the order of least fill (Amestoy, Davis and Duff 1996; Eigen's), and the work is
-// products of dense matrices (Ng and Peyton, Block sparse Cholesky algorithms on advanced uniprocessor computers, 1993).
-// One thread; the same numbers for the same matrix.
+// are near each other (Cuthill and McKee, Reducing the bandwidth of sparse symmetric matrices, 1969, reversed), those that
+// nearly all others are tied to at the end, and cut into tiles of 48. Tiles are eliminated in the order of least fill
+// (Amestoy, Davis and Duff 1996; Eigen's), and the work is products of dense matrices (Ng and Peyton, Block sparse Cholesky
+// algorithms on advanced uniprocessor computers, 1993). One thread; the same numbers for the same matrix.
 class TileCholesky {
  public:
   // For matrices with the nonzero elements of `a`, of which only the upper triangle is read.
