@@ -2,32 +2,110 @@
 #include "tarsier/linalg/sparse_cholesky.h"
 
 #include "tarsier/core/require.h"
-#include "tarsier/linalg/tile_cholesky.h"
 
 #include <Eigen/SparseCholesky>
 
+#include <algorithm>
 #include <optional>
+#include <utility>
 
 namespace tarsier::linalg {
 namespace {
 
-constexpr double kManyOperations = 1e8;  // below, tiles are not looked for
-constexpr double kTileGain = 4;          // operations of tiles in the time of one of elements
+constexpr double kManyOperations = 1e7;  // below, tiles are not looked for
+constexpr double kTileGain = 6;          // operations of tiles in the time of one of elements
 
 class ByElements : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
  public:
-  // Multiplications of a factorization.
-  [[nodiscard]] double operations() const {
-    return m_nonZerosPerCol.cast<double>().squaredNorm() / 2;
+  // Multiplications of a factorization, where each element is a block of so many rows and columns.
+  [[nodiscard]] double operations(double block = 1) const {
+    return block * (block * m_nonZerosPerCol.cast<double>()).squaredNorm() / 2;
   }
 };
 
+// Each element of the upper triangle is a block of its own.
+BlockPattern pattern_of(const Eigen::SparseMatrix<double>& a) {
+  BlockPattern pattern;
+  for (int c = 0; c < a.outerSize(); ++c) {
+    pattern.first.push_back(c);
+    for (Eigen::SparseMatrix<double>::InnerIterator element(a, c); element; ++element)
+      if (element.row() <= c) pattern.blocks.push_back({static_cast<int>(element.row()), c});
+  }
+  pattern.first.push_back(static_cast<int>(a.cols()));
+  return pattern;
+}
+
+// The blocks as the elements of a matrix.
+Eigen::SparseMatrix<double> graph_of(const BlockPattern& pattern) {
+  Eigen::SparseMatrix<double> graph(pattern.variables(), pattern.variables());
+  graph.reserve(static_cast<Eigen::Index>(pattern.blocks.size()));
+  std::size_t next = 0;
+  for (int column = 0; column < pattern.variables(); ++column) {
+    graph.startVec(column);
+    for (; next < pattern.blocks.size() && pattern.blocks[next].column == column; ++next)
+      graph.insertBack(pattern.blocks[next].row, column) = 1;
+  }
+  graph.finalize();
+  return graph;
+}
+
 }  // namespace
 
-// One of the two; the other takes no memory.
+// By elements or by tiles; the other takes no memory.
 struct SparseCholesky::Factor {
   std::optional<ByElements> elements;
   std::optional<TileCholesky> tiles;
+  BlockPattern pattern;                // where it was given, and `elements` are used
+  Eigen::SparseMatrix<double> matrix;  // likewise: the upper triangle
+
+  // Whether tiles are faster than so many operations of elements.
+  bool takes_tiles(double operations, BlockPattern given) {
+    tiles.emplace();
+    tiles->analyze(std::move(given));
+    if (tiles->operations() < kTileGain * operations) return true;
+    tiles.reset();
+    return false;
+  }
+
+  // The matrix of the blocks; their numbers lie column by column as well.
+  void fill(const std::vector<double>& values) {
+    const bool is_first = matrix.nonZeros() == 0;
+    if (is_first) {
+      matrix.resize(pattern.size(), pattern.size());
+      matrix.reserve(static_cast<Eigen::Index>(values.size()));
+    }
+    Eigen::Index filled = 0;
+    const double* begin_of_column = values.data();
+    std::size_t begin = 0;
+    for (int v = 0; v < pattern.variables(); ++v) {
+      const int columns = size_of(v);
+      std::size_t end = begin;
+      while (end < pattern.blocks.size() && pattern.blocks[end].column == v) ++end;
+      for (int c = 0; c < columns; ++c) {
+        if (is_first) matrix.startVec(pattern.first[static_cast<std::size_t>(v)] + c);
+        const double* numbers = begin_of_column;
+        for (std::size_t b = begin; b < end; ++b) {
+          const int row = pattern.blocks[b].row;
+          const int rows = size_of(row);
+          for (int r = 0; r < (row == v ? c + 1 : rows); ++r) {
+            if (is_first)
+              matrix.insertBack(pattern.first[static_cast<std::size_t>(row)] + r,
+                                pattern.first[static_cast<std::size_t>(v)] + c) = 1;
+            matrix.valuePtr()[filled++] = numbers[c * rows + r];
+          }
+          numbers += rows * columns;
+        }
+        if (c + 1 == columns) begin_of_column = numbers;
+      }
+      begin = end;
+    }
+    if (is_first) matrix.finalize();
+  }
+
+  [[nodiscard]] int size_of(int variable) const {
+    const auto v = static_cast<std::size_t>(variable);
+    return pattern.first[v + 1] - pattern.first[v];
+  }
 };
 
 SparseCholesky::SparseCholesky() : factor_(std::make_unique<Factor>()) {}
@@ -37,23 +115,45 @@ SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
 
 void SparseCholesky::analyze(const Eigen::SparseMatrix<double>& a) {
   TARSIER_REQUIRE(a.rows() == a.cols(), "a {} x {} matrix", a.rows(), a.cols());
-  factor_->tiles.reset();
+  factor_ = std::make_unique<Factor>();
   factor_->elements.emplace();
   factor_->elements->analyzePattern(a);
   const double operations = factor_->elements->operations();
   if (operations < kManyOperations) return;
-  factor_->tiles.emplace();
-  factor_->tiles->analyze(a);
-  if (factor_->tiles->operations() < kTileGain * operations) {
-    factor_->elements.reset();
-  } else {
-    factor_->tiles.reset();
-  }
+  if (factor_->takes_tiles(operations, pattern_of(a))) factor_->elements.reset();
+}
+
+void SparseCholesky::analyze(const BlockPattern& pattern) {
+  factor_ = std::make_unique<Factor>();
+  ByElements blocks;
+  blocks.analyzePattern(graph_of(pattern));
+  const double operations =
+      blocks.operations(static_cast<double>(pattern.size()) / std::max(1, pattern.variables()));
+  if (operations >= kManyOperations && factor_->takes_tiles(operations, pattern)) return;
+  factor_->pattern = pattern;
 }
 
 bool SparseCholesky::factorize(const Eigen::SparseMatrix<double>& a) {
-  if (factor_->tiles) return factor_->tiles->factorize(a);
+  if (factor_->tiles) {
+    std::vector<double> values;
+    values.reserve(static_cast<std::size_t>(a.nonZeros()));
+    for (int c = 0; c < a.outerSize(); ++c)
+      for (Eigen::SparseMatrix<double>::InnerIterator element(a, c); element; ++element)
+        if (element.row() <= c) values.push_back(element.value());
+    return factor_->tiles->factorize(values.data());
+  }
   factor_->elements->factorize(a);
+  return factor_->elements->info() == Eigen::Success;
+}
+
+bool SparseCholesky::factorize(const std::vector<double>& values) {
+  if (factor_->tiles) return factor_->tiles->factorize(values.data());
+  factor_->fill(values);
+  if (!factor_->elements) {
+    factor_->elements.emplace();
+    factor_->elements->analyzePattern(factor_->matrix);
+  }
+  factor_->elements->factorize(factor_->matrix);
   return factor_->elements->info() == Eigen::Success;
 }
 

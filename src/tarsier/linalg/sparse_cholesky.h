@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/linalg/tile_cholesky.h"
+
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
 
 #include <memory>
+#include <vector>
 
 namespace tarsier::linalg {
 
@@ -18,11 +21,14 @@ class SparseCholesky {
   SparseCholesky(SparseCholesky&&) noexcept;
   SparseCholesky& operator=(SparseCholesky&&) noexcept;
 
-  // The order of elimination for matrices with the nonzero elements of `a`, of which only the upper triangle is read. Comes
-  // before the others.
+  // The order of elimination for matrices with the nonzero elements of `a`, of which only the upper triangle is read; or with
+  // the blocks of `pattern`. Comes before the others.
   void analyze(const Eigen::SparseMatrix<double>& a);
-  // False where `a`, with the nonzero elements that were analyzed, is not positive definite.
+  void analyze(const BlockPattern& pattern);
+  // False where the matrix is not positive definite: `a`, with the nonzero elements that were analyzed, or that of the
+  // `values` of the blocks.
   [[nodiscard]] bool factorize(const Eigen::SparseMatrix<double>& a);
+  [[nodiscard]] bool factorize(const std::vector<double>& values);
   // x with A x = b, after factorize() was true.
   [[nodiscard]] Eigen::VectorXd solve(const Eigen::VectorXd& b) const;
 

@@ -40,6 +40,28 @@ TEST(SparseCholesky, FindsAMatrixThatIsNotPositiveDefinite) {
   EXPECT_TRUE(cholesky.factorize(chain(20, 2)));
 }
 
+// Variables of two numbers and one of three, each tied to the next; by elements, as the factor is thin.
+TEST(SparseCholesky, TakesAMatrixByBlocks) {
+  const BlockPattern pattern{{0, 2, 4, 7}, {{0, 0}, {0, 1}, {1, 1}, {1, 2}, {2, 2}}};
+  const std::vector<double> values{4,  9,  1,  5, .1, .2, .3, .4, 6, 9, 1, 7, .5, .6,
+                                   .7, .8, .9, 1, 8,  9,  9,  1,  8, 9, 2, 1, 8};
+  Eigen::MatrixXd a(7, 7);
+  a << 4, 1, .1, .3, 0, 0, 0,    //
+      1, 5, .2, .4, 0, 0, 0,     //
+      .1, .2, 6, 1, .5, .7, .9,  //
+      .3, .4, 1, 7, .6, .8, 1,   //
+      0, 0, .5, .6, 8, 1, 2,     //
+      0, 0, .7, .8, 1, 8, 1,     //
+      0, 0, .9, 1, 2, 1, 8;
+  const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(7, -1, 5);
+  SparseCholesky cholesky;
+  cholesky.analyze(pattern);
+  for (int times = 0; times < 2; ++times) {
+    ASSERT_TRUE(cholesky.factorize(values));
+    EXPECT_LT((cholesky.solve(a * x) - x).norm(), 1e-12);
+  }
+}
+
 // A factor that is rather full, which is made by tiles, then one of a chain by the same object.
 TEST(SparseCholesky, TakesFullAndThinOnesInTurn) {
   constexpr int kSize = 900;

@@ -2,9 +2,12 @@
 #include "tarsier/linalg/tile_cholesky.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/tile_kernels.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/OrderingMethods>
+#include <Eigen/SparseCore>
+#include <opencv2/core/utility.hpp>
 
 #include <algorithm>
 #include <cstddef>
@@ -13,26 +16,21 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr int kTile = 48;              // variables: eight cameras
-constexpr std::size_t kManyTimes = 4;  // as many neighbours as most variables have
+constexpr std::size_t kManyTimes = 4;  //  as many neighbours as most variables have
 
 using Eigen::Index;
-using Eigen::MatrixXd;
 using Eigen::SparseMatrix;
 using Eigen::VectorXd;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-// Of each variable the others that it shares a nonzero element with.
-std::vector<std::vector<int>> neighbours_of(const SparseMatrix<double>& a) {
-  std::vector<std::vector<int>> neighbours(static_cast<std::size_t>(a.cols()));
-  for (int c = 0; c < a.outerSize(); ++c) {
-    for (SparseMatrix<double>::InnerIterator element(a, c); element; ++element) {
-      const auto r = static_cast<int>(element.row());
-      if (r >= c) continue;
-      neighbours[at(r)].push_back(c);
-      neighbours[at(c)].push_back(r);
-    }
+// Of each variable the others that it has a block with.
+std::vector<std::vector<int>> neighbours_of(const BlockPattern& pattern) {
+  std::vector<std::vector<int>> neighbours(at(pattern.variables()));
+  for (const auto& [row, column] : pattern.blocks) {
+    if (row == column) continue;
+    neighbours[at(row)].push_back(column);
+    neighbours[at(column)].push_back(row);
   }
   return neighbours;
 }
@@ -88,38 +86,46 @@ std::vector<int> narrow_order(const std::vector<std::vector<int>>& neighbours) {
 
 }  // namespace
 
-void TileCholesky::analyze(const SparseMatrix<double>& a) {
-  TARSIER_REQUIRE(a.rows() == a.cols(), "a {} x {} matrix", a.rows(), a.cols());
-  order_tiles(a);
+void TileCholesky::analyze(BlockPattern pattern) {
+  pattern_ = std::move(pattern);
+  TARSIER_REQUIRE(!pattern_.first.empty(), "a pattern without an end");
+  order_tiles();
   std::vector<std::vector<int>> below(columns_.size());
-  for (int c = 0; c < a.outerSize(); ++c) {
-    for (SparseMatrix<double>::InnerIterator element(a, c); element; ++element) {
-      if (element.row() > c) continue;
-      const auto [first, second] = std::minmax(
-          tile_[at(place_[at(static_cast<int>(element.row()))])], tile_[at(place_[at(c)])]);
-      if (first != second) below[at(first)].push_back(second);
+  for (const auto& [row, column] : pattern_.blocks) {
+    for (int r = pattern_.first[at(row)]; r < pattern_.first[at(row) + 1]; ++r) {
+      for (int c = pattern_.first[at(column)]; c < pattern_.first[at(column) + 1]; ++c) {
+        const int first = std::min(place_[at(r)], place_[at(c)]) / kTileSize;
+        const int second = std::max(place_[at(r)], place_[at(c)]) / kTileSize;
+        if (first != second && (below[at(first)].empty() || below[at(first)].back() != second))
+          below[at(first)].push_back(second);
+      }
     }
   }
   find_fill(std::move(below));
 }
 
-// Cuts the variables into tiles, and puts these into the order of elimination.
-void TileCholesky::order_tiles(const SparseMatrix<double>& a) {
-  const auto size = static_cast<int>(a.cols());
-  const std::vector<int> order = narrow_order(neighbours_of(a));
+// Cuts the numbers into tiles, and puts these into the order of elimination.
+void TileCholesky::order_tiles() {
+  const int size = pattern_.size();
+  std::vector<int> order;  // of numbers
+  for (const int variable : narrow_order(neighbours_of(pattern_)))
+    for (int k = pattern_.first[at(variable)]; k < pattern_.first[at(variable) + 1]; ++k)
+      order.push_back(k);
   std::vector<int> position(order.size());
   for (int k = 0; k < size; ++k) position[at(order[at(k)])] = k;
-  const int tiles = (size + kTile - 1) / kTile;
+  const int tiles = (size + kTileSize - 1) / kTileSize;
   std::vector<Eigen::Triplet<double>> linked;
-  for (int c = 0; c < a.outerSize(); ++c) {
-    int last = -1;
-    for (SparseMatrix<double>::InnerIterator element(a, c); element; ++element) {
-      const int row = position[at(static_cast<int>(element.row()))] / kTile;
-      const int column = position[at(c)] / kTile;
-      if (row == last) continue;
-      last = row;
-      linked.emplace_back(row, column, 1.0);
-      linked.emplace_back(column, row, 1.0);
+  for (const auto& [row, column] : pattern_.blocks) {
+    // A variable's numbers follow each other.
+    const int rows[] = {position[at(pattern_.first[at(row)])] / kTileSize,
+                        position[at(pattern_.first[at(row) + 1] - 1)] / kTileSize};
+    const int columns[] = {position[at(pattern_.first[at(column)])] / kTileSize,
+                           position[at(pattern_.first[at(column) + 1] - 1)] / kTileSize};
+    for (int r = rows[0]; r <= rows[1]; ++r) {
+      for (int c = columns[0]; c <= columns[1]; ++c) {
+        linked.emplace_back(r, c, 1.0);
+        linked.emplace_back(c, r, 1.0);
+      }
     }
   }
   SparseMatrix<double> graph(tiles, tiles);
@@ -127,17 +133,13 @@ void TileCholesky::order_tiles(const SparseMatrix<double>& a) {
   Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> elimination;
   Eigen::AMDOrdering<int>()(graph, elimination);
   columns_.assign(at(tiles), {});
+  padded_ = {};
   place_.assign(at(size), 0);
-  tile_.assign(at(size), 0);
-  int place = 0;
   for (int t = 0; t < tiles; ++t) {
-    const int first = elimination.indices()[t] * kTile;
-    columns_[at(t)].begin = place;
-    columns_[at(t)].size = std::min(kTile, size - first);
-    for (int k = first; k < std::min(first + kTile, size); ++k) {
-      tile_[at(place)] = t;
-      place_[at(order[at(k)])] = place++;
-    }
+    const int first = elimination.indices()[t] * kTileSize;
+    for (int k = first; k < std::min(first + kTileSize, size); ++k)
+      place_[at(order[at(k)])] = t * kTileSize + k - first;
+    if (first + kTileSize > size) padded_ = {t, size - first};
   }
 }
 
@@ -151,102 +153,137 @@ void TileCholesky::find_fill(std::vector<std::vector<int>> below) {
     std::vector<int>& parent = below[at(tiles.front())];
     parent.insert(parent.end(), tiles.begin() + 1, tiles.end());
   }
+  tile_count_ = 0;
   for (std::size_t t = 0; t < columns_.size(); ++t) {
-    Column& column = columns_[t];
-    column.below = std::move(below[t]);
-    Index rows = column.size;
-    for (const int tile : column.below) {
-      column.offset.push_back(rows);
-      rows += columns_[at(tile)].size;
-      columns_[at(tile)].from.push_back(static_cast<int>(t));
-    }
-    column.offset.push_back(rows);
+    columns_[t].below = std::move(below[t]);
+    columns_[t].first = tile_count_;
+    tile_count_ += 1 + static_cast<int>(columns_[t].below.size());
+    for (const int tile : columns_[t].below) columns_[at(tile)].from.push_back(static_cast<int>(t));
   }
 }
 
 double TileCholesky::operations() const {
   double sum = 0;
   for (const Column& column : columns_) {
-    const auto size = static_cast<double>(column.size);
-    const auto rows = static_cast<double>(column.offset.back());
-    sum += size * rows * rows / 2;
+    const double rows = kTileSize * (1.0 + static_cast<double>(column.below.size()));
+    sum += kTileSize * rows * rows / 2;
   }
   return sum;
 }
 
-Index TileCholesky::row_of(const Column& column, int self, int tile) {
-  if (tile == self) return 0;
-  const auto found = std::lower_bound(column.below.begin(), column.below.end(), tile);
-  return column.offset[static_cast<std::size_t>(found - column.below.begin())];
+int TileCholesky::tile_at(int row, int column) const {
+  const Column& of = columns_[at(column)];
+  if (row == column) return of.first;
+  const auto found = std::lower_bound(of.below.begin(), of.below.end(), row);
+  if (found == of.below.end() || *found != row) return -1;
+  return of.first + 1 + static_cast<int>(found - of.below.begin());
 }
 
-// Takes what an earlier column says of it from a column.
-void TileCholesky::update(int target, int source, MatrixXd& product) {
-  const Column& from = columns_[at(source)];
-  Column& to = columns_[at(target)];
-  const auto first = static_cast<std::size_t>(
-      std::lower_bound(from.below.begin(), from.below.end(), target) - from.below.begin());
-  const Index begin = from.offset[first];
-  const Index rows = from.offset.back() - begin;
-  product.resize(rows, to.size);
-  product.noalias() =
-      from.panel.bottomRows(rows) * from.panel.middleRows(begin, to.size).transpose();
-  for (std::size_t k = first; k < from.below.size(); ++k) {
-    const Index size = from.offset[k + 1] - from.offset[k];
-    to.panel.middleRows(row_of(to, target, from.below[k]), size) -=
-        product.middleRows(from.offset[k] - begin, size);
-  }
-}
-
-bool TileCholesky::factorize(const SparseMatrix<double>& a) {
-  for (Column& column : columns_) column.panel.setZero(column.offset.back(), column.size);
-  for (int c = 0; c < a.outerSize(); ++c) {
-    for (SparseMatrix<double>::InnerIterator element(a, c); element; ++element) {
-      if (element.row() > c) continue;
-      const auto [first, second] =
-          std::minmax(place_[at(static_cast<int>(element.row()))], place_[at(c)]);
-      const int tile = tile_[at(second)];
-      Column& column = columns_[at(tile_[at(first)])];
-      column.panel(row_of(column, tile_[at(first)], tile) + second - columns_[at(tile)].begin,
-                   first - column.begin) = element.value();
+void TileCholesky::fill(const double* values) {
+  tiles_.create(tile_count_, static_cast<int>(kTileNumbers), CV_64F);
+  tiles_.setTo(0);
+  int last_row = -1;
+  int last_column = -1;
+  double* tile = nullptr;
+  for (const auto& [row, column] : pattern_.blocks) {
+    const int rows = pattern_.first[at(row) + 1] - pattern_.first[at(row)];
+    for (int c = pattern_.first[at(column)]; c < pattern_.first[at(column) + 1];
+         ++c, values += rows) {
+      const int limit = row == column ? c - pattern_.first[at(column)] + 1 : rows;
+      for (int k = 0; k < limit; ++k) {
+        const auto [first, second] =
+            std::minmax(place_[at(pattern_.first[at(row)] + k)], place_[at(c)]);
+        if (first / kTileSize != last_column || second / kTileSize != last_row) {
+          last_column = first / kTileSize;
+          last_row = second / kTileSize;
+          tile = numbers(tile_at(last_row, last_column));
+        }
+        tile[in_tile(second % kTileSize, first % kTileSize)] = values[k];
+      }
     }
   }
-  MatrixXd product;
-  for (std::size_t t = 0; t < columns_.size(); ++t) {
-    Column& column = columns_[t];
-    for (const int source : column.from) update(static_cast<int>(t), source, product);
-    const Eigen::LLT<MatrixXd> diagonal(column.panel.topRows(column.size));
-    if (diagonal.info() != Eigen::Success) return false;
-    column.panel.topRows(column.size) = diagonal.matrixL();
-    const Index rows = column.offset.back() - column.size;
-    if (rows > 0) diagonal.matrixU().solveInPlace<Eigen::OnTheRight>(column.panel.bottomRows(rows));
+  for (int k = padded_.size; k < kTileSize; ++k)
+    numbers(columns_[at(padded_.tile)].first)[in_tile(k, k)] = 1;
+}
+
+// Takes what earlier columns say of it from a tile.
+void TileCholesky::subtract_earlier(int row, int column) {
+  const TileKernels& kernels = tile_kernels();
+  double* tile = numbers(tile_at(row, column));
+  for (const int source : columns_[at(column)].from) {
+    const int left = tile_at(row, source);
+    if (left >= 0) kernels.subtract_product(numbers(left), numbers(tile_at(column, source)), tile);
+  }
+}
+
+bool TileCholesky::factorize_diagonal(double* tile) const {
+  Eigen::Matrix<double, kTileSize, kTileSize> a;
+  for (int c = 0; c < kTileSize; ++c)
+    for (int r = c; r < kTileSize; ++r) a(r, c) = tile[in_tile(r, c)];
+  const Eigen::LLT<Eigen::Ref<decltype(a)>> factor(a);
+  if (factor.info() != Eigen::Success) return false;
+  for (int c = 0; c < kTileSize; ++c)
+    for (int r = 0; r < kTileSize; ++r) tile[in_tile(r, c)] = r < c ? 0 : a(r, c);
+  return true;
+}
+
+bool TileCholesky::factorize(const double* values) {
+  fill(values);
+  const TileKernels& kernels = tile_kernels();
+  for (int t = 0; t < static_cast<int>(columns_.size()); ++t) {
+    const Column& column = columns_[at(t)];
+    double* diagonal = numbers(column.first);
+    subtract_earlier(t, t);
+    if (!factorize_diagonal(diagonal)) return false;
+    cv::parallel_for_(cv::Range(0, static_cast<int>(column.below.size())),
+                      [&](const cv::Range& range) {
+                        for (int k = range.start; k < range.end; ++k) {
+                          subtract_earlier(column.below[at(k)], t);
+                          kernels.divide(diagonal, numbers(column.first + 1 + k));
+                        }
+                      });
   }
   return true;
 }
 
 VectorXd TileCholesky::solve(const VectorXd& b) const {
-  VectorXd x(b.size());
+  using Segment = Eigen::Matrix<double, kTileSize, 1>;
+  using Strip = Eigen::Map<const Eigen::Matrix<double, kStrip, kTileSize>>;
+  VectorXd x = VectorXd::Zero(static_cast<Index>(columns_.size()) * kTileSize);
   for (Index i = 0; i < b.size(); ++i) x[place_[static_cast<std::size_t>(i)]] = b[i];
-  for (const Column& column : columns_) {
-    auto own = x.segment(column.begin, column.size);
-    column.panel.topRows(column.size).triangularView<Eigen::Lower>().solveInPlace(own);
+  for (std::size_t t = 0; t < columns_.size(); ++t) {
+    const Column& column = columns_[t];
+    auto own = x.segment<kTileSize>(static_cast<Index>(t) * kTileSize);
+    const double* diagonal = numbers(column.first);
+    for (int c = 0; c < kTileSize; ++c) {
+      own[c] /= diagonal[in_tile(c, c)];
+      for (int r = c + 1; r < kTileSize; ++r) own[r] -= diagonal[in_tile(r, c)] * own[c];
+    }
+    const Segment solved = own;
     for (std::size_t k = 0; k < column.below.size(); ++k) {
-      const Column& other = columns_[at(column.below[k])];
-      x.segment(other.begin, other.size).noalias() -=
-          column.panel.middleRows(column.offset[k], other.size) * own;
+      const double* tile = numbers(column.first + 1 + static_cast<int>(k));
+      double* below = x.data() + std::ptrdiff_t{column.below[k]} * kTileSize;
+      for (int r = 0; r < kTileSize; r += kStrip)
+        Eigen::Map<Eigen::Matrix<double, kStrip, 1>>(below + r).noalias() -=
+            Strip(tile + in_tile(r, 0)) * solved;
     }
   }
-  for (auto column = columns_.rbegin(); column != columns_.rend(); ++column) {
-    auto own = x.segment(column->begin, column->size);
-    for (std::size_t k = 0; k < column->below.size(); ++k) {
-      const Column& other = columns_[at(column->below[k])];
-      own.noalias() -= column->panel.middleRows(column->offset[k], other.size).transpose() *
-                       x.segment(other.begin, other.size);
+  for (std::size_t t = columns_.size(); t-- > 0;) {
+    const Column& column = columns_[t];
+    Segment own = x.segment<kTileSize>(static_cast<Index>(t) * kTileSize);
+    for (std::size_t k = 0; k < column.below.size(); ++k) {
+      const double* tile = numbers(column.first + 1 + static_cast<int>(k));
+      const double* below = x.data() + std::ptrdiff_t{column.below[k]} * kTileSize;
+      for (int r = 0; r < kTileSize; r += kStrip)
+        own.noalias() -= Strip(tile + in_tile(r, 0)).transpose() *
+                         Eigen::Map<const Eigen::Matrix<double, kStrip, 1>>(below + r);
     }
-    column->panel.topRows(column->size)
-        .transpose()
-        .triangularView<Eigen::Upper>()
-        .solveInPlace(own);
+    const double* diagonal = numbers(column.first);
+    for (int c = kTileSize - 1; c >= 0; --c) {
+      for (int r = c + 1; r < kTileSize; ++r) own[c] -= diagonal[in_tile(r, c)] * own[r];
+      own[c] /= diagonal[in_tile(c, c)];
+    }
+    x.segment<kTileSize>(static_cast<Index>(t) * kTileSize) = own;
   }
   VectorXd result(b.size());
   for (Index i = 0; i < b.size(); ++i) result[i] = x[place_[static_cast<std::size_t>(i)]];

@@ -4,13 +4,35 @@
 #include "tarsier/core/rng.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/SparseCore>
 #include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
 
 #include <cstdint>
 #include <vector>
 
 namespace tarsier::linalg {
 namespace {
+
+// A matrix by blocks.
+struct Blocks {
+  BlockPattern pattern;
+  std::vector<double> values;
+};
+
+// Each element is a block.
+Blocks blocks_of(const Eigen::SparseMatrix<double>& a) {
+  Blocks result;
+  for (int c = 0; c < a.cols(); ++c) {
+    result.pattern.first.push_back(c);
+    for (Eigen::SparseMatrix<double>::InnerIterator element(a, c); element; ++element) {
+      result.pattern.blocks.push_back({static_cast<int>(element.row()), c});
+      result.values.push_back(element.value());
+    }
+  }
+  result.pattern.first.push_back(static_cast<int>(a.cols()));
+  return result;
+}
 
 // The upper triangle of a positive definite matrix: a ring of variables, each tied to those within `reach` of it, in a mixed
 // order, one that has no neighbours, and one that is tied to all.
@@ -42,9 +64,10 @@ Eigen::MatrixXd full(const Eigen::SparseMatrix<double>& upper) {
 TEST(TileCholesky, SolvesAsADenseOneDoes) {
   for (const auto& [size, reach] : {std::pair(5, 1), std::pair(300, 4), std::pair(611, 60)}) {
     const Eigen::SparseMatrix<double> a = ring(size, reach, 3);
+    const Blocks blocks = blocks_of(a);
     TileCholesky factor;
-    factor.analyze(a);
-    ASSERT_TRUE(factor.factorize(a)) << size;
+    factor.analyze(blocks.pattern);
+    ASSERT_TRUE(factor.factorize(blocks.values.data())) << size;
     const Eigen::VectorXd b = Eigen::VectorXd::LinSpaced(a.cols(), -1, 2);
     const Eigen::VectorXd x = factor.solve(b);
     EXPECT_LT((full(a) * x - b).norm(), 1e-12 * b.norm()) << size;
@@ -54,10 +77,10 @@ TEST(TileCholesky, SolvesAsADenseOneDoes) {
 
 TEST(TileCholesky, OtherNumbersAtTheSamePlaces) {
   TileCholesky factor;
-  factor.analyze(ring(400, 30, 3));
+  factor.analyze(blocks_of(ring(400, 30, 3)).pattern);
   for (const std::uint64_t seed : {4U, 5U}) {
     const Eigen::SparseMatrix<double> a = ring(400, 30, seed);
-    ASSERT_TRUE(factor.factorize(a));
+    ASSERT_TRUE(factor.factorize(blocks_of(a).values.data()));
     const Eigen::VectorXd b = Eigen::VectorXd::Ones(a.cols());
     EXPECT_LT((full(a) * factor.solve(b) - b).norm(), 1e-11);
   }
@@ -66,17 +89,74 @@ TEST(TileCholesky, OtherNumbersAtTheSamePlaces) {
 TEST(TileCholesky, WhatIsNotPositiveDefiniteIsRefused) {
   Eigen::SparseMatrix<double> a = ring(300, 20, 3);
   TileCholesky factor;
-  factor.analyze(a);
-  EXPECT_TRUE(factor.factorize(a));
-  a.coeffRef(117, 117) = -1;
-  EXPECT_FALSE(factor.factorize(a));
+  factor.analyze(blocks_of(a).pattern);
+  EXPECT_TRUE(factor.factorize(blocks_of(a).values.data()));
+  for (const double wrong : {-1.0, 0.0}) {
+    a.coeffRef(117, 117) = wrong;
+    EXPECT_FALSE(factor.factorize(blocks_of(a).values.data()));
+  }
 }
 
 // A ring takes the work of a band, not that of a full matrix.
 TEST(TileCholesky, LeavesOutWhatIsEmpty) {
   TileCholesky factor;
-  factor.analyze(ring(4800, 48, 3));
+  factor.analyze(blocks_of(ring(4800, 48, 3)).pattern);
   EXPECT_LT(factor.operations(), 0.05 * 4800.0 * 4800.0 * 4800.0 / 6);
+}
+
+// Poses of six numbers and a lens of seven, as in a bundle adjustment: those of a lens are of two tiles.
+Blocks poses_and_lens(int poses, int reach) {
+  Rng rng(5);
+  Blocks result;
+  for (int v = 0; v <= poses; ++v) result.pattern.first.push_back(6 * v);
+  result.pattern.first.push_back(6 * poses + 7);
+  for (int column = 0; column <= poses; ++column) {
+    for (int row = 0; row <= column; ++row) {
+      if (column < poses && column - row > reach) continue;
+      result.pattern.blocks.push_back({row, column});
+      for (int c = 0; c < (column < poses ? 6 : 7); ++c)
+        for (int r = 0; r < (row < poses ? 6 : 7); ++r)
+          result.values.push_back(row == column && r == c ? 20 * reach : rng.uniform(-1, 1));
+    }
+  }
+  return result;
+}
+
+Eigen::MatrixXd full(const Blocks& blocks) {
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(blocks.pattern.size(), blocks.pattern.size());
+  const double* value = blocks.values.data();
+  const std::vector<int>& first = blocks.pattern.first;
+  for (const auto& [row, column] : blocks.pattern.blocks)
+    for (int c = first[static_cast<std::size_t>(column)];
+         c < first[static_cast<std::size_t>(column) + 1]; ++c)
+      for (int r = first[static_cast<std::size_t>(row)];
+           r < first[static_cast<std::size_t>(row) + 1]; ++r)
+        a(r, c) = *value++;
+  return a.selfadjointView<Eigen::Upper>();
+}
+
+TEST(TileCholesky, SolvesBlocksOfPosesAndALens) {
+  const Blocks blocks = poses_and_lens(70, 9);
+  TileCholesky factor;
+  factor.analyze(blocks.pattern);
+  ASSERT_TRUE(factor.factorize(blocks.values.data()));
+  const Eigen::VectorXd b = Eigen::VectorXd::LinSpaced(blocks.pattern.size(), -1, 2);
+  EXPECT_LT((full(blocks) * factor.solve(b) - b).norm(), 1e-12 * b.norm());
+}
+
+TEST(TileCholesky, ThreadsGiveTheSameNumbers) {
+  const Blocks blocks = poses_and_lens(150, 60);
+  const Eigen::VectorXd b = Eigen::VectorXd::LinSpaced(blocks.pattern.size(), -1, 2);
+  const auto solution = [&](int threads) {
+    const int before = cv::getNumThreads();
+    cv::setNumThreads(threads);
+    TileCholesky factor;
+    factor.analyze(blocks.pattern);
+    EXPECT_TRUE(factor.factorize(blocks.values.data()));
+    cv::setNumThreads(before);
+    return factor.solve(b);
+  };
+  EXPECT_EQ(solution(1), solution(3));
 }
 
 }  // namespace

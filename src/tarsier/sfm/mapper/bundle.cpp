@@ -130,7 +130,9 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
                             static_cast<double>(pixel.x), static_cast<double>(pixel.y),
                             weight_of(image, seen.feature)});
   };
+  std::size_t observations = 0;
   for (const int p : points) {
+    observations += model.points[at(p)].track.size();
     for (const Observation& seen : model.points[at(p)].track) {
       if (!is_registered(seen)) continue;
       pose_of[at(seen.image)] = 0;
@@ -145,6 +147,7 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
     problem.poses.push_back(model.images[i].pose);
     problem.pose_moves.push_back(is_mover[i]);
   }
+  problem.seen.reserve(observations);
   for (const int p : points) {
     const Point& point = model.points[at(p)];
     problem.points.push_back(point.position);

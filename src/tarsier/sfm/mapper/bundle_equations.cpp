@@ -14,6 +14,7 @@
 namespace tarsier::sfm {
 namespace {
 
+constexpr int kMaxTable = 10'000;   // variables: places of their blocks fit into 32 bits
 constexpr double kPathShare = 0.1;  // of a step, at which the second order of its path is measured
 
 using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
@@ -84,6 +85,7 @@ void BundleVariables::find_entries(const BundleProblem& problem) {
   pair_first.reserve(points + 1);
   pose_entry.assign(problem.seen.size(), -1);
   lens_entry.assign(problem.seen.size(), -1);
+  entries.reserve(problem.seen.size());
   std::vector<int> variables;
   std::size_t pairs = 0;
   for (std::size_t p = 0; p < points; ++p) {
@@ -116,8 +118,8 @@ void BundleVariables::find_entries(const BundleProblem& problem) {
   pair_first.push_back(pairs);
 }
 
-// A block for each two variables that a point has in common, and which one it is for each pair
-// (k <= l) of a point's entries: at pair_first + l (l + 1) / 2 + k.
+// A block for each two variables that a point has in common, and which one it is for each pair (k <= l) of a point's
+// entries: at pair_first + l (l + 1) / 2 + k; or where it begins for all variables.
 void BundleVariables::find_blocks(const BundleProblem& problem) {
   std::vector<std::vector<std::pair<int, int>>> seen_by(at(count));  // point, entry
   for (std::size_t p = 0; p + 1 < entry_first.size(); ++p)
@@ -135,11 +137,17 @@ void BundleVariables::find_blocks(const BundleProblem& problem) {
   };
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return place(a) < place(b); });
-  pair_block.resize(pair_first.back());
+  const bool is_dense = count <= kMaxTable && at(count) * at(count) < pair_first.back();
+  if (is_dense) {
+    block_offsets.resize(at(count) * at(count));
+  } else {
+    pair_block.resize(pair_first.back());
+  }
   diagonal.resize(at(count));
   std::vector<int> known(at(count), -1);
   std::vector<int> rows;
   for (int column = 0; column < count; ++column) {
+    if (column == poses) lens_offset = block_numbers;
     rows.assign(1, column);
     known[at(column)] = 0;
     for (const auto& [p, l] : seen_by[at(column)]) {
@@ -156,6 +164,13 @@ void BundleVariables::find_blocks(const BundleProblem& problem) {
       block_numbers += at(size_of(row)) * at(size_of(column));
     }
     diagonal[at(column)] = known[at(column)];
+    if (is_dense) {
+      for (std::size_t b = blocks.size() - rows.size(); b < blocks.size(); ++b)
+        block_offsets[at(column) * at(count) + at(blocks[b].row)] =
+            static_cast<std::uint32_t>(blocks[b].offset);
+      for (const int row : rows) known[at(row)] = -1;
+      continue;
+    }
     for (const auto& [p, l] : seen_by[at(column)]) {
       int* pair = pair_block.data() + pair_first[at(p)] + at(l) * (at(l) + 1) / 2;
       for (int k = 0; k <= l; ++k)
@@ -163,6 +178,7 @@ void BundleVariables::find_blocks(const BundleProblem& problem) {
     }
     for (const int row : rows) known[at(row)] = -1;
   }
+  if (count == poses) lens_offset = block_numbers;
 }
 
 std::optional<double> cost_of(const BundleProblem& problem, const BundleState& state) {
@@ -188,7 +204,7 @@ std::optional<double> cost_of(const BundleProblem& problem, const BundleState& s
 void linearize(const BundleProblem& problem, const BundleVariables& variables,
                const BundleState& state, double curvature, NormalEquations& equations) {
   const std::size_t points = state.points.size();
-  equations.blocks.assign(variables.block_numbers, 0.0);
+  equations.blocks.assign(variables.lens_place(variables.block_numbers), 0.0);
   equations.mixed.assign(variables.mixed_numbers, 0.0);
   VectorXd& gradient = equations.gradient;
   gradient = VectorXd::Zero(variables.size);
@@ -226,7 +242,7 @@ void linearize(const BundleProblem& problem, const BundleVariables& variables,
         by_pose.col(2) = by_place.col(1) * place[0] - by_place.col(0) * place[1];
         by_pose.rightCols<3>() = -by_point;
         const BundleVariables::Entry& entry = variables.entries[variables.entry_first[p] + at(l)];
-        Eigen::Map<Matrix6>(equations.blocks.data() + variables.diagonal_offset(entry.variable))
+        Eigen::Map<Matrix6>(equations.blocks.data() + variables.pose_place(entry.variable))
             .noalias() += by_pose.transpose() * by_pose;
         gradient.segment<6>(variables.offset_of(entry.variable)).noalias() +=
             by_pose.transpose() * residual;
@@ -239,15 +255,17 @@ void linearize(const BundleProblem& problem, const BundleVariables& variables,
       for (Eigen::Index c = 0; c < free; ++c)
         by_free.col(c) = factor * by_lens.col(chosen[static_cast<std::size_t>(c)]);
       const BundleVariables::Entry& entry = variables.entries[variables.entry_first[p] + at(m)];
-      Eigen::Map<MatrixXd>(equations.blocks.data() + variables.diagonal_offset(entry.variable),
-                           free, free) += by_free.transpose() * by_free;
+      Eigen::Map<MatrixXd>(
+          equations.blocks.data() + variables.lens_place(variables.diagonal_offset(entry.variable)),
+          free, free) += by_free.transpose() * by_free;
       gradient.segment(variables.offset_of(entry.variable), free) += by_free.transpose() * residual;
       if (moves)
         Eigen::Map<MatrixNx3>(equations.mixed.data() + entry.offset, free, 3) +=
             by_free.transpose() * by_point;
       if (l >= 0)
-        Eigen::Map<MatrixXd>(equations.blocks.data() + variables.offset_of(p, l, m), 6, free) +=
-            by_pose.transpose() * by_free;
+        Eigen::Map<MatrixXd>(
+            equations.blocks.data() + variables.lens_place(variables.offset_of(p, l, m)), 6,
+            free) += by_pose.transpose() * by_free;
     }
   }
   if (problem.hold) {
@@ -255,14 +273,17 @@ void linearize(const BundleProblem& problem, const BundleVariables& variables,
     const int variable = variables.pose_variable[at(hold.pose)];
     const int number = 3 + hold.axis;
     gradient[variables.offset_of(variable) + number] += hold.weight * hold_residual(hold, state);
-    equations.blocks[variables.diagonal_offset(variable) + at(7 * number)] +=
-        hold.weight * hold.weight;
+    equations.blocks[variables.pose_place(variable) + at(7 * number)] += hold.weight * hold.weight;
   }
   equations.scale = VectorXd(variables.size);
-  for (int v = 0; v < variables.count; ++v)
+  for (int v = 0; v < variables.count; ++v) {
+    const std::size_t place = v < variables.poses
+                                  ? variables.pose_place(v)
+                                  : variables.lens_place(variables.diagonal_offset(v));
     for (int k = 0; k < variables.size_of(v); ++k)
       equations.scale[variables.offset_of(v) + k] =
-          equations.blocks[variables.diagonal_offset(v) + at(k * (variables.size_of(v) + 1))];
+          equations.blocks[place + at(k * (variables.size_of(v) + 1))];
+  }
 }
 
 BundleState moved_by(const BundleProblem& problem, const BundleVariables& variables,

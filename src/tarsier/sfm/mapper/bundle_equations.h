@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -35,6 +36,12 @@ struct BundleVariables {
   // Where the numbers of the block of two entries k <= l of a point begin.
   [[nodiscard]] std::size_t offset_of(std::size_t point, int k, int l) const {
     const auto column = static_cast<std::size_t>(l);
+    if (!block_offsets.empty()) {
+      const Entry* of_point = entries.data() + entry_first[point];
+      return block_offsets[static_cast<std::size_t>(of_point[l].variable) *
+                               static_cast<std::size_t>(count) +
+                           static_cast<std::size_t>(of_point[k].variable)];
+    }
     const int block =
         pair_block[pair_first[point] + column * (column + 1) / 2 + static_cast<std::size_t>(k)];
     return blocks[static_cast<std::size_t>(block)].offset;
@@ -42,6 +49,15 @@ struct BundleVariables {
   // Where the numbers of the block of a variable with itself begin.
   [[nodiscard]] std::size_t diagonal_offset(int variable) const {
     return blocks[static_cast<std::size_t>(diagonal[static_cast<std::size_t>(variable)])].offset;
+  }
+
+  // Where the numbers of a block of J^T J begin: that of a pose with itself, or one whose column is a lens. A pose has no
+  // other ones before points are eliminated.
+  [[nodiscard]] std::size_t pose_place(int pose) const {
+    return 36 * static_cast<std::size_t>(pose);
+  }
+  [[nodiscard]] std::size_t lens_place(std::size_t offset) const {
+    return pose_place(poses) + offset - lens_offset;
   }
 
   // A variable that a point is seen by.
@@ -69,11 +85,14 @@ struct BundleVariables {
   std::vector<std::size_t> pair_first;  // likewise in pair_block
   std::vector<int> pose_entry;          // of each observation: among its point's entries, or -1
   std::vector<int> lens_entry;
+  // The blocks of each pair of a point's entries, or of all variables, whichever takes less memory; the other is empty.
   std::vector<int> pair_block;
+  std::vector<std::uint32_t> block_offsets;  // at column * count + row
   std::vector<std::size_t> order;  // of points: those that touch the same blocks follow each other
   std::vector<Block> blocks;       // column by column, rows ascending
   std::vector<int> diagonal;       // block of each variable
   std::size_t block_numbers = 0;   // of all blocks
+  std::size_t lens_offset = 0;     // where those of the columns of lenses begin
   std::size_t mixed_numbers = 0;   // of all entries
 
  private:
@@ -84,7 +103,7 @@ struct BundleVariables {
 
 // The sum of the squares of residuals J d + r, by the step d: J^T J and J^T r.
 struct NormalEquations {
-  std::vector<double> blocks;  // J^T J of two variables: BundleVariables::Block
+  std::vector<double> blocks;  // J^T J: BundleVariables::pose_place(), lens_place()
   std::vector<double> mixed;   // of a variable (rows) and a point
   Eigen::VectorXd gradient;
   Eigen::VectorXd scale;  // the diagonal of J^T J

@@ -11,7 +11,6 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <Eigen/SparseCore>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -40,9 +39,7 @@ constexpr double kMinGain = 1e-3;
 constexpr int kStripe = 16;  // variables whose columns one thread takes at least
 constexpr int kMaxStripes = 32;
 constexpr int kManyPoints = 10'000;  // beyond, several threads take them
-constexpr int kDensePoses = 300;
-constexpr int kFewPoses = 80;       // up to which a dense system is faster in any case
-constexpr double kThinShare = 0.2;  // of all blocks, below which a sparse system is faster
+constexpr int kFewPoses = 80;        // up to which a dense system is faster in any case
 
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
 using Eigen::Matrix3d;
@@ -56,12 +53,8 @@ class Solver {
  public:
   Solver(BundleProblem& problem, const BundleSolverOptions& options, const std::stop_token& stop)
       : problem_(problem), options_(options), stop_(stop), variables_(problem) {
-    const double all = 0.5 * variables_.count * (variables_.count + 1.0);
-    const bool is_thin = variables_.poses > kFewPoses &&
-                         static_cast<double>(variables_.blocks.size()) < kThinShare * all;
-    is_sparse_ =
-        options_.system == CameraSystem::kSparse || (options_.system == CameraSystem::kAutomatic &&
-                                                     (variables_.poses > kDensePoses || is_thin));
+    is_sparse_ = options_.system == CameraSystem::kSparse ||
+                 (options_.system == CameraSystem::kAutomatic && variables_.poses > kFewPoses);
     cut_into_stripes();
   }
 
@@ -139,7 +132,14 @@ class Solver {
 
   // False where the equations cannot be solved. `promised`: what it should take off the sum.
   bool step(const BundleState& now, double damping, BundleState& next, double& promised) {
-    reduced_ = equations_.blocks;
+    reduced_.assign(variables_.block_numbers, 0.0);
+    for (int v = 0; v < variables_.poses; ++v)
+      std::copy_n(equations_.blocks.data() + variables_.pose_place(v), 36,
+                  reduced_.data() + variables_.diagonal_offset(v));
+    std::copy(equations_.blocks.begin() +
+                  static_cast<std::ptrdiff_t>(variables_.lens_place(variables_.lens_offset)),
+              equations_.blocks.end(),
+              reduced_.begin() + static_cast<std::ptrdiff_t>(variables_.lens_offset));
     for (int v = 0; v < variables_.count; ++v)
       for (int k = 0; k < variables_.size_of(v); ++k)
         reduced_[variables_.diagonal_offset(v) + at(k * (variables_.size_of(v) + 1))] +=
@@ -335,39 +335,16 @@ class Solver {
   }
 
   bool factor_sparse() {
-    const bool is_first = sparse_.nonZeros() == 0;
-    if (is_first) {
-      sparse_.resize(variables_.size, variables_.size);
-      sparse_.reserve(static_cast<Eigen::Index>(reduced_.size()));
+    if (!is_analyzed_) {
+      linalg::BlockPattern pattern;
+      for (int v = 0; v < variables_.count; ++v) pattern.first.push_back(variables_.offset_of(v));
+      pattern.first.push_back(variables_.size);
+      for (const BundleVariables::Block& block : variables_.blocks)
+        pattern.blocks.push_back({block.row, block.column});
+      sparse_factor_.analyze(pattern);
+      is_analyzed_ = true;
     }
-    // Blocks lie column by column, rows ascending: so do the numbers of the sparse matrix.
-    Eigen::Index filled = 0;
-    std::size_t begin = 0;
-    for (int v = 0; v < variables_.count; ++v) {
-      std::size_t end = begin;
-      while (end < variables_.blocks.size() && variables_.blocks[end].column == v) ++end;
-      for (int c = 0; c < variables_.size_of(v); ++c) {
-        if (is_first) sparse_.startVec(variables_.offset_of(v) + c);
-        for (std::size_t b = begin; b < end; ++b) {
-          const BundleVariables::Block& block = variables_.blocks[b];
-          const int rows = block.row == v ? c + 1 : variables_.size_of(block.row);
-          const double* numbers =
-              reduced_.data() + block.offset + at(c * variables_.size_of(block.row));
-          for (int r = 0; r < rows; ++r) {
-            if (is_first)
-              sparse_.insertBack(variables_.offset_of(block.row) + r, variables_.offset_of(v) + c) =
-                  1;
-            sparse_.valuePtr()[filled++] = numbers[r];
-          }
-        }
-      }
-      begin = end;
-    }
-    if (is_first) {
-      sparse_.finalize();
-      sparse_factor_.analyze(sparse_);
-    }
-    return sparse_factor_.factorize(sparse_);
+    return sparse_factor_.factorize(reduced_);
   }
 
   BundleProblem& problem_;
@@ -385,7 +362,7 @@ class Solver {
   std::vector<Matrix3d> point_inverse_;
   MatrixXd dense_;
   linalg::Cholesky dense_factor_;
-  Eigen::SparseMatrix<double> sparse_;
+  bool is_analyzed_ = false;
   linalg::SparseCholesky sparse_factor_;
 };
 

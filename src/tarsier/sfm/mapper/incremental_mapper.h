@@ -104,6 +104,8 @@ class IncrementalMapper {
   static bool shows(const std::vector<Observation>& track, int image);
   // The one of some features of an image that looks most like the point, and enough so; or -1.
   [[nodiscard]] int best_match(int track, int image, const std::vector<int>& features) const;
+  // Joins a feature, or the track that it is part of, to a track that no image shows twice then. How many observations that
+  // gives; 0: they are not one point.
   int merge(int track, const Observation& seen);
   // Whether a point is far off where the first and the last image show another one; both are well known.
   [[nodiscard]] bool are_apart(const Point& point, const Point& other) const;

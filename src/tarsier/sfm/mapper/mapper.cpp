@@ -260,7 +260,11 @@ class Mapping {
 
   void grow() {
     sfm::grow(*mapper_, used_, growth_,
-              {.step = [&] { keep_sometimes(); },
+              {.step =
+                   [&] {
+                     if (input_.release_descriptors) input_.release_descriptors();
+                     keep_sometimes();
+                   },
                .tried =
                    [&](int image, bool added, const std::string& why) {
                      if (added) {
@@ -533,6 +537,7 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .images = input.images,
                             .colors = input.colors,
                             .descriptors = input.descriptors,
+                            .release_descriptors = input.release_descriptors,
                             .kind = input.kind,
                             .pairs = pairs,
                             .followed = input.followed};

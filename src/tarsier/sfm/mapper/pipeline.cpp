@@ -9,6 +9,7 @@
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
 #include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/sfm/mapper/descriptor_store.h"
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/image_features.h"
 
@@ -171,8 +172,8 @@ class KnownFeatures {
 // Features of all images that can be read, one after the other: each uses all threads.
 std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
                                              const PipelineOptions& options, const Cache& cache,
-                                             Progress& progress, const std::stop_token& stop,
-                                             PipelineResult& result) {
+                                             DescriptorStore& store, Progress& progress,
+                                             const std::stop_token& stop, PipelineResult& result) {
   std::vector<ImageFeatures> images;
   FlowTracker tracker{FlowOptions{}};
   const std::string flow_name = options.flow ? flow_key(inputs, stop) : "";
@@ -207,6 +208,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
       } else if (find_image_features(image, options, cache, image_features)) {
         ++result.from_cache;
       }
+      image_features.features.descriptors = store.add(image_features.features.descriptors);
       report.read = true;
       report.features = static_cast<int>(image_features.features.points.size());
       images.push_back(std::move(image_features));
@@ -243,10 +245,12 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
 }
 
 // What another program found (PipelineHooks::matched).
-std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, PipelineResult& result) {
+std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, DescriptorStore& store,
+                                    PipelineResult& result) {
   MatchedImages matched;
   hooks.matched(matched);
-  for (const ImageFeatures& image : matched.images) {
+  for (ImageFeatures& image : matched.images) {
+    image.features.descriptors = store.add(image.features.descriptors);
     ImageReport& report = result.images[at(image.input)];
     report.read = true;
     report.features = static_cast<int>(image.features.points.size());
@@ -261,8 +265,8 @@ std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, PipelineResult& 
 // done. `has_matches`: the pairs have matches already, which are verified.
 void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images,
                  bool has_matches, const PipelineOptions& options, const Cache& cache,
-                 const PipelineHooks& hooks, Progress& progress, const std::stop_token& stop,
-                 PipelineResult& result) {
+                 const PipelineHooks& hooks, const DescriptorStore& store, Progress& progress,
+                 const std::stop_token& stop, PipelineResult& result) {
   std::mutex on_pair_mutex;
   std::atomic<int> from_cache{0};
   for (std::size_t start = 0; start < result.pairs.size();) {
@@ -305,6 +309,7 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
     };
     cv::parallel_for_(cv::Range(0, static_cast<int>(end - start)), work);
     throw_if_stopped(stop);
+    store.release();
     if (fresh && use_cache) {
       for (std::size_t k = start; k < end; ++k) {
         const Pair& pair = result.pairs[k];
@@ -343,7 +348,7 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const std::vector<Pair>& pairs, const PipelineOptions& options) {
   const MapperOptions& m = options.mapper;
   Sha256 sum;
-  sum.add(fmt::format("mapper-7 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+  sum.add(fmt::format("mapper-8 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
                       static_cast<int>(m.choice), m.auto_global, m.reprojection_px, m.min_angle_deg,
                       m.first_angle_deg, m.first_inliers, m.pose_inliers, m.pose_inlier_share,
                       m.pose_px, m.min_views, m.min_images, m.extend_px, m.extend_similarity,
@@ -394,16 +399,17 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     result.images.push_back(std::move(report));
   }
   const Cache cache(options.cache_folder);
+  DescriptorStore store(options.cache_folder);
   Stages stages(result, progress);
 
   std::vector<ImageFeatures> images;
   if (hooks.matched) {
     stages.start("load");
-    images = load_all(hooks, result);
+    images = load_all(hooks, store, result);
     stages.note();
   } else {
     stages.begin("features", static_cast<std::int64_t>(inputs.size()), "images");
-    images = find_all_features(inputs, options, cache, progress, stop, result);
+    images = find_all_features(inputs, options, cache, store, progress, stop, result);
     stages.end();
   }
 
@@ -430,10 +436,11 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
         result.pairs.push_back(std::move(pair));
       }
     }
+    store.release();
     progress.advance();
     stages.end();
     stages.begin("match", static_cast<std::int64_t>(result.pairs.size()), "pairs");
-    compare_all(inputs, images, has_matches, options, cache, hooks, progress, stop, result);
+    compare_all(inputs, images, has_matches, options, cache, hooks, store, progress, stop, result);
     stages.end();
   }
   result.compared = static_cast<int>(result.pairs.size());
@@ -474,10 +481,16 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
       }
     };
   }
+  // image_set has them.
+  for (ImageFeatures& image_features : images) {
+    image_features.features.points = {};
+    image_features.features.sizes = {};
+  }
   const MapperInput mapper_input{.cameras = image_set.cameras(),
                                  .images = image_set.images(),
                                  .colors = colors,
                                  .descriptors = descriptors,
+                                 .release_descriptors = [&store] { store.release(); },
                                  .kind = options.features.kind,
                                  .pairs = result.pairs,
                                  .followed = options.flow,

@@ -6,16 +6,17 @@
 #include "tarsier/sfm/mapper/matching.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kMaxFailed = 4'000'000;
+constexpr std::size_t kFailedOfTrack = 16;  // pairs of tracks that are remembered, of each track
+constexpr std::size_t kMaxFailed = std::size_t{1} << 22;  // .. and of all
 constexpr std::size_t kMaxCompared =
     12;  // views of a point, spread over all, that a feature is compared with
 constexpr std::size_t kSureViews = 6;  // of a point that is not moved far by others
@@ -23,29 +24,40 @@ constexpr double kFarOff = 4;          // reprojection_px: two such points are n
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-// Pairs of tracks that are not one point, each with its size then: while these stay, so do the tracks.
+// Pairs of tracks that are not one point. A table of fixed size: a pair that another one took the place of is found again.
 class FailedMerges {
  public:
-  [[nodiscard]] bool contains(int track, std::size_t size, int other,
-                              std::size_t size_of_other) const {
-    const auto found = sizes_.find(key(track, other));
-    return found != sizes_.end() && found->second == sizes(track, size, other, size_of_other);
+  explicit FailedMerges(std::size_t tracks)
+      : pairs_(std::bit_ceil(std::clamp(kFailedOfTrack * tracks, kFailedOfTrack, kMaxFailed))) {}
+
+  // `size`: of both tracks; one that failed at another size may succeed now.
+  [[nodiscard]] bool contains(int track, int other, std::size_t size) const {
+    const std::uint64_t key = key_of(track, other);
+    const Pair& pair = pairs_[place_of(key)];
+    return pair.key == key && (pair.size == kAnySize || pair.size == size);
   }
-  void insert(int track, std::size_t size, int other, std::size_t size_of_other) {
-    if (sizes_.size() >= kMaxFailed) sizes_.clear();
-    sizes_[key(track, other)] = sizes(track, size, other, size_of_other);
+  void insert(int track, int other, std::size_t size) {
+    const std::uint64_t key = key_of(track, other);
+    pairs_[place_of(key)] = {key, static_cast<std::uint32_t>(size)};
   }
+  // Whatever they grow to.
+  void insert_for_good(int track, int other) { insert(track, other, kAnySize); }
 
  private:
-  static std::uint64_t key(int track, int other) {
+  static constexpr std::uint32_t kAnySize = 0;
+  struct Pair {
+    std::uint64_t key = 0;  // no pair: a track is not paired with itself
+    std::uint32_t size = 0;
+  };
+  static std::uint64_t key_of(int track, int other) {
     const auto [low, high] = std::minmax(track, other);
     return static_cast<std::uint64_t>(low) << 32 | static_cast<std::uint32_t>(high);
   }
-  static std::uint64_t sizes(int track, std::size_t size, int other, std::size_t size_of_other) {
-    if (track > other) std::swap(size, size_of_other);
-    return static_cast<std::uint64_t>(size) << 32 | static_cast<std::uint32_t>(size_of_other);
+  [[nodiscard]] std::size_t place_of(std::uint64_t key) const {
+    return static_cast<std::size_t>(key * kMix >> 20) & (pairs_.size() - 1);
   }
-  std::unordered_map<std::uint64_t, std::uint64_t> sizes_;
+  static constexpr std::uint64_t kMix = 0x9e3779b97f4a7c15;  // 2^64 / golden ratio
+  std::vector<Pair> pairs_;
 };
 
 }  // namespace
@@ -64,10 +76,14 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
   std::vector<int> asked_for(tracks_.size(), -1);  // by the last image
   std::vector<int> covisible_with(model_.images.size(), -1);
   std::vector<int> shown_by(model_.images.size(), -1);  // the last track that an image is part of
+  std::vector<int> joined_in(tracks_.size(), -1);  // the last image whose features joined a track
   std::vector<int> features;
-  FailedMerges failed;
-  const auto size_of = [&](int track) {
-    return model_.points[at(track)].track.size() + tracks_[at(track)].size();
+  FailedMerges failed(tracks_.size());
+  const auto size_of = [&](int track, int other) {
+    std::size_t size = 0;
+    for (const int one : {track, other})
+      size += model_.points[at(one)].track.size() + tracks_[at(one)].size();
+    return size;
   };
   for (std::size_t i = 0; i < model_.images.size(); ++i) {
     if (!model_.images[i].registered) continue;
@@ -101,34 +117,55 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     const FeatureGrid grid(view.features, camera, options_.extend_px);
     for (const auto& [track, pixel] : candidates) {
       const std::vector<Observation>& seen = model_.points[at(track)].track;
-      if (seen.empty() || shows(seen, image)) continue;  // joined to another meanwhile
+      if (seen.empty() || joined_in[at(track)] == image) continue;
       features.clear();
+      bool may_join = false;
       grid.any(pixel.x, pixel.y, [&](int feature) {
         features.push_back(feature);
+        const int other = track_of_[i][at(feature)];
+        may_join =
+            may_join || (other < 0 ? cv::norm(pixel - cv::Point2d(view.features[at(feature)])) <=
+                                         options_.reprojection_px
+                                   : !failed.contains(track, other, size_of(track, other)));
         return false;
       });
-      if (features.empty()) continue;
+      if (!may_join) continue;
       for (const Observation& own : tracks_[at(track)]) shown_by[at(own.image)] = track;
       if (shown_by[i] == track) continue;  // its feature there was dropped for being off
-      const bool can_join = std::any_of(features.begin(), features.end(), [&](int feature) {
-        const int other = track_of_[i][at(feature)];
-        if (other < 0)
-          return cv::norm(pixel - cv::Point2d(view.features[at(feature)])) <=
-                 options_.reprojection_px;
+      const auto is_beside = [&](int other) {
         const std::vector<Observation>& theirs = tracks_[at(other)];
-        return std::none_of(
-                   theirs.begin(), theirs.end(),
-                   [&](const Observation& one) { return shown_by[at(one.image)] == track; }) &&
-               !failed.contains(track, size_of(track), other, size_of(other));
-      });
+        return std::any_of(theirs.begin(), theirs.end(), [&](const Observation& one) {
+          return shown_by[at(one.image)] == track;
+        });
+      };
+      bool can_join = false;
+      for (const int feature : features) {
+        const int other = track_of_[i][at(feature)];
+        if (other < 0) {
+          can_join = can_join || cv::norm(pixel - cv::Point2d(view.features[at(feature)])) <=
+                                     options_.reprojection_px;
+        } else if (!failed.contains(track, other, size_of(track, other))) {
+          if (is_beside(other)) {
+            failed.insert_for_good(track, other);
+          } else {
+            can_join = true;
+          }
+        }
+      }
       if (!can_join) continue;
       const int feature = best_match(track, image, features);
       if (feature < 0) continue;
       const int other = track_of_[i][at(feature)];
+      if (other >= 0 && is_beside(other)) continue;
       const int joined = merge(track, {image, feature});
       gained += joined;
+      if (joined > 0) joined_in[at(track)] = image;
       if (joined > 0 || other < 0) continue;
-      failed.insert(track, size_of(track), other, size_of(other));
+      if (std::min(seen.size(), model_.points[at(other)].track.size()) >= kSureViews) {
+        failed.insert_for_good(track, other);
+      } else {
+        failed.insert(track, other, size_of(track, other));
+      }
     }
   }
   return gained;
@@ -172,7 +209,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   if (other == track) return 0;  // it was dropped for being off
   if (other < 0) {
     const auto error = error_of(model_, seen, point.position);
-    if (!error || *error > options_.reprojection_px || shows(own, seen.image)) return 0;
+    if (!error || *error > options_.reprojection_px) return 0;
     extended_ = true;
     own.push_back(seen);
     point.track.push_back(seen);
@@ -182,8 +219,6 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   }
   // Two tracks: one point if all their rays agree.
   std::vector<Observation>& theirs = tracks_[at(other)];
-  for (const Observation& observation : theirs)
-    if (shows(own, observation.image)) return 0;
   if (are_apart(point, model_.points[at(other)])) return 0;
   std::vector<Observation> all = point.track;
   const std::vector<Observation>& more =

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/linalg/tile_kernels.h"
+
+#include "tarsier/core/cpu.h"
+#include "tarsier/core/rng.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+namespace tarsier::linalg {
+namespace {
+
+std::vector<double> drawn(std::uint64_t seed) {
+  Rng rng(seed);
+  std::vector<double> tile(kTileNumbers);
+  std::generate(tile.begin(), tile.end(), [&] { return rng.normal(); });
+  return tile;
+}
+
+// A lower triangle whose inverse is not large.
+std::vector<double> triangle() {
+  std::vector<double> tile = drawn(4);
+  for (int k = 0; k < kTileSize; ++k) tile[in_tile(k, k)] = 12 + k;
+  return tile;
+}
+
+std::vector<double> after_both(const TileKernels& kernels) {
+  std::vector<double> tile = drawn(1);
+  kernels.subtract_product(drawn(2).data(), drawn(3).data(), tile.data());
+  kernels.divide(triangle().data(), tile.data());
+  return tile;
+}
+
+TEST(TileKernels, SubtractsAProduct) {
+  const std::vector<double> a = drawn(2);
+  const std::vector<double> b = drawn(3);
+  const std::vector<double> before = drawn(1);
+  std::vector<double> c = before;
+  tile_kernels_baseline()->subtract_product(a.data(), b.data(), c.data());
+  for (int row = 0; row < kTileSize; ++row) {
+    for (int column = 0; column < kTileSize; ++column) {
+      double sum = 0;
+      for (int k = 0; k < kTileSize; ++k) sum += a[in_tile(row, k)] * b[in_tile(column, k)];
+      EXPECT_NEAR(c[in_tile(row, column)], before[in_tile(row, column)] - sum, 1e-12);
+    }
+  }
+}
+
+TEST(TileKernels, DividesByATriangle) {
+  const std::vector<double> l = triangle();
+  const std::vector<double> before = drawn(1);
+  std::vector<double> a = before;
+  tile_kernels_baseline()->divide(l.data(), a.data());
+  for (int row = 0; row < kTileSize; ++row) {
+    for (int column = 0; column < kTileSize; ++column) {
+      double sum = 0;
+      for (int k = 0; k <= column; ++k) sum += a[in_tile(row, k)] * l[in_tile(column, k)];
+      EXPECT_NEAR(sum, before[in_tile(row, column)], 1e-12);
+    }
+  }
+}
+
+TEST(TileKernels, AllSetsGiveTheSameNumbers) {
+  if (hardware_simd_level() < SimdLevel::kAvx2) GTEST_SKIP() << "this processor has no AVX2";
+  const std::vector<double> baseline = after_both(*tile_kernels_baseline());
+  EXPECT_EQ(after_both(*tile_kernels_avx2()), baseline);
+  if (hardware_simd_level() >= SimdLevel::kAvx512) {
+    EXPECT_EQ(after_both(*tile_kernels_avx512()), baseline);
+  }
+}
+
+}  // namespace
+}  // namespace tarsier::linalg

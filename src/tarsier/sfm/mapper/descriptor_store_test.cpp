@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/descriptor_store.h"
+
+#include "tarsier/media/testing_folder.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+cv::Mat drawn(int rows, std::uint64_t seed) {
+  cv::Mat result(rows, 128, CV_8UC1);
+  cv::RNG rng(seed);
+  if (rows > 0) rng.fill(result, cv::RNG::UNIFORM, 0, 256);
+  return result;
+}
+
+bool are_equal(const cv::Mat& a, const cv::Mat& b) {
+  return a.size() == b.size() && (a.empty() || cv::norm(a, b, cv::NORM_INF) == 0);
+}
+
+TEST(DescriptorStore, GivesWhatWasAddedAfterItLeftMemory) {
+  const TemporaryFolder folder;
+  DescriptorStore store(folder.path());
+  std::vector<cv::Mat> given;
+  std::vector<cv::Mat> kept;
+  // The second one is larger than what is mapped at a time; one has no descriptors; one is a part of a matrix.
+  const int rows[] = {100, 600'000, 0, 33, 5000};
+  for (const int count : rows) {
+    given.push_back(drawn(count, static_cast<std::uint64_t>(count)));
+    kept.push_back(store.add(given.back()));
+  }
+  given.push_back(drawn(50, 7).colRange(0, 32));
+  kept.push_back(store.add(given.back()));
+  for (int times = 0; times < 2; ++times) {
+    for (std::size_t k = 0; k < given.size(); ++k) EXPECT_TRUE(are_equal(kept[k], given[k])) << k;
+    store.release();
+  }
+  EXPECT_NE(kept[0].data, given[0].data);
+  EXPECT_GE(store.bytes(), std::size_t{605'133} * 128);
+}
+
+TEST(DescriptorStore, LeavesNoFileBehind) {
+  const TemporaryFolder folder;
+  DescriptorStore store(folder.path());
+  (void)store.add(drawn(100, 1));
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+TEST(DescriptorStore, KeepsInMemoryWhatCannotBeWritten) {
+  const cv::Mat given = drawn(100, 1);
+  DescriptorStore without("");
+  EXPECT_EQ(without.add(given).data, given.data);
+  const TemporaryFolder folder;
+  DescriptorStore missing(folder.path() + "/missing");
+  EXPECT_EQ(missing.add(given).data, given.data);
+  EXPECT_EQ(missing.add(given).data, given.data);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm
