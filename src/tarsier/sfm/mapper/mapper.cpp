@@ -90,7 +90,7 @@ class Mapping {
     }
     progress_.end();
     conflicts_.resize(result_.models.size());
-    add_outcomes(input_, options_, evidence_, doubts_, conflicts_, result_);
+    add_outcomes(input_, options_, evidence_, doubts_, repeats(), conflicts_, result_);
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
   }
@@ -365,7 +365,7 @@ class Mapping {
   bool takes_apart(const Model& model, std::shared_ptr<const ModelConflicts>& conflicts) {
     if (input_.followed || apart_ >= kMaxApart) return false;
     conflicts = std::make_shared<const ModelConflicts>(model);
-    if (!conflicts->any()) return false;
+    if (!conflicts->any(repeats())) return false;
     const std::vector<const Pair*> refused = conflicting_pairs(model, *conflicts, left_pairs());
     if (refused.empty()) return false;
     for (const Pair* pair : refused)
@@ -380,6 +380,9 @@ class Mapping {
     progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     return true;
   }
+
+  // A scene one of whose models was taken apart does.
+  [[nodiscard]] bool repeats() const { return input_.repeats || apart_ > 0; }
 
   void tell_troubles() {
     if (!mapper_) return;
@@ -540,7 +543,8 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .release_descriptors = input.release_descriptors,
                             .kind = input.kind,
                             .pairs = pairs,
-                            .followed = input.followed};
+                            .followed = input.followed,
+                            .repeats = true};
     Reconstruction made = Mapping(among, options, progress, stop, {}).run();
     judge_by_all_pairs(input, options, stop, made);
     return made;

@@ -133,6 +133,8 @@ struct MapperInput {
   // Features were followed from image to image and not found in each: what an image lacks tells nothing then, and models
   // are not searched for places that lie over each other (model_conflicts.h).
   bool followed = false;
+  // Places are known to look alike: few images that contradict each other tell that a model is wrong.
+  bool repeats = false;
   // Where the pixels can be had (patch_evidence.h): they are looked at where finished models have conflicts.
   GrayImages gray = {};
 };

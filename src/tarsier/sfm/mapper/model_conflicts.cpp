@@ -318,8 +318,8 @@ ModelConflicts::ModelConflicts(const Model& model)
   find_places();
 }
 
-bool ModelConflicts::any() const {
-  return is_clustered_ && pairs_.size() >= kMinPairs &&
+bool ModelConflicts::any(bool repeats) const {
+  return (repeats || is_clustered_) && pairs_.size() >= kMinPairs &&
          static_cast<double>(pairs_.size()) >= kMinShare * static_cast<double>(judged_);
 }
 

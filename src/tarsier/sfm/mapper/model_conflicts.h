@@ -36,10 +36,11 @@ class ModelConflicts {
   // Near images that contradict each other: of 8 points or more, less than 0.15 are shared, and less than a quarter of
   // what is usual so far apart. By first, then second; first < second.
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
-  // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence; and
-  // three or more of them contradict one and the same image, a fifth of those with as much evidence. Of many images a few
-  // lack by chance what one other should share, here and there; an image in a wrong place contradicts most around it.
-  [[nodiscard]] bool any() const;
+  // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence; and,
+  // but where the scene is known to repeat, three or more of them contradict one and the same image, a fifth of those with
+  // as much evidence. Of many images a few lack by chance what one other should share, here and there; an image in a wrong
+  // place contradicts most around it.
+  [[nodiscard]] bool any(bool repeats = false) const;
   // Sums up what is known of two images: of them, and of the images that are of one place with either.
   [[nodiscard]] Evidence between(int first, int second) const;
   // Whether the two show different places by that, or all images of their places do: 20 points or more are expected, and

@@ -90,6 +90,7 @@ TEST(ModelConflicts, ContradictionsHereAndThereAreChance) {
   const ModelConflicts conflicts(row_of_chance());
   EXPECT_GE(conflicts.pairs().size(), 20U);
   EXPECT_FALSE(conflicts.any());
+  EXPECT_TRUE(conflicts.any(true));  // but where places are known to look alike
 }
 
 TEST(ModelConflicts, SidesThatLieOverEachOtherContradict) {

@@ -93,7 +93,7 @@ bool is_folded(const Model& model, const ModelConflicts& conflicts, const std::v
 
 // Of each image of a model; near images that contradict each other have less.
 std::vector<double> image_trust(const Model& model, const MapperInput& input,
-                                const std::vector<Doubt>& doubts,
+                                const std::vector<Doubt>& doubts, bool repeats,
                                 std::shared_ptr<const ModelConflicts> conflicts,
                                 bool& has_conflicts) {
   std::vector<std::uint8_t> by_evidence(doubts.size(), 0);
@@ -102,7 +102,7 @@ std::vector<double> image_trust(const Model& model, const MapperInput& input,
   std::vector<double> trust = trust_of(model, input.pairs, by_evidence);
   if (input.followed) return trust;
   if (!conflicts) conflicts = std::make_shared<const ModelConflicts>(model);
-  if (!conflicts->any()) return trust;
+  if (!conflicts->any(repeats)) return trust;
   has_conflicts = true;
   const double weight = is_folded(model, *conflicts, input.pairs, doubts) ? kFoldedWeight : 1;
   for (std::size_t i = 0; i < trust.size(); ++i)
@@ -114,7 +114,7 @@ std::vector<double> image_trust(const Model& model, const MapperInput& input,
 
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
-                  std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
+                  bool repeats, std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made) {
   order_models(options.min_images, made.models, conflicts);
   if (made.models.empty()) made.no_model = why_no_model(input, options, made.log);
@@ -122,7 +122,8 @@ void add_outcomes(const MapperInput& input, const MapperOptions& options,
   std::vector<std::vector<double>> trust;  // of each model's images
   for (std::size_t m = 0; m < made.models.size(); ++m) {
     const Model& model = made.models[m];
-    trust.push_back(image_trust(model, input, doubts, std::move(conflicts[m]), made.has_conflicts));
+    trust.push_back(
+        image_trust(model, input, doubts, repeats, std::move(conflicts[m]), made.has_conflicts));
     made.trust.push_back(model_trust(model, trust.back()));
   }
   const std::vector<const Pair*> best = best_pairs(input.pairs, input.images.size());

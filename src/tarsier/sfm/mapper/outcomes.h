@@ -19,10 +19,10 @@ inline constexpr std::string_view kGlobalRefusal = "global mapping refused: ";
 
 // Orders the models of `made`, largest first, without those that are too small, and tells which pairs were refused, what
 // became of each image, and how much each model is to be trusted. `evidence` and `doubts` are of each pair of the input,
-// `conflicts` of each model, where they are known.
+// `conflicts` of each model, where they are known. `repeats`: as ModelConflicts::any() takes it.
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
-                  std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
+                  bool repeats, std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made);
 
 }  // namespace tarsier::sfm
