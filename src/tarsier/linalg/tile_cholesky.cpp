@@ -16,7 +16,7 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr std::size_t kManyTimes = 4;  //  as many neighbours as most variables have
+constexpr std::size_t kManyTimes = 4;  // as many neighbours as most variables have
 
 using Eigen::Index;
 using Eigen::SparseMatrix;
@@ -216,7 +216,7 @@ void TileCholesky::subtract_earlier(int row, int column) {
   }
 }
 
-bool TileCholesky::factorize_diagonal(double* tile) const {
+bool TileCholesky::factorize_diagonal(double* tile) {
   Eigen::Matrix<double, kTileSize, kTileSize> a;
   for (int c = 0; c < kTileSize; ++c)
     for (int r = c; r < kTileSize; ++r) a(r, c) = tile[in_tile(r, c)];

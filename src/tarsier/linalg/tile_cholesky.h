@@ -61,7 +61,7 @@ class TileCholesky {
   [[nodiscard]] double* numbers(int tile) { return tiles_.ptr<double>(tile); }
   [[nodiscard]] const double* numbers(int tile) const { return tiles_.ptr<double>(tile); }
   void subtract_earlier(int row, int column);
-  [[nodiscard]] bool factorize_diagonal(double* tile) const;
+  [[nodiscard]] static bool factorize_diagonal(double* tile);
 
   BlockPattern pattern_;
   std::vector<int> place_;  // of each number, in the order of elimination

@@ -132,7 +132,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
       if (!may_join) continue;
       for (const Observation& own : tracks_[at(track)]) shown_by[at(own.image)] = track;
       if (shown_by[i] == track) continue;  // its feature there was dropped for being off
-      const auto is_beside = [&](int other) {
+      const auto shares_an_image = [&](int other) {
         const std::vector<Observation>& theirs = tracks_[at(other)];
         return std::any_of(theirs.begin(), theirs.end(), [&](const Observation& one) {
           return shown_by[at(one.image)] == track;
@@ -145,7 +145,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
           can_join = can_join || cv::norm(pixel - cv::Point2d(view.features[at(feature)])) <=
                                      options_.reprojection_px;
         } else if (!failed.contains(track, other, size_of(track, other))) {
-          if (is_beside(other)) {
+          if (shares_an_image(other)) {
             failed.insert_for_good(track, other);
           } else {
             can_join = true;
@@ -156,7 +156,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
       const int feature = best_match(track, image, features);
       if (feature < 0) continue;
       const int other = track_of_[i][at(feature)];
-      if (other >= 0 && is_beside(other)) continue;
+      if (other >= 0 && shares_an_image(other)) continue;
       const int joined = merge(track, {image, feature});
       gained += joined;
       if (joined > 0) joined_in[at(track)] = image;
