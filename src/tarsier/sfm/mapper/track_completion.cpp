@@ -118,15 +118,17 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     for (const auto& [track, pixel] : candidates) {
       const std::vector<Observation>& seen = model_.points[at(track)].track;
       if (seen.empty() || joined_in[at(track)] == image) continue;
+      const auto is_near = [&, place = pixel](int feature) {
+        return cv::norm(place - cv::Point2d(view.features[at(feature)])) <=
+               options_.reprojection_px;
+      };
       features.clear();
       bool may_join = false;
       grid.any(pixel.x, pixel.y, [&](int feature) {
         features.push_back(feature);
         const int other = track_of_[i][at(feature)];
-        may_join =
-            may_join || (other < 0 ? cv::norm(pixel - cv::Point2d(view.features[at(feature)])) <=
-                                         options_.reprojection_px
-                                   : !failed.contains(track, other, size_of(track, other)));
+        may_join = may_join || (other < 0 ? is_near(feature)
+                                          : !failed.contains(track, other, size_of(track, other)));
         return false;
       });
       if (!may_join) continue;
@@ -142,8 +144,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
       for (const int feature : features) {
         const int other = track_of_[i][at(feature)];
         if (other < 0) {
-          can_join = can_join || cv::norm(pixel - cv::Point2d(view.features[at(feature)])) <=
-                                     options_.reprojection_px;
+          can_join = can_join || is_near(feature);
         } else if (!failed.contains(track, other, size_of(track, other))) {
           if (shares_an_image(other)) {
             failed.insert_for_good(track, other);
