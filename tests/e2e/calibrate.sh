@@ -68,7 +68,7 @@ fi
 
 # --- videos ---
 
-run calibrate 'synth:board?size=480x360&fps=5&frames=110' "${board[@]}" -o video.yaml --json
+run calibrate 'synth:board?size=480x360&fps=4&frames=72' "${board[@]}" -o video.yaml --json
 expect_status 0
 python3 - stdout.txt <<'END' || fail "the video's camera is not its own"
 import json, sys
@@ -131,11 +131,11 @@ for file in drawn/left01.png drawn/coverage.png straight/left14.png straight/cam
   [ -s $file ] || fail "no $file"
 done
 grep -q '^model: pinhole' camera.yaml || fail "camera.yaml"
-run calibrate "$images"/right[01]?.jpg "${board[@]}" -o right.yml --format opencv
+run calibrate "$images"/right[01][1-5].jpg "${board[@]}" -o right.yml --format opencv
 expect_status 0
-expect_out '13 views' 'fx 53'
+expect_out '9 views' 'fx 53'
 grep -q '!!opencv-matrix' right.yml || fail "right.yml is not OpenCV's"
-run calibrate "${left[@]}" "${board[@]}" -o cameras.txt --format colmap --lens rational --quiet
+run calibrate "${left[@]:0:8}" "${board[@]}" -o cameras.txt --format colmap --lens rational --quiet
 expect_status 0
 grep -q '^1 FULL_OPENCV 640 480' cameras.txt || fail "cameras.txt"
 # What it wrote is read by the others; a fisheye is refused where it cannot be used.

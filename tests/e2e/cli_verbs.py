@@ -622,7 +622,7 @@ def make_inputs_here():
         for stage in ("features", "match")[: ("fresh", "matchless", "matched").index(work)]:
             made("sfm", stage, work, "--quiet")
     # Enough pairs that matching them takes a while.
-    made("sfm", "synth", "-o", "ring", "--images", "16", "--size", "480x360", "--quiet")
+    made("sfm", "synth", "-o", "ring", "--images", "16", "--size", "320x240", "--quiet")
     made("sfm", "plan", "ring/images", "-o", "unmatched", "--quiet")
     made("sfm", "features", "unmatched", "--quiet")
     made("sfm", "dense", "model", "-o", "depths", "--quality", "draft", "--quiet")

@@ -24,15 +24,10 @@ def png(rows):
 database = sqlite3.connect(sys.argv[1])
 for number in range(int(sys.argv[2])):
     r = random.Random(number)
-    waves = [(r.uniform(-.2, .2), r.uniform(-.2, .2), r.uniform(0, 6)) for _ in range(4)]
-    across = [[math.sin(a * x + c) for x in range(128)] for a, _, c in waves]
-    rows = []
-    for y in range(160):
-        row = [120.0] * 128
-        for k, (_, b, _) in enumerate(waves):
-            t = 25 * math.sin(b * y)
-            row = [v + t * s for v, s in zip(row, across[k])]
-        rows.append(bytes(max(0, min(255, int(v))) for v in row))
+    waves = [(r.uniform(.05, .3), r.uniform(0, 6)) for _ in range(4)]
+    line = bytes(int(120 + sum(25 * math.sin(a * x + c) for a, c in waves)) for x in range(512))
+    places = [int(190 + 190 * math.sin(waves[0][0] * y + waves[1][1])) for y in range(160)]
+    rows = [line[place:place + 128] for place in places]
     person = database.execute("INSERT INTO person(name, note, time) VALUES(?, '', 1)", (f"nobody {number}",)).lastrowid
     database.execute("INSERT INTO face(person, crop, quality, measures, source, time) VALUES(?, ?, 0.5, '{}', 'drawn', 1)", (person, png(rows)))
 database.execute("UPDATE setting SET value = CAST(CAST(value AS INTEGER) + 1 AS TEXT) WHERE name = 'generation'")

@@ -5,7 +5,7 @@
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 film() { # film NAME head|photo SEED
-  run pose synth -o "$1" --challenge "$2" --tasks 2 --seed "$3" --yaw 30 --size 480x360 --near 450 --far 500 --quiet
+  run pose synth -o "$1" --challenge "$2" --tasks 2 --seed "$3" --yaw 30 --size 400x300 --near 450 --far 500 --quiet
   expect_status 0
 }
 ask() { # ask NAME SEED

@@ -13,7 +13,7 @@ import sys
 import time
 
 TARSIER = os.environ["TARSIER"]
-ROUNDS = int(os.environ.get("TARSIER_MQTT_KILLS", "8"))
+ROUNDS = int(os.environ.get("TARSIER_MQTT_KILLS", "8" if os.environ.get("TARSIER_TEST_ALL") else "3"))
 failures = []
 running = []
 

@@ -44,7 +44,7 @@ expect_status 0
 expect_out '"image":"car-00000"' '"image":"car-00001"'
 
 # --- videos ---
-run plate read 'synth:drive?seconds=8&cars=2&parked=1&far=0&fps=8&seed=4' --events --json --log seen.db
+run plate read 'synth:drive?seconds=8&cars=2&parked=1&far=0&fps=4&seed=4' --events --json --log seen.db
 expect_status 0
 [ "$(grep -c '"event":"plate"' stdout.txt)" -eq "$(wc -l <stdout.txt)" ] || fail "lines other than events with --events"
 events=$(wc -l <stdout.txt)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 # people live with a real mouse: two people from the first halves of two clips, known in the second, a third unknown.
 . "$(dirname "$0")/lib_window.sh"
+[ -n "${TARSIER_TEST_ALL:-}" ] || skip "long: ./test --all runs it"
 grid=${TARSIER_DATA:-/nowhere}/face-videos/grid
 [ -d "$grid" ] || skip "needs face-videos of TARSIER_DATA"
 /usr/bin/python3 -c 'import cv2' 2>/dev/null || skip "needs python3-opencv"

@@ -2,12 +2,16 @@
 """What the tests of the areas' pages have in common."""
 
 import os
+import unittest
 
 import pages
 
 LONG = pages.LONG
 # Every screen of every path at every width, for people who look at them: TARSIER_WEB_LOOK=1.
 WIDTHS = (360, 800, 1440) if os.environ.get("TARSIER_WEB_LOOK") else (360,)
+
+
+long = unittest.skipUnless(os.environ.get("TARSIER_TEST_ALL"), "long: ./test --all runs it")
 
 
 class AreaPageTest(pages.PageTest):

@@ -14,7 +14,7 @@ import tempfile
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
 import pages  # noqa: E402
-from area_page import AreaPageTest, LONG  # noqa: E402
+from area_page import AreaPageTest, LONG, long  # noqa: E402
 
 
 class AreaMaking(AreaPageTest):
@@ -22,7 +22,7 @@ class AreaMaking(AreaPageTest):
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
             subprocess.run(
-                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "9", "--size", "360x270"],
+                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "9", "--size", "288x216"],
                 check=True, capture_output=True)
             paths = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
             self.assertEqual(len(paths), 9)
@@ -194,6 +194,7 @@ class AreaMaking(AreaPageTest):
         self.assertEqual(job["state"], "cancelled")
         self.page.wait_text("cancelled")
 
+    @long
     def test_reconstruct_watch_it_grow(self):
         """The model grows before the viewer's eyes."""
         with tempfile.TemporaryDirectory() as folder:
@@ -349,6 +350,7 @@ class AreaMaking(AreaPageTest):
             if place and max(abs(place[0] - truth[n][0]), abs(place[1] - truth[n][1])) > 2:
                 self.page.drag(shown(place), shown(truth[n]))
 
+    @long
     def test_train_and_compare(self):
         self.go("/train")
         self.page.choose("Model", "3")  # the appearance model: seconds

@@ -83,7 +83,7 @@ std::string example_of(const std::string& verb) {
       {"ar marker-sheet", "--board chess:9x6 --square 25mm -o board.pdf"},
       {"ar markers", "video.mp4 --size 50mm --camera camera.yaml -o drawn.mp4 --draw cube"},
       {"ar eval", "scenes/truth.jsonl"},
-      {"ar synth", "markers -o scenes --count 50 --family 36h11"},
+      {"ar synth", "markers -o scenes --count 10 --family 36h11"},
       {"ar target-train", "poster.jpg -o poster.target.json --width 42cm"},
       {"ar target-track",
        "video.mp4 --target poster.target.json --camera camera.yaml -o drawn.mp4"},

@@ -29,6 +29,7 @@ HeightField::HeightField(const Rng& base) : values_(kRows, kCols, 0.0) {
     }
     amplitude *= 0.5;
   }
+  points_ = values_[0];
   double low = 0;
   double high = 0;
   cv::minMaxLoc(values_, &low, &high);
@@ -48,12 +49,14 @@ HeightField::HeightField(const Rng& base) : values_(kRows, kCols, 0.0) {
 }
 
 double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                              double limit) const {
+                              double limit, double from) const {
   if (direction[2] >= 0) return limit;
   double t = (top_ - origin[2]) / direction[2];
   if (is_flat()) return std::min(t, limit);
+  t = std::max(t, from);
   // No surface of this slope can be met earlier than after this share of the gap.
-  const double pace = 1 / (-direction[2] + steepest_ * std::hypot(direction[0], direction[1]));
+  const double pace = 1 / (-direction[2] + steepest_ * std::sqrt(direction[0] * direction[0] +
+                                                                 direction[1] * direction[1]));
   const auto gap_at = [&](double at) {
     return origin[2] + at * direction[2] -
            height(origin[0] + at * direction[0], origin[1] + at * direction[1]);
@@ -64,7 +67,7 @@ double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector
   for (int i = 0; i < 2000 && gap > kExact; ++i) {
     if (t >= limit) return limit;
     if (gap < kNear) {
-      const double exact = refined(origin, direction, t, gap);
+      const double exact = refined(origin, direction, t);
       if (exact >= 0) return std::min(exact, limit);
     }
     t += gap * pace;
@@ -73,22 +76,41 @@ double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector
   return std::min(t, limit);
 }
 
+double HeightField::clear_until(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                double spread, double from) const {
+  if (is_flat() || direction[2] + spread >= 0) return from;
+  // Until its steepest ray comes down to the top there is nothing to meet.
+  double t = std::max(from, (top_ - origin[2]) / (direction[2] - spread));
+  // At t a ray of the cone is t * spread off its axis at most, so that much less, seen square to the steepest slope, is clear.
+  const double widening = spread * std::sqrt(1 + steepest_ * steepest_);
+  const double pace =
+      1 / (-direction[2] +
+           steepest_ * std::sqrt(direction[0] * direction[0] + direction[1] * direction[1]) +
+           widening);
+  constexpr double kCloseEnough = 0.6;
+  for (int i = 0; i < 100; ++i) {
+    const double gap = origin[2] + t * direction[2] -
+                       height(origin[0] + t * direction[0], origin[1] + t * direction[1]) -
+                       t * widening;
+    if (gap < kCloseEnough * t * widening) break;  // nearer steps gain little
+    t += gap * pace;
+  }
+  return t;
+}
+
 // Newton's steps from close above the surface; negative if they lead away, as they do where the
 // ray only just passes.
 double HeightField::refined(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                            double start, double gap) const {
+                            double start) const {
   double t = start;
-  for (int i = 0; i < 6; ++i) {
-    const double x = origin[0] + t * direction[0];
-    const double y = origin[1] + t * direction[1];
-    const cv::Vec2d s = slope(x, y);
-    const double closing = s[0] * direction[0] + s[1] * direction[1] - direction[2];
+  for (int i = 0; i < 7; ++i) {
+    const Shape at = shape(origin[0] + t * direction[0], origin[1] + t * direction[1]);
+    const double gap = origin[2] + t * direction[2] - at.height;
+    if (std::abs(gap) < 1e-9) return t;
+    const double closing = at.slope[0] * direction[0] + at.slope[1] * direction[1] - direction[2];
     if (closing < 0.15) return -1;
     t += gap / closing;
     if (t < start || t > start + 0.15) return -1;
-    gap = origin[2] + t * direction[2] -
-          height(origin[0] + t * direction[0], origin[1] + t * direction[1]);
-    if (std::abs(gap) < 1e-9) return t;
   }
   return -1;
 }

@@ -19,7 +19,7 @@ class HeightField {
 
   explicit HeightField(const Rng& base);
 
-  [[nodiscard]] bool is_flat() const { return values_.empty(); }
+  [[nodiscard]] bool is_flat() const { return points_ == nullptr; }
 
   [[nodiscard]] double height(double x, double y) const {
     if (is_flat()) return 0;
@@ -27,7 +27,7 @@ class HeightField {
     const Weights v(y);
     double sum = 0;
     for (int j = 0; j < 3; ++j) {
-      const double* row = values_[(v.first + j) & (kRows - 1)];
+      const double* row = points_ + ((v.first + j) & (kRows - 1)) * kCols;
       double line = 0;
       for (int i = 0; i < 3; ++i) line += u.value[i] * row[(u.first + i) & (kCols - 1)];
       sum += v.value[j] * line;
@@ -35,25 +35,17 @@ class HeightField {
     return sum;
   }
 
-  [[nodiscard]] cv::Vec2d slope(double x, double y) const {
-    if (is_flat()) return {0, 0};
-    const Weights u(x);
-    const Weights v(y);
-    cv::Vec2d sum{0, 0};
-    for (int j = 0; j < 3; ++j) {
-      const double* row = values_[(v.first + j) & (kRows - 1)];
-      for (int i = 0; i < 3; ++i) {
-        const double value = row[(u.first + i) & (kCols - 1)];
-        sum[0] += u.slope(i) * v.value[j] * value;
-        sum[1] += u.value[i] * v.slope(j) * value;
-      }
-    }
-    return sum / kSpacing;
-  }
+  [[nodiscard]] cv::Vec2d slope(double x, double y) const { return shape(x, y).slope; }
 
-  // The first t < limit where origin + t * direction meets the surface from above; `limit` if none.
+  // The first t < limit where origin + t * direction meets the surface from above; `limit` if none. It is known that
+  // there is none before `from`.
   [[nodiscard]] double first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                                 double limit) const;
+                                 double limit, double from = 0) const;
+
+  // A t >= from before which no ray of a cone meets the surface, if none does before `from`: rays from `origin` whose
+  // directions differ from `direction` by `spread` at most. After J. Amanatides, "Ray tracing with cones", SIGGRAPH 1984.
+  [[nodiscard]] double clear_until(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                   double spread, double from) const;
 
  private:
   static constexpr int kCols = 256;  // powers of 2
@@ -62,7 +54,7 @@ class HeightField {
 
   struct Weights {
     explicit Weights(double x) {
-      const double u = x / kSpacing;
+      const double u = x * (1 / kSpacing);
       const int nearest = floor_of(u + 0.5);
       f = u - nearest;
       first = nearest - 1;
@@ -78,10 +70,38 @@ class HeightField {
     double value[3] = {};
   };
 
+  struct Shape {
+    double height = 0;
+    cv::Vec2d slope{0, 0};
+  };
+  [[nodiscard]] Shape shape(double x, double y) const {
+    if (is_flat()) return {};
+    const Weights u(x);
+    const Weights v(y);
+    double height = 0;
+    double along_x = 0;
+    double along_y = 0;
+    for (int j = 0; j < 3; ++j) {
+      const double* row = points_ + ((v.first + j) & (kRows - 1)) * kCols;
+      double line = 0;
+      double line_slope = 0;
+      for (int i = 0; i < 3; ++i) {
+        const double value = row[(u.first + i) & (kCols - 1)];
+        line += u.value[i] * value;
+        line_slope += u.slope(i) * value;
+      }
+      height += v.value[j] * line;
+      along_x += v.value[j] * line_slope;
+      along_y += v.slope(j) * line;
+    }
+    return {height, {along_x / kSpacing, along_y / kSpacing}};
+  }
+
   [[nodiscard]] double refined(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                               double start, double gap) const;
+                               double start) const;
 
   cv::Mat1d values_;  // control points; empty: flat
+  const double* points_ = nullptr;  // the same, without a call
   double top_ = 0;
   double steepest_ = 0;
 };

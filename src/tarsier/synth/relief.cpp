@@ -338,14 +338,15 @@ struct ReliefScene::Parts {
            Eigen::Vector3d((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1);
   }
 
-  [[nodiscard]] Hit trace(const View& view, const Eigen::Vector3d& direction, double u,
-                          double v) const {
+  // The wall is not met before `clear`.
+  [[nodiscard]] Hit trace(const View& view, const Eigen::Vector3d& direction, double u, double v,
+                          double clear = 0) const {
     Hit hit;
     for (std::size_t i = 0; i < boxes.size(); ++i) {
       if (!view.around[i].contains(cv::Point2d(u, v))) continue;
       meet_box(boxes[i], static_cast<int>(i), view.in_box[i], boxes[i].to_own(direction), hit);
     }
-    const double t = field.first_hit(view.center, direction, hit.t);
+    const double t = field.first_hit(view.center, direction, hit.t, clear);
     if (t < hit.t) hit = {t, -1, 0, true};
     return hit;
   }
@@ -458,18 +459,34 @@ cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
   const Parts& parts = *parts_;
   const Parts::View view = parts.view_of(parts.pose_of(index));
   cv::Mat image(parts.options.size, CV_8UC3);
-  cv::parallel_for_(cv::Range(0, image.rows), [&](const cv::Range& rows) {
-    for (int y = rows.start; y < rows.end && !stop.stop_requested(); ++y) {
-      auto* out = image.ptr<cv::Vec3b>(y);
-      for (int x = 0; x < image.cols; ++x) {
-        cv::Vec3f sum{0, 0, 0};
-        for (int k = 0; k < 4; ++k) {
-          const double u = x + (k % 2 == 0 ? -0.25 : 0.25);
-          const double v = y + (k / 2 == 0 ? -0.25 : 0.25);
-          const Eigen::Vector3d direction = parts.ray(view, u, v);
-          sum += parts.colour(view, direction, parts.trace(view, direction, u, v));
+  // How far the way to the wall is clear is found for a block of pixels, then for each pixel, then for its four samples.
+  constexpr int kBlock = 8;
+  constexpr double kSample = 0.25;  // px from the middle of a pixel
+  const auto spread = [&](double pixels) { return std::sqrt(2.0) * pixels / parts.camera.fx; };
+  const int across = (image.cols + kBlock - 1) / kBlock;
+  const int down = (image.rows + kBlock - 1) / kBlock;
+  cv::parallel_for_(cv::Range(0, across * down), [&](const cv::Range& blocks) {
+    for (int block = blocks.start; block < blocks.end && !stop.stop_requested(); ++block) {
+      const int left = block % across * kBlock;
+      const int top = block / across * kBlock;
+      const double middle = (kBlock - 1) / 2.0;
+      const double block_clear =
+          parts.field.clear_until(view.center, parts.ray(view, left + middle, top + middle),
+                                  spread(middle + kSample), 0);
+      for (int y = top; y < std::min(top + kBlock, image.rows); ++y) {
+        auto* out = image.ptr<cv::Vec3b>(y);
+        for (int x = left; x < std::min(left + kBlock, image.cols); ++x) {
+          const double clear = parts.field.clear_until(view.center, parts.ray(view, x, y),
+                                                       spread(kSample), block_clear);
+          cv::Vec3f sum{0, 0, 0};
+          for (int k = 0; k < 4; ++k) {
+            const double u = x + (k % 2 == 0 ? -kSample : kSample);
+            const double v = y + (k / 2 == 0 ? -kSample : kSample);
+            const Eigen::Vector3d direction = parts.ray(view, u, v);
+            sum += parts.colour(view, direction, parts.trace(view, direction, u, v, clear));
+          }
+          for (int c = 0; c < 3; ++c) out[x][c] = cv::saturate_cast<std::uint8_t>(sum[c] / 4);
         }
-        for (int c = 0; c < 3; ++c) out[x][c] = cv::saturate_cast<std::uint8_t>(sum[c] / 4);
       }
     }
   });

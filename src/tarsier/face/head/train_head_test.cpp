@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/train_head.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/face/head/factorization.h"
 #include "tarsier/face/head/testing_head.h"
@@ -189,6 +190,7 @@ TEST(TrainHead, RefusesWhatTeachesNothing) {
 
 // Against the mean head of ICT-FaceKit, which nothing was learnt from.
 TEST(TrainHeadData, IsNearAMeasuredHead) {
+  TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   const std::filesystem::path folder = data == nullptr ? "" : data;
   if (data == nullptr || !std::filesystem::exists(folder / "faces68/all.txt") ||

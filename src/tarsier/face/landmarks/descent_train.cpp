@@ -201,8 +201,6 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
       products.push_back(cross_products(features, targets, begin[fold], begin[fold + 1]));
       throw_if_stopped(stop);
     }
-    double total_square = 0;
-    for (const float y : targets.values) total_square += static_cast<double>(y) * y;
     Eigen::MatrixXf all_squares = squares[0];
     Eigen::MatrixXf all_products = products[0];
     for (std::size_t fold = 1; fold < squares.size(); ++fold) {
@@ -213,7 +211,6 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
                               static_cast<float>(features.columns - 1);
     const float lambda = static_cast<float>(options.ridge) * mean_square;
     std::vector<Eigen::MatrixXf> solutions(static_cast<std::size_t>(folds) + 1);
-    std::vector<double> errors(solutions.size(), 0.0);
     cv::parallel_for_(cv::Range(0, folds + 1), [&](const cv::Range& range) {
       for (int k = range.start; k < range.end; ++k) {
         const auto fold = static_cast<std::size_t>(k);
@@ -222,20 +219,14 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
           continue;
         }
         solutions[fold] = ridge(all_squares - squares[fold], all_products - products[fold], lambda);
-        // |Y - X W|^2 of the part that was left out, but for |Y|^2.
-        errors[fold] = solutions[fold].cwiseProduct(squares[fold] * solutions[fold]).sum() -
-                       2 * solutions[fold].cwiseProduct(products[fold]).sum();
       }
     });
-    const double error = std::accumulate(errors.begin(), errors.end(), total_square);
     throw_if_stopped(stop);
-    if (report != nullptr) {
-      report->errors.push_back(std::sqrt(std::max(0.0, error) / (static_cast<double>(count) * n)));
-    }
     const Eigen::MatrixXf& kept = solutions.back();
     stage.weights = kept.topRows(features.columns - 1).transpose();
     stage.bias = kept.bottomRows(1).transpose();
 
+    std::vector<double> errors(samples.size());  // of each where it was left out
     cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) {
       Eigen::VectorXf step(2 * n);
       for (int i = range.start; i < range.end; ++i) {
@@ -243,9 +234,15 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
         const auto fold = static_cast<std::size_t>(fold_of[static_cast<std::size_t>(sample.face)]);
         const Eigen::Map<const Eigen::VectorXf> row(features.row(i), features.columns);
         step.noalias() = solutions[fold].transpose() * row;
+        const Eigen::Map<const Eigen::VectorXf> target(targets.row(i), targets.columns);
+        errors[static_cast<std::size_t>(i)] = static_cast<double>((target - step).squaredNorm());
         move(sample.points, model.mean, step.data());
       }
     });
+    if (report != nullptr) {
+      const double error = std::accumulate(errors.begin(), errors.end(), 0.0);
+      report->errors.push_back(std::sqrt(error / (static_cast<double>(count) * n)));
+    }
     model.stages.push_back(std::move(stage));
   }
   if (report != nullptr) report->to_the_right = shift_of_mirrored(faces, reduced, samples);

@@ -2,9 +2,9 @@
 #include "tarsier/face/landmarks/least_squares.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/block_cholesky.h"
 #include "tarsier/linalg/gemm.h"
 
-#include <Eigen/Cholesky>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -63,11 +63,10 @@ Eigen::MatrixXf ridge(Eigen::MatrixXf squares, const Eigen::MatrixXf& products, 
   const Eigen::Index last = squares.rows() - 1;
   for (Eigen::Index i = 0; i < last; ++i) squares(i, i) += lambda;
   squares(last, last) += 1e-6F * (squares(last, last) + 1);
-  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXf>> factor(squares);
-  if (factor.info() != Eigen::Success) {
+  Eigen::MatrixXf weights = products;
+  if (!linalg::solve_positive_definite(squares, weights))
     throw std::invalid_argument("the regression has no solution: raise its regularisation");
-  }
-  return factor.solve(products);
+  return weights;
 }
 
 }  // namespace tarsier::face::landmarks

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/regression_network.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/testing_blobs.h"
@@ -26,6 +27,7 @@ double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
 }
 
 TEST(RegressionNetwork, FindsThePointsOfOtherFaces) {
+  TARSIER_LONG_TEST();
   const RegressionNetwork model = train(testing::blob_faces(40, 7), 90);
   const std::vector<TrainingFace> others = testing::blob_faces(20, 99);
   const std::vector<Start> starts = scattered_starts(others, model.mean, 1, 2);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/visibility.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/model.h"
@@ -53,6 +54,7 @@ TEST(Occlusion, RefusesPointsOutsideTheImage) {
 
 // On faces that it never saw: what is hidden is said to be, and sigma holds.
 TEST(Visibility, FindsWhatIsHiddenOnOtherFaces) {
+  TARSIER_LONG_TEST();
   const std::vector<TrainingFace> faces = testing::blob_faces(40, 7);
   const VisibilityModel model = train(faces, 120);
   NoProgress silent;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/pipelines/annotator.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/face/pipelines/annotator_match.h"
@@ -177,6 +178,7 @@ TEST_F(AnnotatorTest, ImagesAreNotChanged) {
 }
 
 TEST(AnnotatorData, TwentyFacesOfSixPeople) {
+  TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   if (data == nullptr || *data == '\0') GTEST_SKIP() << "no $TARSIER_DATA";
   shape::LandmarkSet all;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The real network against the package that it comes from, run in Node: bench/peers/face_embedding.mjs.
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/testing_folder.h"
@@ -47,6 +48,7 @@ cv::Mat drawn_chip(std::uint64_t seed) {
 }
 
 TEST_F(DeepPeer, GivesTheSameNumbersOnTenImages) {
+  TARSIER_LONG_TEST();
   const std::string manifest = package_ + "/model/face_recognition_model-weights_manifest.json";
   const DeepNetwork network = build_deep_network(read_weights_manifest(manifest), manifest);
   ASSERT_EQ(network.outputs(), 128);

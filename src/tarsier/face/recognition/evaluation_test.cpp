@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/recognition/evaluation.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/testing_faces.h"
@@ -257,6 +258,7 @@ TEST_F(FaceList, NamesTheLineThatIsWrong) {
 }
 
 TEST(OnOrl, FiguresAreThoseOfTheBook) {
+  TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   const auto folder = std::filesystem::path(data == nullptr ? "" : data) / "orl";
   if (!std::filesystem::is_directory(folder)) GTEST_SKIP() << "no ORL faces in TARSIER_DATA";

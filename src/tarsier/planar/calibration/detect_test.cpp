@@ -234,15 +234,14 @@ TEST(FindBoardTest, OpenCvsOwnImagesOfABoard) {
   const BoardSpec spec = parse_board("chess:9x6", 0.025);
   for (const char* side : {"left", "right"}) {
     std::vector<BoardView> views;
-    for (int k = 1; k <= 14; ++k) {
-      if (k == 10) continue;  // was never there
+    for (int k = 1; k <= 14; k += 2) {
       const std::string path = folder + side + (k < 10 ? "0" : "") + std::to_string(k) + ".jpg";
       views.push_back(find_board(cv::imread(path), spec));
       EXPECT_FALSE(views.back().empty()) << path;
     }
     const Calibration c = calibrate(views, spec, {640, 480});
     ASSERT_TRUE(c.ok()) << c.refusal;
-    EXPECT_EQ(c.used, 13) << side;
+    EXPECT_EQ(c.used, 7) << side;
     EXPECT_LT(c.camera.rms, 0.41) << side;
     EXPECT_NEAR(c.camera.fx, 536, 5) << side;
   }

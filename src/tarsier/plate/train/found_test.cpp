@@ -72,7 +72,7 @@ class Found : public FolderTest {
 TEST_F(Found, JudgeIsFittedToWholeImages) {
   std::string cars;
   try {
-    cars = draw("cars", 12);
+    cars = draw("cars", 7);
   } catch (const InputError& error) {
     GTEST_SKIP() << error.what();
   }
@@ -84,10 +84,10 @@ TEST_F(Found, JudgeIsFittedToWholeImages) {
   const FoundCounts counts = fit_to_found(
       read_detector_model(models + "/plate-detector.json"),
       choose_countries(read_countries(models + "/countries"), {}), {cars}, model, progress, {});
-  EXPECT_EQ(counts.images, 12);
-  EXPECT_GE(counts.plates, 12);
+  EXPECT_EQ(counts.images, 7);
+  EXPECT_GE(counts.plates, 7);
   EXPECT_GT(counts.finds, counts.plates);  // signs of shops, too
-  EXPECT_GE(counts.texts, 12);
+  EXPECT_GE(counts.texts, 7);
   EXPECT_LE(counts.right, counts.texts);
   EXPECT_EQ(model.confidence.weights, before.weights);  // too few texts
   // It tells the plates from the rest now.

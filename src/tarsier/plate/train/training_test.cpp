@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/train/training.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/plate/networks/recognizer.h"
 #include "tarsier/plate/text/country.h"
@@ -206,6 +207,7 @@ CharacterErrors errors_on(const Recognizer& recognizer, const synth::GlyphSet& g
 }
 
 TEST_F(Training, TenCorrectionsTeachATypeface) {
+  TARSIER_LONG_TEST();
   const std::string folder = TARSIER_SOURCE_MODELS;
   const ReaderModel before = read_reader_model(folder + "/plate-reader.json");
   const CountryChoice countries = choose_countries(read_countries(folder + "/countries"), {"es"});

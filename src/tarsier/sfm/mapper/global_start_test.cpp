@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/global_start.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/mapper/open_loops.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
@@ -173,6 +174,7 @@ TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
 
 // The models of the strongest pairs of this prism are folded, and by these pairs alone they have no conflicts.
 TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
+  TARSIER_LONG_TEST();
   synth::SiteOptions options;
   options.kind = synth::SiteKind::kSymmetric;
   options.images = 60;
@@ -252,6 +254,7 @@ Given drifting_ring() {
 }
 
 TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
+  TARSIER_LONG_TEST();
   const Given site = drifting_ring();
   std::vector<MapperState> states;
   MapperHooks hooks;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/pipeline.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/mapper/evaluation.h"
@@ -123,6 +124,7 @@ TEST_F(Images, ADamagedCacheIsWorkedOutAgain) {
 
 // A box whose four sides look alike: by its features alone it is folded onto one or two of them.
 TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
+  TARSIER_LONG_TEST();
   synth::SceneOptions scene;
   scene.content = synth::Content::kSymmetric;
   scene.trajectory = synth::Trajectory::kRing;
@@ -200,6 +202,7 @@ TEST_F(Images, TheSameOneTwiceIsNoPair) {
 }
 
 TEST_F(Images, FollowedPointsDoAsWellAsDescriptors) {
+  TARSIER_LONG_TEST();
   // A video: the camera moves little from frame to frame.
   const auto inputs = shoot(small_scene(11));
   PipelineOptions how = options();
