@@ -16,9 +16,6 @@ film real head 1
 ask real 1
 expect_status 0
 expect_out '"event":"liveness"' '"state":"ask"' '"state":"passed"' '"done":2' '"liveness":\{"state":"look"'
-cp stdout.txt first.txt
-ask real 1
-diff first.txt stdout.txt >difference.txt || fail "the same film gives another answer: $(head -n 4 difference.txt | cut -c1-600)"
 
 film print photo 1
 ask print 1

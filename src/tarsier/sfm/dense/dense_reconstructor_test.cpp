@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/dense/dense_evaluation.h"
@@ -215,6 +216,7 @@ TEST_F(DenseTest, GoesOnWhereItWasStopped) {
 }
 
 TEST_F(DenseTest, OtherOptionsOrImagesAreDoneAgain) {
+  TARSIER_LONG_TEST();
   (void)run();
   DenseOptions other = options();
   other.filter.max_cost = 0.3;

@@ -192,6 +192,7 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
 
 // An image by image model that is taken up from any checkpoint ends the same, also after it was taken apart.
 TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
+  TARSIER_LONG_TEST();
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::vector<MapperState> states;
   MapperHooks hooks;
@@ -229,6 +230,7 @@ class StopsTheSecondTime final : public Progress {
 
 // Nothing has been made of its images again, and a model of little trust is better than none.
 TEST(MapperOfRepeats, InterruptedTheModelThatWasTakenApartIsLeft) {
+  TARSIER_LONG_TEST();
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::stop_source stop;
   MapperHooks hooks;
