@@ -4,7 +4,7 @@
 . "$(dirname "$0")/lib.sh"
 
 # The videos of markers and targets take as long as all the rest: `./test --all` draws them too.
-short=(--only cartoon,plate,landmarks,aam,pose,people,calibrate)
+short=(--only "cartoon,plate,landmarks,aam,pose,people,calibrate")
 [ -z "${TARSIER_TEST_ALL:-}" ] || short=()
 run demo -o out --quiet "${short[@]}"
 expect_status 0

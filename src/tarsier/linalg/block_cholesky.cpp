@@ -92,7 +92,10 @@ bool solve_positive_definite(Eigen::MatrixXf& a, Eigen::MatrixXf& b) {
     const Eigen::Index next = first + width;
     reduce(first, width, a.data() + first * n + next, n, 1, next, n - next);
     auto rows = x.middleRows(first, width);
-    a.block(first, first, width, width).triangularView<Eigen::Lower>().transpose().solveInPlace(rows);
+    a.block(first, first, width, width)
+        .triangularView<Eigen::Lower>()
+        .transpose()
+        .solveInPlace(rows);
   }
   b = x.leftCols(b.cols());
   return true;

@@ -84,9 +84,9 @@ double HeightField::clear_until(const Eigen::Vector3d& origin, const Eigen::Vect
   // At t a ray of the cone is t * spread off its axis at most, so that much less, seen square to the steepest slope, is clear.
   const double widening = spread * std::sqrt(1 + steepest_ * steepest_);
   const double pace =
-      1 / (-direction[2] +
-           steepest_ * std::sqrt(direction[0] * direction[0] + direction[1] * direction[1]) +
-           widening);
+      1 /
+      (-direction[2] +
+       steepest_ * std::sqrt(direction[0] * direction[0] + direction[1] * direction[1]) + widening);
   constexpr double kCloseEnough = 0.6;
   for (int i = 0; i < 100; ++i) {
     const double gap = origin[2] + t * direction[2] -

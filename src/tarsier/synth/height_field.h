@@ -100,7 +100,7 @@ class HeightField {
   [[nodiscard]] double refined(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                double start) const;
 
-  cv::Mat1d values_;  // control points; empty: flat
+  cv::Mat1d values_;                // control points; empty: flat
   const double* points_ = nullptr;  // the same, without a call
   double top_ = 0;
   double steepest_ = 0;

@@ -470,9 +470,8 @@ cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
       const int left = block % across * kBlock;
       const int top = block / across * kBlock;
       const double middle = (kBlock - 1) / 2.0;
-      const double block_clear =
-          parts.field.clear_until(view.center, parts.ray(view, left + middle, top + middle),
-                                  spread(middle + kSample), 0);
+      const double block_clear = parts.field.clear_until(
+          view.center, parts.ray(view, left + middle, top + middle), spread(middle + kSample), 0);
       for (int y = top; y < std::min(top + kBlock, image.rows); ++y) {
         auto* out = image.ptr<cv::Vec3b>(y);
         for (int x = left; x < std::min(left + kBlock, image.cols); ++x) {

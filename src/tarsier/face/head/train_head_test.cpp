@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/train_head.h"
 
-#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/head/factorization.h"
 #include "tarsier/face/head/testing_head.h"
 #include "tarsier/face/shape/import.h"

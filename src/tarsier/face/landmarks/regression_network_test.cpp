@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/regression_network.h"
 
-#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/testing_blobs.h"
 #include "tarsier/face/landmarks/train_model.h"

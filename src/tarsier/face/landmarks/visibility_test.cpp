@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/visibility.h"
 
-#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/occlusion.h"

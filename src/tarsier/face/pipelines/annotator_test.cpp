@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/pipelines/annotator.h"
 
-#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/pipelines/annotator_match.h"
 #include "tarsier/face/shape/import.h"
 #include "tarsier/media/image_file.h"

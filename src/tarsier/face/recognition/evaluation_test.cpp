@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/recognition/evaluation.h"
 
-#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/image_file.h"

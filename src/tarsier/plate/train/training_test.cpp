@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/train/training.h"
 
-#include "tarsier/core/testing_long.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/plate/networks/recognizer.h"
 #include "tarsier/plate/text/country.h"
 #include "tarsier/plate/text/text.h"
