@@ -37,13 +37,14 @@ class HeightField {
 
   [[nodiscard]] cv::Vec2d slope(double x, double y) const { return shape(x, y).slope; }
 
-  // The first t < limit where origin + t * direction meets the surface from above; `limit` if none. It is known that
-  // there is none before `from`.
+  // The first t < limit where origin + t * direction meets the surface from above; `limit` if none.
+  // The ray is known to be clear up to `from`, so the search starts there.
   [[nodiscard]] double first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                  double limit, double from = 0) const;
 
-  // A t >= from before which no ray of a cone meets the surface, if none does before `from`: rays from `origin` whose
-  // directions differ from `direction` by `spread` at most. After J. Amanatides, "Ray tracing with cones", SIGGRAPH 1984.
+  // A t >= from up to which all rays of a cone are clear of the surface, if they are up to `from`:
+  // rays from `origin` whose directions differ from `direction` by `spread` at most. After
+  // J. Amanatides, "Ray tracing with cones", SIGGRAPH 1984.
   [[nodiscard]] double clear_until(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                    double spread, double from) const;
 
