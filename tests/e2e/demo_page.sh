@@ -3,8 +3,8 @@
 # demo writes a page that stands alone: all it refers to is beside it, and nothing of it is on a network.
 . "$(dirname "$0")/lib.sh"
 
-# The videos of markers and targets take as long as all the rest: `./test --all` draws them too.
-short=(--only "cartoon,plate,landmarks,aam,pose,people,calibrate")
+# Videos take most of the time: `./test --all` draws those of plates, markers and targets too.
+short=(--only "cartoon,landmarks,aam,pose,people,calibrate")
 [ -z "${TARSIER_TEST_ALL:-}" ] || short=()
 run demo -o out --quiet "${short[@]}"
 expect_status 0
@@ -43,8 +43,9 @@ for name in page.files:
 assert set(page.anchors) <= page.ids, (page.anchors, page.ids)
 assert not re.search(r"https?://|@import|url\(", text), "the page refers to a network"
 assert "tarsier cartoon run" in text
-vehicles = re.findall(r"<tr><td>([0-9]{4}[A-Z]{3})</td>", text)
-assert len(vehicles) == len(set(vehicles)) == 3, vehicles  # one line for each vehicle
+if os.environ.get("TARSIER_TEST_ALL"):
+    vehicles = re.findall(r"<tr><td>([0-9]{4}[A-Z]{3})</td>", text)
+    assert len(vehicles) == len(set(vehicles)) == 3, vehicles  # one line for each vehicle
 PY
 
 run demo -o out --only people --json --quiet

@@ -309,7 +309,7 @@ def stills():
 
 
 def landmarks():
-    arguments = ["landmarks", "track", "synth:portrait?live=1", "--window", "--json"]
+    arguments = ["landmarks", "track", "synth:portrait?live=1&fps=15", "--window", "--json"]
     s = started(arguments)
     s.until("face", lambda: s.state["state"]["faces"] == 1)
     s.next_image("landmarks.jpg")
@@ -372,7 +372,7 @@ def explore():
 
 
 def calibrate():
-    arguments = ["calibrate", "synth:board?live=1", "--board", "chess:9x6", "--square", "25mm", "-o", "camera.yaml",
+    arguments = ["calibrate", "synth:board?live=1&fps=8", "--board", "chess:9x6", "--square", "25mm", "-o", "camera.yaml",
                  "--window", "--json"]
     s = started(arguments)
     s.until("view", lambda: s.state["state"]["views"] >= 1)
@@ -401,7 +401,7 @@ def plates():
 
 
 def markers():
-    arguments = ["ar", "markers", "synth:markers?live=1", "--window", "--json"]
+    arguments = ["ar", "markers", "synth:markers?live=1&fps=15", "--window", "--json"]
     s = started(arguments)
     s.until("markers", lambda: s.state["state"]["markers"] >= 1)
     act(s, "cube", "cubes", lambda state: state["draw"] == "cube")
@@ -411,7 +411,7 @@ def markers():
 
 
 def people():
-    arguments = ["people", "live", "synth:portrait?live=1", "--gallery", "people.db", "--json"]
+    arguments = ["people", "live", "synth:portrait?live=1&fps=15", "--gallery", "people.db", "--json"]
     s = started(arguments)
     s.until("face", lambda: s.state["state"]["recognized"])
     # The button in the image, by the mouse.
@@ -428,7 +428,7 @@ def people():
 
 
 def pose():
-    arguments = ["pose", "track", "synth:portrait?live=1", "--window", "--json"]
+    arguments = ["pose", "track", "synth:portrait?live=1&fps=15", "--window", "--json"]
     s = started(arguments)
     s.until("face", lambda: s.state["state"]["faces"] == 1)
     s.next_image("pose.jpg")

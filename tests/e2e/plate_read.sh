@@ -44,7 +44,7 @@ expect_status 0
 expect_out '"image":"car-00000"' '"image":"car-00001"'
 
 # --- videos ---
-run plate read 'synth:drive?seconds=8&cars=2&parked=1&far=0&fps=4&seed=4' --events --json --log seen.db
+run plate read 'synth:drive?seconds=8&cars=2&parked=1&far=0&fps=4&seed=4&size=640x360' --events --json --log seen.db
 expect_status 0
 [ "$(grep -c '"event":"plate"' stdout.txt)" -eq "$(wc -l <stdout.txt)" ] || fail "lines other than events with --events"
 events=$(wc -l <stdout.txt)
@@ -62,7 +62,7 @@ for line in map(json.loads, open("stdout.txt")):
     assert (last - first).total_seconds() < 8.1 and line["state"] == "closed", line
     assert "drive?" in line["source"], line
 PY
-run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&seed=3' --events --json --on-event 'cat >>told.jsonl; sleep 0.1'
+run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&seed=3&size=640x360' --events --json --on-event 'cat >>told.jsonl; sleep 0.1'
 expect_status 0
 python3 - <<'PY' || fail "--on-event: $(cat told.jsonl)"
 import json
@@ -76,12 +76,12 @@ run plate read 'synth:drive?seconds=1&cars=1&parked=1&far=0&fps=5' --on-event-ti
 expect_status 2
 run plate read 'synth:drive?seconds=1' cars/images --start 2026-05-01
 expect_status 2
-run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&seed=3' --events --json --start 2026-05-01T12:30
+run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&seed=3&size=640x360' --events --json --start 2026-05-01T12:30
 expect_out '"first_seen":"2026-05-01T12:30:0'
-run plate read 'synth:drive?seconds=4&cars=1&parked=1&far=0&fps=5&seed=3' --events --json --roi 0,0,0.3,0.3
+run plate read 'synth:drive?seconds=4&cars=1&parked=1&far=0&fps=5&seed=3&size=640x360' --events --json --roi 0,0,0.3,0.3
 expect_status 1
 expect_no_out
-run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&light=infrared' --json
+run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&light=infrared&size=640x360' --json
 expect_status 0
 expect_out '"frame":0'
 

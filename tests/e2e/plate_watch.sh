@@ -25,10 +25,10 @@ expect_status 1
 expect_out '^B12XYZ: none$'
 
 # Vehicles: the event says so at once and at the end; others give no command a run.
-run plate read 'synth:drive?frames=20&fps=10' --events --json --watch gate.csv --log plates.db --start 2026-05-01T12:00 --on-event 'cat >>events.jsonl' --on-watch
+run plate read 'synth:drive?frames=20&fps=10&size=960x540' --events --json --watch gate.csv --log plates.db --start 2026-05-01T12:00 --on-event 'cat >>events.jsonl' --on-watch
 expect_status 0
 cp stdout.txt first.jsonl
-run plate read 'synth:drive?frames=20&fps=10' --events --json --watch gate.csv --log plates.db --start 2026-05-02T12:00
+run plate read 'synth:drive?frames=20&fps=10&size=960x540' --events --json --watch gate.csv --log plates.db --start 2026-05-02T12:00
 python3 - <<'PY' || fail 'the events'
 import json
 lines = [json.loads(line) for line in open("events.jsonl")]
@@ -44,11 +44,11 @@ PY
 run plate watch remove gate.csv 2863SDN
 expect_status 0
 rm events.jsonl
-run plate read 'synth:drive?frames=20&fps=10' --events --json --watch gate.csv --on-event 'cat >>events.jsonl' --on-watch
+run plate read 'synth:drive?frames=20&fps=10&size=960x540' --events --json --watch gate.csv --on-event 'cat >>events.jsonl' --on-watch
 expect_status 0
 expect_out '"watch":null'
 [ ! -e events.jsonl ] || fail 'a command ran for a vehicle that nobody watches for'
-run plate read 'synth:drive?frames=20&fps=10' --events --watch gate.csv --quiet
+run plate read 'synth:drive?frames=20&fps=10&size=960x540' --events --watch gate.csv --quiet
 expect_status 0
 expect_out '2863SDN 1.00'
 run plate watch remove gate.csv 2863SDN

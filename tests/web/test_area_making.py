@@ -428,6 +428,7 @@ class AreaMaking(AreaPageTest):
         self.assertIn(b"fx:", camera)
         self.path("calibrate-kept")
 
+    @long
     def test_calibrate_from_images(self):
         self.go("/calibrate")
         self.page.click("tab", "Or: from images")

@@ -173,6 +173,12 @@ class SessionTest(pages.PageTest):
         self.page.wait(IMAGE, what="a live image")
         self.page.wait("document.querySelector('.live-status').innerText !== 'Waiting for the first image.'")
         self.page.wait("/frames\\/s/.test(document.querySelector('.figures').innerText)")
+        first = self.page.evaluate("location.pathname.split('/').pop()")
+        # One that leaves the processor to the judge.
+        self.go(f"/session/{self.start('cartoon run', SMALL)}")
+        self.server.call(f"/api/sessions/{first}", method="DELETE")
+        self.page.wait(IMAGE)
+        self.page.wait("/frames\\/s/.test(document.querySelector('.figures').innerText)")
         self.judge("session")
 
     def test_actions_sliders_and_keys_change_the_image(self):
@@ -311,7 +317,7 @@ class SessionTest(pages.PageTest):
             self.server.call(f"/api/sessions/{id}", method="DELETE")
         self.server.call("/api/state/gallery", method="DELETE")  # of people live
         # A session without stages has no such button, and says so to programs.
-        other = self.start("calibrate", "synth:board?live=1")
+        other = self.start("calibrate", "synth:board?live=1&fps=8&size=480x360")
         self.assertEqual(self.server.call(f"/api/sessions/{other}/stages")[0], 409)
         self.assertEqual(self.server.call("/api/sessions/none/stages")[0], 404)
 
@@ -398,7 +404,7 @@ class SessionTest(pages.PageTest):
         self.page.wait_text("The session ended.")
         self.page.click("button", "Remove")
         self.page.wait("location.pathname === '/live'")
-        self.go(f"/session/{self.start('cartoon run', 'synth:portrait?live=1')}")
+        self.go(f"/session/{self.start('cartoon run', 'synth:portrait?live=1&fps=8&size=320x240')}")
         self.page.wait(IMAGE)
         self.page.click("button", "End")
         self.page.wait("location.pathname === '/live'")
@@ -627,7 +633,7 @@ class ApiTest(pages.PageTest):
         folder = os.path.join(self.server.workspace, "calls")
         os.makedirs(folder)
         _, session = self.server.call(
-            "/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1"], "flags": {}})
+            "/api/sessions", {"verb": "cartoon run", "inputs": [SMALL], "flags": {}})
         snapshot = f"/api/sessions/{session['id']}/snapshot.jpg"
         self.until("its first image is there", lambda: self.server.call(snapshot)[0] == 200)
         jpeg = self.server.call(snapshot)[1]

@@ -359,10 +359,10 @@ def test_free_sources_and_dangerous_flags_are_refused():
             assert "hunter2" not in answer.body.decode() or source == secret
         for flags in ({"--on-event": "id"}, {"--config": "/etc/passwd"}, {"--output": "/tmp/x"}, {"--nothing": "1"},
                       {"--output": "http://0.0.0.0:80/"}, {"mode": "sketch"}, {"--mode": ["a", {}]}):
-            answer = studio.post("/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1"], "flags": flags})
+            answer = studio.post("/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1&fps=8&size=320x240"], "flags": flags})
             assert answer.status == 400, (flags, answer.status, answer.body)
         # A value that looks like a flag is a value.
-        session = studio.start_session("cartoon run", ["synth:portrait?live=1"], {"--mode": "--json"})
+        session = studio.start_session("cartoon run", ["synth:portrait?live=1&fps=8&size=320x240"], {"--mode": "--json"})
         wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["exit"] == 2, what="a usage error")
         assert studio.ask("DELETE", "/api/sessions/" + session["id"]).status == 204
         for verb in ("serve", "demo", "help", "bench cartoon", "rm", "cartoon", ""):

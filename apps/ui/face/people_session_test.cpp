@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "ui/face/people_session.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/testing_faces.h"
@@ -363,6 +364,7 @@ class Clips final : public FrameSource {
 };
 
 TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
+  TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   const std::string grid = std::string(data != nullptr ? data : "") + "/face-videos/grid/";
   if (landmark_model() == nullptr || !std::filesystem::exists(grid))

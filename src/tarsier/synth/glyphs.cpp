@@ -80,14 +80,12 @@ struct Library {
 };
 
 cv::Mat cut_to_ink(const cv::Mat& mask) {
-  cv::Mat points;
-  cv::findNonZero(mask > 60, points);
-  return points.empty() ? cv::Mat() : mask(cv::boundingRect(points)).clone();
+  const cv::Rect box = cv::boundingRect(mask > 60);
+  return box.empty() ? cv::Mat() : mask(box).clone();
 }
 
 // The same shape with thinner or heavier strokes: the outline moves by `px`.
 cv::Mat reweighted(const cv::Mat& mask, int px) {
-  if (px == 0) return mask;
   const int border = std::max(0, px) + 1;
   cv::Mat wide;
   cv::copyMakeBorder(mask, wide, border, border, border, border, cv::BORDER_CONSTANT,
@@ -126,11 +124,7 @@ bool load(FT_Library library, const char* path, GlyphSet::Typeface& typeface) {
                        bitmap.buffer, static_cast<std::size_t>(bitmap.pitch));
     const cv::Mat ink = cut_to_ink(mask);
     if (ink.empty()) return false;
-    constexpr int kMoves[GlyphSet::kWeights] = {-3, -1, 0, 2, 4};
-    for (std::size_t w = 0; w < GlyphSet::kWeights; ++w) {
-      cv::Mat moved = reweighted(ink, kMoves[w]);
-      typeface.masks[w][i] = moved.empty() ? ink : moved;
-    }
+    typeface.masks[i] = ink;
     if (i < 10) widest = std::max(widest, ink.cols);
   }
   typeface.digit_aspect = static_cast<double>(widest) / GlyphSet::kCapHeight;
@@ -173,10 +167,32 @@ std::vector<GlyphSet::Typeface> draw(std::uint64_t seed, int count) {
 
 }  // namespace
 
-GlyphSet::GlyphSet(std::vector<Typeface> typefaces) : typefaces_(std::move(typefaces)) {
+GlyphSet::GlyphSet(std::vector<Typeface> typefaces)
+    : typefaces_(std::move(typefaces)),
+      reweighted_(
+          std::make_unique<Reweighted[]>(typefaces_.size() * kWeights * kPlateSymbols.size())) {
   for (std::size_t i = 0; i < typefaces_.size(); ++i)
     shared_.insert(shared_.end(), static_cast<std::size_t>(std::max(0, typefaces_[i].share)),
                    static_cast<int>(i));
+}
+
+const cv::Mat& GlyphSet::mask(int typeface, int weight, std::size_t symbol) const {
+  TARSIER_REQUIRE(weight >= 0 && weight < kWeights && symbol < kPlateSymbols.size(),
+                  "weight {} of symbol {}", weight, symbol);
+  const auto number = static_cast<std::size_t>(typeface);
+  const Typeface& face = typefaces_.at(number);
+  const cv::Mat& own = face.masks[symbol];
+  constexpr int kMoves[kWeights] = {-3, -1, 0, 2, 4};  // px
+  const int px = kMoves[weight];
+  if (px == 0 || !face.has_weights) return own;
+  Reweighted& other =
+      reweighted_[(number * kWeights + static_cast<std::size_t>(weight)) * kPlateSymbols.size() +
+                  symbol];
+  std::call_once(other.once, [&] {
+    const cv::Mat moved = reweighted(own, px);
+    other.mask = moved.empty() ? own : moved;
+  });
+  return other.mask;
 }
 
 int GlyphSet::pick(Rng& rng) const {

@@ -11,9 +11,8 @@ namespace tarsier::synth {
 namespace {
 
 const cv::Mat& mask_of(const GlyphSet& glyphs, char symbol, int typeface, int weight) {
-  const auto& face = glyphs.typefaces()[static_cast<std::size_t>(typeface)];
   const std::size_t index = kPlateSymbols.find(symbol);
-  return face.masks[static_cast<std::size_t>(weight)][index == std::string_view::npos ? 0 : index];
+  return glyphs.mask(typeface, weight, index == std::string_view::npos ? 0 : index);
 }
 
 void disc(const PlatePainter& p, double x, double y, double radius) {

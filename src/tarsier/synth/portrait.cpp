@@ -32,7 +32,7 @@ float step_between(float low, float high, float x) {
 float inside(float distance, float soft) { return 1 - step_between(-soft, soft, distance); }
 float bell(float x, float y, float wide, float high) {
   const float squares = (x * x) / (wide * wide) + (y * y) / (high * high);
-  return squares > 25 ? 0 : std::exp(-squares);  // less than 1e-10 beyond
+  return squares > 12 ? 0 : std::exp(-squares);  // less than 1e-5 beyond
 }
 Color mix(const Color& a, const Color& b, float t) { return a + (b - a) * t; }
 Color rgb(int r, int g, int b) {
@@ -142,7 +142,8 @@ class Painter {
 
  private:
   void paint_body(Sample& s, float x, float y) const;
-  void paint_head(Sample& s, float x, float y) const;
+  // `outline`: face_outline(x, y); `face`: how much of the pixel is inside.
+  void paint_head(Sample& s, float x, float y, float outline, float face) const;
   void paint_eye(Sample& s, float x, float y, float side) const;
   void paint_hair(Sample& s, float x, float y, bool behind) const;
   void cover(Sample& s, const Color& color, float amount) const {
@@ -160,10 +161,11 @@ class Painter {
 };
 
 void Painter::paint_body(Sample& s, float x, float y) const {
+  if (y <= 0.2F) return;
   // Neck, with the shadow of the chin.
   const float neck = std::max(std::abs(x) - 0.118F - 0.25F * std::max(0.0F, y - 0.42F), 0.2F - y);
   const float neck_in = inside(neck, pixel_);
-  if (neck_in > 0 && y > 0.2F) {
+  if (neck_in > 0) {
     const float under = 1 - 0.45F * step_between(0.47F, 0.34F, y);
     const Color tone = palette_.skin * (under * shade(x * 4.5F, 0.35F));
     s.color = mix(s.color, tone, neck_in);
@@ -271,7 +273,7 @@ void Painter::paint_eye(Sample& s, float x, float y, float side) const {
   cover(s, palette_.hair * 0.75F, brow * (0.55F + 0.45F * hairs));
 }
 
-void Painter::paint_head(Sample& s, float x, float y) const {
+void Painter::paint_head(Sample& s, float x, float y, float outline, float face) const {
   // Ears.
   for (const float side : {-1.0F, 1.0F}) {
     const float u = x * side - 0.236F;
@@ -285,8 +287,6 @@ void Painter::paint_head(Sample& s, float x, float y) const {
     s.color = mix(s.color, tone, ear);
     s.skin = s.skin * (1 - ear) + ear;
   }
-  const float outline = face_outline(x, y);
-  const float face = inside(outline, pixel_);
   if (face <= 0) return;
 
   // Slopes of the head as an egg, then of nose, cheeks, brow and chin on it: height fields of
@@ -378,13 +378,19 @@ void Painter::paint_head(Sample& s, float x, float y) const {
 
 Sample Painter::at(float x, float y, float bx, float by) const {
   Sample s;
-  // A wall out of focus, lit from the left.
-  const float glow = bell(bx + 0.45F, by + 0.25F, 0.8F, 0.7F);
-  const float spots = noise(bx * 3 + 5, by * 3 + 9);
-  s.color = palette_.wall * (0.62F + 0.42F * glow + 0.10F * (spots - 0.5F));
-  paint_hair(s, x, y, true);
-  paint_body(s, 0.25F * x + 0.75F * bx, 0.25F * y + 0.75F * by);
-  paint_head(s, x, y);
+  // Far from the face its outline is not computed.
+  const bool is_near = std::abs(x) < 0.3F && std::abs(y) < 0.42F;
+  const float outline = is_near ? face_outline(x, y) : 1;
+  const float face = is_near ? inside(outline, pixel_) : 0;
+  if (face < 1) {  // else the face hides it
+    // A wall out of focus, lit from the left.
+    const float glow = bell(bx + 0.45F, by + 0.25F, 0.8F, 0.7F);
+    const float spots = noise(bx * 3 + 5, by * 3 + 9);
+    s.color = palette_.wall * (0.62F + 0.42F * glow + 0.10F * (spots - 0.5F));
+    paint_hair(s, x, y, true);
+    paint_body(s, 0.25F * x + 0.75F * bx, 0.25F * y + 0.75F * by);
+  }
+  paint_head(s, x, y, outline, face);
   paint_hair(s, x, y, false);
   return s;
 }
@@ -410,14 +416,15 @@ Portrait render_portrait(cv::Size size, double time_s, std::uint64_t seed) {
   Portrait portrait;
   portrait.image.create(size, CV_8UC3);
   portrait.skin_mask.create(size, CV_8UC1);
+  const double per_pixel = 1 / unit;
   const Painter painter(seed, static_cast<float>(0.75 / unit), static_cast<float>(blink));
   cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
       auto* pixels = portrait.image.ptr<cv::Vec3b>(y);
       auto* mask = portrait.skin_mask.ptr<std::uint8_t>(y);
+      const double by = (y - 0.5 * (size.height - 1)) * per_pixel;
       for (int x = 0; x < size.width; ++x) {
-        const double bx = (x - 0.5 * (size.width - 1)) / unit;
-        const double by = (y - 0.5 * (size.height - 1)) / unit;
+        const double bx = (x - 0.5 * (size.width - 1)) * per_pixel;
         const double dx = bx - shift_x;
         const double dy = by - shift_y;
         const Sample sample =

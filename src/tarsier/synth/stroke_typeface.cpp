@@ -355,6 +355,7 @@ GlyphSet::Typeface stroke_typeface(const std::string& name, Rng& rng) {
   const Hand hand = random_hand(rng);
   GlyphSet::Typeface typeface;
   typeface.name = name;
+  typeface.has_weights = false;
   int widest = 1;
   for (std::size_t i = 0; i < kPlateSymbols.size(); ++i) {
     // No symbol of a real die is quite as the others are.
@@ -364,7 +365,7 @@ GlyphSet::Typeface stroke_typeface(const std::string& name, Rng& rng) {
     own.upright *= std::exp(rng.normal(0, 0.02));
     own.level *= std::exp(rng.normal(0, 0.02));
     const cv::Mat mask = draw_symbol(kPlateSymbols[i], own);
-    for (auto& weight : typeface.masks) weight[i] = mask;
+    typeface.masks[i] = mask;
     if (i < 10) widest = std::max(widest, mask.cols);
   }
   typeface.digit_aspect = static_cast<double>(widest) / GlyphSet::kCapHeight;

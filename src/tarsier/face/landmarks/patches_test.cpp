@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/media/archive.h"
 
 #include <gmock/gmock.h>
@@ -417,6 +418,7 @@ TEST(PatchFit, DoesNotDependOnTheWorkspace) {
 }
 
 TEST(PatchTraining, IsTheSameForAnyNumberOfThreads) {
+  TARSIER_LONG_TEST();
   const int before = cv::getNumThreads();
   for (const PatchMethod method :
        {PatchMethod::kStochastic, PatchMethod::kRidge, PatchMethod::kAverage}) {

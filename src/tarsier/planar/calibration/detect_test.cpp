@@ -2,6 +2,7 @@
 #include "tarsier/planar/calibration/detect.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/planar/calibration/calibrate.h"
 #include "tarsier/planar/calibration/draw_board.h"
 #include "tarsier/synth/boards.h"
@@ -228,6 +229,7 @@ TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
 
 // The stereo pair that comes with OpenCV: 13 images of a 9x6 board for each camera.
 TEST(FindBoardTest, OpenCvsOwnImagesOfABoard) {
+  TARSIER_LONG_TEST();
   const std::string folder = "/usr/share/doc/opencv-doc/examples/data/";
   if (!std::filesystem::exists(folder + "left01.jpg"))
     GTEST_SKIP() << "no " << folder << "left01.jpg (package opencv-doc)";

@@ -86,18 +86,19 @@ double overlap(double from, double to, int k) {
 class Raster {
  public:
   Raster(const cv::Size2d& size, double dpi)
-      : coverage_(cvRound(size.height / 25.4 * dpi), cvRound(size.width / 25.4 * dpi), CV_32FC1),
+      : coverage_(cvRound(size.height / 25.4 * dpi), cvRound(size.width / 25.4 * dpi), CV_32FC1,
+                  cv::Scalar(0)),
         image_(coverage_.size(), CV_8UC1, cv::Scalar(255)),
         x_(coverage_.cols / size.width),
         y_(coverage_.rows / size.height) {}
 
   // Neighbours of one fill add up to whole pixels.
   void fill(const Fill& fill) {
-    coverage_.setTo(0);
     cv::Rect touched;
     for (const cv::Rect2d& box : fill.boxes) touched |= add(box);
     for (const Dot& dot : fill.dots) touched |= add(dot);
     blend(touched, fill.gray);
+    coverage_(touched).setTo(0);  // for the next fill; a whole page would take far longer
   }
   void line(const Line& line) {
     const double half = line.width / 2;

@@ -37,6 +37,22 @@ cv::Mat straightened(const cv::Mat& gray, const Quad& quad, cv::Size size) {
   return result;
 }
 
+// The outermost points of each row that are not 0: they have the convex hull of all such points.
+std::vector<cv::Point> row_ends(const cv::Mat& mask) {
+  std::vector<cv::Point> ends;
+  for (int y = 0; y < mask.rows; ++y) {
+    const auto* row = mask.ptr<std::uint8_t>(y);
+    const auto* const end = row + mask.cols;
+    const auto* const first = std::find_if(row, end, [](std::uint8_t v) { return v != 0; });
+    if (first == end) continue;
+    int last = mask.cols - 1;
+    while (row[last] == 0) --last;
+    ends.emplace_back(static_cast<int>(first - row), y);
+    ends.emplace_back(last, y);
+  }
+  return ends;
+}
+
 // The rotated box of what floods from white points around the middle; false if it is no plate.
 bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions& options, Rng& rng,
                  Quad& box) {
@@ -60,10 +76,9 @@ bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions
     cv::floodFill(part, mask, seed, cv::Scalar(255), nullptr, range, range,
                   4 | (255 << 8) | cv::FLOODFILL_FIXED_RANGE | cv::FLOODFILL_MASK_ONLY);
   }
-  std::vector<cv::Point> points;
-  cv::findNonZero(mask(cv::Rect(1, 1, part.cols, part.rows)), points);
-  if (points.size() < 20) return false;
-  box = upright_corners(cv::minAreaRect(points));
+  const cv::Mat flooded = mask(cv::Rect(1, 1, part.cols, part.rows));
+  if (cv::countNonZero(flooded) < 20) return false;
+  box = upright_corners(cv::minAreaRect(row_ends(flooded)));
   for (cv::Point2f& p : box) p += cv::Point2f(window.tl());
   return has_form(box, options);
 }

@@ -157,19 +157,16 @@ TEST_F(Training, ImpossibleOptionsAreRefused) {
 std::shared_ptr<const synth::GlyphSet> stencil(const synth::GlyphSet& known) {
   synth::GlyphSet::Typeface typeface = known.typefaces().front();
   typeface.name = "stencil";
-  for (auto& weight : typeface.masks) {
-    for (cv::Mat& mask : weight) {
-      constexpr float kLean = 0.3F;
-      const int wide = mask.cols + cvRound(kLean * static_cast<float>(mask.rows));
-      const cv::Matx23f lean(1, -kLean, kLean * static_cast<float>(mask.rows), 0, 1, 0);
-      cv::Mat leaning;
-      cv::warpAffine(mask, leaning, lean, {wide, mask.rows});
-      const int gap = mask.rows / 5;
-      leaning.rowRange((mask.rows - gap) / 2, (mask.rows + gap) / 2).setTo(0);
-      cv::Mat ink;
-      cv::findNonZero(leaning > 60, ink);
-      mask = ink.empty() ? mask : leaning(cv::boundingRect(ink)).clone();
-    }
+  for (cv::Mat& mask : typeface.masks) {
+    constexpr float kLean = 0.3F;
+    const int wide = mask.cols + cvRound(kLean * static_cast<float>(mask.rows));
+    const cv::Matx23f lean(1, -kLean, kLean * static_cast<float>(mask.rows), 0, 1, 0);
+    cv::Mat leaning;
+    cv::warpAffine(mask, leaning, lean, {wide, mask.rows});
+    const int gap = mask.rows / 5;
+    leaning.rowRange((mask.rows - gap) / 2, (mask.rows + gap) / 2).setTo(0);
+    const cv::Rect ink = cv::boundingRect(leaning > 60);
+    mask = ink.empty() ? mask : leaning(ink).clone();
   }
   typeface.digit_aspect += 0.3;
   return std::make_shared<const synth::GlyphSet>(std::vector{typeface, typeface});

@@ -185,6 +185,7 @@ TEST_F(DenseTest, NormalsLookOutOfTheSurface) {
 }
 
 TEST_F(DenseTest, ThreadsDoNotChangeTheFiles) {
+  TARSIER_LONG_TEST();
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   (void)run();
@@ -197,6 +198,7 @@ TEST_F(DenseTest, ThreadsDoNotChangeTheFiles) {
 }
 
 TEST_F(DenseTest, GoesOnWhereItWasStopped) {
+  TARSIER_LONG_TEST();
   (void)run();
   const std::string whole = read_file(path("dense/fused.ply"), 100'000'000);
   fs::remove_all(job_.folder);
