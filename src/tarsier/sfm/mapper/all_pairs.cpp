@@ -67,6 +67,7 @@ void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
       if (outcome.model == static_cast<int>(m)) outcome.trust = trust[i];
     }
     reconstruction.trust[m] = model_trust(model, trust);
+    reconstruction.shapes[m] = shape_of(model, input.pairs);
   }
 }
 

@@ -527,12 +527,10 @@ std::vector<std::string> doubts_about(const MapperInput& input, Progress& progre
                            compare_all_patches(features, input.pairs, input.gray, progress, stop));
 }
 
-}  // namespace
-
-Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
-                           Progress& progress, const std::stop_token& stop,
-                           const MapperHooks& hooks) {
-  options.check();
+// Whose trust leaves the shapes of the models out.
+Reconstruction best_reconstruction(const MapperInput& input, const MapperOptions& options,
+                                   Progress& progress, const std::stop_token& stop,
+                                   const MapperHooks& hooks) {
   Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
   if (result.interrupted || !result.has_conflicts) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
@@ -562,6 +560,18 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
     return result;
   }
   return better_of(std::move(result), std::move(*second));
+}
+
+}  // namespace
+
+Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
+                           Progress& progress, const std::stop_token& stop,
+                           const MapperHooks& hooks) {
+  options.check();
+  Reconstruction result = best_reconstruction(input, options, progress, stop, hooks);
+  for (std::size_t m = 0; m < result.trust.size(); ++m)
+    result.trust[m] *= shape_trust(result.shapes[m]);
+  return result;
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

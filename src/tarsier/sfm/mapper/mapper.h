@@ -7,6 +7,7 @@
 #include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/model_filter.h"
+#include "tarsier/sfm/mapper/model_shape.h"
 #include "tarsier/sfm/mapper/patch_evidence.h"
 #include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
@@ -89,7 +90,8 @@ struct Reconstruction {
   std::vector<Model> models;
   std::vector<Outcome> outcomes;  // of each image
   std::vector<std::string> log;   // what was done, and what went wrong, line by line
-  std::vector<double> trust;      // of each model
+  std::vector<double> trust;  // of each model: the mean of its images, times what its shape leaves
+  std::vector<ModelShape> shapes;  // of each model
   std::vector<RefusedPair> refused;
   // Near images of a model lack what they should show (model_conflicts.h).
   bool has_conflicts = false;

@@ -125,6 +125,8 @@ void add_outcomes(const MapperInput& input, const MapperOptions& options,
     trust.push_back(
         image_trust(model, input, doubts, repeats, std::move(conflicts[m]), made.has_conflicts));
     made.trust.push_back(model_trust(model, trust.back()));
+    made.shapes.push_back(shape_of(model, input.pairs));
+    made.has_conflicts = made.has_conflicts || (repeats && is_doubtful(made.shapes.back()));
   }
   const std::vector<const Pair*> best = best_pairs(input.pairs, input.images.size());
   for (std::size_t i = 0; i < input.images.size(); ++i) {

@@ -62,8 +62,14 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
   std::vector<std::vector<int>> shown;
   for (const Model& model : built.models) {
     models.push_back(model_json(model));
-    if (models.size() <= built.trust.size())
-      models.back()["trust"] = rounded(built.trust[models.size() - 1], 1e3);
+    const std::size_t m = models.size() - 1;
+    if (m < built.trust.size()) models.back()["trust"] = rounded(built.trust[m], 1e3);
+    if (m < built.shapes.size()) {
+      const ModelShape& shape = built.shapes[m];
+      if (std::isfinite(shape.weakest_joint))
+        models.back()["weakest_joint"] = rounded(shape.weakest_joint, 1e3);
+      models.back()["missed_pairs"] = shape.missed.size();
+    }
     shown.push_back(points_shown(model));
   }
   Json images = Json::array();

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -34,13 +35,22 @@ Judgement judged(const Pair& pair, const std::vector<Model>& models) {
   return result;
 }
 
+// Of a model, whatever its shape.
+double score_of(const Reconstruction& reconstruction, std::size_t m) {
+  return reconstruction.trust[m] *
+         std::max(0, statistics_of(reconstruction.models[m]).registered - kUnchecked);
+}
+
+double score_without_shapes(const Reconstruction& reconstruction) {
+  double sum = 0;
+  for (std::size_t m = 0; m < reconstruction.models.size(); ++m) sum += score_of(reconstruction, m);
+  return sum;
+}
+
 }  // namespace
 
 std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t images, double share) {
-  std::vector<std::size_t> strongest(images, 0);
-  for (const Pair& pair : pairs)
-    for (const int image : {pair.first, pair.second})
-      strongest[at(image)] = std::max(strongest[at(image)], pair.view.inliers.size());
+  const std::vector<std::size_t> strongest = strongest_of_images(pairs, images);
   std::vector<Pair> strong = pairs;
   for (Pair& pair : strong) {
     const auto inliers = static_cast<double>(pair.view.inliers.size());
@@ -52,9 +62,13 @@ std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t image
 
 std::vector<Pair> without_contradicted(const std::vector<Pair>& pairs,
                                        const std::vector<Model>& models) {
+  std::set<std::size_t> missed;
+  for (const Model& model : models)
+    for (const ModelShape::Missed& each : shape_of(model, pairs).missed) missed.insert(each.pair);
   std::vector<Pair> result = pairs;
-  for (Pair& pair : result)
-    if (judged(pair, models).is_contradicted) pair.view.inliers.clear();
+  for (std::size_t k = 0; k < pairs.size(); ++k)
+    if (judged(pairs[k], models).is_contradicted && !missed.contains(k))
+      result[k].view.inliers.clear();
   return result;
 }
 
@@ -105,8 +119,7 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>&
 double score_of(const Reconstruction& reconstruction) {
   double sum = 0;
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m)
-    sum += reconstruction.trust[m] *
-           std::max(0, statistics_of(reconstruction.models[m]).registered - kUnchecked);
+    sum += score_of(reconstruction, m) * (is_doubtful(reconstruction.shapes[m]) ? kDoubtfulTrust : 1);
   return sum;
 }
 
@@ -136,16 +149,20 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
     if (!doubts[k].empty()) left[k].view.inliers.clear();
   std::vector<Pair> taken;
   Reconstruction best;
+  double last = 0;  // score, whatever the shapes of the models
   for (const double share : kShares) {
     std::vector<Pair> strong = strong_pairs(left, images, share);
     Reconstruction tried = map(strong);
     log.push_back(
         fmt::format("from pairs of {} times the inliers of the strongest: {} models, score {:.1f}",
                     share, tried.models.size(), score_of(tried)));
-    if (score_of(tried) < score_of(best)) break;
+    const double score = score_without_shapes(tried);
+    if (score < last) break;
+    last = score;
+    left = without_contradicted(left, tried.models);
+    if (score_of(tried) < score_of(best)) continue;
     best = std::move(tried);
     taken = std::move(strong);
-    left = without_contradicted(left, best.models);
   }
   std::vector<Pair> supported =
       with_supported(taken, without_contradicted(pairs, best.models), best.models);

@@ -17,7 +17,8 @@ namespace tarsier::sfm {
 [[nodiscard]] std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t images,
                                              double share);
 
-// All but those of two images of one model that lie elsewhere in it than the pair says (pair_agreement.h).
+// All but those of two images of one model that lie elsewhere in it than the pair says (pair_agreement.h). Strong pairs
+// that a model just misses (model_shape.h) stay.
 [[nodiscard]] std::vector<Pair> without_contradicted(const std::vector<Pair>& pairs,
                                                      const std::vector<Model>& models);
 
@@ -27,7 +28,8 @@ namespace tarsier::sfm {
                                                const std::vector<Model>& models);
 
 // Of two reconstructions of the same images the better one has the higher score: the sum over all models of trust times
-// n - 2 of its n images. Two images that match have poses whatever they show; only further ones can contradict them.
+// n - 2 of its n images, halved for models of doubtful shape (model_shape.h). Two images that match have poses whatever they
+// show; only further ones can contradict them.
 [[nodiscard]] double score_of(const Reconstruction& reconstruction);
 
 // Of two the one with the higher score, of two alike the first. Its log tells of both.
@@ -41,7 +43,7 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>&
 using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
 
 // Maps by the pairs of 0.9 times the inliers of an image's strongest, then by those of 0.8, of 0.6 and by all, each time
-// without those that a model so far contradicts, as long as the score does not fall. Weaker pairs that the best models
+// without those that a model so far contradicts, as long as the score without shapes does not fall. Weaker pairs that the best models
 // agree with are added at the end. `doubts`: of each pair why it is left out until then, as doubts_of_patches()
 // (patch_evidence.h) says; empty: it is not. The pairs that are not taken are in `refused`. Calls `map` up to five times;
 // what it throws goes through.

@@ -41,12 +41,16 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
     model.images[i].pose.translation = {static_cast<double>(i), 0, 0};
   }
   Pair wrong = pair_of(0, 2, 50);
-  wrong.view.second_from_first.translation = {-1, 0, 0};
+  wrong.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
   const std::vector<Pair> pairs{pair_of(0, 1, 50), wrong, pair_of(2, 3, 50), pair_of(1, 2, 50)};
   const std::vector<Pair> left = without_contradicted(pairs, {model});
   EXPECT_EQ(left[0].view.inliers.size(), 50U);
   EXPECT_EQ(left[1].view.inliers.size(), 0U);
   EXPECT_EQ(left[2].view.inliers.size(), 50U);  // image 3 is in no model
+  Pair missed = pairs[1];  // but by little: errors may have added up
+  missed.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
+  const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
+  EXPECT_EQ(without_contradicted(with_missed, {model})[1].view.inliers.size(), 50U);
   std::vector<Pair> some = pairs;
   for (std::size_t k = 1; k < some.size(); ++k) some[k].view.inliers.clear();
   const std::vector<Pair> supported = with_supported(some, pairs, {model});
@@ -72,6 +76,7 @@ struct FakeMapper {
       made.models[0].images[i].pose.translation = {static_cast<double>(i), 0, 0};
     }
     made.trust = {trusts.at(calls.size())};
+    made.shapes.resize(1);
     calls.push_back(std::move(inliers));
     return made;
   }
@@ -79,7 +84,7 @@ struct FakeMapper {
 
 TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
   Pair wrong = pair_of(0, 4, 70);
-  wrong.view.second_from_first.translation = {-1, 0, 0};
+  wrong.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 85),  pair_of(1, 4, 30)};
@@ -101,7 +106,7 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
 
 TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
   Pair wrong = pair_of(0, 4, 100);
-  wrong.view.second_from_first.translation = {-1, 0, 0};
+  wrong.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 100)};

@@ -74,6 +74,16 @@ class Joined {
 
 }  // namespace
 
+std::vector<std::size_t> strongest_of_images(const std::vector<Pair>& pairs, std::size_t images) {
+  std::vector<std::size_t> strongest(images, 0);
+  for (const Pair& pair : pairs)
+    for (const int image : {pair.first, pair.second}) {
+      std::size_t& most = strongest[static_cast<std::size_t>(image)];
+      most = std::max(most, pair.view.inliers.size());
+    }
+  return strongest;
+}
+
 std::vector<std::vector<Observation>> make_tracks(const std::vector<Pair>& pairs,
                                                   const std::vector<int>& features) {
   std::vector<const Pair*> all;

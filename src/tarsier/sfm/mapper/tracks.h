@@ -4,6 +4,7 @@
 #include "tarsier/sfm/mapper/two_view.h"
 #include "tarsier/sfm/scene/model.h"
 
+#include <cstddef>
 #include <vector>
 
 namespace tarsier::sfm {
@@ -15,6 +16,10 @@ struct Pair {
   int matches = 0;  // before they were verified
   TwoView view;
 };
+
+// Of each image the inliers of the pair that has most; 0 where it has no pair.
+[[nodiscard]] std::vector<std::size_t> strongest_of_images(const std::vector<Pair>& pairs,
+                                                           std::size_t images);
 
 // Joins matches to tracks: union-find over features, the surest pairs first. A join that would put
 // two features of one image into a track is refused, so a wrong match costs one link and not

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/model_shape.h"
+
+#include "tarsier/core/statistics.h"
+#include "tarsier/sfm/mapper/model_filter.h"
+#include "tarsier/sfm/mapper/open_loops.h"
+#include "tarsier/sfm/mapper/pair_agreement.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+#include <numeric>
+#include <set>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr std::size_t kMinInliers = 30;
+constexpr double kStrong = 0.7;
+constexpr double kMaxBend = 45 * CV_PI / 180;
+constexpr double kMaxGap = 8;  // by the usual distance of an image from its neighbours
+constexpr double kVeryStrong = 0.85;
+constexpr int kMinPart = 3;  // images
+constexpr double kFirmJoint = 2;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+struct Joint {
+  int first = 0;
+  int second = 0;
+  double strength = 0;
+};
+
+double distance_of(const Model& model, const Pair& pair) {
+  return (model.images[at(pair.first)].pose.center() - model.images[at(pair.second)].pose.center())
+      .norm();
+}
+
+// Between the relative rotation of a pair and that of the model.
+double bend_of(const Model& model, const Pair& pair) {
+  const geometry::Rigid3 relative =
+      model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
+  return geometry::angle_of(relative.rotation * pair.view.second_from_first.rotation.transpose());
+}
+
+// The maximum spanning tree of the joints (Kruskal), and what crosses each of its edges.
+class Tree {
+ public:
+  Tree(std::size_t images, std::vector<Joint> joints)
+      : neighbours_(images),
+        parents_(images, -1),
+        depths_(images, -1),
+        sizes_(images, 1),
+        crossing_(images, 0) {
+    std::stable_sort(joints.begin(), joints.end(),
+                     [](const Joint& a, const Joint& b) { return a.strength > b.strength; });
+    std::vector<int> sets(images);
+    std::iota(sets.begin(), sets.end(), 0);
+    const auto root = [&](int image) {
+      while (sets[at(image)] != image) image = sets[at(image)] = sets[at(sets[at(image)])];
+      return image;
+    };
+    for (const Joint& joint : joints) {
+      const int a = root(joint.first);
+      const int b = root(joint.second);
+      if (a == b) continue;
+      sets[at(a)] = b;
+      neighbours_[at(joint.first)].push_back(joint.second);
+      neighbours_[at(joint.second)].push_back(joint.first);
+    }
+    for (std::size_t i = 0; i < images; ++i)
+      if (depths_[i] < 0) hang_from(static_cast<int>(i));
+    add_up(joints);
+  }
+
+  // Over the edges that leave parts of so many images or more on both sides, of `all` images.
+  [[nodiscard]] double weakest(int min_part, int all) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < parents_.size(); ++i) {
+      const bool is_cut = sizes_[i] >= min_part && all - sizes_[i] >= min_part;
+      // A root joins nothing: its part is all, or lies apart.
+      if (is_cut) least = std::min(least, parents_[i] < 0 ? 0 : crossing_[i]);
+    }
+    return least;
+  }
+
+ private:
+  void hang_from(int root) {
+    depths_[at(root)] = 0;
+    order_.push_back(root);
+    for (std::size_t k = order_.size() - 1; k < order_.size(); ++k) {
+      const int image = order_[k];
+      for (const int other : neighbours_[at(image)]) {
+        if (depths_[at(other)] >= 0) continue;
+        depths_[at(other)] = depths_[at(image)] + 1;
+        parents_[at(other)] = image;
+        order_.push_back(other);
+      }
+    }
+  }
+
+  // A joint crosses the edges of the way between its images: those of either to the root, but not twice the same.
+  void add_up(const std::vector<Joint>& joints) {
+    for (const Joint& joint : joints) {
+      crossing_[at(joint.first)] += joint.strength;
+      crossing_[at(joint.second)] += joint.strength;
+      crossing_[at(meeting(joint.first, joint.second))] -= 2 * joint.strength;
+    }
+    for (std::size_t k = order_.size(); k-- > 0;) {
+      const int image = order_[k];
+      if (parents_[at(image)] < 0) continue;
+      crossing_[at(parents_[at(image)])] += crossing_[at(image)];
+      sizes_[at(parents_[at(image)])] += sizes_[at(image)];
+    }
+  }
+
+  [[nodiscard]] int meeting(int a, int b) const {
+    while (a != b) (depths_[at(a)] < depths_[at(b)] ? b : a) = parents_[at(deeper(a, b))];
+    return a;
+  }
+  [[nodiscard]] int deeper(int a, int b) const { return depths_[at(a)] < depths_[at(b)] ? b : a; }
+
+  std::vector<std::vector<int>> neighbours_;
+  std::vector<int> parents_;
+  std::vector<int> depths_;
+  std::vector<int> sizes_;        // images of the subtree
+  std::vector<double> crossing_;  // strengths that leave the subtree
+  std::vector<int> order_;        // parents first
+};
+
+}  // namespace
+
+ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
+  const std::vector<std::size_t> strongest = strongest_of_images(pairs, model.images.size());
+  std::vector<std::vector<double>> distances(model.images.size());  // of pairs that agree
+  std::vector<Joint> joints;
+  ModelShape shape;
+  std::vector<const Pair*> all;
+  for (const Pair& pair : pairs) all.push_back(&pair);
+  const std::vector<const Pair*> found = open_loops(model, all);
+  const std::set<const Pair*> loops(found.begin(), found.end());
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    const Pair& pair = pairs[k];
+    const std::size_t inliers = pair.view.inliers.size();
+    if (inliers == 0 || !model.images[at(pair.first)].registered ||
+        !model.images[at(pair.second)].registered)
+      continue;
+    const std::size_t of_either = std::max(strongest[at(pair.first)], strongest[at(pair.second)]);
+    const double strength = static_cast<double>(inliers) / static_cast<double>(of_either);
+    if (agrees(model, pair)) {
+      joints.push_back({pair.first, pair.second, strength});
+      for (const int image : {pair.first, pair.second})
+        distances[at(image)].push_back(distance_of(model, pair));
+      continue;
+    }
+    const bool closes_loop = loops.contains(&pair);
+    if (inliers >= kMinInliers && (strength >= kStrong || closes_loop) &&
+        bend_of(model, pair) <= kMaxBend)
+      shape.missed.push_back({k, strength, closes_loop});
+  }
+  std::vector<double> usual(distances.size(), 0);
+  for (std::size_t i = 0; i < usual.size(); ++i)
+    if (!distances[i].empty()) usual[i] = upper_median(std::move(distances[i]));
+  std::erase_if(shape.missed, [&](const ModelShape::Missed& missed) {
+    const Pair& pair = pairs[missed.pair];
+    return distance_of(model, pair) >
+           kMaxGap * std::max(usual[at(pair.first)], usual[at(pair.second)]);
+  });
+  shape.weakest_joint = Tree(model.images.size(), std::move(joints))
+                            .weakest(kMinPart, statistics_of(model).registered);
+  return shape;
+}
+
+bool is_doubtful(const ModelShape& shape) {
+  return std::count_if(shape.missed.begin(), shape.missed.end(),
+                       [](const ModelShape::Missed& missed) {
+                         return missed.strength >= kVeryStrong || missed.closes_loop;
+                       }) >= 2;
+}
+
+double shape_trust(const ModelShape& shape) {
+  return std::min(1.0, shape.weakest_joint / kFirmJoint) *
+         (is_doubtful(shape) ? kDoubtfulTrust : 1);
+}
+
+}  // namespace tarsier::sfm
