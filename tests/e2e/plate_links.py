@@ -12,7 +12,7 @@ import time
 
 import plate_publish as site
 
-ROUNDS = int(os.environ.get("TARSIER_LINK_KILLS", "2" if os.environ.get("TARSIER_TEST_ALL") else "1"))
+ROUNDS = int(os.environ.get("TARSIER_LINK_KILLS", "2"))
 FRAMES = int(os.environ.get("TARSIER_LINK_FRAMES", "25"))
 NODES = {"gate": 11, "yard": 12, "exit": 13}  # and the seed of its drive
 PORT = 1883

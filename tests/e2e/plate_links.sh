@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 # Nodes, a broker and a hub in network namespaces, killed and cut off: plate_links.py.
 . "$(dirname "$0")/lib.sh"
+[ -n "${TARSIER_TEST_ALL:-}" ] || skip 'long: ./test --all runs it'
 command -v python3 >/dev/null || skip 'no python3'
 PATH=$PATH:/usr/sbin:/sbin
 command -v mosquitto >/dev/null || skip 'no mosquitto (sudo apt install mosquitto mosquitto-clients)'

@@ -25,8 +25,8 @@ DATABASE = re.compile(r"\.(db|db-wal|db-shm|db-journal)$")
 OTHER = {"landmarks train tracker": "head/set.json -o tracker.json --levels 1 --trees 2 --scatter 3 --patch 7"}
 
 
-# Two runs of each take 4 to 9 CPU s: only `./test --all` does them.
-LONG = {"landmarks train face-networks", "landmarks train visibility", "landmarks train tracker", "sfm dense"}
+# Two runs of each take 2 to 9 CPU s: only `./test --all` does them.
+LONG = {"landmarks train face-networks", "landmarks train visibility", "landmarks train tracker", "sfm dense", "calibrate", "aam eval"}
 
 
 def without_times(value):

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "ui/planar/calibrate_session.h"
 
+#include "tarsier/core/testing_long.h"
 #include "tarsier/synth/boards.h"
 #include "tarsier/synth/sources.h"
 
@@ -37,6 +38,7 @@ void keep_image(const cv::Mat& image, const char* name) {
 }
 
 TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
+  TARSIER_LONG_TEST();
   CalibrateSession session(calibrator());
   const auto source = video(124);
   ScriptedHost host(session, *source);

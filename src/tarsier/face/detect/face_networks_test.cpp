@@ -2,6 +2,7 @@
 #include "tarsier/face/detect/face_networks.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/detect/face_training.h"
 #include "tarsier/face/detect/training_views.h"
 #include "tarsier/media/archive.h"
@@ -237,6 +238,7 @@ TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
 }
 
 TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
+  TARSIER_LONG_TEST();
   for (int i = 2; i < 8; ++i) {
     const std::string name = path("none" + std::to_string(i) + ".png");
     write_image(name, noise({80, 64}, static_cast<std::uint64_t>(i) + 50));

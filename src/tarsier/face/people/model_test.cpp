@@ -2,6 +2,7 @@
 #include "tarsier/face/people/model.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/testing_long.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/testing_deep.h"
@@ -226,6 +227,7 @@ TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
 
 // More faces than everything is learned from: coordinates, which forgetting leaves to the others.
 TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
+  TARSIER_LONG_TEST();
   Gallery gallery(path("p.db"));
   const auto general = background();
   const std::int64_t space = -recognition::fingerprint(general);

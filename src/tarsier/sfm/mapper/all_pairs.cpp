@@ -47,6 +47,7 @@ void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
   for (const RefusedPair& refused : reconstruction.refused)
     if (refused.doubt == Doubt::kEvidence || refused.doubt == Doubt::kModel)
       lacking.emplace(refused.first, refused.second);
+  reconstruction.shapes.resize(reconstruction.models.size());
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
     const Model& model = reconstruction.models[m];
     std::vector<const Pair*> agreeing;
