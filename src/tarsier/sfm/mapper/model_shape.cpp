@@ -115,11 +115,14 @@ class Tree {
     }
   }
 
+  // Where the ways of two images to the root meet.
   [[nodiscard]] int meeting(int a, int b) const {
-    while (a != b) (depths_[at(a)] < depths_[at(b)] ? b : a) = parents_[at(deeper(a, b))];
+    while (a != b) {
+      int& deeper = depths_[at(a)] < depths_[at(b)] ? b : a;
+      deeper = parents_[at(deeper)];
+    }
     return a;
   }
-  [[nodiscard]] int deeper(int a, int b) const { return depths_[at(a)] < depths_[at(b)] ? b : a; }
 
   std::vector<std::vector<int>> neighbours_;
   std::vector<int> parents_;
