@@ -119,7 +119,8 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>&
 double score_of(const Reconstruction& reconstruction) {
   double sum = 0;
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m)
-    sum += score_of(reconstruction, m) * (is_doubtful(reconstruction.shapes[m]) ? kDoubtfulTrust : 1);
+    sum +=
+        score_of(reconstruction, m) * (is_doubtful(reconstruction.shapes[m]) ? kDoubtfulTrust : 1);
   return sum;
 }
 

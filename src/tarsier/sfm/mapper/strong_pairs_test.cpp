@@ -47,7 +47,7 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
   EXPECT_EQ(left[0].view.inliers.size(), 50U);
   EXPECT_EQ(left[1].view.inliers.size(), 0U);
   EXPECT_EQ(left[2].view.inliers.size(), 50U);  // image 3 is in no model
-  Pair missed = pairs[1];  // but by little: errors may have added up
+  Pair missed = pairs[1];                       // but by little: errors may have added up
   missed.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
   const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
   EXPECT_EQ(without_contradicted(with_missed, {model})[1].view.inliers.size(), 50U);
