@@ -527,10 +527,17 @@ std::vector<std::string> doubts_about(const MapperInput& input, Progress& progre
                            compare_all_patches(features, input.pairs, input.gray, progress, stop));
 }
 
-// Whose trust leaves the shapes of the models out.
-Reconstruction best_reconstruction(const MapperInput& input, const MapperOptions& options,
-                                   Progress& progress, const std::stop_token& stop,
-                                   const MapperHooks& hooks) {
+Reconstruction with_trust_in_shapes(Reconstruction made) {
+  for (std::size_t m = 0; m < made.trust.size(); ++m) made.trust[m] *= shape_trust(made.shapes[m]);
+  return made;
+}
+
+}  // namespace
+
+Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
+                           Progress& progress, const std::stop_token& stop,
+                           const MapperHooks& hooks) {
+  options.check();
   Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
   if (result.interrupted || !result.has_conflicts) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
@@ -559,19 +566,8 @@ Reconstruction best_reconstruction(const MapperInput& input, const MapperOptions
     result.interrupted = true;
     return result;
   }
-  return better_of(std::move(result), std::move(*second));
-}
-
-}  // namespace
-
-Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
-                           Progress& progress, const std::stop_token& stop,
-                           const MapperHooks& hooks) {
-  options.check();
-  Reconstruction result = best_reconstruction(input, options, progress, stop, hooks);
-  for (std::size_t m = 0; m < result.trust.size(); ++m)
-    result.trust[m] *= shape_trust(result.shapes[m]);
-  return result;
+  // Elsewhere pairs may disagree for other reasons, as a focal length that is not quite right.
+  return with_trust_in_shapes(better_of(std::move(result), std::move(*second)));
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

@@ -90,7 +90,8 @@ struct Reconstruction {
   std::vector<Model> models;
   std::vector<Outcome> outcomes;  // of each image
   std::vector<std::string> log;   // what was done, and what went wrong, line by line
-  std::vector<double> trust;  // of each model: the mean of its images, times what its shape leaves
+  std::vector<double>
+      trust;  // of each model: the mean of its images; of scenes that repeat, what its shape leaves
   std::vector<ModelShape> shapes;  // of each model
   std::vector<RefusedPair> refused;
   // Near images of a model lack what they should show (model_conflicts.h).
