@@ -2,6 +2,7 @@
 #include "tarsier/linalg/tile_cholesky.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/dissection.h"
 #include "tarsier/linalg/tile_kernels.h"
 
 #include <Eigen/Cholesky>
@@ -57,9 +58,14 @@ std::vector<int> breadth_first(const std::vector<std::vector<int>>& neighbours, 
   return order;
 }
 
-// The order of Cuthill and McKee, reversed; then the variables that nearly all are tied to, as a lens is: they would make
+struct Order {
+  std::vector<int> variables;
+  std::vector<int> hubs;  // follow them
+};
+
+// The order of Cuthill and McKee, reversed. Variables that nearly all are tied to, as a lens is, are hubs: they would make
 // neighbours of all others.
-std::vector<int> narrow_order(const std::vector<std::vector<int>>& neighbours) {
+Order narrow_order(const std::vector<std::vector<int>>& neighbours) {
   std::vector<std::size_t> degrees;
   for (const std::vector<int>& of_one : neighbours) degrees.push_back(of_one.size());
   const auto middle = degrees.begin() + static_cast<std::ptrdiff_t>(degrees.size() / 2);
@@ -80,8 +86,7 @@ std::vector<int> narrow_order(const std::vector<std::vector<int>>& neighbours) {
     order.insert(order.end(), part.begin(), part.end());
   }
   std::reverse(order.begin(), order.end());
-  order.insert(order.end(), last.begin(), last.end());
-  return order;
+  return {std::move(order), std::move(last)};
 }
 
 }  // namespace
@@ -89,7 +94,20 @@ std::vector<int> narrow_order(const std::vector<std::vector<int>>& neighbours) {
 void TileCholesky::analyze(BlockPattern pattern) {
   pattern_ = std::move(pattern);
   TARSIER_REQUIRE(!pattern_.first.empty(), "a pattern without an end");
-  order_tiles();
+  const std::vector<std::vector<int>> neighbours = neighbours_of(pattern_);
+  const Order narrow = narrow_order(neighbours);
+  const auto order_by = [&](std::vector<int> variables) {
+    variables.insert(variables.end(), narrow.hubs.begin(), narrow.hubs.end());
+    order_by_variables(variables);
+  };
+  order_by(narrow.variables);
+  const double operations_of_narrow = operations();
+  order_by(dissection_order(neighbours, narrow.variables));
+  if (operations_of_narrow <= operations()) order_by(narrow.variables);
+}
+
+void TileCholesky::order_by_variables(const std::vector<int>& variables) {
+  order_tiles(variables);
   std::vector<std::vector<int>> below(columns_.size());
   for (const auto& [row, column] : pattern_.blocks) {
     for (int r = pattern_.first[at(row)]; r < pattern_.first[at(row) + 1]; ++r) {
@@ -105,10 +123,10 @@ void TileCholesky::analyze(BlockPattern pattern) {
 }
 
 // Cuts the numbers into tiles, and puts these into the order of elimination.
-void TileCholesky::order_tiles() {
+void TileCholesky::order_tiles(const std::vector<int>& variables) {
   const int size = pattern_.size();
   std::vector<int> order;  // of numbers
-  for (const int variable : narrow_order(neighbours_of(pattern_)))
+  for (const int variable : variables)
     for (int k = pattern_.first[at(variable)]; k < pattern_.first[at(variable) + 1]; ++k)
       order.push_back(k);
   std::vector<int> position(order.size());

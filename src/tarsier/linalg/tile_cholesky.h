@@ -26,10 +26,11 @@ struct BlockPattern {
 
 // P A P^T = L L^T of a sparse symmetric positive definite matrix, n x n, whose factor L is rather full: the equations of
 // cameras each of which has points in common with a hundred others. The variables are put in an order in which neighbours
-// are near each other (Cuthill and McKee, Reducing the bandwidth of sparse symmetric matrices, 1969, reversed), those that
-// nearly all others are tied to at the end, and cut into tiles of 48 numbers. Tiles are eliminated in the order of least fill
-// (Amestoy, Davis and Duff 1996; Eigen's), and the work is products of dense matrices (Ng and Peyton, Block sparse Cholesky
-// algorithms on advanced uniprocessor computers, 1993). The same numbers for any number of threads and any processor.
+// are near each other (Cuthill and McKee, Reducing the bandwidth of sparse symmetric matrices, 1969, reversed; or nested
+// dissection, whichever fills less), those that nearly all others are tied to at the end, and cut into tiles of 48 numbers.
+// Tiles are eliminated in the order of least fill (Amestoy, Davis and Duff 1996; Eigen's), and the work is products of dense
+// matrices (Ng and Peyton, Block sparse Cholesky algorithms on advanced uniprocessor computers, 1993). The same numbers for
+// any number of threads and any processor.
 class TileCholesky {
  public:
   void analyze(BlockPattern pattern);
@@ -53,7 +54,9 @@ class TileCholesky {
     int tile = 0;
     int size = kTileSize;
   };
-  void order_tiles();
+  // Of the variables, as they are cut into tiles.
+  void order_by_variables(const std::vector<int>& variables);
+  void order_tiles(const std::vector<int>& variables);
   void find_fill(std::vector<std::vector<int>> below);
   void fill(const double* values);
   // Where a tile of a column lies in tiles_; -1: it is empty.

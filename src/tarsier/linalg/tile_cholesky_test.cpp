@@ -9,6 +9,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include <cstdint>
+#include <cstdlib>
 #include <vector>
 
 namespace tarsier::linalg {
@@ -133,6 +134,36 @@ Eigen::MatrixXd full(const Blocks& blocks) {
            r < first[static_cast<std::size_t>(row) + 1]; ++r)
         a(r, c) = *value++;
   return a.selfadjointView<Eigen::Upper>();
+}
+
+// A square grid of variables of six numbers, each tied to those at most `reach` rows and columns away.
+Blocks grid(int side, int reach) {
+  Rng rng(5);
+  Blocks result;
+  for (int v = 0; v <= side * side; ++v) result.pattern.first.push_back(6 * v);
+  for (int column = 0; column < side * side; ++column) {
+    for (int row = 0; row <= column; ++row) {
+      if (std::abs(row / side - column / side) > reach ||
+          std::abs(row % side - column % side) > reach)
+        continue;
+      result.pattern.blocks.push_back({row, column});
+      for (int k = 0; k < 36; ++k)
+        result.values.push_back(row == column && k % 7 == 0 ? 300 : rng.uniform(-1, 1));
+    }
+  }
+  return result;
+}
+
+// By a narrow order alone it would be 2.8e9.
+TEST(TileCholesky, AGridIsDissected) {
+  TileCholesky factor;
+  factor.analyze(grid(40, 2).pattern);
+  EXPECT_LT(factor.operations(), 2.2e9);
+  const Blocks blocks = grid(20, 2);
+  factor.analyze(blocks.pattern);
+  ASSERT_TRUE(factor.factorize(blocks.values.data()));
+  const Eigen::VectorXd b = Eigen::VectorXd::LinSpaced(blocks.pattern.size(), -1, 2);
+  EXPECT_LT((full(blocks) * factor.solve(b) - b).norm(), 1e-12 * b.norm());
 }
 
 TEST(TileCholesky, SolvesBlocksOfPosesAndALens) {
