@@ -31,31 +31,6 @@ using Eigen::VectorXd;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-double loss(const BundleProblem& problem, double squares) {
-  const double c2 = problem.loss_px * problem.loss_px;
-  return c2 > 0 ? c2 * std::log1p(squares / c2) : squares;
-}
-
-double hold_residual(const BundleProblem::Hold& hold, const BundleState& state) {
-  return hold.weight * (state.poses[at(hold.pose)].center()[hold.axis] - hold.value);
-}
-
-// A residual and its derivatives as of plain squares that have the gradient and the second
-// derivatives of the loss.
-void weigh(const BundleProblem& problem, double curvature, Vector2d& residual, Matrix2d& factor) {
-  factor.setIdentity();
-  const double c2 = problem.loss_px * problem.loss_px;
-  const double squares = residual.squaredNorm();
-  if (c2 <= 0 || squares <= 0) return;
-  const double x = squares / c2;
-  const double slope = 1 / (1 + x);                                     // rho'
-  const double along = std::max(curvature, (1 - x) / (1 + x)) * slope;  // rho' + 2 s rho''
-  const Vector2d unit = residual / std::sqrt(squares);
-  factor = std::sqrt(slope) * Matrix2d::Identity() +
-           (std::sqrt(along) - std::sqrt(slope)) * unit * unit.transpose();
-  residual *= slope / std::sqrt(along);
-}
-
 }  // namespace
 
 BundleVariables::BundleVariables(const BundleProblem& problem) {
@@ -181,26 +156,6 @@ void BundleVariables::find_blocks(const BundleProblem& problem) {
   if (count == poses) lens_offset = block_numbers;
 }
 
-std::optional<double> cost_of(const BundleProblem& problem, const BundleState& state) {
-  double sum = 0;
-  Vector2d residual;
-  for (std::size_t p = 0; p < state.points.size(); ++p) {
-    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
-      const BundleProblem::Seen& seen = problem.seen[k];
-      if (!residual_of(seen, state.lenses[at(seen.lens)],
-                       state.poses[at(seen.pose)] * state.points[p], residual, nullptr, nullptr))
-        return std::nullopt;
-      sum += loss(problem, residual.squaredNorm());
-    }
-  }
-  if (problem.hold) {
-    const double off = hold_residual(*problem.hold, state);
-    sum += off * off;
-  }
-  if (!std::isfinite(sum)) return std::nullopt;
-  return 0.5 * sum;
-}
-
 void linearize(const BundleProblem& problem, const BundleVariables& variables,
                const BundleState& state, double curvature, NormalEquations& equations) {
   const std::size_t points = state.points.size();
@@ -227,7 +182,7 @@ void linearize(const BundleProblem& problem, const BundleVariables& variables,
       const Vector3d place = pose * state.points[p];
       (void)residual_of(seen, state.lenses[at(seen.lens)], place, residual, &by_place,
                         free > 0 ? &by_lens : nullptr);
-      weigh(problem, curvature, residual, factor);
+      weigh(problem.loss_px, curvature, residual, factor);
       by_place = (factor * by_place).eval();
       by_point.noalias() = by_place * pose.rotation;
       if (moves) {
@@ -287,8 +242,8 @@ void linearize(const BundleProblem& problem, const BundleVariables& variables,
 }
 
 BundleState moved_by(const BundleProblem& problem, const BundleVariables& variables,
-                     const BundleState& now, const VectorXd& moved, const std::vector<Vector3d>& by,
-                     double share) {
+                     const BundleState& now, const BundleStep& step, double share) {
+  const VectorXd& moved = step.variables;
   BundleState next = now;
   for (std::size_t i = 0; i < next.poses.size(); ++i) {
     if (variables.pose_variable[i] < 0) continue;
@@ -306,17 +261,16 @@ BundleState moved_by(const BundleProblem& problem, const BundleVariables& variab
           share *
           moved[variables.offset_of(variables.lens_variable[i]) + static_cast<Eigen::Index>(k)];
   }
-  for (std::size_t p = 0; p < next.points.size(); ++p) next.points[p] += share * by[p];
+  for (std::size_t p = 0; p < next.points.size(); ++p) next.points[p] += share * step.points[p];
   return next;
 }
 
 bool second_derivative(const BundleProblem& problem, const BundleVariables& variables,
-                       const BundleState& now, const VectorXd& moved,
-                       const std::vector<Vector3d>& by, double curvature, VectorXd& gradient,
-                       std::vector<Vector3d>& point_gradient) {
-  const BundleState ahead = moved_by(problem, variables, now, moved, by, kPathShare);
+                       const BundleState& now, const BundleStep& step, double curvature,
+                       VectorXd& gradient, std::vector<Vector3d>& point_gradient) {
+  const BundleState ahead = moved_by(problem, variables, now, step, kPathShare);
   gradient = VectorXd::Zero(variables.size);
-  point_gradient.assign(by.size(), Vector3d::Zero());
+  point_gradient.assign(step.points.size(), Vector3d::Zero());
   Vector2d residual;
   Vector2d later;
   Matrix2d factor;
@@ -325,7 +279,7 @@ bool second_derivative(const BundleProblem& problem, const BundleVariables& vari
   const auto free = static_cast<Eigen::Index>(chosen.size());
   Eigen::Matrix<double, 2, 9> by_lens;
   Matrix2xN by_free(2, free);
-  for (std::size_t p = 0; p < by.size(); ++p) {
+  for (std::size_t p = 0; p < step.points.size(); ++p) {
     for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
       const BundleProblem::Seen& seen = problem.seen[k];
       const geometry::Rigid3& pose = now.poses[at(seen.pose)];
@@ -335,21 +289,21 @@ bool second_derivative(const BundleProblem& problem, const BundleVariables& vari
       if (!residual_of(seen, lens, ahead.poses[at(seen.pose)] * ahead.points[p], later, nullptr,
                        nullptr))
         return false;
-      Vector3d along = pose.rotation * by[p];  // of the place in the camera's frame
+      Vector3d along = pose.rotation * step.points[p];  // of the place in the camera's frame
       const int variable = variables.pose_variable[at(seen.pose)];
       if (variable >= 0) {
-        const auto step = moved.segment<6>(variables.offset_of(variable));
-        along += Vector3d(step.head<3>()).cross(place) - pose.rotation * step.tail<3>();
+        const auto of_pose = step.variables.segment<6>(variables.offset_of(variable));
+        along += Vector3d(of_pose.head<3>()).cross(place) - pose.rotation * of_pose.tail<3>();
       }
       Vector2d first = by_place * along;  // J d
       const int lens_variable = variables.lens_variable[at(seen.lens)];
       if (lens_variable >= 0) {
         for (Eigen::Index c = 0; c < free; ++c)
           by_free.col(c) = by_lens.col(chosen[static_cast<std::size_t>(c)]);
-        first += by_free * moved.segment(variables.offset_of(lens_variable), free);
+        first += by_free * step.variables.segment(variables.offset_of(lens_variable), free);
       }
       const Vector2d bend = 2 / kPathShare * ((later - residual) / kPathShare - first);
-      weigh(problem, curvature, residual, factor);
+      weigh(problem.loss_px, curvature, residual, factor);
       const Vector2d weighted = factor.transpose() * (factor * bend);
       const Vector3d pull = by_place.transpose() * weighted;
       if (problem.point_moves[p] != 0) point_gradient[p] += pose.rotation.transpose() * pull;

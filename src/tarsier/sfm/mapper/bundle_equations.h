@@ -1,28 +1,20 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/geometry/rigid3.h"
+#include "tarsier/sfm/mapper/bundle_cost.h"
 #include "tarsier/sfm/mapper/bundle_solver.h"
 
 #include <Eigen/Core>
 
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
-// The inside of the bundle adjustment: its unknowns, its sum, and the linear equations of a step.
+// The inside of the bundle adjustment: its unknowns, and the linear equations of a step.
 namespace tarsier::sfm {
 
 // The rows of a matrix of mixed second derivatives: 6 of a pose or up to 9 of a lens.
 using MatrixNx3 = Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 9, 3>;
-
-// What the adjustment changes.
-struct BundleState {
-  std::vector<geometry::Rigid3> poses;
-  std::vector<LensNumbers> lenses;
-  std::vector<Eigen::Vector3d> points;
-};
 
 // The variables are the poses that move, then the lenses. A pose has six numbers: a small rotation about the camera's
 // centre (radians, camera frame), then the centre (world). A lens has those of `free_numbers`.
@@ -111,24 +103,24 @@ struct NormalEquations {
   std::vector<Eigen::Vector3d> point_gradient;
 };
 
-// The sum that is minimised. Empty where a point lies behind a camera that shows it, or a number is not finite.
-std::optional<double> cost_of(const BundleProblem& problem, const BundleState& state);
-
 // The equations at a state. `curvature`: of the loss along a residual, at least this share of that across, (0, 1].
 void linearize(const BundleProblem& problem, const BundleVariables& variables,
                const BundleState& state, double curvature, NormalEquations& equations);
 
-// The state after `share` of a step: `moved` of the variables, `by` of the points.
+struct BundleStep {
+  Eigen::VectorXd variables;
+  std::vector<Eigen::Vector3d> points;
+};
+
+// The state after `share` of a step.
 BundleState moved_by(const BundleProblem& problem, const BundleVariables& variables,
-                     const BundleState& now, const Eigen::VectorXd& moved,
-                     const std::vector<Eigen::Vector3d>& by, double share);
+                     const BundleState& now, const BundleStep& step, double share);
 
 // J^T r'' of the variables and the points: with d the step, h a small share of it and r the residuals,
 // r'' = 2/h ((r(x + h d) - r(x)) / h - J d) is their second derivative along the step. The loss keeps its weights
 // meanwhile. False where a point comes to lie behind a camera.
 bool second_derivative(const BundleProblem& problem, const BundleVariables& variables,
-                       const BundleState& now, const Eigen::VectorXd& moved,
-                       const std::vector<Eigen::Vector3d>& by, double curvature,
+                       const BundleState& now, const BundleStep& step, double curvature,
                        Eigen::VectorXd& gradient, std::vector<Eigen::Vector3d>& point_gradient);
 
 }  // namespace tarsier::sfm

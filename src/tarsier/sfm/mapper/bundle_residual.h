@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/mapper/bundle_cost.h"
 #include "tarsier/sfm/mapper/bundle_solver.h"
 
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 
-// The inside of bundle_solver.cpp: an observation's residual and its derivatives.
+// The inside of the bundle adjustment: residuals and their derivatives.
 namespace tarsier::sfm {
 
 constexpr double kMinDepth = 1e-6;  // of a point before a camera
@@ -55,6 +58,28 @@ inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens
         fy * y * r2 * r4;
   }
   return true;
+}
+
+inline double hold_residual(const BundleProblem::Hold& hold, const BundleState& state) {
+  return hold.weight *
+         (state.poses[static_cast<std::size_t>(hold.pose)].center()[hold.axis] - hold.value);
+}
+
+// A residual, and the factor of its derivatives, as of plain squares that have the gradient and the second derivatives
+// of Cauchy's loss. `curvature`: of the loss along the residual, at least this share of that across.
+inline void weigh(double loss_px, double curvature, Eigen::Vector2d& residual,
+                  Eigen::Matrix2d& factor) {
+  factor.setIdentity();
+  const double c2 = loss_px * loss_px;
+  const double squares = residual.squaredNorm();
+  if (c2 <= 0 || squares <= 0) return;
+  const double x = squares / c2;
+  const double slope = 1 / (1 + x);                                     // rho'
+  const double along = std::max(curvature, (1 - x) / (1 + x)) * slope;  // rho' + 2 s rho''
+  const Eigen::Vector2d unit = residual / std::sqrt(squares);
+  factor = std::sqrt(slope) * Eigen::Matrix2d::Identity() +
+           (std::sqrt(along) - std::sqrt(slope)) * unit * unit.transpose();
+  residual *= slope / std::sqrt(along);
 }
 
 }  // namespace tarsier::sfm

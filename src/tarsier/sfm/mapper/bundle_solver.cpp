@@ -5,6 +5,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/linalg/decompositions.h"
 #include "tarsier/linalg/sparse_cholesky.h"
+#include "tarsier/sfm/mapper/bundle_cost.h"
 #include "tarsier/sfm/mapper/bundle_equations.h"
 #include "tarsier/sfm/mapper/schur_kernel.h"
 
@@ -60,13 +61,13 @@ class Solver {
 
   BundleSolution run() {
     BundleSolution solution;
-    BundleState now{problem_.poses, problem_.lenses, problem_.points};
-    const std::optional<double> start = cost_of(problem_, now);
-    if (!start) {
+    Candidate now{{problem_.poses, problem_.lenses, problem_.points}, {}, 0};
+    now.costs = costs_of(problem_, now.state);
+    now.sum = solution.cost_before = now.costs.sum();
+    if (!std::isfinite(now.sum)) {
       solution.trouble = "a point lies behind a camera that shows it, or is not finite";
       return solution;
     }
-    double sum = solution.cost_before = *start;
     double damping = kFirstDamping;
     double growth = 2;  // of the damping, at the next step that is no good (Nielsen, 1999)
     bool is_linear = false;
@@ -74,15 +75,15 @@ class Solver {
            variables_.size + variables_.moving_points > 0) {
       throw_if_stopped(stop_);
       ++solution.iterations;
-      if (!is_linear) linearize(problem_, variables_, now, curvature_, equations_);
+      if (!is_linear) linearize(problem_, variables_, now.state, curvature_, equations_);
       is_linear = true;
-      BundleState next;
       double promised = 0;
-      std::optional<double> candidate;
-      if (step(now, damping, next, promised)) candidate = cost_of(problem_, next);
-      const double change = candidate ? sum - *candidate : 0;
-      if (!candidate || !(change > kMinGain * promised)) {
-        if (candidate && promised <= options_.tolerance * sum) break;  // no more to be had
+      BundleStep step;
+      std::optional<Candidate> next;
+      if (solve_step(damping, step, promised)) next = best_of(now, step, promised);
+      if (!next || !is_good(now, *next, promised)) {
+        // No more to be had.
+        if (next && std::isfinite(next->sum) && promised <= options_.tolerance * now.sum) break;
         bends_ = variables_.poses > kChainPoses;
         if (curvature_ < 1) {  // not as near as it looked
           curvature_ = std::min(1.0, 4 * curvature_);
@@ -94,12 +95,12 @@ class Solver {
         if (damping > kMaxDamping) break;
         continue;
       }
-      now = std::move(next);
+      const double change = now.sum - next->sum;
+      const bool is_done = change <= options_.tolerance * now.sum;
+      now = std::move(*next);
       is_linear = false;
-      const bool is_done = change <= options_.tolerance * sum;
       // More than it promised: the loss bends less along residuals than is reckoned with.
       if (change > kGoodGain * promised) curvature_ = std::max(kMinCurvature, curvature_ / 2);
-      sum = *candidate;
       const double gain = std::min(change / promised, 2.0);
       if (gain < kStraightGain) bends_ = variables_.poses > kChainPoses;
       damping = std::max(kMinDamping, damping * std::max(1.0 / 9, 1 - std::pow(2 * gain - 1, 3)));
@@ -110,15 +111,48 @@ class Solver {
       }
     }
     throw_if_stopped(stop_);
-    solution.cost_after = sum;
-    problem_.poses = std::move(now.poses);
-    problem_.lenses = std::move(now.lenses);
-    problem_.points = std::move(now.points);
+    solution.cost_after = now.sum;
+    problem_.poses = std::move(now.state.poses);
+    problem_.lenses = std::move(now.state.lenses);
+    problem_.points = std::move(now.state.points);
     return solution;
   }
 
  private:
   using Entry = BundleVariables::Entry;
+
+  // A state, and what it costs.
+  struct Candidate {
+    BundleState state;
+    BundleCosts costs;
+    double sum = 0;
+  };
+
+  static bool is_good(const Candidate& now, const Candidate& next, double promised) {
+    return now.sum - next.sum > kMinGain * promised;
+  }
+
+  [[nodiscard]] Candidate after(const Candidate& now, const BundleStep& step) const {
+    Candidate next;
+    next.state = moved_by(problem_, variables_, now.state, step, 1);
+    next.costs = costs_of(problem_, next.state);
+    refine_raised_points(problem_, now.state, now.costs, next.state, next.costs);
+    next.sum = next.costs.sum();
+    return next;
+  }
+
+  // With the second order of the step's path, if that is good, else without: where a few points move by much, their
+  // second order misleads all cameras.
+  Candidate best_of(const Candidate& now, const BundleStep& step, double promised) {
+    if (bends_) {
+      BundleStep bent = step;
+      if (accelerate(now.state, bent)) {
+        Candidate next = after(now, bent);
+        if (is_good(now, next, promised)) return next;
+      }
+    }
+    return after(now, step);
+  }
 
   // The second derivatives by a variable and its point.
   [[nodiscard]] Eigen::Map<const MatrixNx3> mixed_of(const Entry& entry) const {
@@ -130,8 +164,8 @@ class Solver {
     return damping * std::max(diagonal, 1e-9);
   }
 
-  // False where the equations cannot be solved. `promised`: what it should take off the sum.
-  bool step(const BundleState& now, double damping, BundleState& next, double& promised) {
+  // False where the equations cannot be solved. `promised`: what the step should take off the sum.
+  bool solve_step(double damping, BundleStep& step, double& promised) {
     reduced_.assign(variables_.block_numbers, 0.0);
     for (int v = 0; v < variables_.poses; ++v)
       std::copy_n(equations_.blocks.data() + variables_.pose_place(v), 36,
@@ -144,66 +178,66 @@ class Solver {
       for (int k = 0; k < variables_.size_of(v); ++k)
         reduced_[variables_.diagonal_offset(v) + at(k * (variables_.size_of(v) + 1))] +=
             damped(damping, equations_.scale[variables_.offset_of(v) + k]);
-    VectorXd moved = -equations_.gradient;
-    point_inverse_.resize(now.points.size());
+    VectorXd& moved = step.variables;
+    moved = -equations_.gradient;
+    const std::size_t points = problem_.points.size();
+    point_inverse_.resize(points);
     if (!eliminate(damping, moved)) return false;
     if (variables_.size > 0 && !(is_sparse_ ? factor_sparse() : factor_dense())) return false;
     solve_cameras(moved);
     if (!moved.allFinite()) return false;
-    std::vector<Vector3d> by(now.points.size(), Vector3d::Zero());
-    solve_points(equations_.point_gradient, moved, by);
+    solve_points(equations_.point_gradient, step);
     promised = 0;
     for (Eigen::Index k = 0; k < variables_.size; ++k)
       promised +=
           moved[k] * (damped(damping, equations_.scale[k]) * moved[k] - equations_.gradient[k]);
-    for (std::size_t p = 0; p < by.size(); ++p)
+    for (std::size_t p = 0; p < points; ++p)
       for (int k = 0; k < 3; ++k)
-        promised += by[p][k] * (damped(damping, equations_.point_hessian[p](k, k)) * by[p][k] -
-                                equations_.point_gradient[p][k]);
+        promised += step.points[p][k] *
+                    (damped(damping, equations_.point_hessian[p](k, k)) * step.points[p][k] -
+                     equations_.point_gradient[p][k]);
     promised /= 2;
-    if (!std::isfinite(promised) || !(promised > 0)) return false;
-    if (bends_) accelerate(now, moved, by);
-    next = moved_by(problem_, variables_, now, moved, by, 1);
-    return true;
+    return std::isfinite(promised) && promised > 0;
   }
 
-  // Of points that move: what they move by, when the cameras and lenses move by `moved`.
-  void solve_points(const std::vector<Vector3d>& gradient, const VectorXd& moved,
-                    std::vector<Vector3d>& by) const {
-    for (std::size_t p = 0; p < by.size(); ++p) {
+  // Of points that move: what they move by, when the cameras and lenses move by the step's variables.
+  void solve_points(const std::vector<Vector3d>& gradient, BundleStep& step) const {
+    step.points.assign(problem_.points.size(), Vector3d::Zero());
+    for (std::size_t p = 0; p < step.points.size(); ++p) {
       if (problem_.point_moves[p] == 0) continue;
       Vector3d right = -gradient[p];
       for (std::size_t e = variables_.entry_first[p]; e < variables_.entry_first[p + 1]; ++e) {
         const int v = variables_.entries[e].variable;
         right -= mixed_of(variables_.entries[e]).transpose() *
-                 moved.segment(variables_.offset_of(v), variables_.size_of(v));
+                 step.variables.segment(variables_.offset_of(v), variables_.size_of(v));
       }
-      by[p] = point_inverse_[p] * right;
+      step.points[p] = point_inverse_[p] * right;
     }
   }
 
   // Adds the second order of the path to a step (geodesic acceleration: Transtrum and Sethna, Improvements to the
   // Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012): with d the step, h = kPathShare and r
   // the residuals, r'' = 2/h ((r(x + h d) - r(x)) / h - J d), and a solves the same equations for -J^T r'' in place of
-  // -J^T r; the step is d + a / 2. The loss keeps its weights meanwhile. Without effect where a is not small beside d.
-  void accelerate(const BundleState& now, VectorXd& moved, std::vector<Vector3d>& by) {
+  // -J^T r; the step is d + a / 2. The loss keeps its weights meanwhile. False where a is not small beside d: the step
+  // is as it was.
+  bool accelerate(const BundleState& now, BundleStep& step) {
     VectorXd gradient;
     std::vector<Vector3d> point_gradient;
-    if (!second_derivative(problem_, variables_, now, moved, by, curvature_, gradient,
-                           point_gradient))
-      return;
-    VectorXd bent = -gradient;
-    for (std::size_t p = 0; p < by.size(); ++p)
-      if (problem_.point_moves[p] != 0) eliminate_right(p, point_gradient[p], bent);
-    solve_cameras(bent);
-    if (!bent.allFinite()) return;
-    std::vector<Vector3d> bent_by(by.size(), Vector3d::Zero());
-    solve_points(point_gradient, bent, bent_by);
-    const double size = equations_.scale.dot(moved.cwiseAbs2());
-    const double bent_size = equations_.scale.dot(bent.cwiseAbs2());
-    if (2 * std::sqrt(bent_size) > kMaxBend * std::sqrt(size)) return;
-    moved += 0.5 * bent;
-    for (std::size_t p = 0; p < by.size(); ++p) by[p] += 0.5 * bent_by[p];
+    if (!second_derivative(problem_, variables_, now, step, curvature_, gradient, point_gradient))
+      return false;
+    BundleStep bend;
+    bend.variables = -gradient;
+    for (std::size_t p = 0; p < point_gradient.size(); ++p)
+      if (problem_.point_moves[p] != 0) eliminate_right(p, point_gradient[p], bend.variables);
+    solve_cameras(bend.variables);
+    if (!bend.variables.allFinite()) return false;
+    const double size = equations_.scale.dot(step.variables.cwiseAbs2());
+    const double bend_size = equations_.scale.dot(bend.variables.cwiseAbs2());
+    if (2 * std::sqrt(bend_size) > kMaxBend * std::sqrt(size)) return false;
+    solve_points(point_gradient, bend);
+    step.variables += 0.5 * bend.variables;
+    for (std::size_t p = 0; p < step.points.size(); ++p) step.points[p] += 0.5 * bend.points[p];
+    return true;
   }
 
   // What a point's gradient takes from the right side of the cameras' equations.

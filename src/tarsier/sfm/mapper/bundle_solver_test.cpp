@@ -116,6 +116,21 @@ BundleSolverOptions exact() {
   return options;
 }
 
+// The equations of a point that lies much too far send it behind its cameras.
+TEST(BundleSolver, FewPointsThatOvershootDoNotHoldUpTheRest) {
+  BundleProblem near = some_problem(12, 200, 0.3, false);
+  BundleProblem far = near;
+  for (const std::size_t p : {20U, 90U, 150U}) {
+    const Eigen::Vector3d center = far.poses[at(far.seen[far.first[p]].pose)].center();
+    far.points[p] = center + 40 * (far.points[p] - center);
+  }
+  BundleSolverOptions options;
+  options.max_iterations = 12;
+  const BundleSolution of_near = solve(near, options);
+  const BundleSolution of_far = solve(far, options);
+  EXPECT_NEAR(of_far.cost_after, of_near.cost_after, 1e-3 * of_near.cost_after);
+}
+
 // Central differences of the sum, through code that shares nothing with the solver's derivatives.
 TEST(BundleSolver, NothingAroundItsSolutionIsLower) {
   for (const bool free_lens : {false, true}) {

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/bundle_cost.h"
+
+#include "tarsier/sfm/mapper/bundle_residual.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <opencv2/core/utility.hpp>
+
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <numeric>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kRaised = 1.05;     // times its cost before the step: such a point is refined
+constexpr int kMaxSteps = 6;         // of a point that is refined
+constexpr double kSmallGain = 1e-3;  // share of the cost; a step that gains less is the last
+constexpr int kManyPoints = 10'000;  // beyond, several threads take them
+
+using Eigen::Matrix2d;
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+double loss(const BundleProblem& problem, double squares) {
+  const double c2 = problem.loss_px * problem.loss_px;
+  return c2 > 0 ? c2 * std::log1p(squares / c2) : squares;
+}
+
+// The cost of a point, were it at `position`.
+double cost_of(const BundleProblem& problem, const BundleState& state, std::size_t p,
+               const Vector3d& position) {
+  Vector2d residual;
+  double sum = 0;
+  for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+    const BundleProblem::Seen& seen = problem.seen[k];
+    if (!residual_of(seen, state.lenses[at(seen.lens)], state.poses[at(seen.pose)] * position,
+                     residual, nullptr, nullptr))
+      return kInfinity;
+    sum += loss(problem, residual.squaredNorm());
+  }
+  return std::isfinite(sum) ? 0.5 * sum : kInfinity;
+}
+
+// Moves a point, which lies before all its cameras, to where it costs less. `cost`: there; becomes the new one.
+void refine(const BundleProblem& problem, const BundleState& state, std::size_t p,
+            Vector3d& position, double& cost) {
+  Vector2d residual;
+  Matrix2d factor;
+  Matrix2x3 by_place;
+  double damping = 1e-4;
+  for (int step = 0; step < kMaxSteps; ++step) {
+    Matrix3d hessian = Matrix3d::Zero();
+    Vector3d gradient = Vector3d::Zero();
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      const BundleProblem::Seen& seen = problem.seen[k];
+      const geometry::Rigid3& pose = state.poses[at(seen.pose)];
+      if (!residual_of(seen, state.lenses[at(seen.lens)], pose * position, residual, &by_place,
+                       nullptr))
+        return;
+      weigh(problem.loss_px, 1, residual, factor);
+      const Matrix2x3 by_point = factor * by_place * pose.rotation;
+      hessian.noalias() += by_point.transpose() * by_point;
+      gradient.noalias() += by_point.transpose() * residual;
+    }
+    hessian.diagonal() *= 1 + damping;
+    const Vector3d next = position - hessian.ldlt().solve(gradient);
+    const double next_cost = next.allFinite() ? cost_of(problem, state, p, next) : kInfinity;
+    if (!(next_cost < cost)) {
+      damping *= 30;
+      continue;
+    }
+    damping /= 10;
+    const bool is_last = cost - next_cost < kSmallGain * cost;
+    position = next;
+    cost = next_cost;
+    if (is_last) break;
+  }
+}
+
+template <typename Each>
+void for_each_point(const BundleProblem& problem, const Each& each) {
+  const cv::Range all(0, static_cast<int>(problem.points.size()));
+  const auto body = [&](const cv::Range& range) {
+    for (int p = range.start; p < range.end; ++p) each(at(p));
+  };
+  if (all.size() < kManyPoints) {
+    body(all);
+  } else {
+    cv::parallel_for_(all, body);
+  }
+}
+
+}  // namespace
+
+double BundleCosts::sum() const {
+  return std::accumulate(of_points.begin(), of_points.end(), hold);
+}
+
+BundleCosts costs_of(const BundleProblem& problem, const BundleState& state) {
+  BundleCosts costs;
+  costs.of_points.resize(problem.points.size());
+  for_each_point(problem, [&](std::size_t p) {
+    costs.of_points[p] = cost_of(problem, state, p, state.points[p]);
+  });
+  if (problem.hold) {
+    const double off = hold_residual(*problem.hold, state);
+    costs.hold = 0.5 * off * off;
+  }
+  return costs;
+}
+
+void refine_raised_points(const BundleProblem& problem, const BundleState& before,
+                          const BundleCosts& costs_before, BundleState& after, BundleCosts& costs) {
+  for_each_point(problem, [&](std::size_t p) {
+    double& cost = costs.of_points[p];
+    if (problem.point_moves[p] == 0 || cost <= kRaised * costs_before.of_points[p]) return;
+    const double unmoved = cost_of(problem, after, p, before.points[p]);
+    if (unmoved < cost) {
+      cost = unmoved;
+      after.points[p] = before.points[p];
+    }
+    if (std::isfinite(cost)) refine(problem, after, p, after.points[p], cost);
+  });
+}
+
+}  // namespace tarsier::sfm

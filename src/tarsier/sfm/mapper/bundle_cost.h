@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/rigid3.h"
+#include "tarsier/sfm/mapper/bundle_solver.h"
+
+#include <Eigen/Core>
+
+#include <vector>
+
+// The inside of the bundle adjustment: the sum that is minimised, and steps of single points.
+namespace tarsier::sfm {
+
+// What the adjustment changes.
+struct BundleState {
+  std::vector<geometry::Rigid3> poses;
+  std::vector<LensNumbers> lenses;
+  std::vector<Eigen::Vector3d> points;
+};
+
+// The sum that is minimised, by points. The cost of a point is infinite where it lies behind a camera that shows it, or
+// where a number is not finite.
+struct BundleCosts {
+  std::vector<double> of_points;
+  double hold = 0;
+
+  [[nodiscard]] double sum() const;
+};
+BundleCosts costs_of(const BundleProblem& problem, const BundleState& state);
+
+// Refines single points with the cameras fixed: those that move and whose costs a step has raised, from `before` to
+// `after` (embedded point iterations: Jeong et al., Pushing the envelope of modern methods for bundle adjustment, PAMI
+// 2012). Without it, a single point that a step takes behind a camera makes the whole step fail. `costs`: of `after`;
+// they become the new ones. The result does not depend on the number of threads.
+void refine_raised_points(const BundleProblem& problem, const BundleState& before,
+                          const BundleCosts& costs_before, BundleState& after, BundleCosts& costs);
+
+}  // namespace tarsier::sfm
