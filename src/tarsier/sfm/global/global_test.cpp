@@ -109,6 +109,19 @@ TEST(ViewGraph, TheLargestComponentIsFound) {
   EXPECT_EQ(largest_component(3, {}), (std::vector<int>{0}));
 }
 
+TEST(ViewGraph, RadiusOfAChainARingAndAStar) {
+  std::vector<RelativeRotation> chain;
+  for (int i = 0; i < 20; ++i) chain.push_back({i + 1, i});
+  EXPECT_EQ(radius(21, chain), 10);
+  std::vector<RelativeRotation> ring = chain;
+  ring.push_back({20, 0});
+  EXPECT_EQ(radius(21, ring), 10);
+  std::vector<RelativeRotation> star;
+  for (int i = 1; i < 9; ++i) star.push_back({0, i});
+  EXPECT_EQ(radius(9, star), 1);
+  EXPECT_EQ(radius(1, {}), 0);
+}
+
 struct Scene {
   std::vector<Eigen::Vector3d> cameras;
   PositioningProblem problem;

@@ -14,6 +14,30 @@ namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
+struct Search {
+  std::vector<int> order;     // nodes, the nearest first
+  std::vector<int> distance;  // of each node; -1: not reached
+  std::vector<int> from;      // .. the node before it
+};
+
+Search breadth_first(const std::vector<std::vector<int>>& neighbours, int start) {
+  Search search;
+  search.order.push_back(start);
+  search.distance.assign(neighbours.size(), -1);
+  search.from.assign(neighbours.size(), start);
+  search.distance[at(start)] = 0;
+  for (std::size_t k = 0; k < search.order.size(); ++k) {
+    const int node = search.order[k];
+    for (const int other : neighbours[at(node)]) {
+      if (search.distance[at(other)] >= 0) continue;
+      search.distance[at(other)] = search.distance[at(node)] + 1;
+      search.from[at(other)] = node;
+      search.order.push_back(other);
+    }
+  }
+  return search;
+}
+
 }  // namespace
 
 Components::Components(std::size_t count) : parents_(count) {
@@ -86,6 +110,20 @@ std::vector<int> largest_component(int nodes, const std::vector<RelativeRotation
   };
   const auto best = std::max_element(members.begin(), members.end(), less);
   return best == members.end() ? std::vector<int>{} : *best;
+}
+
+int radius(int nodes, const std::vector<RelativeRotation>& edges) {
+  if (nodes == 0) return 0;
+  std::vector<std::vector<int>> neighbours(at(nodes));
+  for (const RelativeRotation& edge : edges) {
+    neighbours[at(edge.first)].push_back(edge.second);
+    neighbours[at(edge.second)].push_back(edge.first);
+  }
+  const Search way = breadth_first(neighbours, breadth_first(neighbours, 0).order.back());
+  int middle = way.order.back();
+  for (int k = way.distance[at(middle)] / 2; k > 0; --k) middle = way.from[at(middle)];
+  const Search around = breadth_first(neighbours, middle);
+  return around.distance[at(around.order.back())];
 }
 
 }  // namespace tarsier::sfm

@@ -44,4 +44,8 @@ struct CycleSupport {
 [[nodiscard]] std::vector<int> largest_component(int nodes,
                                                  const std::vector<RelativeRotation>& edges);
 
+// The radius of a connected graph: edges from a middle node to the farthest one. The middle node is that of a longest way
+// which two breadth-first searches find, so that the result may be too large by some.
+[[nodiscard]] int radius(int nodes, const std::vector<RelativeRotation>& edges);
+
 }  // namespace tarsier::sfm

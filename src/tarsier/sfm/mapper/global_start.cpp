@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -27,9 +28,10 @@ constexpr double kMaxSine = 0.1;      // of a ray and the direction to its point
 // left out, it stays open.
 constexpr int kMaxSteps = 1000;
 // A step that takes less off the sum than this share is the last. A loop of n images bends by 1/n at each image, which is
-// 1/n^2 of the sum: of more than kLongLoop images, the share falls with the square.
+// 1/n^2 of the sum: where the view graph's radius is more than kLongRadius, the share falls with the square.
+// That is for the first round, which closes the loop, and the last one; those between them leave observations out.
 constexpr double kTolerance = 1e-4;
-constexpr double kLongLoop = 500;
+constexpr double kLongRadius = 60;
 constexpr double kMinShare = 0.5;  // of images, and of observations that agree at the end
 // Of reprojection_px, and Cauchy's loss of the adjustment that follows, px.
 struct Round {
@@ -119,6 +121,16 @@ class GlobalMapping {
     keep_edges(Doubt::kNone, [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
   }
 
+  // The edges by the numbers of nodes.
+  [[nodiscard]] std::vector<RelativeRotation> edges_of_nodes() const {
+    std::vector<RelativeRotation> edges = edges_;
+    for (RelativeRotation& edge : edges) {
+      edge.first = node_of_[at(edge.first)];
+      edge.second = node_of_[at(edge.second)];
+    }
+    return edges;
+  }
+
   // --- rotations ---
 
   bool find_rotations() {
@@ -127,13 +139,8 @@ class GlobalMapping {
       if (nodes_.size() < 3 || static_cast<double>(nodes_.size()) < kMinShare * total_)
         return refuse("only {} of {} images hang together by pairs that agree", nodes_.size(),
                       total_);
-      std::vector<RelativeRotation> edges = edges_;
-      for (RelativeRotation& edge : edges) {
-        edge.first = node_of_[at(edge.first)];
-        edge.second = node_of_[at(edge.second)];
-      }
       AveragedRotations averaged =
-          average_rotations(static_cast<int>(nodes_.size()), edges, {}, stop_);
+          average_rotations(static_cast<int>(nodes_.size()), edges_of_nodes(), {}, stop_);
       rotations_ = std::move(averaged.rotations);
       const std::vector<double>& errors = averaged.errors_deg;
       std::vector<double> sorted = errors;
@@ -240,7 +247,8 @@ class GlobalMapping {
     Model& model = start_.model;
     std::size_t observations = 0;
     std::size_t all = 0;
-    const double share = std::min(1.0, kLongLoop / static_cast<double>(nodes_.size()));
+    const int steps = radius(static_cast<int>(nodes_.size()), edges_of_nodes());
+    const double share = std::min(1.0, kLongRadius / std::max(1, steps));
     const double tolerance = kTolerance * share * share;
     for (const Round& round : kRounds) {
       filter(round.threshold * options_.reprojection_px);
@@ -248,7 +256,8 @@ class GlobalMapping {
       BundleOptions bundle;
       bundle.loss_px = round.loss_px;
       bundle.max_iterations = kMaxSteps;
-      bundle.tolerance = tolerance;
+      const bool is_between = &round != std::begin(kRounds) && &round != std::end(kRounds) - 1;
+      bundle.tolerance = is_between ? kTolerance : tolerance;
       bundle.focal = options_.refine_focal && round.threshold < 10;
       bundle.distortion = options_.refine_distortion && round.threshold < 5;
       const BundleReport report = adjust(model, bundle, stop_);
