@@ -41,6 +41,7 @@ constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3};
 constexpr int kMaxApart = 4;  // times that models are made again without some pairs
 constexpr int kSmall = 10;    // images of a model that is cheap to adjust as a whole
 const std::string kTakenApart = " lays different places over each other";
+const std::string kStaysOpen = ": the first is kept";
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -341,9 +342,12 @@ class Mapping {
     const double after = agreeing_inliers(global, left);
     result_.log.push_back(fmt::format(
         "the model that was set aside agrees with {:.0f} inliers, the one made globally with "
-        "{:.0f}: the {} is kept",
-        before, after, after > before ? "second" : "first"));
-    if (!(after > before)) return aside;
+        "{:.0f}{}",
+        before, after, after > before ? ": the second is kept" : kStaysOpen));
+    if (!(after > before)) {
+      stays_open_ = true;
+      return aside;
+    }
     doubts_ = doubts;
     return global;
   }
@@ -381,8 +385,8 @@ class Mapping {
     return true;
   }
 
-  // A scene one of whose models was taken apart does.
-  [[nodiscard]] bool repeats() const { return input_.repeats || apart_ > 0; }
+  // A scene one of whose models was taken apart does, and one whose open loops cannot be closed globally may.
+  [[nodiscard]] bool repeats() const { return input_.repeats || apart_ > 0 || stays_open_; }
 
   void tell_troubles() {
     if (!mapper_) return;
@@ -436,6 +440,8 @@ class Mapping {
     apart_ = static_cast<int>(std::count_if(
         state.log.begin(), state.log.end(),
         [](const std::string& line) { return line.find(kTakenApart) != std::string::npos; }));
+    stays_open_ = std::any_of(state.log.begin(), state.log.end(),
+                              [](const std::string& line) { return line.ends_with(kStaysOpen); });
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       result_.outcomes[i].reason = state.reasons[i];
     doubts_ = state.doubts;
@@ -506,6 +512,7 @@ class Mapping {
   Growth growth_;  // of the model of mapper_
   int adjustments_ = 0;
   int apart_ = 0;               // models that were taken apart
+  bool stays_open_ = false;     // a model has open loops and was no better when mapped globally
   std::optional<Model> aside_;  // left loops open; its images are mapped globally
   // Was taken apart, and nothing has been made of its images again: where the work is interrupted now, it is what there is.
   std::optional<Model> taken_apart_;
