@@ -129,6 +129,12 @@ run sfm reconstruct scene/images --camera-file missing.yaml -o none
 expect_status 3
 run sfm reconstruct scene/images --pairs nonsense -o none
 expect_status 2
+run sfm reconstruct scene/images --memory 2kB -o none
+expect_status 2
+expect_error '250MB..1024GB'
+run sfm reconstruct scene/images --memory 2GB --no-cache -o none
+expect_status 2
+expect_error 'no-cache'
 run sfm reconstruct scene/images -o /proc/nowhere/model
 expect_status 6
 expect_error '/proc/nowhere'

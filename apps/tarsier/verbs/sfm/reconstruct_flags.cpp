@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "framework/bind.h"
+#include "verbs/sfm/memory_flag.h"
 #include "verbs/sfm/sfm.h"
 #include <algorithm>
 #include <cmath>
@@ -162,6 +163,11 @@ void add_turntable_flag(Command& verb, ReconstructFlags& flags, const char* help
 void add_cache_flags(Command& verb, ReconstructFlags& flags) {
   sfm::PipelineOptions& pipeline = flags.options.pipeline;
   verb.add_flag("--no-cache", flags.no_cache, "keep nothing for a second run").group("Result");
+  verb.add_option(
+          "--memory", flags.memory,
+          "2GB, 800MB: descriptors and matches leave memory, for the disk, where the program "
+          "takes up more [when they are not being used]")
+      .group("Result");
   bind_field(verb, pipeline, pipeline.checkpoint_s).group("Result");
 }
 
@@ -176,6 +182,12 @@ sfm::ReconstructorOptions result_options(const ReconstructFlags& flags) {
   options.binary = asked("binary");
   options.database = asked("database");
   options.cache = !flags.no_cache;
+  if (!flags.memory.empty()) {
+    if (flags.no_cache)
+      throw UsageError(
+          "--memory: descriptors and matches lie in the cache's folder, --no-cache has none");
+    options.pipeline.memory_gb = parse_memory(flags.memory);
+  }
   options.names_files = !is_in_studio();
   return options;
 }

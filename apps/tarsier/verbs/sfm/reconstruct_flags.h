@@ -26,6 +26,7 @@ struct ReconstructFlags {
   std::string align;
   ScaleFlags scale;
   std::vector<std::string> exports;
+  std::string memory;  // "": as little as possible
   bool no_cache = false;
   bool growing = false;
   bool per_image_camera = false;

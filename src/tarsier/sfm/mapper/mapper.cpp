@@ -263,7 +263,7 @@ class Mapping {
     sfm::grow(*mapper_, used_, growth_,
               {.step =
                    [&] {
-                     if (input_.release_descriptors) input_.release_descriptors();
+                     if (input_.release_memory) input_.release_memory();
                      keep_sometimes();
                    },
                .tried =
@@ -552,7 +552,7 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .images = input.images,
                             .colors = input.colors,
                             .descriptors = input.descriptors,
-                            .release_descriptors = input.release_descriptors,
+                            .release_memory = input.release_memory,
                             .kind = input.kind,
                             .pairs = pairs,
                             .followed = input.followed,

@@ -129,8 +129,8 @@ struct MapperInput {
   const std::vector<std::vector<cv::Vec3b>>& colors;  // of each image's features
   // Of each image's features; none (flow): tracks are not extended.
   const std::vector<cv::Mat>& descriptors;
-  // Is called where the descriptors will not be needed for a while (descriptor_store.h); may be empty.
-  std::function<void()> release_descriptors = {};
+  // Is called where descriptors and matches will not be needed for a while (mapped_store.h); may be empty.
+  std::function<void()> release_memory = {};
   FeatureKind kind = FeatureKind::kSift;  // of the descriptors
   const std::vector<Pair>& pairs;
   // Features were followed from image to image and not found in each: what an image lacks tells nothing then, and models

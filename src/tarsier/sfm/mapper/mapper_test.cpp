@@ -107,8 +107,11 @@ Described described(const synth::PointProblem& truth) {
     }
     result.descriptors.push_back(rows);
   }
-  for (Pair& pair : result.problem.pairs)
-    std::erase_if(pair.view.inliers, [&](const Match&) { return rng.uniform() < 0.4; });
+  for (Pair& pair : result.problem.pairs) {
+    std::vector<Match> inliers = pair.view.inliers.copy();
+    std::erase_if(inliers, [&](const Match&) { return rng.uniform() < 0.4; });
+    pair.view.inliers = std::move(inliers);
+  }
   return result;
 }
 

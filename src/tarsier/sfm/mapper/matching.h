@@ -3,17 +3,11 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/mapper/features.h"
+#include "tarsier/sfm/mapper/match_list.h"
 
 #include <vector>
 
 namespace tarsier::sfm {
-
-// Feature `first` of one image and `second` of another seem to show the same point.
-struct Match {
-  int first = 0;
-  int second = 0;
-  friend bool operator==(const Match&, const Match&) = default;
-};
 
 struct MatchOptions {
   double ratio = 0.8;  // a nearest neighbour counts if its distance is below this times the second

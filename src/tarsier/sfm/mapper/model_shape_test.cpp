@@ -28,7 +28,7 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
   pair.second = second;
-  pair.view.inliers.resize(inliers);
+  pair.view.inliers = std::vector<Match>(inliers);
   pair.view.median_angle = 0.1;
   pair.view.second_from_first.translation = {first < second ? -1.0 : 1.0, 0, 0};
   return pair;
@@ -113,7 +113,7 @@ TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
   weak.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
   pairs.push_back(weak);
   EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
-  weak.view.inliers.resize(80);
+  weak.view.inliers = std::vector<Match>(80);
   pairs.push_back(weak);
   EXPECT_EQ(shape_of(row_of(20), pairs).missed.size(), 1U);
 }

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -29,12 +30,17 @@ class PackedWriter {
  public:
   template <typename T>
   void put(const T& value) {
-    static_assert(std::is_standard_layout_v<T>);  // numbers, and structs of them
+    static_assert(std::is_standard_layout_v<T> &&
+                  std::is_trivially_destructible_v<T>);  // numbers, and structs of them
     bytes_.append(reinterpret_cast<const char*>(&value), sizeof(T));
   }
   template <typename T>
   void put(const std::vector<T>& values) {
-    static_assert(std::is_standard_layout_v<T>);
+    put(std::span<const T>(values));
+  }
+  template <typename T>
+  void put(std::span<const T> values) {
+    static_assert(std::is_standard_layout_v<T> && std::is_trivially_destructible_v<T>);
     put(static_cast<std::uint64_t>(values.size()));
     if (!values.empty())
       bytes_.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 #include <stdexcept>
 
 namespace tarsier::sfm {
@@ -47,7 +48,7 @@ Features get_features(PackedReader& reader) {
 }
 
 void put(PackedWriter& writer, const TwoView& view) {
-  writer.put(view.inliers);
+  writer.put(std::span<const Match>(view.inliers));
   writer.put(static_cast<std::int32_t>(view.homography_inliers));
   writer.put(geometry::packed(view.second_from_first));
   writer.put(static_cast<std::int32_t>(view.in_front));

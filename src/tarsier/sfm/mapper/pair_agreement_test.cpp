@@ -24,14 +24,16 @@ struct TwoImages {
     model.images.resize(2);
     for (Image& image : model.images) image.registered = true;
     model.images[1].pose = {geometry::rotation_by({0.02, -0.4, 0.01}), {1.4, 0.1, 0.3}};
+    std::vector<Match> inliers;
     for (int i = 0; i < 48; ++i) {
       const Vector3d point(0.35 * (i % 8) - 1.2, 0.4 * (i / 8) - 1, 4 + 0.2 * (i % 8) - depth(i));
       for (Image& image : model.images) {
         const auto pixel = model.cameras[0].project(image.pose * point);
         image.features.emplace_back(*pixel);
       }
-      pair.view.inliers.push_back({i, i});
+      inliers.push_back({i, i});
     }
+    pair.view.inliers = std::move(inliers);
     pair.first = 0;
     pair.second = 1;
     pair.view.homography_inliers = 48;

@@ -286,7 +286,7 @@ class Neighbourhoods {
 }  // namespace
 
 PatchEvidence compare_patches(const PatchImage& first, const PatchImage& second,
-                              const std::vector<Match>& inliers) {
+                              const MatchList& inliers) {
   TARSIER_REQUIRE(first.gray.type() == CV_8UC1 && second.gray.type() == CV_8UC1,
                   "images of another type than CV_8UC1");
   std::vector<Correspondence> there;

@@ -36,7 +36,7 @@ struct PatchImage {
 // eight nearest matches. Features that do not lie amid so many (silhouettes, edges of a relief), or whose matches no
 // affine map fits within 1 px, are not counted. `inliers`: of the pair, as TwoView::inliers. Throws std::invalid_argument (not CV_8UC1).
 [[nodiscard]] PatchEvidence compare_patches(const PatchImage& first, const PatchImage& second,
-                                            const std::vector<Match>& inliers);
+                                            const MatchList& inliers);
 
 // The pixels of an image, by its index; empty: they cannot be had. Called by several threads.
 using GrayImages = std::function<cv::Mat(int image)>;

@@ -97,7 +97,7 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
   pair.second = second;
-  pair.view.inliers.resize(inliers);
+  pair.view.inliers = std::vector<Match>(inliers);
   return pair;
 }
 

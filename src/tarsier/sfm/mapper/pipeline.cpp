@@ -9,9 +9,9 @@
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
 #include "tarsier/sfm/mapper/colmap_database.h"
-#include "tarsier/sfm/mapper/descriptor_store.h"
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/image_features.h"
+#include "tarsier/sfm/mapper/mapped_store.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -172,7 +172,7 @@ class KnownFeatures {
 // Features of all images that can be read, one after the other: each uses all threads.
 std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
                                              const PipelineOptions& options, const Cache& cache,
-                                             DescriptorStore& store, Progress& progress,
+                                             MappedStore& store, Progress& progress,
                                              const std::stop_token& stop, PipelineResult& result) {
   std::vector<ImageFeatures> images;
   FlowTracker tracker{FlowOptions{}};
@@ -245,7 +245,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
 }
 
 // What another program found (PipelineHooks::matched).
-std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, DescriptorStore& store,
+std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, MappedStore& store,
                                     PipelineResult& result) {
   MatchedImages matched;
   hooks.matched(matched);
@@ -258,6 +258,7 @@ std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, DescriptorStore&
   for (auto& [input, reason] : matched.left_out)
     result.images[at(input)].outcome.reason = std::move(reason);
   result.pairs = std::move(matched.pairs);
+  for (Pair& pair : result.pairs) pair.view.inliers = store.add(pair.view.inliers);
   return std::move(matched.images);
 }
 
@@ -265,7 +266,7 @@ std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, DescriptorStore&
 // done. `has_matches`: the pairs have matches already, which are verified.
 void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images,
                  bool has_matches, const PipelineOptions& options, const Cache& cache,
-                 const PipelineHooks& hooks, const DescriptorStore& store, Progress& progress,
+                 const PipelineHooks& hooks, MappedStore& store, Progress& progress,
                  const std::stop_token& stop, PipelineResult& result) {
   std::mutex on_pair_mutex;
   std::atomic<int> from_cache{0};
@@ -291,7 +292,7 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
           const ImageFeatures& b = images[at(pair.second)];
           std::vector<Match> matches;
           if (has_matches) {
-            matches = std::move(pair.view.inliers);
+            matches = pair.view.inliers.copy();
             pair.matches = static_cast<int>(matches.size());
             pair.view = verify_image_pair(a, b, matches, options);
           } else {
@@ -309,13 +310,17 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
     };
     cv::parallel_for_(cv::Range(0, static_cast<int>(end - start)), work);
     throw_if_stopped(stop);
-    store.release();
+    store.trim();
     if (fresh && use_cache) {
       for (std::size_t k = start; k < end; ++k) {
         const Pair& pair = result.pairs[k];
         kept[partner_key(images[at(pair.second)])] = {pair.matches, pair.view};
       }
       cache.store(key, kept);
+    }
+    for (std::size_t k = start; k < end; ++k) {
+      MatchList& inliers = result.pairs[k].view.inliers;
+      inliers = store.add(inliers);
     }
     start = end;
   }
@@ -348,7 +353,7 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const std::vector<Pair>& pairs, const PipelineOptions& options) {
   const MapperOptions& m = options.mapper;
   Sha256 sum;
-  sum.add(fmt::format("mapper-10 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+  sum.add(fmt::format("mapper-11 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
                       static_cast<int>(m.choice), m.auto_global, m.reprojection_px, m.min_angle_deg,
                       m.first_angle_deg, m.first_inliers, m.pose_inliers, m.pose_inlier_share,
                       m.pose_px, m.min_views, m.min_images, m.extend_px, m.extend_similarity,
@@ -377,6 +382,7 @@ void PipelineOptions::check() const {
   matching.check();
   two_view.check();
   mapper.check();
+  TARSIER_REQUIRE(memory_gb >= 0 && memory_gb <= 1024, "{} GB of memory", memory_gb);
   TARSIER_REQUIRE(database.empty() || !flow, "a database and points that are followed");
   TARSIER_REQUIRE(pairs != PairChoice::kList || !pairs_file.empty(), "no list of pairs");
   if (camera) {
@@ -399,7 +405,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     result.images.push_back(std::move(report));
   }
   const Cache cache(options.cache_folder);
-  DescriptorStore store(options.cache_folder);
+  MappedStore store(options.cache_folder, static_cast<std::size_t>(options.memory_gb * 1e9));
   Stages stages(result, progress);
 
   std::vector<ImageFeatures> images;
@@ -436,7 +442,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
         result.pairs.push_back(std::move(pair));
       }
     }
-    store.release();
+    store.trim();
     progress.advance();
     stages.end();
     stages.begin("match", static_cast<std::int64_t>(result.pairs.size()), "pairs");
@@ -490,7 +496,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                                  .images = image_set.images(),
                                  .colors = colors,
                                  .descriptors = descriptors,
-                                 .release_descriptors = [&store] { store.release(); },
+                                 .release_memory = [&store] { store.trim(); },
                                  .kind = options.features.kind,
                                  .pairs = result.pairs,
                                  .followed = options.flow,

@@ -48,7 +48,10 @@ struct PipelineOptions {
   bool shared_camera = true;  // images of one size and lens have one camera; false: each its own
   bool fixed_camera = false;  // do not refine a guess either
   std::string cache_folder;   // "": nothing is kept
-  double checkpoint_s = 30;   // from one checkpoint of the mapper to the next; 0: each step
+  // GB that the process may take up: descriptors and matches lie in a file in the cache's folder and leave memory where it
+  // takes up more. 0: always when they are not being used.
+  double memory_gb = 0;
+  double checkpoint_s = 30;  // from one checkpoint of the mapper to the next; 0: each step
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {

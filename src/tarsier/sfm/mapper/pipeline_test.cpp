@@ -90,6 +90,7 @@ TEST_F(Images, AreTheSameModelForAnyThreadsAndFromTheCache) {
   cv::setNumThreads(3);
   how.cache_folder = folder_;
   const Model three = run(inputs, how).reconstruction.models.at(0);
+  how.memory_gb = 100;  // nothing has to leave memory
   const PipelineResult again = run(inputs, how);
   cv::setNumThreads(-1);
   EXPECT_EQ(again.from_cache, 5 + 10);

@@ -55,7 +55,7 @@ std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t image
   for (Pair& pair : strong) {
     const auto inliers = static_cast<double>(pair.view.inliers.size());
     const std::size_t of_either = std::min(strongest[at(pair.first)], strongest[at(pair.second)]);
-    if (inliers < share * static_cast<double>(of_either)) pair.view.inliers.clear();
+    if (inliers < share * static_cast<double>(of_either)) pair.view.inliers = {};
   }
   return strong;
 }
@@ -68,7 +68,7 @@ std::vector<Pair> without_contradicted(const std::vector<Pair>& pairs,
   std::vector<Pair> result = pairs;
   for (std::size_t k = 0; k < pairs.size(); ++k)
     if (judged(pairs[k], models).is_contradicted && !missed.contains(k))
-      result[k].view.inliers.clear();
+      result[k].view.inliers = {};
   return result;
 }
 
@@ -147,7 +147,7 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
       "the models still lay different places over each other: mapped again"};
   std::vector<Pair> left = pairs;
   for (std::size_t k = 0; k < pairs.size(); ++k)
-    if (!doubts[k].empty()) left[k].view.inliers.clear();
+    if (!doubts[k].empty()) left[k].view.inliers = {};
   std::vector<Pair> taken;
   Reconstruction best;
   double last = 0;  // score, whatever the shapes of the models

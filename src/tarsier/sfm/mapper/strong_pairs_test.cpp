@@ -15,7 +15,7 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
   pair.second = second;
-  pair.view.inliers.resize(inliers);
+  pair.view.inliers = std::vector<Match>(inliers);
   pair.view.second_from_first.translation = {1, 0, 0};
   pair.view.median_angle = 0.1;
   return pair;
@@ -52,7 +52,7 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
   const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
   EXPECT_EQ(without_contradicted(with_missed, {model})[1].view.inliers.size(), 50U);
   std::vector<Pair> some = pairs;
-  for (std::size_t k = 1; k < some.size(); ++k) some[k].view.inliers.clear();
+  for (std::size_t k = 1; k < some.size(); ++k) some[k].view.inliers = {};
   const std::vector<Pair> supported = with_supported(some, pairs, {model});
   EXPECT_EQ(supported[0].view.inliers.size(), 50U);
   EXPECT_EQ(supported[1].view.inliers.size(), 0U);

@@ -82,12 +82,14 @@ inline Prism prism(bool folded) {
     Pair pair;
     pair.first = known.first;
     pair.second = known.second;
+    std::vector<Match> inliers;
     for (const auto& [first, second] : known.matches) {
       Point point;
       point.track = {{known.first, first}, {known.second, second}};
       triangulate(model, point);
-      if (point.track.size() == 2) pair.view.inliers.push_back({first, second});
+      if (point.track.size() == 2) inliers.push_back({first, second});
     }
+    pair.view.inliers = std::move(inliers);
     const geometry::Rigid3 between =
         model.images[static_cast<std::size_t>(pair.second)].pose *
         model.images[static_cast<std::size_t>(pair.first)].pose.inverse();

@@ -94,8 +94,10 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
     is_inlier = robust_fundamental(pixels, in_pixels).is_inlier;
   }
   if (std::count(is_inlier.begin(), is_inlier.end(), 1) < options.min_inliers) return result;
+  std::vector<Match> good;
   for (std::size_t i = 0; i < matches.size(); ++i)
-    if (is_inlier[i] != 0) result.inliers.push_back(matches[i]);
+    if (is_inlier[i] != 0) good.push_back(matches[i]);
+  result.inliers = std::move(good);
   const PointPairs inliers = kept(rays, is_inlier);
   if (!options.known_focal) {
     in_rays.threshold *= 4;  // the focal length may be off

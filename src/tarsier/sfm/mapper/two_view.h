@@ -27,7 +27,7 @@ struct TwoViewOptions {
 };
 
 struct TwoView {
-  std::vector<Match> inliers;          // of the epipolar geometry; empty: the pair failed
+  MatchList inliers;                   // of the epipolar geometry; empty: the pair failed
   int homography_inliers = 0;          // how many of these one plane (or a mere rotation) explains
   geometry::Rigid3 second_from_first;  // translation of length 1; of the essential matrix
   int in_front = 0;                    // inliers in front of both cameras

@@ -266,7 +266,7 @@ void OnlineReconstructor::show_matches(DebugSink& debug) const {
   const Features& first = mapper_.features(best->first);
   const Features& second = mapper_.features(best->second);
   const cv::Point2f right(static_cast<float>(earlier->gray.cols), 0);
-  const std::vector<Match>& inliers = best->view.inliers;
+  const MatchList& inliers = best->view.inliers;
   const std::size_t step = std::max<std::size_t>(1, inliers.size() / kShownMatches);
   for (std::size_t k = 0; k < inliers.size(); k += step) {
     const cv::Point2f from = first.points[at(inliers[k].first)] * earlier->scale;

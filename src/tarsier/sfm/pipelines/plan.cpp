@@ -261,6 +261,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   Plan plan;
   plan.options = given;
   plan.options.cache_folder.clear();
+  plan.options.memory_gb = 0;
   plan.options.checkpoint_s = PipelineOptions{}.checkpoint_s;
   plan.shards = shards;
   if (given.pairs == PairChoice::kList) {

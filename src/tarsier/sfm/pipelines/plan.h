@@ -26,7 +26,7 @@ struct PlannedImage {
 
 struct Plan {
   std::vector<PlannedImage> images;
-  // Without what belongs to one run: cache_folder and checkpoint_s. Of kList, pairs_file is a copy in the folder
+  // Without what belongs to one run: cache_folder, memory_gb and checkpoint_s. Of kList, pairs_file is a copy in the folder
   // of the plan. There is no database, and no points are followed.
   PipelineOptions options;
   int shards = 1;     // 1..kMaxShards

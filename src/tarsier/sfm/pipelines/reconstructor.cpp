@@ -67,7 +67,7 @@ void write_database(const std::string& path, const std::vector<ImageFeatures>& i
   }
   for (const Pair& pair : pairs)
     if (!pair.view.inliers.empty())
-      database.pairs.push_back({pair.first, pair.second, pair.view.inliers, pair.view});
+      database.pairs.push_back({pair.first, pair.second, pair.view.inliers.copy(), pair.view});
   write_colmap_database(path, database);
 }
 

@@ -432,6 +432,7 @@ ReconstructorResult ShardedReconstructor::map(const ReconstructorOptions& option
   ReconstructorOptions how = options;
   how.pipeline = plan_.options;
   how.pipeline.cache_folder = options.pipeline.cache_folder;
+  how.pipeline.memory_gb = options.pipeline.memory_gb;
   how.pipeline.checkpoint_s = options.pipeline.checkpoint_s;
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&, &chosen = pairs](MatchedImages& matched) {

@@ -64,7 +64,7 @@ class ShardedReconstructor {
   ShardReport match(int shard, Progress& progress, const std::stop_token& stop) const;
 
   // Of `options`, what is not planned counts: the folder, what is written, scale and place, and of the pipeline
-  // cache_folder and checkpoint_s. Throws what Reconstructor throws.
+  // cache_folder, memory_gb and checkpoint_s. Throws what Reconstructor throws.
   [[nodiscard]] ReconstructorResult map(const ReconstructorOptions& options, Progress& progress,
                                         const std::stop_token& stop,
                                         const ReconstructorHooks& hooks = {}) const;

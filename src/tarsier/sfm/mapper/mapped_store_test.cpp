@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/descriptor_store.h"
+#include "tarsier/sfm/mapper/mapped_store.h"
 
 #include "tarsier/media/testing_folder.h"
 
@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 namespace tarsier::sfm {
@@ -24,9 +25,9 @@ bool are_equal(const cv::Mat& a, const cv::Mat& b) {
   return a.size() == b.size() && (a.empty() || cv::norm(a, b, cv::NORM_INF) == 0);
 }
 
-TEST(DescriptorStore, GivesWhatWasAddedAfterItLeftMemory) {
+TEST(MappedStore, GivesWhatWasAddedAfterItLeftMemory) {
   const TemporaryFolder folder;
-  DescriptorStore store(folder.path());
+  MappedStore store(folder.path());
   std::vector<cv::Mat> given;
   std::vector<cv::Mat> kept;
   // The second one is larger than what is mapped at a time; one has no descriptors; one is a part of a matrix.
@@ -39,25 +40,52 @@ TEST(DescriptorStore, GivesWhatWasAddedAfterItLeftMemory) {
   kept.push_back(store.add(given.back()));
   for (int times = 0; times < 2; ++times) {
     for (std::size_t k = 0; k < given.size(); ++k) EXPECT_TRUE(are_equal(kept[k], given[k])) << k;
-    store.release();
+    store.trim();
   }
   EXPECT_NE(kept[0].data, given[0].data);
   EXPECT_GE(store.bytes(), std::size_t{605'133} * 128);
 }
 
-TEST(DescriptorStore, LeavesNoFileBehind) {
+TEST(MappedStore, MatchesOutliveTheStore) {
   const TemporaryFolder folder;
-  DescriptorStore store(folder.path());
+  MatchList kept;
+  const MatchList given{{1, 2}, {3, 4}, {500, 60}};
+  {
+    MappedStore store(folder.path());
+    EXPECT_TRUE(store.add(MatchList()).empty());
+    (void)store.add(drawn(10, 1));
+    kept = store.add(given);
+    store.trim();
+  }
+  EXPECT_NE(kept.data(), given.data());
+  EXPECT_EQ(kept, given);
+}
+
+TEST(MappedStore, WarnsOnceWhereTheLimitCannotBeKept) {
+  const TemporaryFolder folder;
+  MappedStore store(folder.path(), 1000);
+  (void)store.add(drawn(10, 1));
+  ::testing::internal::CaptureStderr();
+  store.trim();
+  store.trim();
+  const std::string said = ::testing::internal::GetCapturedStderr();
+  EXPECT_NE(said.find("limit of memory"), std::string::npos) << said;
+  EXPECT_EQ(said.find("limit of memory"), said.rfind("limit of memory")) << said;
+}
+
+TEST(MappedStore, LeavesNoFileBehind) {
+  const TemporaryFolder folder;
+  MappedStore store(folder.path());
   (void)store.add(drawn(100, 1));
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
-TEST(DescriptorStore, KeepsInMemoryWhatCannotBeWritten) {
+TEST(MappedStore, KeepsInMemoryWhatCannotBeWritten) {
   const cv::Mat given = drawn(100, 1);
-  DescriptorStore without("");
+  MappedStore without("");
   EXPECT_EQ(without.add(given).data, given.data);
   const TemporaryFolder folder;
-  DescriptorStore missing(folder.path() + "/missing");
+  MappedStore missing(folder.path() + "/missing");
   EXPECT_EQ(missing.add(given).data, given.data);
   EXPECT_EQ(missing.add(given).data, given.data);
 }

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/mapped_store.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <fcntl.h>
+#include <fstream>
+#include <sys/mman.h>
+#include <unistd.h>
+#include <utility>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr std::size_t kChunk = std::size_t{64} << 20;  // bytes that are mapped at a time
+constexpr std::size_t kRow = 64;                       // bytes: where a block of numbers begins
+
+std::size_t page_size() { return static_cast<std::size_t>(::sysconf(_SC_PAGESIZE)); }
+
+std::size_t rounded_up(std::size_t bytes, std::size_t to) { return (bytes + to - 1) / to * to; }
+
+bool write_all(int file, const std::uint8_t* data, std::size_t bytes, std::size_t place) {
+  while (bytes > 0) {
+    const ssize_t written = ::pwrite(file, data, bytes, static_cast<off_t>(place));
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return false;
+    data += written;
+    place += static_cast<std::size_t>(written);
+    bytes -= static_cast<std::size_t>(written);
+  }
+  return true;
+}
+
+// Bytes that the process takes up; 0 where that is not known.
+std::size_t resident_bytes() {
+  std::size_t size = 0;
+  std::size_t resident = 0;
+  std::ifstream("/proc/self/statm") >> size >> resident;
+  return resident * page_size();
+}
+
+}  // namespace
+
+// A file without a name, and where its parts are mapped.
+class MappedStore::File {
+ public:
+  File() = default;
+  ~File() {
+    for (const Chunk& chunk : chunks_) ::munmap(chunk.data, chunk.size);
+    if (file_ >= 0) ::close(file_);
+  }
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+
+  // Each of these: null, or what failed; errno says why.
+  [[nodiscard]] const char* make(const std::string& folder) {
+    std::string path = folder + "/features-XXXXXX";
+    file_ = ::mkostemp(path.data(), O_CLOEXEC);
+    if (file_ < 0) return "no file can be made";
+    ::unlink(path.c_str());
+    return nullptr;
+  }
+  [[nodiscard]] const char* append(const std::uint8_t* data, std::size_t bytes,
+                                   const std::uint8_t*& place) {
+    if (chunks_.empty() || filled_ + bytes > chunks_.back().size) {
+      if (const char* failed = map_next(bytes)) return failed;
+    }
+    if (!write_all(file_, data, bytes, size_)) return "the file cannot be written";
+    place = static_cast<const std::uint8_t*>(chunks_.back().data) + filled_;
+    const std::size_t taken = rounded_up(bytes, kRow);
+    filled_ = std::min(filled_ + taken, chunks_.back().size);
+    size_ += taken;
+    return nullptr;
+  }
+
+  void release() const {
+    for (const Chunk& chunk : chunks_) ::madvise(chunk.data, chunk.size, MADV_DONTNEED);
+  }
+  [[nodiscard]] std::size_t size() const { return size_; }
+
+ private:
+  struct Chunk {
+    void* data = nullptr;
+    std::size_t size = 0;
+  };
+
+  // A chunk of so many bytes at least, from the file's end on. What lies beyond the end is not read.
+  [[nodiscard]] const char* map_next(std::size_t bytes) {
+    const std::size_t place = rounded_up(size_, page_size());
+    const std::size_t length = std::max(kChunk, bytes);
+    void* data = ::mmap(nullptr, length, PROT_READ, MAP_SHARED, file_, static_cast<off_t>(place));
+    if (data == MAP_FAILED) return "a file cannot be mapped into memory";
+    chunks_.push_back({data, length});
+    filled_ = 0;
+    size_ = place;
+    return nullptr;
+  }
+
+  int file_ = -1;
+  std::size_t size_ = 0;  // written
+  std::vector<Chunk> chunks_;
+  std::size_t filled_ = 0;  // of the last chunk
+};
+
+MappedStore::MappedStore(std::string folder, std::size_t limit)
+    : folder_(std::move(folder)), limit_(limit) {}
+
+MappedStore::~MappedStore() = default;
+
+std::size_t MappedStore::bytes() const { return file_ ? file_->size() : 0; }
+
+void MappedStore::give_up(const char* what) {
+  log_warning("'{}': {} ({}); descriptors and matches stay in memory", folder_, what,
+              std::strerror(errno));
+  folder_.clear();
+}
+
+const std::uint8_t* MappedStore::keep(const void* data, std::size_t bytes) {
+  if (bytes == 0 || folder_.empty()) return nullptr;
+  const std::uint8_t* place = nullptr;
+  const char* failed = nullptr;
+  if (!file_) {
+    file_ = std::make_shared<File>();
+    failed = file_->make(folder_);
+  }
+  if (failed == nullptr)
+    failed = file_->append(static_cast<const std::uint8_t*>(data), bytes, place);
+  if (failed != nullptr) give_up(failed);
+  return place;
+}
+
+cv::Mat MappedStore::add(const cv::Mat& descriptors) {
+  TARSIER_REQUIRE(descriptors.empty() || descriptors.type() == CV_8UC1, "descriptors of type {}",
+                  descriptors.type());
+  const cv::Mat rows = descriptors.isContinuous() ? descriptors : descriptors.clone();
+  const std::uint8_t* place = keep(rows.data, rows.total());
+  if (place == nullptr) return descriptors;
+  return {rows.rows, rows.cols, CV_8UC1, const_cast<std::uint8_t*>(place)};  // which is only read
+}
+
+MatchList MappedStore::add(const MatchList& matches) {
+  const std::uint8_t* place = keep(matches.data(), matches.size() * sizeof(Match));
+  if (place == nullptr) return matches;
+  return {file_, {reinterpret_cast<const Match*>(place), matches.size()}};
+}
+
+void MappedStore::trim() {
+  if (!file_ || (limit_ > 0 && resident_bytes() <= limit_)) return;
+  file_->release();
+  if (limit_ == 0 || warned_) return;
+  const std::size_t left = resident_bytes();
+  if (left <= limit_) return;
+  warned_ = true;
+  log_warning(
+      "the limit of memory, {} MB, is too low: {} MB are taken up without what lies on disk",
+      limit_ / 1'000'000, left / 1'000'000);
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <initializer_list>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace tarsier::sfm {
+
+// Feature `first` of one image and `second` of another seem to show the same point.
+struct Match {
+  int first = 0;
+  int second = 0;
+  friend bool operator==(const Match&, const Match&) = default;
+};
+
+// Matches that are only read, in memory or in a file that is mapped into it (mapped_store.h). Copies share them.
+class MatchList {
+ public:
+  MatchList() = default;
+  MatchList(std::vector<Match> matches)
+      : MatchList(std::make_shared<const std::vector<Match>>(std::move(matches))) {}
+  MatchList(std::initializer_list<Match> matches) : MatchList(std::vector<Match>(matches)) {}
+  // `owner` keeps them where they are.
+  MatchList(std::shared_ptr<const void> owner, std::span<const Match> matches)
+      : owner_(std::move(owner)), matches_(matches) {}
+
+  [[nodiscard]] const Match* data() const { return matches_.data(); }
+  [[nodiscard]] std::size_t size() const { return matches_.size(); }
+  [[nodiscard]] bool empty() const { return matches_.empty(); }
+  [[nodiscard]] auto begin() const { return matches_.begin(); }
+  [[nodiscard]] auto end() const { return matches_.end(); }
+  [[nodiscard]] const Match& operator[](std::size_t i) const { return matches_[i]; }
+  [[nodiscard]] std::vector<Match> copy() const { return {begin(), end()}; }
+  friend bool operator==(const MatchList& a, const MatchList& b) {
+    return std::equal(a.begin(), a.end(), b.begin(), b.end());
+  }
+
+ private:
+  explicit MatchList(const std::shared_ptr<const std::vector<Match>>& matches)
+      : owner_(matches), matches_(*matches) {}
+
+  std::shared_ptr<const void> owner_;
+  std::span<const Match> matches_;
+};
+
+}  // namespace tarsier::sfm
