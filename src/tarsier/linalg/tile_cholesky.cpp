@@ -96,17 +96,17 @@ void TileCholesky::analyze(BlockPattern pattern) {
   TARSIER_REQUIRE(!pattern_.first.empty(), "a pattern without an end");
   const std::vector<std::vector<int>> neighbours = neighbours_of(pattern_);
   const Order narrow = narrow_order(neighbours);
-  const auto order_by = [&](std::vector<int> variables) {
+  const auto analyze_by = [&](std::vector<int> variables) {
     variables.insert(variables.end(), narrow.hubs.begin(), narrow.hubs.end());
-    order_by_variables(variables);
+    analyze_in_order(variables);
   };
-  order_by(narrow.variables);
+  analyze_by(narrow.variables);
   const double operations_of_narrow = operations();
-  order_by(dissection_order(neighbours, narrow.variables));
-  if (operations_of_narrow <= operations()) order_by(narrow.variables);
+  analyze_by(dissection_order(neighbours, narrow.variables));
+  if (operations_of_narrow <= operations()) analyze_by(narrow.variables);
 }
 
-void TileCholesky::order_by_variables(const std::vector<int>& variables) {
+void TileCholesky::analyze_in_order(const std::vector<int>& variables) {
   order_tiles(variables);
   std::vector<std::vector<int>> below(columns_.size());
   for (const auto& [row, column] : pattern_.blocks) {

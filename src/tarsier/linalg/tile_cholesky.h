@@ -54,8 +54,8 @@ class TileCholesky {
     int tile = 0;
     int size = kTileSize;
   };
-  // Of the variables, as they are cut into tiles.
-  void order_by_variables(const std::vector<int>& variables);
+  // Tiles and their fill, where the variables are cut into tiles in this order.
+  void analyze_in_order(const std::vector<int>& variables);
   void order_tiles(const std::vector<int>& variables);
   void find_fill(std::vector<std::vector<int>> below);
   void fill(const double* values);

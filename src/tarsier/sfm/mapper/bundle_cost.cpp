@@ -5,7 +5,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <opencv2/core/utility.hpp>
 
 #include <cmath>
 #include <cstddef>
@@ -19,7 +18,6 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kRaised = 1.05;     // times its cost before the step: such a point is refined
 constexpr int kMaxSteps = 6;         // of a point that is refined
 constexpr double kSmallGain = 1e-3;  // share of the cost; a step that gains less is the last
-constexpr int kManyPoints = 10'000;  // beyond, several threads take them
 
 using Eigen::Matrix2d;
 using Eigen::Matrix3d;
@@ -82,19 +80,6 @@ void refine(const BundleProblem& problem, const BundleState& state, std::size_t 
     position = next;
     cost = next_cost;
     if (is_last) break;
-  }
-}
-
-template <typename Each>
-void for_each_point(const BundleProblem& problem, const Each& each) {
-  const cv::Range all(0, static_cast<int>(problem.points.size()));
-  const auto body = [&](const cv::Range& range) {
-    for (int p = range.start; p < range.end; ++p) each(at(p));
-  };
-  if (all.size() < kManyPoints) {
-    body(all);
-  } else {
-    cv::parallel_for_(all, body);
   }
 }
 

@@ -5,7 +5,9 @@
 #include "tarsier/sfm/mapper/bundle_solver.h"
 
 #include <Eigen/Core>
+#include <opencv2/core/utility.hpp>
 
+#include <cstddef>
 #include <vector>
 
 // The inside of the bundle adjustment: the sum that is minimised, and steps of single points.
@@ -17,6 +19,21 @@ struct BundleState {
   std::vector<LensNumbers> lenses;
   std::vector<Eigen::Vector3d> points;
 };
+
+// Does something for each point, on several threads where there are many.
+template <typename Each>
+void for_each_point(const BundleProblem& problem, const Each& each) {
+  constexpr int kMany = 10'000;
+  const cv::Range all(0, static_cast<int>(problem.points.size()));
+  const auto body = [&](const cv::Range& range) {
+    for (int p = range.start; p < range.end; ++p) each(static_cast<std::size_t>(p));
+  };
+  if (all.size() < kMany) {
+    body(all);
+  } else {
+    cv::parallel_for_(all, body);
+  }
+}
 
 // The sum that is minimised, by points. The cost of a point is infinite where it lies behind a camera that shows it, or
 // where a number is not finite.

@@ -39,8 +39,7 @@ constexpr double kMaxBend = 0.75;  // of twice the second order beside the step
 constexpr double kMinGain = 1e-3;
 constexpr int kStripe = 16;  // variables whose columns one thread takes at least
 constexpr int kMaxStripes = 32;
-constexpr int kManyPoints = 10'000;  // beyond, several threads take them
-constexpr int kFewPoses = 80;        // up to which a dense system is faster in any case
+constexpr int kFewPoses = 80;  // up to which a dense system is faster in any case
 
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
 using Eigen::Matrix3d;
@@ -289,22 +288,14 @@ class Solver {
 
   bool invert_points(double damping) {
     std::atomic<bool> is_good = true;
-    const auto points = static_cast<int>(problem_.points.size());
-    const auto invert = [&](const cv::Range& range) {
-      for (std::size_t p = at(range.start); p < at(range.end); ++p) {
-        if (problem_.point_moves[p] == 0) continue;
-        Matrix3d hessian = equations_.point_hessian[p];
-        for (int k = 0; k < 3; ++k) hessian(k, k) += damped(damping, hessian(k, k));
-        const Eigen::LLT<Matrix3d> factor(hessian);
-        if (factor.info() != Eigen::Success) is_good = false;
-        point_inverse_[p] = factor.solve(Matrix3d::Identity());
-      }
-    };
-    if (points < kManyPoints) {
-      invert({0, points});
-    } else {
-      cv::parallel_for_(cv::Range(0, points), invert);
-    }
+    for_each_point(problem_, [&](std::size_t p) {
+      if (problem_.point_moves[p] == 0) return;
+      Matrix3d hessian = equations_.point_hessian[p];
+      for (int k = 0; k < 3; ++k) hessian(k, k) += damped(damping, hessian(k, k));
+      const Eigen::LLT<Matrix3d> factor(hessian);
+      if (factor.info() != Eigen::Success) is_good = false;
+      point_inverse_[p] = factor.solve(Matrix3d::Identity());
+    });
     return is_good;
   }
 
