@@ -17,6 +17,7 @@ namespace fs = std::filesystem;
 constexpr std::int64_t kMaxBytes = 1'000'000'000;
 constexpr std::int64_t kMaxFlowBytes = 16'000'000'000;  // all images are in one file
 constexpr std::string_view kCheckpointEnding = ".mapper";
+constexpr std::string_view kAgain = "-2";
 
 }  // namespace
 
@@ -139,9 +140,13 @@ void Cache::store(const std::string& key, const MapperState& state) const {
   const bool is_first = !fs::exists(path, error);
   write_checkpoint(path.string(), state);
   if (!is_first) return;
-  // One is enough, and they are large: of other options or images.
+  // Those of other options or images are large.
+  const auto root = [](const fs::path& file) {
+    const std::string stem = file.stem().string();
+    return stem.ends_with(kAgain) ? stem.substr(0, stem.size() - kAgain.size()) : stem;
+  };
   for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
-    if (entry.path().extension() == kCheckpointEnding && entry.path() != path)
+    if (entry.path().extension() == kCheckpointEnding && root(entry.path()) != root(path))
       fs::remove(entry.path(), error);
   }
 }

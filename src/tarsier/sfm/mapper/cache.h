@@ -37,7 +37,8 @@ class Cache {
   [[nodiscard]] std::optional<FlowResult> flow(const std::string& key) const;
   void store(const std::string& key, const FlowResult& flow) const;
 
-  // Where the mapper was. One is kept: a first one under a key removes those of other keys.
+  // Where the mapper was. A first one under a key removes those of other keys, but for one and the same with "-2" at its end,
+  // of images that were mapped twice.
   [[nodiscard]] std::optional<MapperState> checkpoint(const std::string& key) const;
   void store(const std::string& key, const MapperState& state) const;
 

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/image_features.h"
 
+#include "tarsier/core/stop.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/sha256.h"
+#include "tarsier/sfm/mapper/focal_estimation.h"
 #include "tarsier/sfm/scene/exif.h"
 
 #include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -19,6 +23,10 @@ namespace {
 constexpr std::int64_t kMaxFileBytes = 512'000'000;
 constexpr int kFewImages = 60;
 constexpr double kGuessedFocal = 1.2;  // of the larger side
+constexpr int kMinShown = 3;  // images of a model that tells the focal length of their camera
+constexpr double kOtherFocal = 0.15;  // of the logarithm
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // The given camera for an image of this size: scaled where the form is the same.
 std::optional<geometry::Camera> fitting(geometry::Camera camera, cv::Size size) {
@@ -174,6 +182,8 @@ void ImageSet::add(const ImageFeatures& image_features, const std::string& name)
   if (fresh || !options_.shared_camera) {
     entry->second = static_cast<int>(cameras_.size());
     cameras_.push_back(image_features.lens.camera);
+    is_guess_.push_back(is_guess(image_features.lens) ? 1 : 0);
+    is_estimated_.push_back(0);
   }
   any_guess_ = any_guess_ || std::string_view(image_features.lens.from) != "given";
   Image image;
@@ -182,6 +192,80 @@ void ImageSet::add(const ImageFeatures& image_features, const std::string& name)
   image.features = image_features.features.points;
   image.sizes = image_features.features.sizes;
   images_.push_back(std::move(image));
+}
+
+bool ImageSet::has_guess() const {
+  return !options_.fixed_camera &&
+         std::find(is_guess_.begin(), is_guess_.end(), 1) != is_guess_.end();
+}
+
+void ImageSet::set_focal(int camera, double focal_px) {
+  cameras_[at(camera)].fx = cameras_[at(camera)].fy = focal_px;
+  is_estimated_[at(camera)] = 1;
+}
+
+bool ImageSet::is_estimated(int image) const {
+  return is_estimated_[at(images_[at(image)].camera)] != 0;
+}
+
+void ImageSet::estimate_motions_again(const std::vector<char>& is_new, std::vector<Pair>& pairs,
+                                      const std::stop_token& stop) const {
+  cv::parallel_for_(cv::Range(0, static_cast<int>(pairs.size())), [&](const cv::Range& range) {
+    for (int k = range.start; k < range.end && !stop.stop_requested(); ++k) {
+      Pair& pair = pairs[at(k)];
+      const Image& first = images_[at(pair.first)];
+      const Image& second = images_[at(pair.second)];
+      if (is_new[at(first.camera)] == 0 && is_new[at(second.camera)] == 0) continue;
+      estimate_motion_again(first.features, second.features, cameras_[at(first.camera)],
+                            cameras_[at(second.camera)], options_.two_view, pair.view);
+    }
+  });
+  throw_if_stopped(stop);
+}
+
+std::vector<std::string> ImageSet::estimate_focal_lengths(std::vector<Pair>& pairs,
+                                                          const std::stop_token& stop) {
+  std::vector<std::string> lines;
+  if (!has_guess()) return lines;
+  std::vector<char> is_new(cameras_.size(), 0);
+  for (const FocalEstimate& found : sfm::estimate_focal_lengths(
+           cameras_, is_guess_, images_, pairs, options_.two_view.threshold_px, stop)) {
+    lines.push_back(fmt::format(
+        "focal length of camera {}: {:.0f} px by the epipolar geometry of {} pairs, {:.0f} px was "
+        "guessed",
+        found.camera, found.focal_px, found.pairs, cameras_[at(found.camera)].fx));
+    set_focal(found.camera, found.focal_px);
+    is_new[at(found.camera)] = 1;
+  }
+  estimate_motions_again(is_new, pairs, stop);
+  return lines;
+}
+
+std::vector<std::string> ImageSet::take_focal_lengths(const std::vector<Model>& models,
+                                                      std::vector<Pair>& pairs,
+                                                      const std::stop_token& stop) {
+  std::vector<std::string> lines;
+  if (!has_guess()) return lines;
+  std::vector<char> is_seen(cameras_.size(), 0);
+  std::vector<char> is_new(cameras_.size(), 0);
+  for (const Model& model : models) {
+    std::vector<int> shown(cameras_.size(), 0);
+    for (const Image& image : model.images) shown[at(image.camera)] += image.registered ? 1 : 0;
+    for (std::size_t c = 0; c < cameras_.size(); ++c) {
+      if (is_guess_[c] == 0 || is_seen[c] != 0 || shown[c] < kMinShown) continue;
+      is_seen[c] = 1;
+      const double focal = model.cameras[c].fx;
+      if (!(std::abs(std::log(focal / cameras_[c].fx)) > kOtherFocal)) continue;
+      lines.push_back(
+          fmt::format("the focal length of camera {} is {:.0f} px in a model, {:.0f} px was "
+                      "taken: mapped again with it",
+                      c, focal, cameras_[c].fx));
+      set_focal(static_cast<int>(c), focal);
+      is_new[c] = 1;
+    }
+  }
+  if (!lines.empty()) estimate_motions_again(is_new, pairs, stop);
+  return lines;
 }
 
 MapperOptions ImageSet::mapper_options() const {

@@ -6,6 +6,7 @@
 #include "tarsier/sfm/mapper/pipeline.h"
 
 #include <map>
+#include <stop_token>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -87,13 +88,32 @@ class ImageSet {
   explicit ImageSet(const PipelineOptions& options) : options_(options) {}
   void add(const ImageFeatures& image_features, const std::string& name);
   [[nodiscard]] const std::vector<geometry::Camera>& cameras() const { return cameras_; }
+  // Takes focal lengths that are guesses from the epipolar geometry of the pairs (focal_estimation.h), where these tell them,
+  // and estimates the motions of the pairs again. Returns what was found, a line for each camera. Nothing where lenses are not
+  // to be refined. Throws Interrupted.
+  std::vector<std::string> estimate_focal_lengths(std::vector<Pair>& pairs,
+                                                  const std::stop_token& stop);
+  // The same, from models that were made with other focal lengths: of each camera that of the first model that has three of its
+  // images, where it differs by more than 15 %.
+  std::vector<std::string> take_focal_lengths(const std::vector<Model>& models,
+                                              std::vector<Pair>& pairs,
+                                              const std::stop_token& stop);
+  // Whether one of the two gave the focal length of an image's camera.
+  [[nodiscard]] bool is_estimated(int image) const;
   [[nodiscard]] const std::vector<Image>& images() const { return images_; }
   // The given ones, with lenses refined where they were guessed.
   [[nodiscard]] MapperOptions mapper_options() const;
 
  private:
+  [[nodiscard]] bool has_guess() const;
+  void set_focal(int camera, double focal_px);
+  void estimate_motions_again(const std::vector<char>& is_new, std::vector<Pair>& pairs,
+                              const std::stop_token& stop) const;
+
   PipelineOptions options_;
   std::vector<geometry::Camera> cameras_;
+  std::vector<char> is_guess_;      // of each camera
+  std::vector<char> is_estimated_;  // of each camera
   std::vector<Image> images_;
   std::map<std::tuple<int, int, double, std::string>, int> known_;
   bool any_guess_ = false;

@@ -12,6 +12,7 @@
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/mapper/mapped_store.h"
+#include "tarsier/sfm/mapper/strong_pairs.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -28,6 +29,8 @@
 
 namespace tarsier::sfm {
 namespace {
+
+constexpr double kGoodTrust = 0.9;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -374,6 +377,29 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
   return sum.hex().substr(0, 32);
 }
 
+// What map(false) makes. Where that is not one trusted model of all images, and says that lenses are others than was guessed:
+// what map(true) makes with these, if that is better.
+template <typename Map>
+Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bool partial,
+                               const std::stop_token& stop, const Map& map) {
+  Reconstruction made = map(false);
+  if (made.interrupted || made.models.empty()) return made;
+  const bool is_whole =
+      static_cast<std::size_t>(statistics_of(made.models[0]).registered) == made.outcomes.size();
+  if (is_whole && made.trust[0] >= kGoodTrust) return made;
+  try {
+    const std::vector<std::string> log = image_set.take_focal_lengths(made.models, pairs, stop);
+    if (log.empty()) return made;
+    made.log.insert(made.log.end(), log.begin(), log.end());
+    Reconstruction second = map(true);
+    if (!second.interrupted) return better_of(std::move(made), std::move(second));
+  } catch (const Interrupted&) {
+    if (!partial) throw;
+  }
+  made.interrupted = true;
+  return made;
+}
+
 }  // namespace
 
 void PipelineOptions::check() const {
@@ -468,25 +494,6 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
       })) {
     descriptors.clear();
   }
-  stages.start("reconstruct");
-  MapperHooks mapping;
-  mapping.watch = hooks.watch;
-  mapping.show = hooks.show;
-  mapping.partial = hooks.partial;
-  mapping.keep_every_s = options.checkpoint_s;
-  if (!options.cache_folder.empty()) {
-    const std::string key = mapper_key(images, names, image_set, result.pairs, options);
-    if (!hooks.watch) mapping.from = cache.checkpoint(key);
-    // A full disk must not end the mapping.
-    mapping.keep = [&cache, key, warned = false](const MapperState& state) mutable {
-      try {
-        cache.store(key, state);
-      } catch (const OutputError& error) {
-        if (!warned) log_warning("no checkpoint: {}", error.what());
-        warned = true;
-      }
-    };
-  }
   // image_set has them.
   for (ImageFeatures& image_features : images) {
     image_features.features.points = {};
@@ -501,11 +508,42 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                                  .pairs = result.pairs,
                                  .followed = options.flow,
                                  .gray = gray_images(inputs, images)};
-  result.reconstruction = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
-  result.resumed = result.reconstruction.resumed;
+  stages.start("reconstruct");
+  const std::vector<std::string> log = image_set.estimate_focal_lengths(result.pairs, stop);
+  const std::string key = options.cache_folder.empty()
+                              ? ""
+                              : mapper_key(images, names, image_set, result.pairs, options);
+  const auto map = [&](const std::string& checkpoint) {
+    MapperHooks mapping;
+    mapping.watch = hooks.watch;
+    mapping.show = hooks.show;
+    mapping.partial = hooks.partial;
+    mapping.keep_every_s = options.checkpoint_s;
+    if (!options.cache_folder.empty()) {
+      if (!hooks.watch) mapping.from = cache.checkpoint(checkpoint);
+      // A full disk must not end the mapping.
+      mapping.keep = [&cache, checkpoint, warned = false](const MapperState& state) mutable {
+        try {
+          cache.store(checkpoint, state);
+        } catch (const OutputError& error) {
+          if (!warned) log_warning("no checkpoint: {}", error.what());
+          warned = true;
+        }
+      };
+    }
+    return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+  };
+  result.reconstruction =
+      map_with_lenses(image_set, result.pairs, hooks.partial, stop,
+                      [&](bool again) { return map(again ? key + "-2" : key); });
+  result.reconstruction.log.insert(result.reconstruction.log.begin(), log.begin(), log.end());
   stages.note();
-  for (std::size_t k = 0; k < images.size(); ++k)
-    result.images[at(images[k].input)].outcome = result.reconstruction.outcomes[k];
+  result.resumed = result.reconstruction.resumed;
+  for (std::size_t k = 0; k < images.size(); ++k) {
+    ImageReport& report = result.images[at(images[k].input)];
+    report.outcome = result.reconstruction.outcomes[k];
+    if (image_set.is_estimated(static_cast<int>(k))) report.focal_from = "pairs";
+  }
   return result;
 }
 

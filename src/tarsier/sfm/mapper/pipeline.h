@@ -42,7 +42,7 @@ struct PipelineOptions {
   int nearest = 12;   // of kRetrieval
   bool flow = false;  // follow points through a sequence instead of matching descriptors
   // What the lens is. Given: used as it is unless the mapper is set to refine it. Not given: from
-  // EXIF, else 1.2 times the larger side, and refined.
+  // EXIF, else from pairs of images (focal_estimation.h), else 1.2 times the larger side; and refined.
   std::optional<geometry::Camera> camera;
   bool ignore_exif = false;
   bool shared_camera = true;  // images of one size and lens have one camera; false: each its own
@@ -86,7 +86,7 @@ struct ImageReport {
   std::string name;
   std::string path;  // of the file
   bool read = false;
-  std::string focal_from;  // "given", "EXIF", "guess"
+  std::string focal_from;  // "given", "EXIF", "guess"; "pairs": from other images of the lens
   int features = 0;
   Outcome outcome;  // the reason also where the file could not be read
 };

@@ -31,10 +31,11 @@ class Images : public FolderTest {
     const synth::ReliefScene scene(options);
     camera_ = scene.camera();
     // Drawn once for all tests.
-    static std::map<std::tuple<int, std::uint64_t, synth::Content, bool>, std::vector<cv::Mat>>
+    static std::map<std::tuple<int, std::uint64_t, synth::Content, bool, double>,
+                    std::vector<cv::Mat>>
         drawn;
-    std::vector<cv::Mat>& images =
-        drawn[{options.images, options.seed, options.content, options.pure_rotation}];
+    std::vector<cv::Mat>& images = drawn[{options.images, options.seed, options.content,
+                                          options.pure_rotation, options.focal_px}];
     std::vector<Input> inputs;
     for (int i = 0; i < scene.count(); ++i) {
       const std::string name = prefix + std::to_string(i) + ".png";
@@ -149,6 +150,21 @@ TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
   EXPECT_TRUE(std::any_of(built.refused.begin(), built.refused.end(), [](const RefusedPair& pair) {
     return pair.reason.find("patches that both images should show") != std::string::npos;
   }));
+}
+
+// A lens that nothing is known of: its pairs are verified with a guess, and yet agree with the model.
+TEST_F(Images, OfAnUnknownLensAreTrusted) {
+  synth::SceneOptions scene = small_scene(8);
+  scene.focal_px = 800;
+  const auto inputs = shoot(scene, "long");
+  PipelineOptions how = options();
+  how.camera.reset();
+  const PipelineResult result = run(inputs, how);
+  ASSERT_EQ(result.reconstruction.models.size(), 1U);
+  EXPECT_NEAR(result.reconstruction.models[0].cameras[0].fx, 800, 15);
+  EXPECT_GT(result.reconstruction.trust[0], 0.95);
+  EXPECT_THAT(result.reconstruction.log.front(), HasSubstr("focal length of camera 0"));
+  EXPECT_EQ(result.images[0].focal_from, "pairs");
 }
 
 TEST_F(Images, TwoScenesGiveTwoModels) {

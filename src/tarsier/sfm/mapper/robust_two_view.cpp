@@ -425,6 +425,31 @@ RobustMotion robust_motion(const PointPairs& pairs, const RobustOptions& options
   return result;
 }
 
+RefinedMotion refine_motion(const PointPairs& pairs, const geometry::Rigid3& start,
+                            double threshold, int max_steps) {
+  const Columns columns(pairs);
+  const std::vector<char> all(columns.x.size(), 1);
+  std::vector<double> squares(columns.x.size());
+  const double scale = 4 / (threshold * threshold);
+  const auto cost_of = [&](const geometry::Rigid3& motion) {
+    sampson(geometry::essential_of(motion), columns, 0, columns.count(), squares.data());
+    double cost = 0;
+    for (const double square : squares) cost += std::log1p(scale * square);
+    return cost;
+  };
+  RefinedMotion best{start, cost_of(start)};
+  for (int k = 0; k < max_steps; ++k) {
+    const auto next = stepped(best.second_from_first, columns, all, threshold * threshold);
+    if (!next) break;
+    const double cost = cost_of(*next);
+    if (!(cost < best.cost)) break;
+    const bool is_done = cost > best.cost * (1 - 1e-4);
+    best = {*next, cost};
+    if (is_done) break;
+  }
+  return best;
+}
+
 RobustMatrix robust_fundamental(const PointPairs& pairs, const RobustOptions& options) {
   check(pairs, options);
   if (pairs.first.size() < 7) return {};

@@ -46,6 +46,16 @@ struct RobustMotion {
 // cameras. Refined by Gauss and Newton's method on Sampson's distances of the inliers.
 [[nodiscard]] RobustMotion robust_motion(const PointPairs& pairs, const RobustOptions& options);
 
+struct RefinedMotion {
+  geometry::Rigid3 second_from_first;  // translation of length 1
+  double cost = 0;  // sum of log(1 + d^2 / (threshold / 2)^2), d: Sampson's distance
+};
+
+// A motion refined on all pairs, in normalised coordinates, by so many steps of Gauss and Newton's method at most; a step
+// that costs more is not taken.
+[[nodiscard]] RefinedMotion refine_motion(const PointPairs& pairs, const geometry::Rigid3& start,
+                                          double threshold, int max_steps);
+
 // Pixels, or any other unit.
 [[nodiscard]] RobustMatrix robust_fundamental(const PointPairs& pairs,
                                               const RobustOptions& options);

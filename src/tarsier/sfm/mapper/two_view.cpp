@@ -27,6 +27,44 @@ std::vector<int> order_of(const std::vector<float>& ratios) {
   return order;
 }
 
+double mean_focal(const geometry::Camera& first, const geometry::Camera& second) {
+  return (first.fx + first.fy + second.fx + second.fy) / 4;
+}
+
+// Pixels without distortion.
+PointPairs pixels_of(const std::vector<cv::Point2f>& first, const std::vector<cv::Point2f>& second,
+                     const geometry::Camera& camera, const geometry::Camera& other) {
+  PointPairs pixels;
+  for (const cv::Point2d& p : undistorted(first, camera)) pixels.first.emplace_back(p.x, p.y);
+  for (const cv::Point2d& p : undistorted(second, other)) pixels.second.emplace_back(p.x, p.y);
+  return pixels;
+}
+
+PointPairs rays_of(const PointPairs& pixels, const geometry::Camera& camera,
+                   const geometry::Camera& other) {
+  PointPairs rays;
+  for (std::size_t i = 0; i < pixels.first.size(); ++i) {
+    rays.first.push_back(normalized({pixels.first[i][0], pixels.first[i][1]}, camera));
+    rays.second.push_back(normalized({pixels.second[i][0], pixels.second[i][1]}, other));
+  }
+  return rays;
+}
+
+// The motion, and of the points of the inliers how many are in front and their angle.
+void set_motion(const PointPairs& inliers, const geometry::Rigid3& motion, TwoView& view) {
+  view.second_from_first = motion;
+  view.in_front = 0;
+  std::vector<double> angles;
+  for (std::size_t i = 0; i < inliers.first.size(); ++i) {
+    const auto point = triangulate({{{}, {inliers.first[i][0], inliers.first[i][1]}},
+                                    {motion, {inliers.second[i][0], inliers.second[i][1]}}});
+    if (!point) continue;
+    ++view.in_front;
+    angles.push_back(ray_angle(*point, Eigen::Vector3d::Zero(), motion.center()));
+  }
+  view.median_angle = upper_median(angles);
+}
+
 // Those pairs that are inliers.
 PointPairs kept(const PointPairs& pairs, const std::vector<char>& is_inlier) {
   PointPairs result;
@@ -67,24 +105,14 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
     a.push_back(first[static_cast<std::size_t>(match.first)]);
     b.push_back(second[static_cast<std::size_t>(match.second)]);
   }
-  const std::vector<cv::Point2d> pixels_a = undistorted(a, camera);
-  const std::vector<cv::Point2d> pixels_b = undistorted(b, other);
-  PointPairs pixels;
-  PointPairs rays;
-  for (std::size_t i = 0; i < matches.size(); ++i) {
-    pixels.first.emplace_back(pixels_a[i].x, pixels_a[i].y);
-    pixels.second.emplace_back(pixels_b[i].x, pixels_b[i].y);
-    rays.first.push_back(normalized(pixels_a[i], camera));
-    rays.second.push_back(normalized(pixels_b[i], other));
-  }
+  PointPairs pixels = pixels_of(a, b, camera, other);
+  PointPairs rays = rays_of(pixels, camera, other);
   pixels.order = rays.order = order_of(ratios);
-  const double focal = (camera.fx + camera.fy + other.fx + other.fy) / 4;
-
   RobustOptions in_pixels;
   in_pixels.threshold = options.threshold_px;
   in_pixels.seed = options.seed;
   RobustOptions in_rays = in_pixels;
-  in_rays.threshold /= focal;
+  in_rays.threshold /= mean_focal(camera, other);
   std::vector<char> is_inlier;
   RobustMotion motion;
   if (options.known_focal) {
@@ -106,18 +134,27 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
   in_pixels.threshold *= 2;
   in_pixels.max_samples = kPlaneSamples;
   result.homography_inliers = robust_homography(kept(pixels, is_inlier), in_pixels).inliers;
-  result.second_from_first = motion.second_from_first;
-  std::vector<double> angles;
-  for (std::size_t i = 0; i < inliers.first.size(); ++i) {
-    const auto point =
-        triangulate({{{}, {inliers.first[i][0], inliers.first[i][1]}},
-                     {result.second_from_first, {inliers.second[i][0], inliers.second[i][1]}}});
-    if (!point) continue;
-    ++result.in_front;
-    angles.push_back(ray_angle(*point, Eigen::Vector3d::Zero(), result.second_from_first.center()));
-  }
-  result.median_angle = upper_median(angles);
+  set_motion(inliers, motion.second_from_first, result);
   return result;
+}
+
+void estimate_motion_again(const std::vector<cv::Point2f>& first,
+                           const std::vector<cv::Point2f>& second, const geometry::Camera& camera,
+                           const geometry::Camera& other, const TwoViewOptions& options,
+                           TwoView& view) {
+  if (view.inliers.empty()) return;
+  std::vector<cv::Point2f> a;
+  std::vector<cv::Point2f> b;
+  for (const Match& match : view.inliers) {
+    a.push_back(first[static_cast<std::size_t>(match.first)]);
+    b.push_back(second[static_cast<std::size_t>(match.second)]);
+  }
+  const PointPairs rays = rays_of(pixels_of(a, b, camera, other), camera, other);
+  RobustOptions in_rays;
+  in_rays.threshold = 2 * options.threshold_px / mean_focal(camera, other);
+  in_rays.seed = options.seed;
+  const RobustMotion motion = robust_motion(rays, in_rays);
+  if (motion.inliers > 0) set_motion(rays, motion.second_from_first, view);
 }
 
 }  // namespace tarsier::sfm

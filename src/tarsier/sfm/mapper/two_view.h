@@ -43,6 +43,13 @@ struct TwoView {
                                   const geometry::Camera& other, const TwoViewOptions& options,
                                   const std::vector<float>& ratios = {});
 
+// The motion of a view's inliers again, and what follows from it, with other cameras than it was verified with. A view in
+// which none is found stays as it is.
+void estimate_motion_again(const std::vector<cv::Point2f>& first,
+                           const std::vector<cv::Point2f>& second, const geometry::Camera& camera,
+                           const geometry::Camera& other, const TwoViewOptions& options,
+                           TwoView& view);
+
 // Pixels without the lens's distortion, as a pinhole of the same matrix would see them.
 [[nodiscard]] std::vector<cv::Point2d> undistorted(const std::vector<cv::Point2f>& pixels,
                                                    const geometry::Camera& camera);
