@@ -194,7 +194,7 @@ class Estimator {
     return kStep * (static_cast<double>(least) - kHalf + shift);
   }
 
-  // Of the pairs `among`: the factor as focal_px, and how far it can be told.
+  // By the pairs `among`: the factor as focal_px, and its spread.
   [[nodiscard]] std::optional<FocalEstimate> estimate(const std::vector<std::size_t>& among) const {
     if (among.size() < kFolds) return std::nullopt;
     std::array<Curve, kFolds> folds{};
