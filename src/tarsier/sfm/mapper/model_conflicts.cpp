@@ -32,6 +32,7 @@ constexpr std::size_t kMinPairs = 3;      // that contradict each other
 constexpr double kMinShare = 0.005;       // .. of those that are judged
 constexpr double kMinOfImage = 3;         // that contradict one image, at least one in a model
 constexpr double kMinShareOfImage = 0.2;  // .. of those that are judged
+constexpr double kNeighbour = 1;          // .. one of them is no farther, by distance()
 constexpr double kContradiction = 0.15;   // of what is expected
 constexpr double kUnusual = 0.25;         // .. and of the share that is usual
 constexpr double kMinTelling = 0.35;      // a usual share below it says nothing
@@ -301,6 +302,7 @@ ModelConflicts::ModelConflicts(const Model& model)
               [](const Near& a, const Near& b) { return a.image < b.image; });
     double all = 0;
     double contradicted = 0;
+    bool by_neighbour = false;
     for (const auto& [other, evidence, distance] : near_[i]) {
       const double usual = usual_shares.at(distance);
       if (evidence.expected < kMinExpected || usual < kMinTelling) continue;
@@ -309,11 +311,12 @@ ModelConflicts::ModelConflicts(const Model& model)
       if (evidence.found >= std::min(kContradiction, kUnusual * usual) * evidence.expected)
         continue;
       contradicted += 1;
+      by_neighbour = by_neighbour || distance < kNeighbour;
       if (other > static_cast<int>(i)) pairs_.emplace_back(static_cast<int>(i), other);
     }
     if (all > 0) shares_[i] = contradicted / all;
-    is_clustered_ =
-        is_clustered_ || (contradicted >= kMinOfImage && contradicted >= kMinShareOfImage * all);
+    is_clustered_ = is_clustered_ || (by_neighbour && contradicted >= kMinOfImage &&
+                                      contradicted >= kMinShareOfImage * all);
   }
   find_places();
 }

@@ -38,8 +38,10 @@ class ModelConflicts {
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
   // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence; and,
   // but where the scene is known to repeat, three or more of them contradict one and the same image, a fifth of those with
-  // as much evidence. Of many images a few lack by chance what one other should share, here and there; an image in a wrong
-  // place contradicts most around it.
+  // as much evidence, and one of these has nearly its view: the angle of their rays in units of 12 degrees plus the logarithm
+  // of the ratio of their distances in units of that of 1.3 is less than 1. Of many images a few lack by chance what one other
+  // should share, here and there, and images of a slanted surface from afar more; an image in a wrong place contradicts most
+  // around it, and the nearest too.
   [[nodiscard]] bool any(bool repeats = false) const;
   // Sums up what is known of two images: of them, and of the images that are of one place with either.
   [[nodiscard]] Evidence between(int first, int second) const;

@@ -12,6 +12,8 @@
 namespace tarsier::sfm {
 namespace {
 
+using Eigen::Vector3d;
+
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 TEST(ModelConflicts, ATrueModelHasNone) {
@@ -52,6 +54,48 @@ Model arc_of_weak_features() {
 TEST(ModelConflicts, FeaturesThatAreFoundFromNearbyOnlyAreNone) {
   const ModelConflicts conflicts(arc_of_weak_features());
   EXPECT_TRUE(conflicts.pairs().empty());
+  EXPECT_FALSE(conflicts.any());
+}
+
+// A row of 20 images a step of 1 apart, with points 8 and 40 before it. Of those far away three of four are weak: they are
+// features of the images within six of one of them. Those of the last image only of the images within four.
+Model row_with_a_poor_image() {
+  constexpr int kRow = 20;
+  Model model;
+  model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
+  model.images.resize(kRow);
+  for (int i = 0; i < kRow; ++i) {
+    model.images[at(i)].registered = true;
+    model.images[at(i)].pose.translation = {-1.0 * i, 0, 0};
+  }
+  Rng rng(5);
+  for (int p = 0; p < 1000; ++p) {
+    const bool is_far = p % 10 < 4;
+    const bool is_weak = p % 10 < 3;
+    const int place = p / 10 % kRow;
+    const int reach = place == kRow - 1 ? 4 : 6;
+    Point point;
+    point.position = is_far ? Vector3d(rng.uniform(0, 20), rng.uniform(-15, 15), 40)
+                            : Vector3d(rng.uniform(-4, 24), rng.uniform(-3, 3), 8);
+    for (int i = 0; i < kRow; ++i) {
+      Image& image = model.images[at(i)];
+      const auto pixel = model.cameras[0].project(image.pose * point.position);
+      if (std::abs(pixel->x - 320) > 320 || (is_weak && std::abs(place - i) > reach)) continue;
+      if (is_weak && i == kRow - 1 && place != i) continue;
+      image.features.emplace_back(*pixel);
+      image.points.push_back(p);
+      point.track.push_back({i, static_cast<int>(image.features.size()) - 1});
+    }
+    model.points.push_back(std::move(point));
+  }
+  return model;
+}
+
+TEST(ModelConflicts, AnImageThatContradictsOnlyWhatIsFarFromItIsInItsPlace) {
+  const ModelConflicts conflicts(row_with_a_poor_image());
+  EXPECT_GE(conflicts.pairs().size(), 3U);
+  for (const auto& [first, second] : conflicts.pairs()) EXPECT_EQ(second, 19) << first;
+  EXPECT_TRUE(conflicts.any(true));
   EXPECT_FALSE(conflicts.any());
 }
 
