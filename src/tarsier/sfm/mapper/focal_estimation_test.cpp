@@ -163,10 +163,10 @@ TEST(FocalEstimation, TakesTheFocalLengthOfAModel) {
   model.images = scene.images;
   for (Image& image : model.images) image.registered = true;
   std::vector<Pair> pairs = scene.pairs;
-  EXPECT_TRUE(images.take_focal_lengths({model}, pairs, {}).empty());  // the same
+  EXPECT_TRUE(images.take_focal_lengths({model}, 0.15, pairs, {}).empty());  // the same
   EXPECT_FALSE(images.is_estimated(0));
   model.cameras[0].fx = model.cameras[0].fy = kFocal;
-  EXPECT_EQ(images.take_focal_lengths({model}, pairs, {}).size(), 1U);
+  EXPECT_EQ(images.take_focal_lengths({model}, 0.15, pairs, {}).size(), 1U);
   EXPECT_TRUE(images.is_estimated(0));
   EXPECT_EQ(images.cameras()[0].fx, kFocal);
   for (const Pair& pair : pairs) {

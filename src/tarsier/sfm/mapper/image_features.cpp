@@ -24,7 +24,6 @@ constexpr std::int64_t kMaxFileBytes = 512'000'000;
 constexpr int kFewImages = 60;
 constexpr double kGuessedFocal = 1.2;  // of the larger side
 constexpr int kMinShown = 3;  // images of a model that tells the focal length of their camera
-constexpr double kOtherFocal = 0.15;  // of the logarithm
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -242,7 +241,7 @@ std::vector<std::string> ImageSet::estimate_focal_lengths(std::vector<Pair>& pai
 }
 
 std::vector<std::string> ImageSet::take_focal_lengths(const std::vector<Model>& models,
-                                                      std::vector<Pair>& pairs,
+                                                      double least_change, std::vector<Pair>& pairs,
                                                       const std::stop_token& stop) {
   std::vector<std::string> lines;
   if (!has_guess()) return lines;
@@ -255,10 +254,9 @@ std::vector<std::string> ImageSet::take_focal_lengths(const std::vector<Model>& 
       if (is_guess_[c] == 0 || is_seen[c] != 0 || shown[c] < kMinShown) continue;
       is_seen[c] = 1;
       const double focal = model.cameras[c].fx;
-      if (!(std::abs(std::log(focal / cameras_[c].fx)) > kOtherFocal)) continue;
+      if (!(std::abs(std::log(focal / cameras_[c].fx)) > least_change)) continue;
       lines.push_back(
-          fmt::format("the focal length of camera {} is {:.0f} px in a model, {:.0f} px was "
-                      "taken: mapped again with it",
+          fmt::format("the focal length of camera {} is {:.0f} px in a model, {:.0f} px was taken",
                       c, focal, cameras_[c].fx));
       set_focal(static_cast<int>(c), focal);
       is_new[c] = 1;

@@ -94,10 +94,12 @@ class ImageSet {
   std::vector<std::string> estimate_focal_lengths(std::vector<Pair>& pairs,
                                                   const std::stop_token& stop);
   // The same, from models that were made with other focal lengths: of each camera that of the first model that has three of its
-  // images, where it differs by more than 15 %.
-  std::vector<std::string> take_focal_lengths(const std::vector<Model>& models,
+  // images, where its logarithm differs by more than `least_change`.
+  std::vector<std::string> take_focal_lengths(const std::vector<Model>& models, double least_change,
                                               std::vector<Pair>& pairs,
                                               const std::stop_token& stop);
+  // Whether there is a focal length that is a guess, and is to be refined.
+  [[nodiscard]] bool has_guess() const;
   // Whether one of the two gave the focal length of an image's camera.
   [[nodiscard]] bool is_estimated(int image) const;
   [[nodiscard]] const std::vector<Image>& images() const { return images_; }
@@ -105,7 +107,6 @@ class ImageSet {
   [[nodiscard]] MapperOptions mapper_options() const;
 
  private:
-  [[nodiscard]] bool has_guess() const;
   void set_focal(int camera, double focal_px);
   void estimate_motions_again(const std::vector<char>& is_new, std::vector<Pair>& pairs,
                               const std::stop_token& stop) const;

@@ -25,12 +25,18 @@
 #include <ctime>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <span>
+#include <string_view>
+#include <utility>
 
 namespace tarsier::sfm {
 namespace {
 
 constexpr double kGoodTrust = 0.9;
+// Changes of the logarithm of a focal length.
+constexpr double kOtherFocal = 0.15;  // it was wrong
+constexpr double kSameFocal = 0.02;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -377,26 +383,45 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
   return sum.hex().substr(0, 32);
 }
 
-// What map(false) makes. Where that is not one trusted model of all images, and says that lenses are others than was guessed:
-// what map(true) makes with these, if that is better.
+enum class Round {
+  kFirst,
+  kAgain,  // with other lenses
+  kJudge   // the models of before, judged with other lenses
+};
+
+// What map(Round::kFirst) makes. Where that is not one trusted model of all images, and says that lenses are others than was
+// guessed, the models are judged with these; or, where they are quite others, made again, if that is better.
 template <typename Map>
 Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bool partial,
                                const std::stop_token& stop, const Map& map) {
-  Reconstruction made = map(false);
+  Reconstruction made = map(Round::kFirst);
   if (made.interrupted || made.models.empty()) return made;
   const bool is_whole =
       static_cast<std::size_t>(statistics_of(made.models[0]).registered) == made.outcomes.size();
   if (is_whole && made.trust[0] >= kGoodTrust) return made;
+  const auto take = [&](double least_change, std::string_view why) {
+    const std::vector<std::string> lines =
+        image_set.take_focal_lengths(made.models, least_change, pairs, stop);
+    for (const std::string& line : lines) made.log.push_back(fmt::format("{}: {}", line, why));
+    return !lines.empty();
+  };
   try {
-    const std::vector<std::string> log = image_set.take_focal_lengths(made.models, pairs, stop);
-    if (log.empty()) return made;
-    made.log.insert(made.log.end(), log.begin(), log.end());
-    Reconstruction second = map(true);
-    if (!second.interrupted) return better_of(std::move(made), std::move(second));
+    if (take(kOtherFocal, "mapped again with it")) {
+      Reconstruction second = map(Round::kAgain);
+      if (!second.interrupted) return better_of(std::move(made), std::move(second));
+      made.interrupted = true;
+    } else if (take(kSameFocal, "pairs are judged with it")) {
+      Reconstruction judged = map(Round::kJudge);
+      if (judged.interrupted) made.interrupted = true;
+      if (judged.interrupted || judged.models.empty()) return made;
+      judged.log = std::move(made.log);
+      judged.resumed = made.resumed;
+      return judged;
+    }
   } catch (const Interrupted&) {
     if (!partial) throw;
+    made.interrupted = true;
   }
-  made.interrupted = true;
   return made;
 }
 
@@ -513,29 +538,34 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   const std::string key = options.cache_folder.empty()
                               ? ""
                               : mapper_key(images, names, image_set, result.pairs, options);
-  const auto map = [&](const std::string& checkpoint) {
+  std::optional<MapperState> last;  // of lenses that were guessed
+  const auto map = [&](Round round) {
     MapperHooks mapping;
     mapping.watch = hooks.watch;
     mapping.show = hooks.show;
     mapping.partial = hooks.partial;
     mapping.keep_every_s = options.checkpoint_s;
-    if (!options.cache_folder.empty()) {
-      if (!hooks.watch) mapping.from = cache.checkpoint(checkpoint);
-      // A full disk must not end the mapping.
-      mapping.keep = [&cache, checkpoint, warned = false](const MapperState& state) mutable {
-        try {
-          cache.store(checkpoint, state);
-        } catch (const OutputError& error) {
-          if (!warned) log_warning("no checkpoint: {}", error.what());
-          warned = true;
-        }
-      };
+    if (round == Round::kJudge) {
+      mapping.from = std::exchange(last, std::nullopt);
+      mapping.watch = {};
+      return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
     }
+    const std::string checkpoint = round == Round::kAgain ? key + "-2" : key;
+    if (!key.empty() && !hooks.watch) mapping.from = cache.checkpoint(checkpoint);
+    mapping.keep = [&, checkpoint, warned = false](const MapperState& state) mutable {
+      if (image_set.has_guess()) last = state;
+      if (key.empty()) return;
+      // A full disk must not end the mapping.
+      try {
+        cache.store(checkpoint, state);
+      } catch (const OutputError& error) {
+        if (!warned) log_warning("no checkpoint: {}", error.what());
+        warned = true;
+      }
+    };
     return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
   };
-  result.reconstruction =
-      map_with_lenses(image_set, result.pairs, hooks.partial, stop,
-                      [&](bool again) { return map(again ? key + "-2" : key); });
+  result.reconstruction = map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
   result.reconstruction.log.insert(result.reconstruction.log.begin(), log.begin(), log.end());
   stages.note();
   result.resumed = result.reconstruction.resumed;

@@ -167,6 +167,32 @@ TEST_F(Images, OfAnUnknownLensAreTrusted) {
   EXPECT_EQ(result.images[0].focal_from, "pairs");
 }
 
+// Cameras that face one place from all sides tell the focal length roughly or not at all: the model knows it better.
+TEST_F(Images, OfAnUnknownLensAreTrustedWithThatOfTheModel) {
+  TARSIER_LONG_TEST();
+  struct Case {
+    std::uint64_t seed;
+    double focal_px;
+    const char* line;
+  };
+  for (const Case& given :
+       {Case{35, 320, "mapped again with it"}, Case{31, 320, "pairs are judged with it"}}) {
+    synth::SceneOptions scene = small_scene(8);
+    scene.trajectory = synth::Trajectory::kRing;
+    scene.seed = given.seed;
+    scene.focal_px = given.focal_px;
+    const auto inputs = shoot(scene, "ring");
+    PipelineOptions how = options();
+    how.camera.reset();
+    how.features.max_count = 3000;
+    const Reconstruction result = run(inputs, how).reconstruction;
+    ASSERT_EQ(result.models.size(), 1U);
+    EXPECT_NEAR(result.models[0].cameras[0].fx, given.focal_px, 0.02 * given.focal_px);
+    EXPECT_THAT(result.log, testing::Contains(HasSubstr(given.line)));
+    EXPECT_GT(result.trust[0], 0.9);
+  }
+}
+
 TEST_F(Images, TwoScenesGiveTwoModels) {
   auto inputs = shoot(small_scene(4), "a");
   synth::SceneOptions other = small_scene(3);
