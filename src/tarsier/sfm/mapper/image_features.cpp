@@ -241,7 +241,7 @@ std::vector<std::string> ImageSet::estimate_focal_lengths(std::vector<Pair>& pai
 }
 
 std::vector<std::string> ImageSet::take_focal_lengths(const std::vector<Model>& models,
-                                                      double least_change, std::vector<Pair>& pairs,
+                                                      double min_change, std::vector<Pair>& pairs,
                                                       const std::stop_token& stop) {
   std::vector<std::string> lines;
   if (!has_guess()) return lines;
@@ -254,7 +254,7 @@ std::vector<std::string> ImageSet::take_focal_lengths(const std::vector<Model>& 
       if (is_guess_[c] == 0 || is_seen[c] != 0 || shown[c] < kMinShown) continue;
       is_seen[c] = 1;
       const double focal = model.cameras[c].fx;
-      if (!(std::abs(std::log(focal / cameras_[c].fx)) > least_change)) continue;
+      if (!(std::abs(std::log(focal / cameras_[c].fx)) > min_change)) continue;
       lines.push_back(
           fmt::format("the focal length of camera {} is {:.0f} px in a model, {:.0f} px was taken",
                       c, focal, cameras_[c].fx));

@@ -94,8 +94,8 @@ class ImageSet {
   std::vector<std::string> estimate_focal_lengths(std::vector<Pair>& pairs,
                                                   const std::stop_token& stop);
   // The same, from models that were made with other focal lengths: of each camera that of the first model that has three of its
-  // images, where its logarithm differs by more than `least_change`.
-  std::vector<std::string> take_focal_lengths(const std::vector<Model>& models, double least_change,
+  // images, where its logarithm differs by more than `min_change`.
+  std::vector<std::string> take_focal_lengths(const std::vector<Model>& models, double min_change,
                                               std::vector<Pair>& pairs,
                                               const std::stop_token& stop);
   // Whether there is a focal length that is a guess, and is to be refined.

@@ -399,9 +399,9 @@ Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bo
   const bool is_whole =
       static_cast<std::size_t>(statistics_of(made.models[0]).registered) == made.outcomes.size();
   if (is_whole && made.trust[0] >= kGoodTrust) return made;
-  const auto take = [&](double least_change, std::string_view why) {
+  const auto take = [&](double min_change, std::string_view why) {
     const std::vector<std::string> lines =
-        image_set.take_focal_lengths(made.models, least_change, pairs, stop);
+        image_set.take_focal_lengths(made.models, min_change, pairs, stop);
     for (const std::string& line : lines) made.log.push_back(fmt::format("{}: {}", line, why));
     return !lines.empty();
   };
