@@ -206,8 +206,7 @@ class Estimator {
       }
     }
     const std::optional<double> best = minimum_of(all);
-    for (int f = 0; f < kFactors; ++f)
-      if (!best) return std::nullopt;
+    if (!best) return std::nullopt;
     std::array<double, kFolds> without{};  // jackknife
     double mean = 0;
     for (std::size_t j = 0; j < kFolds; ++j) {
