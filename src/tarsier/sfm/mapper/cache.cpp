@@ -17,7 +17,6 @@ namespace fs = std::filesystem;
 constexpr std::int64_t kMaxBytes = 1'000'000'000;
 constexpr std::int64_t kMaxFlowBytes = 16'000'000'000;  // all images are in one file
 constexpr std::string_view kCheckpointEnding = ".mapper";
-constexpr std::string_view kAgain = "-2";
 
 }  // namespace
 

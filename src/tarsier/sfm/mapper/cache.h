@@ -9,6 +9,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 
 // What takes long is kept on disk, so that a second run goes on where the first one ended. Each
 // entry is a file of its own, written whole or not at all, named after everything that it depends
@@ -37,8 +38,9 @@ class Cache {
   [[nodiscard]] std::optional<FlowResult> flow(const std::string& key) const;
   void store(const std::string& key, const FlowResult& flow) const;
 
-  // Where the mapper was. A first one under a key removes those of other keys, but for one and the same with "-2" at its end,
-  // of images that were mapped twice.
+  // Where the mapper was. A first one under a key removes those of other keys, but for one and the same with kAgain at its
+  // end, of images that were mapped twice.
+  static constexpr std::string_view kAgain = "-2";
   [[nodiscard]] std::optional<MapperState> checkpoint(const std::string& key) const;
   void store(const std::string& key, const MapperState& state) const;
 

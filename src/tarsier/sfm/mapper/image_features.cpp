@@ -226,7 +226,7 @@ std::vector<std::string> ImageSet::estimate_focal_lengths(std::vector<Pair>& pai
                                                           const std::stop_token& stop) {
   std::vector<std::string> lines;
   if (!has_guess()) return lines;
-  std::vector<char> is_new(cameras_.size(), 0);
+  std::vector<char> is_new = is_estimated_;  // pairs may be new where lenses are not (online.h)
   for (const FocalEstimate& found : sfm::estimate_focal_lengths(
            cameras_, is_guess_, images_, pairs, options_.two_view.threshold_px, stop)) {
     lines.push_back(fmt::format(

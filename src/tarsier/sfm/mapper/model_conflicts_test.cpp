@@ -16,6 +16,21 @@ using Eigen::Vector3d;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
+Model registered_images(int count) {
+  Model model;
+  model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
+  model.images.resize(at(count));
+  for (Image& image : model.images) image.registered = true;
+  return model;
+}
+
+void observe(const cv::Point2d& pixel, int image_index, int point_index, Image& image,
+             Point& point) {
+  point.track.push_back({image_index, static_cast<int>(image.features.size())});
+  image.features.emplace_back(pixel);
+  image.points.push_back(point_index);
+}
+
 TEST(ModelConflicts, ATrueModelHasNone) {
   const ModelConflicts conflicts(testing::prism(false).model);
   EXPECT_FALSE(conflicts.any());
@@ -27,11 +42,8 @@ TEST(ModelConflicts, ATrueModelHasNone) {
 // images around one of them: images that are 12 degrees apart share none of those.
 Model arc_of_weak_features() {
   constexpr int kArc = 10;
-  Model model;
-  model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
-  model.images.resize(kArc);
+  Model model = registered_images(kArc);
   for (int i = 0; i < kArc; ++i) {
-    model.images[at(i)].registered = true;
     model.images[at(i)].pose = {geometry::rotation_by({0, 4 * CV_PI / 180 * (i - 4.5), 0}),
                                 {0, 0, 6}};
   }
@@ -42,9 +54,7 @@ Model arc_of_weak_features() {
     for (int i = 0; i < kArc; ++i) {
       Image& image = model.images[at(i)];
       if (p % 3 != 0 && std::abs(p % kArc - i) > 1) continue;
-      image.features.emplace_back(*model.cameras[0].project(image.pose * point.position));
-      image.points.push_back(p);
-      point.track.push_back({i, static_cast<int>(image.features.size()) - 1});
+      observe(*model.cameras[0].project(image.pose * point.position), i, p, image, point);
     }
     model.points.push_back(std::move(point));
   }
@@ -61,11 +71,8 @@ TEST(ModelConflicts, FeaturesThatAreFoundFromNearbyOnlyAreNone) {
 // features of the images within six of one of them. Those of the last image only of the images within four.
 Model row_with_a_poor_image() {
   constexpr int kRow = 20;
-  Model model;
-  model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
-  model.images.resize(kRow);
+  Model model = registered_images(kRow);
   for (int i = 0; i < kRow; ++i) {
-    model.images[at(i)].registered = true;
     model.images[at(i)].pose.translation = {-1.0 * i, 0, 0};
   }
   Rng rng(5);
@@ -82,9 +89,7 @@ Model row_with_a_poor_image() {
       const auto pixel = model.cameras[0].project(image.pose * point.position);
       if (std::abs(pixel->x - 320) > 320 || (is_weak && std::abs(place - i) > reach)) continue;
       if (is_weak && i == kRow - 1 && place != i) continue;
-      image.features.emplace_back(*pixel);
-      image.points.push_back(p);
-      point.track.push_back({i, static_cast<int>(image.features.size()) - 1});
+      observe(*pixel, i, p, image, point);
     }
     model.points.push_back(std::move(point));
   }
@@ -103,11 +108,8 @@ TEST(ModelConflicts, AnImageThatContradictsOnlyWhatIsFarFromItIsInItsPlace) {
 // the others in one of three.
 Model row_of_chance() {
   constexpr int kRow = 500;
-  Model model;
-  model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
-  model.images.resize(kRow);
+  Model model = registered_images(kRow);
   for (int i = 0; i < kRow; ++i) {
-    model.images[at(i)].registered = true;
     model.images[at(i)].pose.translation = {-0.5 * i, 0, 5};
   }
   Rng rng(2);
@@ -121,9 +123,7 @@ Model row_of_chance() {
       if (std::abs(point.position.x() - 0.5 * i) > 3) continue;
       const auto pixel = model.cameras[0].project(image.pose * point.position);
       if (!pixel || std::abs(pixel->x - 320) > 320 || rng.uniform(0, 1) > rate) continue;
-      image.features.emplace_back(*pixel);
-      image.points.push_back(p);
-      point.track.push_back({i, static_cast<int>(image.features.size()) - 1});
+      observe(*pixel, i, p, image, point);
     }
     model.points.push_back(std::move(point));
   }

@@ -196,7 +196,7 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
     std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) {
       return std::pair(a.first, a.second) < std::pair(b.first, b.second);
     });
-    (void)p.image_set.estimate_focal_lengths(pairs, stop);
+    (void)p.image_set.estimate_focal_lengths(pairs, stop);  // more pairs tell it better
     Reconstruction made = reconstruct(input_of(pairs), mapper, progress, stop);
     p.waiting_for = made.no_model;
     if (!made.models.empty() && statistics_of(made.models[0]).registered > registered()) {

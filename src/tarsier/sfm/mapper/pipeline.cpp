@@ -414,7 +414,7 @@ Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bo
       Reconstruction judged = map(Round::kJudge);
       if (judged.interrupted) made.interrupted = true;
       if (judged.interrupted || judged.models.empty()) return made;
-      judged.log = std::move(made.log);
+      judged.log.insert(judged.log.begin(), made.log.begin(), made.log.end());
       judged.resumed = made.resumed;
       return judged;
     }
@@ -548,9 +548,12 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     if (round == Round::kJudge) {
       mapping.from = std::exchange(last, std::nullopt);
       mapping.watch = {};
-      return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+      const auto known = static_cast<std::ptrdiff_t>(mapping.from->log.size());
+      Reconstruction judged = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+      judged.log.erase(judged.log.begin(), judged.log.begin() + known);
+      return judged;
     }
-    const std::string checkpoint = round == Round::kAgain ? key + "-2" : key;
+    const std::string checkpoint = round == Round::kAgain ? key + std::string(Cache::kAgain) : key;
     if (!key.empty() && !hooks.watch) mapping.from = cache.checkpoint(checkpoint);
     mapping.keep = [&, checkpoint, warned = false](const MapperState& state) mutable {
       if (image_set.has_guess()) last = state;
