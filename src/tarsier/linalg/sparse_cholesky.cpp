@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kManyOperations = 1e7;  // below, tiles are not looked for
 constexpr double kTileGain = 6;          // operations of tiles in the time of one of elements
+constexpr double kManySolutions = 200;   // in the operations of a factorization: it is costly
 
 class ByElements : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
  public:
@@ -49,13 +50,36 @@ Eigen::SparseMatrix<double> graph_of(const BlockPattern& pattern) {
   return graph;
 }
 
+// A x of the matrix of the blocks, of which only the upper triangle is read.
+Eigen::VectorXd product_of(const BlockPattern& pattern, const double* values,
+                           const Eigen::VectorXd& x) {
+  Eigen::VectorXd result = Eigen::VectorXd::Zero(x.size());
+  for (const auto& [row, column] : pattern.blocks) {
+    const Eigen::Index r = pattern.first_of(row);
+    const Eigen::Index c = pattern.first_of(column);
+    const Eigen::Map<const Eigen::MatrixXd> block(values, pattern.size_of(row),
+                                                  pattern.size_of(column));
+    values += block.size();
+    const auto right = x.segment(c, block.cols());
+    auto to = result.segment(r, block.rows());
+    if (row == column) {
+      to.noalias() += block.selfadjointView<Eigen::Upper>() * right;
+      continue;
+    }
+    to.noalias() += block.lazyProduct(right);
+    result.segment(c, block.cols()).noalias() +=
+        block.transpose().lazyProduct(x.segment(r, block.rows()));
+  }
+  return result;
+}
+
 }  // namespace
 
 // By elements or by tiles; the other takes no memory.
 struct SparseCholesky::Factor {
   std::optional<ByElements> elements;
   std::optional<TileCholesky> tiles;
-  BlockPattern pattern;                // where it was given, and `elements` are used
+  BlockPattern pattern;                // where it was given
   Eigen::SparseMatrix<double> matrix;  // likewise: the upper triangle
 
   // Whether tiles are faster than so many operations of elements.
@@ -78,19 +102,17 @@ struct SparseCholesky::Factor {
     const double* begin_of_column = values.data();
     std::size_t begin = 0;
     for (int v = 0; v < pattern.variables(); ++v) {
-      const int columns = size_of(v);
+      const int columns = pattern.size_of(v);
       std::size_t end = begin;
       while (end < pattern.blocks.size() && pattern.blocks[end].column == v) ++end;
       for (int c = 0; c < columns; ++c) {
-        if (is_first) matrix.startVec(pattern.first[static_cast<std::size_t>(v)] + c);
+        if (is_first) matrix.startVec(pattern.first_of(v) + c);
         const double* numbers = begin_of_column;
         for (std::size_t b = begin; b < end; ++b) {
           const int row = pattern.blocks[b].row;
-          const int rows = size_of(row);
+          const int rows = pattern.size_of(row);
           for (int r = 0; r < (row == v ? c + 1 : rows); ++r) {
-            if (is_first)
-              matrix.insertBack(pattern.first[static_cast<std::size_t>(row)] + r,
-                                pattern.first[static_cast<std::size_t>(v)] + c) = 1;
+            if (is_first) matrix.insertBack(pattern.first_of(row) + r, pattern.first_of(v) + c) = 1;
             matrix.valuePtr()[filled++] = numbers[c * rows + r];
           }
           numbers += rows * columns;
@@ -100,11 +122,6 @@ struct SparseCholesky::Factor {
       begin = end;
     }
     if (is_first) matrix.finalize();
-  }
-
-  [[nodiscard]] int size_of(int variable) const {
-    const auto v = static_cast<std::size_t>(variable);
-    return pattern.first[v + 1] - pattern.first[v];
   }
 };
 
@@ -125,12 +142,12 @@ void SparseCholesky::analyze(const Eigen::SparseMatrix<double>& a) {
 
 void SparseCholesky::analyze(const BlockPattern& pattern) {
   factor_ = std::make_unique<Factor>();
+  factor_->pattern = pattern;
   ByElements blocks;
   blocks.analyzePattern(graph_of(pattern));
   const double operations =
       blocks.operations(static_cast<double>(pattern.size()) / std::max(1, pattern.variables()));
-  if (operations >= kManyOperations && factor_->takes_tiles(operations, pattern)) return;
-  factor_->pattern = pattern;
+  if (operations >= kManyOperations) (void)factor_->takes_tiles(operations, pattern);
 }
 
 bool SparseCholesky::factorize(const Eigen::SparseMatrix<double>& a) {
@@ -159,6 +176,35 @@ bool SparseCholesky::factorize(const std::vector<double>& values) {
 
 Eigen::VectorXd SparseCholesky::solve(const Eigen::VectorXd& b) const {
   return factor_->tiles ? factor_->tiles->solve(b) : factor_->elements->solve(b).eval();
+}
+
+bool SparseCholesky::is_costly() const {
+  return factor_->tiles &&
+         factor_->tiles->operations() >= kManySolutions * factor_->tiles->solve_operations();
+}
+
+std::optional<Eigen::VectorXd> SparseCholesky::solve_near(const std::vector<double>& values,
+                                                          const Eigen::VectorXd& b,
+                                                          double tolerance,
+                                                          int max_iterations) const {
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(b.size());
+  Eigen::VectorXd residual = b;
+  Eigen::VectorXd preconditioned = solve(residual);
+  Eigen::VectorXd direction = preconditioned;
+  double size = residual.dot(preconditioned);
+  const double limit = tolerance * tolerance * size;
+  for (int k = 0; k < max_iterations; ++k) {
+    if (size <= limit) return x;
+    const Eigen::VectorXd product = product_of(factor_->pattern, values.data(), direction);
+    const double curvature = direction.dot(product);
+    if (!(curvature > 0)) return std::nullopt;
+    x += size / curvature * direction;
+    residual -= size / curvature * product;
+    preconditioned = solve(residual);
+    const double before = std::exchange(size, residual.dot(preconditioned));
+    direction = preconditioned + size / before * direction;
+  }
+  return size <= limit ? std::optional(std::move(x)) : std::nullopt;
 }
 
 }  // namespace tarsier::linalg

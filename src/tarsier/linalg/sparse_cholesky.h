@@ -7,6 +7,7 @@
 #include <Eigen/SparseCore>
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 namespace tarsier::linalg {
@@ -31,6 +32,18 @@ class SparseCholesky {
   [[nodiscard]] bool factorize(const std::vector<double>& values);
   // x with A x = b, after factorize() was true.
   [[nodiscard]] Eigen::VectorXd solve(const Eigen::VectorXd& b) const;
+  // Whether a factorization takes so many more operations than a solution that solve_near() is the faster one. After
+  // analyze(pattern).
+  [[nodiscard]] bool is_costly() const;
+  // x with A x = b, where A is the matrix of other `values` of the pattern's blocks, near to the one that was factorized:
+  // conjugate gradients with that one's factor as preconditioner (Golub and Van Loan, Matrix Computations, 11.5.2). They end
+  // where r^T M^-1 r, with r = b - A x and M the matrix that was factorized, is less than `tolerance` squared times
+  // b^T M^-1 b. Nothing where that takes more than `max_iterations`, of a product and a solution each, or where A is seen
+  // not to be positive definite. After analyze(pattern), and after factorize() was true.
+  [[nodiscard]] std::optional<Eigen::VectorXd> solve_near(const std::vector<double>& values,
+                                                          const Eigen::VectorXd& b,
+                                                          double tolerance,
+                                                          int max_iterations) const;
 
  private:
   struct Factor;

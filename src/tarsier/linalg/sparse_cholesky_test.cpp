@@ -62,6 +62,57 @@ TEST(SparseCholesky, TakesAMatrixByBlocks) {
   }
 }
 
+// Of blocks of two numbers, each tied to all others; `tie` between two, and `own` on the diagonal.
+struct FullBlocks {
+  BlockPattern pattern;
+  std::vector<double> values;
+  Eigen::MatrixXd matrix;
+
+  FullBlocks(int variables, double own, double tie)
+      : matrix(Eigen::MatrixXd::Zero(2 * variables, 2 * variables)) {
+    for (int column = 0; column < variables; ++column) {
+      pattern.first.push_back(2 * column);
+      for (int row = 0; row <= column; ++row) {
+        pattern.blocks.push_back({row, column});
+        Eigen::Matrix2d block;
+        block << tie, 0.5 * tie, -0.5 * tie, tie / (1 + column - row);
+        if (row == column) block = Eigen::Vector2d(own, own + column).asDiagonal();
+        values.insert(values.end(), block.data(), block.data() + 4);
+        matrix.block<2, 2>(2 * row, 2 * column) = block;
+        matrix.block<2, 2>(2 * column, 2 * row) = block.transpose();
+      }
+    }
+    pattern.first.push_back(2 * variables);
+  }
+};
+
+TEST(SparseCholesky, SolvesAMatrixNearTheOneItFactorized) {
+  const FullBlocks first(40, 90, 1);
+  const FullBlocks near(40, 110, 1.1);
+  SparseCholesky cholesky;
+  cholesky.analyze(first.pattern);
+  ASSERT_TRUE(cholesky.factorize(first.values));
+  const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(80, -1, 5);
+  const Eigen::VectorXd b = near.matrix * x;
+  const auto solution = cholesky.solve_near(near.values, b, 1e-10, 20);
+  ASSERT_TRUE(solution);
+  EXPECT_LT((*solution - x).norm(), 1e-8);
+  EXPECT_GT((cholesky.solve(b) - x).norm(), 1e-2) << "not that of the other matrix";
+  // The same matrix takes one iteration, another one more than two.
+  EXPECT_TRUE(cholesky.solve_near(first.values, first.matrix * x, 1e-10, 1));
+  EXPECT_FALSE(cholesky.solve_near(near.values, b, 1e-10, 2));
+  const FullBlocks negative(40, -90, 1);
+  EXPECT_FALSE(cholesky.solve_near(negative.values, b, 1e-10, 20));
+}
+
+TEST(SparseCholesky, FullMatricesAreCostlyAndSmallOnesAreNot) {
+  SparseCholesky cholesky;
+  cholesky.analyze(FullBlocks(40, 90, 1).pattern);
+  EXPECT_FALSE(cholesky.is_costly());
+  cholesky.analyze(FullBlocks(700, 2000, 1).pattern);
+  EXPECT_TRUE(cholesky.is_costly());
+}
+
 // A factor that is rather full, which is made by tiles, then one of a chain by the same object.
 TEST(SparseCholesky, TakesFullAndThinOnesInTurn) {
   constexpr int kSize = 900;

@@ -110,8 +110,8 @@ void TileCholesky::analyze_in_order(const std::vector<int>& variables) {
   order_tiles(variables);
   std::vector<std::vector<int>> below(columns_.size());
   for (const auto& [row, column] : pattern_.blocks) {
-    for (int r = pattern_.first[at(row)]; r < pattern_.first[at(row) + 1]; ++r) {
-      for (int c = pattern_.first[at(column)]; c < pattern_.first[at(column) + 1]; ++c) {
+    for (int r = pattern_.first_of(row); r < pattern_.first_of(row + 1); ++r) {
+      for (int c = pattern_.first_of(column); c < pattern_.first_of(column + 1); ++c) {
         const int first = std::min(place_[at(r)], place_[at(c)]) / kTileSize;
         const int second = std::max(place_[at(r)], place_[at(c)]) / kTileSize;
         if (first != second && (below[at(first)].empty() || below[at(first)].back() != second))
@@ -127,7 +127,7 @@ void TileCholesky::order_tiles(const std::vector<int>& variables) {
   const int size = pattern_.size();
   std::vector<int> order;  // of numbers
   for (const int variable : variables)
-    for (int k = pattern_.first[at(variable)]; k < pattern_.first[at(variable) + 1]; ++k)
+    for (int k = pattern_.first_of(variable); k < pattern_.first_of(variable + 1); ++k)
       order.push_back(k);
   std::vector<int> position(order.size());
   for (int k = 0; k < size; ++k) position[at(order[at(k)])] = k;
@@ -135,10 +135,10 @@ void TileCholesky::order_tiles(const std::vector<int>& variables) {
   std::vector<Eigen::Triplet<double>> linked;
   for (const auto& [row, column] : pattern_.blocks) {
     // A variable's numbers follow each other.
-    const int rows[] = {position[at(pattern_.first[at(row)])] / kTileSize,
-                        position[at(pattern_.first[at(row) + 1] - 1)] / kTileSize};
-    const int columns[] = {position[at(pattern_.first[at(column)])] / kTileSize,
-                           position[at(pattern_.first[at(column) + 1] - 1)] / kTileSize};
+    const int rows[] = {position[at(pattern_.first_of(row))] / kTileSize,
+                        position[at(pattern_.first_of(row + 1) - 1)] / kTileSize};
+    const int columns[] = {position[at(pattern_.first_of(column))] / kTileSize,
+                           position[at(pattern_.first_of(column + 1) - 1)] / kTileSize};
     for (int r = rows[0]; r <= rows[1]; ++r) {
       for (int c = columns[0]; c <= columns[1]; ++c) {
         linked.emplace_back(r, c, 1.0);
@@ -189,6 +189,10 @@ double TileCholesky::operations() const {
   return sum;
 }
 
+double TileCholesky::solve_operations() const {
+  return 2.0 * static_cast<double>(tile_count_) * static_cast<double>(kTileNumbers);
+}
+
 int TileCholesky::tile_at(int row, int column) const {
   const Column& of = columns_[at(column)];
   if (row == column) return of.first;
@@ -204,13 +208,13 @@ void TileCholesky::fill(const double* values) {
   int last_column = -1;
   double* tile = nullptr;
   for (const auto& [row, column] : pattern_.blocks) {
-    const int rows = pattern_.first[at(row) + 1] - pattern_.first[at(row)];
-    for (int c = pattern_.first[at(column)]; c < pattern_.first[at(column) + 1];
+    const int rows = pattern_.size_of(row);
+    for (int c = pattern_.first_of(column); c < pattern_.first_of(column + 1);
          ++c, values += rows) {
-      const int limit = row == column ? c - pattern_.first[at(column)] + 1 : rows;
+      const int limit = row == column ? c - pattern_.first_of(column) + 1 : rows;
       for (int k = 0; k < limit; ++k) {
         const auto [first, second] =
-            std::minmax(place_[at(pattern_.first[at(row)] + k)], place_[at(c)]);
+            std::minmax(place_[at(pattern_.first_of(row) + k)], place_[at(c)]);
         if (first / kTileSize != last_column || second / kTileSize != last_row) {
           last_column = first / kTileSize;
           last_row = second / kTileSize;

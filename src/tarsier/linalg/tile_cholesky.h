@@ -22,6 +22,12 @@ struct BlockPattern {
 
   [[nodiscard]] int variables() const { return static_cast<int>(first.size()) - 1; }
   [[nodiscard]] int size() const { return first.back(); }  // of the matrix
+  [[nodiscard]] int first_of(int variable) const {
+    return first[static_cast<std::size_t>(variable)];
+  }
+  [[nodiscard]] int size_of(int variable) const {
+    return first_of(variable + 1) - first_of(variable);
+  }
 };
 
 // P A P^T = L L^T of a sparse symmetric positive definite matrix, n x n, whose factor L is rather full: the equations of
@@ -36,6 +42,8 @@ class TileCholesky {
   void analyze(BlockPattern pattern);
   // Multiplications that factorize() will take.
   [[nodiscard]] double operations() const;
+  // .. and that solve() will.
+  [[nodiscard]] double solve_operations() const;
   // False where the matrix is not positive definite. `values`: of the pattern's blocks; of those on the diagonal, the upper
   // triangle is read.
   [[nodiscard]] bool factorize(const double* values);

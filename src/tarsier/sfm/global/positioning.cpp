@@ -77,6 +77,11 @@ class Positioning {
       ++column_first_[(pair >> 32) + 1];
     }
     for (std::size_t c = 0; c < at(problem_.cameras); ++c) column_first_[c + 1] += column_first_[c];
+    for (std::size_t p = 0; p < points(); ++p)
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
+        for (std::size_t l = problem_.first[p]; l <= k; ++l)
+          pair_blocks_.push_back(static_cast<std::uint32_t>(
+              block_of(std::min(camera(k), camera(l)), std::max(camera(k), camera(l)))));
   }
 
   [[nodiscard]] std::uint64_t key(std::size_t k, std::size_t l) const {
@@ -90,6 +95,9 @@ class Positioning {
     const auto end = rows_.begin() + static_cast<std::ptrdiff_t>(column_first_[at(column) + 1]);
     return static_cast<std::size_t>(std::lower_bound(begin, end, row) - rows_.begin());
   }
+
+  // That of a camera with itself, the last one of its column.
+  [[nodiscard]] std::size_t diagonal(int camera) const { return column_first_[at(camera) + 1] - 1; }
 
   // A sparse matrix of blocks of size x size, its upper triangle, from all numbers of the blocks.
   [[nodiscard]] Eigen::SparseMatrix<double> matrix_of(int size,
@@ -128,6 +136,7 @@ class Positioning {
                                   Vector3d::Zero());  // of the rays' ends, seen from their cameras
       std::vector<double> sums(points(), 0);
       double most = 0;
+      const std::uint32_t* pair_block = pair_blocks_.data();
       for (std::size_t p = 0; p < points(); ++p) {
         for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
           sums[p] += weights[k];
@@ -136,18 +145,16 @@ class Positioning {
         means[p] /= sums[p];
         for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
           const int i = camera(k);
-          numbers[block_of(i, i)] += weights[k];
+          numbers[diagonal(i)] += weights[k];
           right.row(i) += weights[k] * (means[p] - depths[k] * direction(k)).transpose();
-          for (std::size_t l = problem_.first[p]; l <= k; ++l) {
-            const int j = camera(l);
-            numbers[block_of(std::min(i, j), std::max(i, j))] -= weights[k] * weights[l] / sums[p];
-          }
+          for (std::size_t l = problem_.first[p]; l <= k; ++l)
+            numbers[*pair_block++] -= weights[k] * weights[l] / sums[p];
         }
       }
-      for (int i = 0; i < problem_.cameras; ++i) most = std::max(most, numbers[block_of(i, i)]);
+      for (int i = 0; i < problem_.cameras; ++i) most = std::max(most, numbers[diagonal(i)]);
       if (!(most > 0)) return false;
       // Nothing says where the whole lies: a weak pull to the origin does.
-      for (int i = 0; i < problem_.cameras; ++i) numbers[block_of(i, i)] += 1e-9 * most;
+      for (int i = 0; i < problem_.cameras; ++i) numbers[diagonal(i)] += 1e-9 * most;
       const Eigen::SparseMatrix<double> matrix = matrix_of(1, numbers);
       if (!analyzed) factor.analyze(matrix);
       analyzed = true;
@@ -277,8 +284,8 @@ class Positioning {
   std::vector<double> reduce(double damping) {
     std::vector<double> numbers(9 * rows_.size(), 0);
     right_ = camera_gradient_;
-    const auto block = [&](int row, int column) {
-      return Eigen::Map<Matrix3d>(numbers.data() + 9 * block_of(row, column));
+    const auto numbers_of = [&](std::size_t block) {
+      return Eigen::Map<Matrix3d>(numbers.data() + 9 * block);
     };
     const auto damped = [&](Matrix3d spring) {
       const double mean = spring.trace() / 3;
@@ -286,8 +293,10 @@ class Positioning {
       spring.diagonal().array() += 1e-9 * mean + 1e-30;
       return spring;
     };
-    for (int i = 0; i < problem_.cameras; ++i) block(i, i) = damped(camera_springs_[at(i)]);
+    for (int i = 0; i < problem_.cameras; ++i)
+      numbers_of(diagonal(i)) = damped(camera_springs_[at(i)]);
     inverses_.resize(points());
+    const std::uint32_t* pair_block = pair_blocks_.data();
     for (std::size_t p = 0; p < points(); ++p) {
       const Matrix3d inverse = inverses_[p] =
           damped(point_springs_[p]).ldlt().solve(Matrix3d::Identity());
@@ -298,10 +307,11 @@ class Positioning {
         const Matrix3d half = springs_[k] * inverse;
         for (std::size_t l = problem_.first[p]; l <= k; ++l) {
           const Matrix3d both = half * springs_[l];
-          if (const int j = camera(l); i <= j)
-            block(i, j) -= both;
+          Eigen::Map<Matrix3d> block = numbers_of(*pair_block++);
+          if (i <= camera(l))
+            block -= both;
           else
-            block(j, i) -= both.transpose();
+            block -= both.transpose();
         }
       }
     }
@@ -314,7 +324,9 @@ class Positioning {
   PositionedCameras result_;
   std::vector<std::size_t> column_first_;  // of blocks
   std::vector<int> rows_;                  // of each block
-  std::vector<Matrix3d> springs_;          // of each ray
+  std::vector<std::uint32_t>
+      pair_blocks_;  // of each two rays of a point, the second one not after the first
+  std::vector<Matrix3d> springs_;  // of each ray
   std::vector<Matrix3d> point_springs_;
   std::vector<Matrix3d> camera_springs_;
   std::vector<Vector3d> gradients_;  // of each point, downhill

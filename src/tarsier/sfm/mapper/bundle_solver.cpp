@@ -39,7 +39,9 @@ constexpr double kMaxBend = 0.75;  // of twice the second order beside the step
 constexpr double kMinGain = 1e-3;
 constexpr int kStripe = 16;  // variables whose columns one thread takes at least
 constexpr int kMaxStripes = 32;
-constexpr int kFewPoses = 80;  // up to which a dense system is faster in any case
+constexpr int kFewPoses = 80;           // up to which a dense system is faster in any case
+constexpr double kNearTolerance = 0.1;  // leaves a hundredth of what a step could take off the sum
+constexpr int kMaxNearIterations = 6;
 
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
 using Eigen::Matrix3d;
@@ -183,8 +185,7 @@ class Solver {
     point_inverse_.resize(points);
     if (!eliminate(damping, moved)) return false;
     if (variables_.size > 0 && !(is_sparse_ ? factor_sparse() : factor_dense())) return false;
-    solve_cameras(moved);
-    if (!moved.allFinite()) return false;
+    if (!solve_cameras(moved) || !moved.allFinite()) return false;
     solve_points(equations_.point_gradient, step);
     promised = 0;
     for (Eigen::Index k = 0; k < variables_.size; ++k)
@@ -228,8 +229,7 @@ class Solver {
     bend.variables = -gradient;
     for (std::size_t p = 0; p < point_gradient.size(); ++p)
       if (problem_.point_moves[p] != 0) eliminate_right(p, point_gradient[p], bend.variables);
-    solve_cameras(bend.variables);
-    if (!bend.variables.allFinite()) return false;
+    if (!solve_cameras(bend.variables) || !bend.variables.allFinite()) return false;
     const double size = equations_.scale.dot(step.variables.cwiseAbs2());
     const double bend_size = equations_.scale.dot(bend.variables.cwiseAbs2());
     if (2 * std::sqrt(bend_size) > kMaxBend * std::sqrt(size)) return false;
@@ -352,11 +352,25 @@ class Solver {
     return dense_factor_.compute(dense_);
   }
 
-  // `right` becomes the solution.
-  void solve_cameras(VectorXd& right) {
-    if (variables_.size == 0) return;
-    right =
-        is_sparse_ ? VectorXd(sparse_factor_.solve(right)) : VectorXd(dense_factor_.solve(right));
+  // `right` becomes the solution; false where there is none.
+  bool solve_cameras(VectorXd& right) {
+    if (variables_.size == 0) return true;
+    if (!is_sparse_) {
+      right = dense_factor_.solve(right);
+      return true;
+    }
+    if (is_of_earlier_step_) {
+      std::optional<VectorXd> solution =
+          sparse_factor_.solve_near(reduced_, right, kNearTolerance, kMaxNearIterations);
+      if (solution) {
+        right = std::move(*solution);
+        return true;
+      }
+      is_of_earlier_step_ = false;
+      if (!factorize()) return false;
+    }
+    right = sparse_factor_.solve(right);
+    return true;
   }
 
   bool factor_sparse() {
@@ -369,8 +383,11 @@ class Solver {
       sparse_factor_.analyze(pattern);
       is_analyzed_ = true;
     }
-    return sparse_factor_.factorize(reduced_);
+    is_of_earlier_step_ = is_factorized_ && sparse_factor_.is_costly();
+    return is_of_earlier_step_ || factorize();
   }
+
+  bool factorize() { return is_factorized_ = sparse_factor_.factorize(reduced_); }
 
   BundleProblem& problem_;
   const BundleSolverOptions& options_;
@@ -388,6 +405,8 @@ class Solver {
   MatrixXd dense_;
   linalg::Cholesky dense_factor_;
   bool is_analyzed_ = false;
+  bool is_factorized_ = false;
+  bool is_of_earlier_step_ = false;  // the factor, and used as long as it is near enough
   linalg::SparseCholesky sparse_factor_;
 };
 

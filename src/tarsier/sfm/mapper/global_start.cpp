@@ -23,6 +23,7 @@ constexpr double kCycleDeg = 5;       // of a closed cycle
 constexpr int kMinCycles = 2;         // of an edge that can be judged by them
 constexpr double kRotationDeg = 10;   // an edge that is off by more is wrong
 constexpr std::size_t kPoints = 150;  // of an image, that take part in positioning
+constexpr std::size_t kMaxRays = 60;  // of such a point: the equations grow with the square
 constexpr double kMaxSine = 0.1;      // of a ray and the direction to its point
 // Of an adjustment. A long loop that has to bend takes many; where it is not closed when observations that are far off are
 // left out, it stays open.
@@ -157,6 +158,16 @@ class GlobalMapping {
 
   // --- positions ---
 
+  // Of a track that is too long, observations of images that are evenly spread among its own.
+  static void keep_some(std::vector<Observation>& track) {
+    if (track.size() <= kMaxRays) return;
+    std::sort(track.begin(), track.end(),
+              [](const Observation& a, const Observation& b) { return a.image < b.image; });
+    for (std::size_t k = 0; k < kMaxRays; ++k)
+      track[k] = track[k * (track.size() - 1) / (kMaxRays - 1)];
+    track.resize(kMaxRays);
+  }
+
   // The longest tracks, until each image has enough of them.
   void choose_tracks() {
     std::vector<int> features;
@@ -168,6 +179,7 @@ class GlobalMapping {
       if (std::none_of(track.begin(), track.end(),
                        [&](const Observation& seen) { return points[at(seen.image)] < kPoints; }))
         continue;
+      keep_some(track);
       for (const Observation& seen : track) ++points[at(seen.image)];
       tracks_.push_back(std::move(track));
     }

@@ -14,7 +14,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <map>
 #include <numeric>
 
 namespace tarsier::sfm {
@@ -417,12 +416,13 @@ std::vector<Correspondence2D3D> IncrementalMapper::inliers_of(
 }
 
 void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
-  std::map<int, int> shared;
+  std::vector<int> shared(model_.images.size(), 0);
   for (const auto& [feature, track] : visible(image))
-    for (const Observation& seen : model_.points[at(track)].track) ++shared[seen.image];
-  shared.erase(image);
+    for (const Observation& seen : model_.points[at(track)].track) ++shared[at(seen.image)];
+  shared[at(image)] = 0;
   std::vector<std::pair<int, int>> order;
-  for (const auto& [other, count] : shared) order.emplace_back(-count, other);
+  for (std::size_t i = 0; i < shared.size(); ++i)
+    if (shared[i] > 0) order.emplace_back(-shared[i], static_cast<int>(i));
   std::sort(order.begin(), order.end());
   BundleOptions bundle;
   bundle.max_iterations = 20;
@@ -467,8 +467,10 @@ int IncrementalMapper::triangulate_track(int track, double min_angle) {
     if (model_.images[at(seen.image)].registered) there.push_back(seen);
   if (there.size() < 2 || before == there.size()) return 0;
   if (before > 0) {
+    std::vector<char> is_known(model_.images.size(), 0);
+    for (const Observation& seen : point.track) is_known[at(seen.image)] = 1;
     for (const Observation& seen : there) {
-      if (std::find(point.track.begin(), point.track.end(), seen) != point.track.end()) continue;
+      if (is_known[at(seen.image)] != 0) continue;
       const auto error = error_of(model_, seen, point.position);
       if (error && *error <= options_.reprojection_px) point.track.push_back(seen);
     }

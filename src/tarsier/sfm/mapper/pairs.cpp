@@ -27,6 +27,7 @@ constexpr int kIterations = 20;      // of k-means; more change the result of a 
 constexpr int kRows = 128;           // at a time, so that their scores stay in the cache
 constexpr int kBatch = 16;           // images whose descriptors are in memory at a time
 constexpr int kDepth = 512;          // of a product of VLAD vectors at a time, for the cache
+constexpr float kDense = 0.85F;      // of a similarity, that is left at twice the rank
 constexpr int kMaxLineBytes = 1 << 16;
 
 std::size_t at(std::ptrdiff_t row, std::ptrdiff_t width) {
@@ -277,6 +278,33 @@ class NearPlace {
   double farthest_ = std::numeric_limits<double>::infinity();
 };
 
+// The more similar of two images comes first, by the similarities of all; of two as similar the first.
+struct IsMoreSimilar {
+  const float* similarities;
+
+  bool operator()(int a, int b) const {
+    return similarities[a] != similarities[b] ? similarities[a] > similarities[b] : a < b;
+  }
+};
+
+// The images at 2, 4, 8, .. times the rank `nearest`, as long as each is nearly as similar as the one before. Changes the order
+// of `images`.
+std::vector<int> farther_ones(std::vector<int>& images, int nearest, const float* similarities) {
+  std::vector<int> farther;
+  float before = std::numeric_limits<float>::infinity();
+  for (std::ptrdiff_t rank = nearest; rank <= std::ssize(images); rank *= 2) {
+    const auto other = images.begin() + rank - 1;
+    std::nth_element(images.begin(), other, images.end(), IsMoreSimilar{similarities});
+    const float similarity = similarities[*other];
+    if (rank > nearest) {
+      if (!(similarity > 0 && similarity >= kDense * before)) break;
+      farther.push_back(*other);
+    }
+    before = similarity;
+  }
+  return farther;
+}
+
 }  // namespace
 
 std::vector<ImagePair> exhaustive_pairs(int count) {
@@ -479,9 +507,9 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPlaces& places) const {
           row[other] *= scale;
           order.push_back(other);
         }
-        const auto is_more_similar = [&](int a, int b) {
-          return row[a] != row[b] ? row[a] > row[b] : a < b;
-        };
+        for (const int other : farther_ones(order, options_.nearest, row))
+          of_block[static_cast<std::size_t>(block)].push_back(std::minmax(image, other));
+        const IsMoreSimilar is_more_similar{row};
         const auto first_of = [&](std::ptrdiff_t most) {
           return order.begin() + std::min(most, static_cast<std::ptrdiff_t>(order.size()));
         };

@@ -78,6 +78,9 @@ class Retrieval {
   // Each image with its `options.nearest` most similar others. One that has no descriptors is
   // in no pair. All similarities are computed, as one product of matrices.
   //
+  // Where images lie so close that those at twice the rank have 0.85 of the similarity, the nearest ones are seen from
+  // nearly the same place. The images at 2, 4, 8, .. times the rank `options.nearest` are added there, as long as that holds.
+  //
   // `places`, one for each image or empty: where images were taken. Two thirds of the `nearest`
   // others of an image with a place are then the most similar among those that were taken nearest
   // to it, four times `nearest` of them and what is as near; the others are the most similar of

@@ -125,11 +125,11 @@ class World {
   cv::Mat looks_;
 };
 
-// Around an object: each shares three quarters of its points with the next.
-std::vector<cv::Mat> ring(int images, FeatureKind kind, std::uint64_t seed) {
-  World world(images * 50, kind, seed);
+// Around an object: each shares all of its 200 points but `step` with the next.
+std::vector<cv::Mat> ring(int images, FeatureKind kind, std::uint64_t seed, int step = 50) {
+  World world(images * step, kind, seed);
   std::vector<cv::Mat> result;
-  for (int i = 0; i < images; ++i) result.push_back(world.image(i * 50, 200));
+  for (int i = 0; i < images; ++i) result.push_back(world.image(i * step, 200));
   return result;
 }
 
@@ -156,6 +156,32 @@ TEST(Retrieval, FindsTheNeighboursOfARing) {
     }
     EXPECT_LE(pairs.size(), 30U * 4U);
   }
+}
+
+// The four nearest of each are two away at most.
+TEST(Retrieval, AddsFartherOnesWhereImagesLieClose) {
+  constexpr int kImages = 150;
+  constexpr int kStep = 2;
+  RetrievalOptions options;
+  options.words = 8;  // so that each has many points
+  options.nearest = 4;
+  const auto pairs =
+      retrieval_of(ring(kImages, FeatureKind::kSift, 1, kStep), FeatureKind::kSift, options)
+          .pairs();
+  EXPECT_TRUE(in_order(pairs));
+  std::vector<int> farthest(kImages, 0);
+  for (const auto& [first, second] : pairs) {
+    const int away = std::min(second - first, kImages - second + first);
+    EXPECT_LT(away * kStep, 150) << "they share little: " << first << " and " << second;
+    farthest[static_cast<std::size_t>(first)] =
+        std::max(farthest[static_cast<std::size_t>(first)], away);
+    farthest[static_cast<std::size_t>(second)] =
+        std::max(farthest[static_cast<std::size_t>(second)], away);
+  }
+  EXPECT_GE(*std::min_element(farthest.begin(), farthest.end()), 4);
+  EXPECT_GE(std::count_if(farthest.begin(), farthest.end(), [](int away) { return away >= 6; }),
+            kImages * 3 / 4);
+  EXPECT_LE(pairs.size(), kImages * 8U);
 }
 
 TEST(Retrieval, KeepsScenesApart) {
