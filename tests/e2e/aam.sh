@@ -57,6 +57,27 @@ run pose synth -o video --video --count 10 --size 320x240 --yaw 12 --pitch 5 --r
 run aam fit video/images --sequence --json -o none
 expect_status 0
 [ "$(grep -c '"faces":\[{"id":1,' stdout.txt)" -eq 10 ] || fail "not one face with one id in ten frames: $(cut -c1-60 stdout.txt)"
+# The pose of its points.
+run pose track video/images --sequence --fit aam --smooth none --json -o none
+expect_status 0
+python3 - stdout.txt video/truth.jsonl <<'END' || fail "the pose of the appearance model's points is off"
+import json, sys
+found = [json.loads(line) for line in open(sys.argv[1])]
+truth = [json.loads(line) for line in open(sys.argv[2])]
+assert len(found) == 10
+for a, b in zip(found, truth):
+    face, = a["faces"]
+    assert face["id"] == 1 and 0.3 < face["score"] <= 1, face
+    assert abs(face["yaw"] - b["yaw"]) < 14 and abs(face["pitch"] - b["pitch"]) < 12, (face["yaw"], b["yaw"], face["pitch"], b["pitch"])
+END
+run pose track video/images/0000.png --fit pixels -o none
+expect_status 2
+run pose track video/images/0000.png --appearance aam.json -o none
+expect_status 2
+expect_error "needs --fit aam"
+run pose track video/images/0000.png --appearance none.json --fit aam -o none
+expect_status 5
+expect_error "none.json"
 # Heads that turn: yaw goes the right way, and is near the truth.
 : >found.jsonl
 : >truth.jsonl

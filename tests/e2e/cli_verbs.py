@@ -306,7 +306,7 @@ def check_missing(verb):
 
 
 # Flags of these names that are not read by the run of VALID.
-NO_FILE = {("plate log", "--detector"), ("plate log", "--reader"), ("landmarks train tracker", "--head"), ("plate train-reader", "--detector"), ("pose track", "--appearance")}
+NO_FILE = {("plate log", "--detector"), ("plate log", "--reader"), ("landmarks train tracker", "--head"), ("plate train-reader", "--detector"), ("pose track", "--appearance"), ("pose eval", "--appearance")}
 
 
 def check_json_and_quiet(verb):

@@ -87,6 +87,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--features",
     "--find-pixels",
     "--find-threshold",
+    "--fit",
     "--fit-same-camera",
     "--focal",
     "--fixed-order",

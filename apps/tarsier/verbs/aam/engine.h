@@ -2,10 +2,9 @@
 #pragma once
 
 #include "tarsier/face/appearance/fit.h"
-#include "tarsier/face/appearance/tracker.h"
+#include "tarsier/face/pipelines/appearance_tracker.h"
 
 #include "framework/cli.h"
-#include <memory>
 #include <string>
 
 namespace tarsier::cli {
@@ -18,18 +17,12 @@ struct AamFlags {
   int starts = 1;               // around each
   double min_face = 0;          // px; 0: the usual
   face::appearance::FitOptions fit;
+  face::appearance::TrackOptions track;
 };
 void add_aam_flags(Command& verb, AamFlags& flags);
 
-// A model, ready to be fitted. `fitter` refers to `model`.
-struct AamEngine {
-  std::string path;
-  std::unique_ptr<face::appearance::AppearanceModel> model;
-  std::unique_ptr<face::appearance::Fitter> fitter;
-  face::appearance::FindStarts find;
-};
-// Throws ModelError, UsageError.
-[[nodiscard]] AamEngine make_aam_engine(const AamFlags& flags);
+// With the models that ship. Throws as face::AppearanceTracker::load(), Interrupted.
+[[nodiscard]] face::AppearanceTracker load_appearance_tracker(const AamFlags& flags);
 
 [[nodiscard]] std::string shipped_appearance_model();
 

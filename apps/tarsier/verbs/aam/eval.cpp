@@ -78,7 +78,7 @@ const face::appearance::TrackedObject* nearest(
 }
 
 ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& set,
-                       const AamEngine& engine, Context& context) {
+                       const face::AppearanceTracker& tracker, Context& context) {
   face::appearance::LoadOptions load;
   std::vector<std::string> skipped;
   const auto images = face::appearance::load_training_images(set, "", load, *context.progress,
@@ -93,9 +93,9 @@ ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& s
   for (const auto& [name, method] :
        {std::pair{"project-out", face::appearance::Method::kProjectOut},
         std::pair{"alternating", face::appearance::Method::kAlternating}}) {
-    face::appearance::FitOptions fit = engine.fitter->options();
+    face::appearance::FitOptions fit = tracker.fitter().options();
     fit.method = method;
-    const face::appearance::Fitter fitter(*engine.model, fit);
+    const face::appearance::Fitter fitter(tracker.model(), fit);
     curves.push_back({name, face::appearance::study_convergence(fitter, images, options,
                                                                 *context.progress, context.stop)});
     for (const face::appearance::ConvergencePoint& point : curves.back().points) {
@@ -120,16 +120,17 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const face::shape::LandmarkSet set =
       face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
   if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
-  const AamEngine engine = make_aam_engine(flags.aam);
-  if (engine.model->points() != set.points())
+  const face::AppearanceTracker tracker = load_appearance_tracker(flags.aam);
+  if (tracker.model().points() != set.points())
     throw InputError(flags.set.input, fmt::format("has {} points, the model {}", set.points(),
-                                                  engine.model->points()));
+                                                  tracker.model().points()));
   const std::array<int, 2> eyes = eyes_of(flags, set.points());
-  if (!flags.convergence.empty()) return convergence(flags, set, engine, context);
+  if (!flags.convergence.empty()) return convergence(flags, set, tracker, context);
 
   std::vector<face::landmarks::FitOutcome> outcomes;
   std::string lines;
   std::string table = "image,nme,missed,wrong,dx,dy,error,lost,iterations,ms\n";
+  const face::appearance::FindStarts find = tracker.find_starts();
   face::appearance::FitWorkspace workspace;
   double milliseconds = 0;
   int iterations = 0;
@@ -147,7 +148,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     }
     const Stopwatch watch;
     const std::vector<face::appearance::TrackedObject> objects =
-        face::appearance::find_objects(*engine.fitter, engine.find, image, 4, workspace);
+        face::appearance::find_objects(tracker.fitter(), find, image, 4, workspace);
     const double ms = watch.ms();
     milliseconds += ms;
     const face::appearance::TrackedObject* object = nearest(objects, sample.points);

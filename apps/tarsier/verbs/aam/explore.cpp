@@ -116,11 +116,11 @@ ExitStatus explore_points(const ExploreFlags& flags, Context& context) {
 ExploredImage fitted(const ExploreFlags& flags) {
   AamFlags aam = flags.aam;
   aam.model = flags.model;
-  const AamEngine engine = make_aam_engine(aam);
+  const face::AppearanceTracker tracker = load_appearance_tracker(aam);
   ExploredImage result{read_image(flags.image), {}};
   face::appearance::FitWorkspace workspace;
-  const auto found =
-      face::appearance::find_objects(*engine.fitter, engine.find, result.image, 1, workspace);
+  const auto found = face::appearance::find_objects(tracker.fitter(), tracker.find_starts(),
+                                                    result.image, 1, workspace);
   if (found.empty()) throw InputError(flags.image, "the model finds nothing of its kind in it");
   result.points = found.front().fit.points;
   return result;

@@ -19,7 +19,6 @@ using Drawn = AppearanceSession::Drawn;
 struct FitFlags {
   RunFlags run;
   AamFlags aam;
-  face::appearance::TrackOptions track;
   std::string draw = "mesh";
   bool parameters = false;
 };
@@ -58,15 +57,16 @@ Drawn parse_drawn(const std::string& name) {
 }
 
 ExitStatus run_fit(FitFlags& flags, Context& context) {
-  flags.track.check();
+  flags.aam.track.check();
   default_to_headless(flags.run);
   const Drawn drawn = parse_drawn(flags.draw);
-  AamEngine engine = make_aam_engine(flags.aam);
-  if (drawn == Drawn::kFace && !engine.model->colour &&
-      !face::appearance::has_offset(engine.model->levels.front().channels))
-    throw ModelError(engine.path, "has no colour texture for --draw face");
+  const face::AppearanceTracker tracker = load_appearance_tracker(flags.aam);
+  if (drawn == Drawn::kFace && !tracker.model().colour &&
+      !face::appearance::has_offset(tracker.model().levels.front().channels))
+    throw ModelError(tracker.path(), "has no colour texture for --draw face");
   DebugFolder debug(context.debug_dir);
-  AppearanceSession session(*engine.fitter, engine.find, flags.track, drawn, debug.sink());
+  AppearanceSession session(tracker.fitter(), tracker.find_starts(), flags.aam.track, drawn,
+                            debug.sink());
   bool found = false;
   RunHooks hooks;
   hooks.title = "appearance";
@@ -101,7 +101,7 @@ void add_flags(Command& verb, FitFlags& flags) {
       .show_default();
   verb.add_flag("--parameters", flags.parameters,
                 "--json: the parameters of shape and texture as well");
-  bind_all(verb, flags.track, "Videos and cameras");
+  bind_all(verb, flags.aam.track, "Videos and cameras");
 }
 
 }  // namespace

@@ -25,6 +25,15 @@ void add_pose_flags(Command& verb, PoseFlags& flags) {
   verb.add_option("--focal", flags.focal, "focal length in px [1.3 times the image's larger side]")
       .check(above(0))
       .excludes(camera);
+  verb.add_option(
+          "--fit", flags.fit,
+          "what finds the points: landmarks, or aam, an active appearance model that begins "
+          "from them and is followed by itself")
+      .check(one_of({"landmarks", "aam"}))
+      .show_default();
+  verb.add_option("--appearance", flags.appearance,
+                  "appearance model of --fit aam, and of `pose track --edit` [aam68.json, which "
+                  "ships]");
   verb.add_option("--refine", flags.refine,
                   "auto: the direction is corrected by what the whole head looks like; none: from "
                   "the landmarks alone")
@@ -47,11 +56,17 @@ geometry::Camera camera_of(const std::string& text) {
   return geometry::read_camera_file(text);
 }
 
-face::PoseTrackerOptions pose_options(const PoseFlags& flags) {
+face::PoseTrackerOptions pose_options(const PoseFlags& flags, bool edits) {
   if (flags.refine == "none" && !flags.view.empty())
     throw UsageError("--view and --refine none exclude each other");
+  if (flags.fit != "aam" && !edits && !flags.appearance.empty())
+    throw UsageError("--appearance needs --fit aam, or --edit of `pose track`");
   face::PoseTrackerOptions options;
   options.landmarks = landmark_options(flags.landmarks);
+  if (flags.fit == "aam") {
+    options.fit = face::PoseFit::kAam;
+    options.appearance = flags.appearance;
+  }
   options.head = flags.head;
   options.mapping = flags.mapping;
   options.refine = flags.refine != "none";

@@ -21,12 +21,15 @@ struct PoseFlags {
   std::string camera;   // a file, or numbers
   double focal = 0;     // px; 0: guessed
   std::string view;     // empty: the one that ships
+  std::string fit = "landmarks";
+  std::string appearance;  // empty: the one that ships
   std::string refine = "auto";
 };
 void add_pose_flags(Command& verb, PoseFlags& flags);
 
-// Throws InputError (the camera's file), UsageError.
-[[nodiscard]] face::PoseTrackerOptions pose_options(const PoseFlags& flags);
+// `edits`: the appearance model has another use, too. Throws InputError (the camera's file),
+// UsageError.
+[[nodiscard]] face::PoseTrackerOptions pose_options(const PoseFlags& flags, bool edits = false);
 // With the models that ship. Throws as face::load_pose_models(), Interrupted.
 [[nodiscard]] face::PoseModels load_pose_models(const face::PoseTrackerOptions& options);
 

@@ -32,7 +32,6 @@ struct TrackFlags {
   std::string csv;
   std::vector<std::string> edits;
   double amount = 1;
-  std::string appearance;
   bool no_identity = false;
 };
 
@@ -78,7 +77,8 @@ void set_edits(const TrackFlags& flags, PoseSessionOptions& options) {
   for (const std::string& name : flags.edits)
     options.edits.push_back(face::appearance::parse_edit(name));
   options.edit_amount = flags.amount;
-  const std::string path = flags.appearance.empty() ? shipped_appearance_model() : flags.appearance;
+  const std::string path =
+      flags.pose.appearance.empty() ? shipped_appearance_model() : flags.pose.appearance;
   auto model = std::make_shared<face::appearance::AppearanceModel>(
       face::appearance::read_appearance_model(path));
   if (!model->colour) throw ModelError(path, "has no colour texture to draw faces with");
@@ -100,7 +100,7 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
   PoseSessionOptions drawing;
   set_overlay(flags.draw, drawing);
   set_edits(flags, drawing);
-  face::PoseTrackerOptions options = pose_options(flags.pose);
+  face::PoseTrackerOptions options = pose_options(flags.pose, !flags.edits.empty());
   options.landmarks.tracker = flags.tracker;
   options.pose = flags.head;
   options.pose.fit_shape = !flags.no_identity;
@@ -152,8 +152,6 @@ void add_flags(Command& verb, TrackFlags& flags) {
   verb.add_option("--edit-amount", flags.amount, "how much, 1 is natural")
       .check(range(0.0, 2.0))
       .show_default();
-  verb.add_option("--appearance", flags.appearance,
-                  "appearance model that edits [aam68.json, which ships]");
   verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, face, score, angles, place (mm), error");
   verb.add_flag("--no-identity", flags.no_identity,

@@ -102,23 +102,46 @@ PoseFinder::PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks
       poser_.model().mirror.size());
 }
 
+Eigen::VectorXd PoseFinder::sigmas(const landmarks::TrackedFace& face) const {
+  if (face.visibility.sigma_px.size() == 0) return {};
+  return face.visibility.sigma_px(chosen_);
+}
+
+head::HeadPoseResult PoseFinder::pose(const landmarks::TrackedFace& face,
+                                      const geometry::Camera& camera, head::HeadIdentity* identity,
+                                      bool learn) const {
+  const Eigen::Matrix2Xd points = face.points(Eigen::all, chosen_);
+  if (identity == nullptr) return poser_.pose(points, camera, sigmas(face));
+  if (learn) return poser_.pose(points, camera, *identity, sigmas(face));
+  head::HeadIdentity known = *identity;
+  return poser_.pose(points, camera, known, sigmas(face));
+}
+
+PosedFace PoseFinder::refined(landmarks::TrackedFace face, head::HeadPoseResult found,
+                              const cv::Mat& gray, const geometry::Camera& camera,
+                              head::HeadIdentity* identity, DebugSink* debug) const {
+  if (view_ != nullptr && found.pose) {
+    if (auto refined = head_view::refined_pose(*view_, poser_, face.points(Eigen::all, chosen_),
+                                               gray, camera, *found.pose, identity, sigmas(face))) {
+      found.pose = std::move(refined);
+    }
+  }
+  if (found.pose) show_pose(debug, "pose", gray, face.points, camera, poser_.model(), *found.pose);
+  return {std::move(face), std::move(found.pose), std::move(found.reason)};
+}
+
+PosedFace PoseFinder::pose_of_points(landmarks::TrackedFace face, const cv::Mat& gray,
+                                     const geometry::Camera& camera, head::HeadIdentity* identity,
+                                     bool learn, DebugSink* debug) const {
+  head::HeadPoseResult found = pose(face, camera, identity, learn);
+  return refined(std::move(face), std::move(found), gray, camera, identity, debug);
+}
+
 PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
                               const geometry::Camera& camera, head::HeadIdentity* identity,
                               bool learn, landmarks::FitWorkspace& workspace,
                               DebugSink* debug) const {
-  // Of the points that the head has; empty where nothing is known.
-  const auto sigmas = [&]() -> Eigen::VectorXd {
-    if (face.visibility.sigma_px.size() == 0) return {};
-    return face.visibility.sigma_px(chosen_);
-  };
-  const auto pose = [&](bool keep) {
-    const Eigen::Matrix2Xd points = face.points(Eigen::all, chosen_);
-    if (identity == nullptr) return poser_.pose(points, camera, sigmas());
-    if (keep) return poser_.pose(points, camera, *identity, sigmas());
-    head::HeadIdentity known = *identity;
-    return poser_.pose(points, camera, known, sigmas());
-  };
-  head::HeadPoseResult found = pose(learn && !is_whole_);
+  head::HeadPoseResult found = pose(face, camera, identity, learn && !is_whole_);
   if (is_whole_ && found.pose) {
     show_pose(debug, "first pose", gray, face.points, camera, poser_.model(), *found.pose);
     SecondFit second(debug);
@@ -136,21 +159,10 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
         face.visibility = std::move(again.visibility);
       }
     }
-    head::HeadPoseResult better = pose(learn);
+    head::HeadPoseResult better = pose(face, camera, identity, learn);
     if (better.pose) found = std::move(better);
   }
-  if (view_ != nullptr && found.pose) {
-    if (auto refined = head_view::refined_pose(*view_, poser_, face.points(Eigen::all, chosen_),
-                                               gray, camera, *found.pose, identity, sigmas())) {
-      found.pose = std::move(refined);
-    }
-  }
-  if (found.pose) show_pose(debug, "pose", gray, face.points, camera, poser_.model(), *found.pose);
-  PosedFace result;
-  result.face = std::move(face);
-  result.pose = std::move(found.pose);
-  result.reason = std::move(found.reason);
-  return result;
+  return refined(std::move(face), std::move(found), gray, camera, identity, debug);
 }
 
 std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Camera& camera,

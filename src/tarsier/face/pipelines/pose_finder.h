@@ -50,6 +50,13 @@ class PoseFinder {
                                   bool learn, landmarks::FitWorkspace& workspace,
                                   DebugSink* debug = nullptr) const;
 
+  // The pose of a face whose points are taken as they are. The rest as above; `debug` takes the head
+  // of the pose.
+  [[nodiscard]] PosedFace pose_of_points(landmarks::TrackedFace face, const cv::Mat& gray,
+                                         const geometry::Camera& camera,
+                                         head::HeadIdentity* identity, bool learn,
+                                         DebugSink* debug = nullptr) const;
+
   // All faces of a still, numbered from 1, in the order of landmarks::find_faces. Faces that only
   // the less strict search saw are kept when their score after the second fit is at least
   // `min_score`.
@@ -60,6 +67,17 @@ class PoseFinder {
                                             DebugSink* debug = nullptr) const;
 
  private:
+  // `learn`: the identity, which may be null, does.
+  [[nodiscard]] head::HeadPoseResult pose(const landmarks::TrackedFace& face,
+                                          const geometry::Camera& camera,
+                                          head::HeadIdentity* identity, bool learn) const;
+  // With the direction that the view model, where there is one, has for it.
+  [[nodiscard]] PosedFace refined(landmarks::TrackedFace face, head::HeadPoseResult found,
+                                  const cv::Mat& gray, const geometry::Camera& camera,
+                                  head::HeadIdentity* identity, DebugSink* debug) const;
+  // Of the points that the head has; empty where nothing is known.
+  [[nodiscard]] Eigen::VectorXd sigmas(const landmarks::TrackedFace& face) const;
+
   std::shared_ptr<const landmarks::LandmarkModel> landmarks_;
   landmarks::FitOptions fit_;
   std::vector<int> chosen_;  // landmarks, in the order of the poser's points

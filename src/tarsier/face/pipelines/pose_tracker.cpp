@@ -29,8 +29,8 @@ std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
                                                       int landmarks) {
   if (!options.refine) return nullptr;
   if (options.view.empty()) {
-    const bool all_ship =
-        options.head.empty() && options.mapping.empty() && options.landmarks.model.empty();
+    const bool all_ship = options.fit == PoseFit::kLandmarks && options.head.empty() &&
+                          options.mapping.empty() && options.landmarks.model.empty();
     if (!all_ship || !models.has(kShippedView)) return nullptr;
   }
   const std::string path = models.path_or(options.view, kShippedView);
@@ -43,6 +43,35 @@ std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
   return view;
 }
 
+// Begins from the points of the landmark tracker, where a face is new or was lost.
+AppearanceTrackerOptions appearance_options(const PoseTrackerOptions& options) {
+  const landmarks::TrackerOptions& tracking = options.landmarks.tracker;
+  AppearanceTrackerOptions result;
+  result.model = options.appearance;
+  result.start = AppearanceStart::kLandmarks;
+  result.landmarks = options.landmarks;
+  result.tracker.search_every = tracking.search_every;
+  result.tracker.max_objects = tracking.max_faces;
+  result.tracker.remember_s = tracking.remember_s;
+  return result;
+}
+
+std::vector<landmarks::TrackedFace> faces_of(
+    const std::vector<appearance::TrackedObject>& objects) {
+  std::vector<landmarks::TrackedFace> faces;
+  for (const appearance::TrackedObject& object : objects) {
+    landmarks::TrackedFace face;
+    face.id = object.id;
+    face.points = object.fit.points;
+    face.score = 1 - object.fit.error;
+    const Eigen::Vector2d low = face.points.rowwise().minCoeff();
+    const Eigen::Vector2d size = face.points.rowwise().maxCoeff() - low;
+    face.box = {low.x(), low.y(), size.x(), size.y()};
+    faces.push_back(std::move(face));
+  }
+  return faces;
+}
+
 }  // namespace
 
 void PoseTrackerOptions::check() const {
@@ -50,6 +79,8 @@ void PoseTrackerOptions::check() const {
   pose.check();
   one_euro.check();
   TARSIER_REQUIRE(refine || view.empty(), "a view model, and no refinement by it");
+  TARSIER_REQUIRE(fit == PoseFit::kAam || appearance.empty(),
+                  "an appearance model, and the points are not its own");
   TARSIER_REQUIRE(mean_length >= 1 && mean_length <= 1000, "mean of {} frames", mean_length);
   TARSIER_REQUIRE(focal_px == 0 || (focal_px > 0 && std::isfinite(focal_px)), "focal length of {}",
                   focal_px);
@@ -60,6 +91,7 @@ PoseModels load_pose_models(const ModelStore& models, const PoseTrackerOptions& 
   PoseModels result{LandmarkTracker::load(models, options.landmarks),
                     std::make_shared<const head::HeadModel>(
                         head::read_head_model(models.path_or(options.head, "head.json"))),
+                    {},
                     {},
                     {}};
   const int landmarks = result.landmarks.model().points();
@@ -79,6 +111,10 @@ PoseModels load_pose_models(const ModelStore& models, const PoseTrackerOptions& 
   }
   const head::HeadModel chosen = head::select_points(*result.head, result.mapping.model_points);
   result.view = load_view(models, options, static_cast<int>(chosen.mirror.size()));
+  if (options.fit == PoseFit::kAam)
+    result.appearance =
+        AppearanceTracker::load(models, appearance_options(options),
+                                std::make_shared<const LandmarkTracker>(result.landmarks));
   return result;
 }
 
@@ -117,9 +153,12 @@ nlohmann::ordered_json to_json(const PoseResult& result) {
 
 PoseTracker::PoseTracker(const PoseModels& models, const PoseTrackerOptions& options)
     : landmarks_(models.landmarks),
+      appearance_(models.appearance),
       finder_((options.check(), models.landmarks.shared_model()), models.landmarks.fit(),
               *models.head, models.mapping, options.pose, models.view),
       options_(options) {
+  TARSIER_REQUIRE((options.fit == PoseFit::kAam) == appearance_.has_value(),
+                  "a fit by an appearance model needs one, and another does not");
   landmarks_.set_tracking(options.landmarks.tracker);
 }
 
@@ -134,44 +173,46 @@ geometry::Camera PoseTracker::camera_for(const Frame& frame) const {
   return camera;
 }
 
-PoseResult PoseTracker::process(const Frame& frame, PoseState& state, DebugSink* debug) const {
+std::vector<PosedFace> PoseTracker::faces_of_still(const Frame& frame,
+                                                   const geometry::Camera& camera, PoseState& state,
+                                                   DebugSink* debug) const {
   LandmarkState& seen = state.landmarks;
-  if (!seen.finder) seen.finder.emplace(landmarks_.detector().make_finder());
-  const std::string source = source_of(frame);
-  if (frame.still || source != seen.source) {
-    seen.tracker = {};
-    state.persons.clear();
-  }
-  seen.source = source;
-  const landmarks::TrackerOptions& tracking = landmarks_.tracking();
-  PoseResult result;
-  result.tracked = !frame.still;
-  result.camera = camera_for(frame);
-  const auto start = std::chrono::steady_clock::now();
   const cv::Mat& gray = gray_of(frame.image, seen.gray);
-  if (frame.still) {
-    result.faces = finder_.find(gray, result.camera, *seen.finder, seen.workspace, 0.5, debug);
-  } else {
-    for (landmarks::TrackedFace& face :
-         landmarks::track_faces(finder_.landmarks(), finder_.fit(), tracking, *seen.finder,
-                                seen.tracker, gray, frame.time, seen.workspace, debug)) {
-      PoseState::Person& person = state.persons.try_emplace(face.id, options_).first->second;
-      person.seen = frame.time;
-      // A face that is hardly seen teaches nothing of its shape.
-      const bool learn = face.score >= tracking.min_new;
-      PosedFace posed = finder_.pose_of(std::move(face), gray, result.camera, &person.identity,
-                                        learn, seen.workspace, debug);
-      if (posed.pose) {
-        geometry::Rigid3& pose = posed.pose->camera_from_head;
-        if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose);
-        if (options_.smoothing == PoseSmoothing::kOneEuro) pose = person.one_euro(pose, frame.time);
-        posed.pose->angles = head::angles_of_rotation(pose.rotation);
-      }
-      result.faces.push_back(std::move(posed));
+  if (!appearance_) return finder_.find(gray, camera, *seen.finder, seen.workspace, 0.5, debug);
+  std::vector<PosedFace> posed;
+  for (landmarks::TrackedFace& face : faces_of(appearance_->process(frame, state.appearance)))
+    posed.push_back(finder_.pose_of_points(std::move(face), gray, camera, nullptr, false, debug));
+  return posed;
+}
+
+std::vector<PosedFace> PoseTracker::faces_of_video(const Frame& frame,
+                                                   const geometry::Camera& camera, PoseState& state,
+                                                   DebugSink* debug) const {
+  LandmarkState& seen = state.landmarks;
+  const landmarks::TrackerOptions& tracking = landmarks_.tracking();
+  const cv::Mat& gray = gray_of(frame.image, seen.gray);
+  std::vector<PosedFace> result;
+  for (landmarks::TrackedFace& face :
+       appearance_
+           ? faces_of(appearance_->process(frame, state.appearance))
+           : landmarks::track_faces(finder_.landmarks(), finder_.fit(), tracking, *seen.finder,
+                                    seen.tracker, gray, frame.time, seen.workspace, debug)) {
+    PoseState::Person& person = state.persons.try_emplace(face.id, options_).first->second;
+    person.seen = frame.time;
+    // A face that is hardly seen teaches nothing of its shape.
+    const bool learn = face.score >= tracking.min_new;
+    PosedFace posed = appearance_ ? finder_.pose_of_points(std::move(face), gray, camera,
+                                                           &person.identity, learn, debug)
+                                  : finder_.pose_of(std::move(face), gray, camera, &person.identity,
+                                                    learn, seen.workspace, debug);
+    if (posed.pose) {
+      geometry::Rigid3& pose = posed.pose->camera_from_head;
+      if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose);
+      if (options_.smoothing == PoseSmoothing::kOneEuro) pose = person.one_euro(pose, frame.time);
+      posed.pose->angles = head::angles_of_rotation(pose.rotation);
     }
+    result.push_back(std::move(posed));
   }
-  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
-  result.ms = spent.count();
   // Who left will not come back under that id.
   std::erase_if(state.persons, [&](const auto& entry) {
     return frame.time > entry.second.seen + tracking.remember_s + 1;
@@ -179,8 +220,29 @@ PoseResult PoseTracker::process(const Frame& frame, PoseState& state, DebugSink*
   return result;
 }
 
+PoseResult PoseTracker::process(const Frame& frame, PoseState& state, DebugSink* debug) const {
+  LandmarkState& seen = state.landmarks;
+  if (!seen.finder) seen.finder.emplace(landmarks_.detector().make_finder());
+  const std::string source = source_of(frame);
+  if (frame.still || source != seen.source) {
+    redetect(state);
+    seen.tracker = {};  // ids begin again
+  }
+  seen.source = source;
+  PoseResult result;
+  result.tracked = !frame.still;
+  result.camera = camera_for(frame);
+  const auto start = std::chrono::steady_clock::now();
+  result.faces = frame.still ? faces_of_still(frame, result.camera, state, debug)
+                             : faces_of_video(frame, result.camera, state, debug);
+  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
+  result.ms = spent.count();
+  return result;
+}
+
 void redetect(PoseState& state) {
   redetect(state.landmarks);
+  redetect(state.appearance);
   state.persons.clear();
 }
 

@@ -6,6 +6,7 @@
 #include "tarsier/face/head/head_pose.h"
 #include "tarsier/face/head/smoothing.h"
 #include "tarsier/face/head_view/view_model.h"
+#include "tarsier/face/pipelines/appearance_tracker.h"
 #include "tarsier/face/pipelines/detector_model.h"
 #include "tarsier/face/pipelines/landmark_tracker.h"
 #include "tarsier/face/pipelines/pose_finder.h"
@@ -25,14 +26,23 @@ namespace tarsier::face {
 // How the poses of a tracked head are smoothed.
 enum class PoseSmoothing { kNone, kMean, kOneEuro };
 
+// What finds the points that poses are of.
+enum class PoseFit {
+  kLandmarks,  // the landmark tracker, fitted a second time from the head's first pose
+  kAam,        // an active appearance model, from the landmark tracker's points where a face is new
+};
+
 struct PoseTrackerOptions {
   LandmarkTrackerOptions landmarks;
-  std::string head;     // file of `pose train-head`; empty: head.json of the store
-  std::string mapping;  // file: which landmark each head point is; empty: the head's own
+  PoseFit fit = PoseFit::kLandmarks;
+  std::string appearance;  // of kAam: file of `aam train`; empty: aam68.json of the store
+  std::string head;        // file of `pose train-head`; empty: head.json of the store
+  std::string mapping;     // file: which landmark each head point is; empty: the head's own
   // Whether a model of how whole heads look corrects the directions.
   bool refine = true;
-  // Its file (`pose train-view`); empty: head-view.json of the store, if it is there and head,
-  // mapping and landmark model are those of the store too: others err in other ways.
+  // Its file (`pose train-view`); empty: head-view.json of the store, if it is there, the landmark
+  // tracker finds the points, and head, mapping and landmark model are those of the store too:
+  // others err in other ways.
   std::string view;
   head::HeadPoseOptions pose;
   PoseSmoothing smoothing = PoseSmoothing::kOneEuro;
@@ -49,6 +59,7 @@ struct PoseModels {
   std::shared_ptr<const head::HeadModel> head;
   head::LandmarkMapping mapping;                     // of the head's points to the landmarks
   std::shared_ptr<const head_view::ViewModel> view;  // may be null
+  std::optional<AppearanceTracker> appearance;       // of kAam
 };
 // Throws ModelError, InputError (the mapping's file), UsageError (models that do not fit together),
 // std::invalid_argument (options).
@@ -83,6 +94,7 @@ struct PoseState {
     double seen = 0;  // s
   };
   LandmarkState landmarks;
+  AppearanceState appearance;
   std::map<int, Person> persons;  // by id of the face
 };
 
@@ -114,13 +126,23 @@ class PoseTracker {
   // from 1; those of a video are tracked until another source begins. Throws InputError where the
   // camera is that of images of another shape. `debug`, which may be null, takes the stages: those
   // of LandmarkTracker and PoseFinder.
+  //
+  // Of PoseFit::kAam a face's "score" is the share of its texture that the model explains, and
+  // nothing is known of the visibility of its points.
   [[nodiscard]] PoseResult process(const Frame& frame, PoseState& state,
                                    DebugSink* debug = nullptr) const;
 
  private:
   [[nodiscard]] geometry::Camera camera_for(const Frame& frame) const;
+  [[nodiscard]] std::vector<PosedFace> faces_of_still(const Frame& frame,
+                                                      const geometry::Camera& camera,
+                                                      PoseState& state, DebugSink* debug) const;
+  [[nodiscard]] std::vector<PosedFace> faces_of_video(const Frame& frame,
+                                                      const geometry::Camera& camera,
+                                                      PoseState& state, DebugSink* debug) const;
 
   LandmarkTracker landmarks_;
+  std::optional<AppearanceTracker> appearance_;
   PoseFinder finder_;
   PoseTrackerOptions options_;
 };

@@ -97,6 +97,33 @@ TEST_F(Heads, OfAVideoLearnTheirShapeAndForgetItWithTheirPlace) {
   EXPECT_EQ(state.persons.count(9), 1U);
 }
 
+TEST_F(Heads, OfAnAppearanceModelAreThoseOfItsPoints) {
+  PoseTrackerOptions options;
+  options.fit = PoseFit::kAam;
+  const PoseTracker tracker = PoseTracker::load(models(), options);
+  PoseState state;
+  const PoseResult still = tracker.process(frame(0, true), state);
+  ASSERT_EQ(still.faces.size(), 1U);
+  ASSERT_TRUE(still.faces[0].pose);
+  EXPECT_NEAR(still.faces[0].pose->angles.yaw_deg, -33, 15);
+  AppearanceTrackerOptions of_points;
+  of_points.start = AppearanceStart::kLandmarks;
+  AppearanceState points;
+  const auto expected =
+      AppearanceTracker::load(models(), of_points).process(frame(0, true), points);
+  ASSERT_EQ(expected.size(), 1U);
+  EXPECT_EQ(still.faces[0].face.points, expected[0].fit.points);
+  EXPECT_DOUBLE_EQ(still.faces[0].face.score, 1 - expected[0].fit.error);
+  for (int k = 0; k < 3; ++k) {
+    const PoseResult result = tracker.process(frame(k, false), state);
+    ASSERT_EQ(result.faces.size(), 1U);
+    EXPECT_EQ(result.faces[0].face.id, 1);
+    EXPECT_TRUE(result.faces[0].pose);
+  }
+  EXPECT_THROW(PoseTracker(pose_models(), options), std::invalid_argument)
+      << "no appearance model was loaded";
+}
+
 TEST_F(Heads, ACameraOfAnotherShapeIsRefused) {
   PoseTrackerOptions options;
   options.camera = head::guess_camera({100, 900});

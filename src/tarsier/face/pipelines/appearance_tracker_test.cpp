@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/pipelines/appearance_tracker.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+
+namespace tarsier::face {
+namespace {
+
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+const ModelStore& models() {
+  static const ModelStore store(TARSIER_SOURCE_MODELS);
+  return store;
+}
+
+AppearanceTracker loaded(AppearanceStart start) {
+  AppearanceTrackerOptions options;
+  options.start = start;
+  return AppearanceTracker::load(models(), options);
+}
+
+class Appearances : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
+    image_ = read_image(kMessi);
+  }
+  [[nodiscard]] Frame frame(int index, bool still, const std::string& name = "a.mp4") const {
+    Frame frame;
+    frame.image = image_;
+    frame.index = index;
+    frame.time = 0.04 * index;
+    frame.name = name;
+    frame.still = still;
+    return frame;
+  }
+  cv::Mat image_;
+};
+
+TEST_F(Appearances, FitsFromBoxesAndFromLandmarksEndAtTheSameFace) {
+  const AppearanceTracker by_boxes = loaded(AppearanceStart::kAuto);
+  const AppearanceTracker by_landmarks = loaded(AppearanceStart::kLandmarks);
+  AppearanceState of_boxes;
+  AppearanceState of_landmarks;
+  const auto first = by_boxes.process(frame(0, true), of_boxes);
+  const auto second = by_landmarks.process(frame(0, true), of_landmarks);
+  ASSERT_EQ(first.size(), 1U);
+  ASSERT_EQ(second.size(), 1U);
+  EXPECT_EQ(first[0].id, 1);
+  const double eyes = (first[0].fit.points.col(45) - first[0].fit.points.col(36)).norm();
+  const double apart = (first[0].fit.points - second[0].fit.points).colwise().norm().mean();
+  EXPECT_LT(apart, 0.06 * eyes);
+  EXPECT_LT(second[0].fit.error, 0.6);
+}
+
+TEST_F(Appearances, OfAVideoKeepTheirIdUntilAnotherBegins) {
+  const AppearanceTracker tracker = loaded(AppearanceStart::kAuto);
+  AppearanceState state;
+  for (int k = 0; k < 3; ++k) EXPECT_EQ(tracker.process(frame(k, false), state).at(0).id, 1);
+  // Another video counts from 1 again.
+  state.track.next_id = 7;
+  state.track.objects.at(0).now.id = 6;
+  EXPECT_EQ(tracker.process(frame(3, false), state).at(0).id, 6);
+  EXPECT_EQ(tracker.process(frame(0, false, "b.mp4"), state).at(0).id, 1);
+  redetect(state);
+  EXPECT_TRUE(state.track.objects.empty());
+}
+
+TEST(AppearanceLoading, NamesWhatIsMissing) {
+  const TemporaryFolder empty;
+  try {
+    static_cast<void>(AppearanceTracker::load(ModelStore(empty.path())));
+    FAIL() << "no error";
+  } catch (const ModelError& error) {
+    EXPECT_THAT(error.what(), HasSubstr(empty / "aam68.json"));
+  }
+  AppearanceTrackerOptions options;
+  options.starts = 0;
+  EXPECT_THROW(static_cast<void>(AppearanceTracker::load(models(), options)),
+               std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::face
