@@ -2,14 +2,13 @@
 #include "tarsier/face/pipelines/appearance_tracker.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/media/image_file.h"
+#include "tarsier/face/pipelines/testing_messi.h"
 #include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
-#include <filesystem>
 #include <stdexcept>
 #include <string>
 
@@ -17,14 +16,6 @@ namespace tarsier::face {
 namespace {
 
 using testing::HasSubstr;
-namespace fs = std::filesystem;
-
-constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
-
-const ModelStore& models() {
-  static const ModelStore store(TARSIER_SOURCE_MODELS);
-  return store;
-}
 
 AppearanceTracker loaded(AppearanceStart start) {
   AppearanceTrackerOptions options;
@@ -32,23 +23,7 @@ AppearanceTracker loaded(AppearanceStart start) {
   return AppearanceTracker::load(models(), options);
 }
 
-class Appearances : public testing::Test {
- protected:
-  void SetUp() override {
-    if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
-    image_ = read_image(kMessi);
-  }
-  [[nodiscard]] Frame frame(int index, bool still, const std::string& name = "a.mp4") const {
-    Frame frame;
-    frame.image = image_;
-    frame.index = index;
-    frame.time = 0.04 * index;
-    frame.name = name;
-    frame.still = still;
-    return frame;
-  }
-  cv::Mat image_;
-};
+class Appearances : public MessiTest {};
 
 TEST_F(Appearances, FitsFromBoxesAndFromLandmarksEndAtTheSameFace) {
   const AppearanceTracker by_boxes = loaded(AppearanceStart::kAuto);

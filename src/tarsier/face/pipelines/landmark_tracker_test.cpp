@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/face/detect/testing_anchors.h"
 #include "tarsier/face/landmarks/faces_json.h"
-#include "tarsier/media/image_file.h"
+#include "tarsier/face/pipelines/testing_messi.h"
 #include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
@@ -23,35 +23,12 @@ namespace {
 using testing::HasSubstr;
 namespace fs = std::filesystem;
 
-constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
-
-const ModelStore& models() {
-  static const ModelStore store(TARSIER_SOURCE_MODELS);
-  return store;
-}
-
 const LandmarkTracker& tracker() {
   static const LandmarkTracker shared = LandmarkTracker::load(models());
   return shared;
 }
 
-class Landmarks : public testing::Test {
- protected:
-  void SetUp() override {
-    if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
-    image_ = read_image(kMessi);
-  }
-  [[nodiscard]] Frame frame(int index, bool still, const std::string& name = "a.mp4") const {
-    Frame frame;
-    frame.image = image_;
-    frame.index = index;
-    frame.time = 0.04 * index;
-    frame.name = name;
-    frame.still = still;
-    return frame;
-  }
-  cv::Mat image_;
-};
+class Landmarks : public MessiTest {};
 
 TEST_F(Landmarks, OfAStillAreThoseOfTheFinder) {
   LandmarkState state;

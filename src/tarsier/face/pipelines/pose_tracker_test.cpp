@@ -2,7 +2,7 @@
 #include "tarsier/face/pipelines/pose_tracker.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/media/image_file.h"
+#include "tarsier/face/pipelines/testing_messi.h"
 #include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
@@ -10,7 +10,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <cmath>
-#include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -20,37 +19,13 @@ namespace tarsier::face {
 namespace {
 
 using testing::HasSubstr;
-namespace fs = std::filesystem;
-
-constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
-
-const ModelStore& models() {
-  static const ModelStore store(TARSIER_SOURCE_MODELS);
-  return store;
-}
 
 const PoseModels& pose_models() {
   static const PoseModels shared = load_pose_models(models());
   return shared;
 }
 
-class Heads : public testing::Test {
- protected:
-  void SetUp() override {
-    if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
-    image_ = read_image(kMessi);
-  }
-  [[nodiscard]] Frame frame(int index, bool still, const std::string& name = "a.mp4") const {
-    Frame frame;
-    frame.image = image_;
-    frame.index = index;
-    frame.time = 0.04 * index;
-    frame.name = name;
-    frame.still = still;
-    return frame;
-  }
-  cv::Mat image_;
-};
+class Heads : public MessiTest {};
 
 TEST_F(Heads, OfAStillHaveThePosesOfTheFinder) {
   const PoseTracker tracker(pose_models(), {});
