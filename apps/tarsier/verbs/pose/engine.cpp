@@ -34,9 +34,10 @@ void add_pose_flags(Command& verb, PoseFlags& flags) {
   verb.add_option("--appearance", flags.appearance,
                   "appearance model of --fit aam, and of `pose track --edit` [aam68.json, which "
                   "ships]");
-  verb.add_option("--refine", flags.refine,
-                  "auto: the direction is corrected by what the whole head looks like; none: from "
-                  "the landmarks alone")
+  verb.add_option(
+          "--refine", flags.refine,
+          "auto: the direction is corrected by what the whole head looks like (of --fit aam: "
+          "with --view only); none: from the points alone")
       .check(one_of({"auto", "none"}))
       .show_default();
   verb.add_option("--view", flags.view,

@@ -2,6 +2,7 @@
 #include "tarsier/face/pipelines/identifier.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/pipelines/testing_messi.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
@@ -21,23 +22,6 @@ namespace {
 
 using testing::HasSubstr;
 namespace fs = std::filesystem;
-
-constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
-
-const ModelStore& models() {
-  static const ModelStore store(TARSIER_SOURCE_MODELS);
-  return store;
-}
-
-Frame frame_of(const cv::Mat& image, int index, bool still, const std::string& name = "a.mp4") {
-  Frame frame;
-  frame.image = image;
-  frame.index = index;
-  frame.time = 0.04 * index;
-  frame.name = name;
-  frame.still = still;
-  return frame;
-}
 
 // A gallery of three drawn people.
 class Names : public FolderTest {

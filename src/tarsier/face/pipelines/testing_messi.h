@@ -21,6 +21,17 @@ inline const ModelStore& models() {
   return store;
 }
 
+inline Frame frame_of(const cv::Mat& image, int index, bool still,
+                      const std::string& name = "a.mp4") {
+  Frame frame;
+  frame.image = image;
+  frame.index = index;
+  frame.time = 0.04 * index;
+  frame.name = name;
+  frame.still = still;
+  return frame;
+}
+
 class MessiTest : public testing::Test {
  protected:
   void SetUp() override {
@@ -28,13 +39,7 @@ class MessiTest : public testing::Test {
     image_ = read_image(kMessi);
   }
   [[nodiscard]] Frame frame(int index, bool still, const std::string& name = "a.mp4") const {
-    Frame frame;
-    frame.image = image_;
-    frame.index = index;
-    frame.time = 0.04 * index;
-    frame.name = name;
-    frame.still = still;
-    return frame;
+    return frame_of(image_, index, still, name);
   }
   cv::Mat image_;
 };

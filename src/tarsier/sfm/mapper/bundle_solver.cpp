@@ -352,7 +352,7 @@ class Solver {
     return dense_factor_.compute(dense_);
   }
 
-  // `right` becomes the solution; false where there is none.
+  // Replaces `right` by the solution. False where the matrix is not positive definite.
   bool solve_cameras(VectorXd& right) {
     if (variables_.size == 0) return true;
     if (!is_sparse_) {
