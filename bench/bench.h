@@ -28,6 +28,8 @@ namespace tarsier::cli {
 [[nodiscard]] ExitStatus bench_calibrate(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_markers(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_render(Context& context, const BenchOptions& options);
+// INPUT: images of a scene
+[[nodiscard]] ExitStatus bench_sfm(Context& context, const BenchOptions& options);
 // INPUT: images to find
 [[nodiscard]] ExitStatus bench_targets(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_posit(Context& context,

@@ -18,6 +18,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "scratch.h"
 #include "verbs/aam/engine.h"
 #include "verbs/people/engine.h"
 #include <algorithm>
@@ -90,24 +91,6 @@ class DrawnPeople {
  private:
   const face::appearance::AppearanceModel* model_;
   face::appearance::Synthesis synthesis_;
-};
-
-// A folder of the system's, gone with the benchmark.
-class Scratch {
- public:
-  Scratch() : path_((std::filesystem::temp_directory_path() / "tarsier-bench-XXXXXX").string()) {
-    if (mkdtemp(path_.data()) == nullptr) throw OutputError(path_, "cannot be made");
-  }
-  ~Scratch() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  [[nodiscard]] std::string operator/(const char* name) const { return path_ + "/" + name; }
-
- private:
-  std::string path_;
 };
 
 class PeopleBench {

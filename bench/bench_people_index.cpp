@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/elapsed.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/people/gallery.h"
@@ -27,10 +28,6 @@ using face::recognition::Candidate;
 using face::recognition::CellIndex;
 using face::recognition::Rows;
 using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 double cpu_since(std::clock_t start, std::size_t runs) {
   return 1e3 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC /

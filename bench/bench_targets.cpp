@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/planar/image_targets/track.h"
@@ -31,14 +32,6 @@ constexpr int kStillsPerLevel = 30;
 constexpr double kVideoSeconds = 12;
 constexpr double kFps = 25;
 constexpr double kWidth = 0.2;  // m, of the prints
-
-double quantile(std::vector<double> values, double part) {
-  if (values.empty()) return 0;
-  const auto k = std::min(values.size() - 1,
-                          static_cast<std::size_t>(part * static_cast<double>(values.size())));
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(k), values.end());
-  return values[k];
-}
 
 double rms_of(const Corners& a, const Corners& b) {
   double sum = 0;
@@ -112,8 +105,12 @@ struct Tally {
   }
 };
 
-void print_row(Context& context, const char* what, const char* method, const Tally& tally,
+void print_row(Context& context, const char* what, const char* method, Tally tally,
                const Json& more = Json::object()) {
+  const double corner_px = upper_quantile(tally.errors, 0.5);
+  const double corner_px_p95 = upper_quantile(tally.errors, 0.95);
+  const double ms = upper_quantile(tally.times, 0.5);
+  const double ms_p95 = upper_quantile(tally.times, 0.95);
   Json row;
   row["bench"] = "targets";
   row["case"] = fmt::format("{} {}", what, method);
@@ -121,10 +118,10 @@ void print_row(Context& context, const char* what, const char* method, const Tal
   row["images"] = tally.times.size();
   row["recall"] = rounded(tally.shown > 0 ? static_cast<double>(tally.right) / tally.shown : 0, 3);
   row["wrong"] = tally.wrong;
-  row["corner_px"] = rounded(quantile(tally.errors, 0.5), 3);
-  row["corner_px_p95"] = rounded(quantile(tally.errors, 0.95), 3);
-  row["ms"] = rounded(quantile(tally.times, 0.5), 2);
-  row["ms_p95"] = rounded(quantile(tally.times, 0.95), 2);
+  row["corner_px"] = rounded(corner_px, 3);
+  row["corner_px_p95"] = rounded(corner_px_p95, 3);
+  row["ms"] = rounded(ms, 2);
+  row["ms_p95"] = rounded(ms_p95, 2);
   for (const auto& [key, value] : more.items()) row[key] = value;
   if (context.json) {
     print_json(row);
@@ -133,9 +130,8 @@ void print_row(Context& context, const char* what, const char* method, const Tal
   print_text(fmt::format(
       "{:<8} {:<12} recall {:.3f} ({} of {}), wrong {}, corners {:.3f} px (95 % "
       "{:.2f}), {:.2f} ms (95 % {:.2f}){}\n",
-      what, method, row["recall"].get<double>(), tally.right, tally.shown, tally.wrong,
-      quantile(tally.errors, 0.5), quantile(tally.errors, 0.95), quantile(tally.times, 0.5),
-      quantile(tally.times, 0.95),
+      what, method, row["recall"].get<double>(), tally.right, tally.shown, tally.wrong, corner_px,
+      corner_px_p95, ms, ms_p95,
       more.contains("rest_px") ? fmt::format(", at rest {:.3f} px", more["rest_px"].get<double>())
                                : ""));
 }
@@ -251,7 +247,8 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
       sift.add(&shown[0], c, thread_cpu_ms() - start);
     }
   }
-  print_row(context, "videos", "tarsier", own, {{"rest_px", rounded(quantile(rest, 0.5), 4)}});
+  print_row(context, "videos", "tarsier", own,
+            {{"rest_px", rounded(upper_quantile(rest, 0.5), 4)}});
   print_row(context, "videos", "ORB+RANSAC", orb);
   print_row(context, "videos", "SIFT+RANSAC", sift);
 }

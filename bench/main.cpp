@@ -25,6 +25,7 @@ constexpr auto kBenchmarks = std::to_array<Benchmark>({
     {"markers", bench_markers},
     {"posit", bench_posit},
     {"render", bench_render},
+    {"sfm", bench_sfm},
     {"steady", bench_steady},
     {"targets", bench_targets},
 });

@@ -11,7 +11,7 @@
 // What the fuzzing targets share. A target hands bytes to one reader of untrusted input, and to
 // what works on its result. Of exceptions only those of core/errors.h may come out of a reader; all
 // others, a crash, a leak, minutes or gigabytes are findings. The same targets run under libFuzzer
-// (fuzz_driver.cpp, clang) and as tests over the committed inputs (replay.cpp, any compiler).
+// (driver.cpp, clang) and as tests over the committed inputs (replay.cpp, any compiler).
 namespace tarsier::fuzz {
 
 using Bytes = std::span<const std::uint8_t>;

@@ -10,8 +10,8 @@ using MutateBytes = std::size_t (*)(std::uint8_t* data, std::size_t size, std::s
 
 // Changes a JSON text (or one of several lines of JSON) in place so that it mostly stays JSON:
 // numbers to odd ones, members away, twice, elsewhere or of another type; of packed arrays
-// (io/archive.h) single values, shapes and lengths. Now and then, and where the text is no JSON, it
-// is changed as bytes. Returns the new size, <= `most`.
+// (media/archive.h) single values, shapes and lengths. Now and then, and where the text is no JSON,
+// it is changed as bytes. Returns the new size, <= `most`.
 std::size_t mutate_json(std::uint8_t* data, std::size_t size, std::size_t most, unsigned seed,
                         MutateBytes mutate_bytes);
 

@@ -74,6 +74,15 @@ void shards() {
   pair.view.inliers = {{0, 1}, {2, 2}};
   (void)sfm::write_match_shard(seed("match_shard", "one"), std::vector{pair});
   keep_unsummed(seed("match_shard", "one"));
+  sfm::ClusterModels cluster;
+  cluster.images = {0, 2, 3, 4, 7};
+  cluster.is_own = {1, 1, 0, 1, 0};
+  cluster.cameras = {0, 0, 0, 0, 0};
+  cluster.reasons = {"", "too few points", "", "", ""};
+  cluster.models = {sfm::packed(sfm::synthetic_model())};
+  cluster.refused = {{0, 2}, {3, 7}};
+  (void)sfm::write_cluster_models(seed("cluster_models", "one"), cluster);
+  keep_unsummed(seed("cluster_models", "one"));
 }
 
 void reconstructions() {

@@ -17,8 +17,10 @@
 #include "tarsier/sfm/surface/surface_files.h"
 
 #include "fuzz.h"
+#include <algorithm>
 #include <cmath>
 #include <optional>
+#include <vector>
 
 namespace tarsier::fuzz {
 
@@ -126,6 +128,24 @@ TARSIER_FUZZ_TARGET(image_pairs, kBytes) {
   const std::string path = packed_file_of(input, sum);
   for (const auto& [first, second] : read_image_pairs(path, sum))
     expect(first >= 0 && first < second, "a pair of no images");
+}
+
+TARSIER_FUZZ_TARGET(cluster_models, kBytes) {
+  std::string sum;
+  const std::string path = packed_file_of(input, sum);
+  const ClusterModels cluster = read_cluster_models(path, sum);
+  expect(cluster.is_own.size() == cluster.images.size() &&
+             cluster.reasons.size() == cluster.images.size(),
+         "images with gaps");
+  std::vector<Image> images(cluster.images.size());
+  for (Image& image : images) image.features.resize(100);
+  for (const PackedModel& packed : cluster.models) {
+    if (!fits(packed, packed.cameras.size(), images)) continue;
+    Model model;
+    model.images = images;
+    model.points.resize(std::min<std::size_t>(10'000, static_cast<std::size_t>(packed.points)));
+    if (static_cast<std::int64_t>(model.points.size()) == packed.points) unpack(packed, model);
+  }
 }
 
 TARSIER_FUZZ_TARGET(exif, kBytes) {

@@ -1,86 +1,144 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""scripts/layers-image.py BUILD/layers.txt docs/img/layers.svg: draws the modules, each above all that it uses.
+"""scripts/layers-image.py [--check] docs/architecture.md docs/img/layers.svg
 
-The file comes from the configuration of a build (tarsier_module(.. DEPENDS ..)). A module's layer is the longest way
-down from it; its colour is its area's.
+Draws the table of modules of the page: a row for each layer, the lowest at the bottom; in layer 3 a box for each family, whose
+modules stand above those that they use. --check writes nothing and fails where the image is not what the table gives, where a
+module uses one of a higher layer, or one that the table lacks (the test architecture/diagram).
 """
 import functools
+import re
 import sys
 
-AREAS = {
-    "ground": ("#e4dceb", "core media linalg image/draw geometry render synth synth/face"),
-    "faces": ("#f6d9cf", "face/detect face/shape face/landmarks face/appearance face/head face/head_view face/train face/recognition "
-                         "face/people face/pipelines"),
-    "plates": ("#d3e6f5", "plate/text plate/classic plate/tracking plate/networks plate/reader plate/train"),
-    "structure from motion": ("#d5ead9", "sfm/scene sfm/view sfm/mapper sfm/pipelines"),
-    "cameras, markers": ("#cfe6e6", "planar/markers planar/image_targets planar/calibration planar/sheets planar/augment planar/pipelines"),
-    "cartoons": ("#efe0cf", "cartoon"),
-    "interaction": ("#e6e3dc", "ui apps/tarsier apps/demo apps/window apps/capture bench"),
+FAMILIES = {  # of layer 3, left to right: colour, title
+    "cartoon": ("#efe0cf", "cartoon"),
+    "plate": ("#d3e6f5", "plate/"),
+    "face": ("#f6d9cf", "face/"),
+    "planar": ("#cfe6e6", "planar/"),
+    "sfm": ("#d5ead9", "sfm/"),
 }
-BOX, ROW, GAP, LEFT, TOP = 34, 54, 8, 64, 62
+GROUND, APPS = "#e4dceb", "#e6e3dc"
+LAYERS = {0: "base", 1: "input, maths", 2: "geometry", 3: "applications", 4: "synthetic", 5: "sessions", 6: "programs"}
+BOX, STEP, GAP, LEFT, TOP, PAD = 28, 36, 8, 136, 22, 12  # px
 FONT = 'font-family="ui-monospace,Menlo,DejaVu Sans Mono,monospace"'
+WIDEST = 3  # modules beside each other in a family
 
 
-def read(path):
+def read_table(path):
+    """{module: (layer, what it uses)}, in the order of the table."""
     modules = {}
     with open(path, encoding="utf-8") as lines:
         for line in lines:
-            name, _, used = line.partition(":")
-            modules[name.strip()] = used.split()
+            row = re.match(r"\| (\d) \| `([a-z_/]+)` \| .* \| ([^|]*) \|$", line)
+            if row:
+                modules[row[2]] = int(row[1]), row[3].split()
+    if len(modules) < 40:
+        sys.exit(f"{path}: only {len(modules)} modules: what became of the table?")
     return modules
 
 
-def main():
-    if len(sys.argv) != 3:
-        sys.exit(__doc__)
-    modules = read(sys.argv[1])
+def check_layers(modules):
+    wrong = []
+    for name, (layer, uses) in modules.items():
+        if layer > 4:
+            continue  # said in words: checked where the build links them
+        for used in uses:
+            if used == "-":
+                continue
+            if used not in modules:
+                wrong.append(f"{name} uses {used}, which is no row of the table")
+            elif modules[used][0] > layer and not name.endswith("/train"):
+                wrong.append(f"{name} of layer {layer} uses {used} of layer {modules[used][0]}")
+    if wrong:
+        sys.exit("\n".join(wrong))
 
+
+def rows_of(names, modules):
+    """The modules of one family or layer, lowest row first: each above all of them that it uses."""
     @functools.lru_cache(None)
-    def layer(name):
-        return 1 + max((layer(used) for used in modules[name]), default=-1)
+    def depth(name):
+        return 1 + max((depth(used) for used in modules[name][1] if used in names), default=-1)
 
-    colours = {name: colour for colour, names in AREAS.values() for name in names.split()}
-    order = list(colours)
-    unknown = set(modules) - set(colours)
-    if unknown:
-        sys.exit(f"no area for {', '.join(sorted(unknown))}: add it to AREAS")
-    top = max(map(layer, modules))
-    rows = [[name for name in order if name in modules and layer(name) == k] for k in range(top + 1)]
-    if "ui" in rows[top] and len(rows[top]) > 1:  # its own: it may use all
-        rows[top].remove("ui")
-        rows.append(["ui"])
-    rows.append(["apps/tarsier", "apps/demo", "bench", "apps/window", "apps/capture"])
-    width_of = lambda name: 22 + 8.45 * len(name)
-    width = LEFT + max(sum(width_of(name) + GAP for name in row) for row in rows) + 34
-    height = TOP + ROW * len(rows) + 8
-    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height}" width="{width:.0f}" '
-           f'height="{height}" font-family="system-ui,Segoe UI,Roboto,DejaVu Sans,sans-serif" role="img" '
-           'aria-label="The modules of Tarsier in layers, programs on top, the core at the bottom; each uses only what is below it">',
-           f'<rect width="{width:.0f}" height="{height}" rx="14" fill="#fbf9f4"/>']
-    x = 20
-    for area, (colour, _) in AREAS.items():
-        out.append(f'<rect x="{x:.1f}" y="18" width="14" height="14" rx="4" fill="{colour}" stroke="#00000022"/>'
-                   f'<text x="{x + 19:.1f}" y="30" font-size="13" fill="#5c544c">{area}</text>')
-        x += 34 + 7.1 * len(area)
-    for k, row in enumerate(rows):
-        y = TOP + ROW * (len(rows) - 1 - k)
-        out.append(f'<text x="30" y="{y + 22}" font-size="14" font-weight="600" text-anchor="middle" fill="#3a3430">{k}</text>')
+    rows = []
+    for k in range(max(map(depth, names)) + 1):
+        row = [name for name in names if depth(name) == k]
+        rows += [row[i:i + WIDEST] for i in range(0, len(row), WIDEST)]
+    return rows
+
+
+def width_of(text):
+    return 18 + 7.9 * len(text)
+
+
+def box(x, y, text, colour):
+    return (f'<rect x="{x:.1f}" y="{y}" width="{width_of(text):.1f}" height="{BOX}" rx="6" fill="{colour}" stroke="#00000022"/>'
+            f'<text x="{x + width_of(text) / 2:.1f}" y="{y + 19}" font-size="13" text-anchor="middle" fill="#24201c" {FONT}>{text}</text>')
+
+
+def draw(modules):
+    columns = {}  # of layer 3: rows of names without the family's own
+    for family in FAMILIES:
+        names = tuple(name for name, (layer, _) in modules.items() if layer == 3 and name.split("/")[0] == family)
+        columns[family] = [[name.split("/")[-1] for name in row] for row in rows_of(names, modules)]
+    others = [name for name, (layer, _) in modules.items() if layer == 3 and name.split("/")[0] not in FAMILIES]
+    if others:
+        sys.exit(f"no family for {', '.join(others)}: add it to FAMILIES")
+    across = {f: 2 * PAD + max(sum(map(width_of, row)) + GAP * (len(row) - 1) for row in rows) for f, rows in columns.items()}
+    width = LEFT + sum(across.values()) + GAP * (len(across) - 1) + 52
+    tallest = 30 + STEP * max(map(len, columns.values()))
+
+    y, out = TOP, []
+    for layer in sorted(LAYERS, reverse=True):
+        high = tallest if layer == 3 else BOX
+        middle = y + high // 2
+        out.append(f'<text x="26" y="{middle + 5}" font-size="15" font-weight="600" text-anchor="middle" fill="#3a3430">{layer}</text>'
+                   f'<text x="42" y="{middle + 4}" font-size="12" fill="#7a7168">{LAYERS[layer]}</text>')
         x = LEFT
-        for name in row:
-            out.append(f'<rect x="{x:.1f}" y="{y}" width="{width_of(name):.1f}" height="{BOX}" rx="7" '
-                       f'fill="{colours[name]}" stroke="#00000022"/>'
-                       f'<text x="{x + width_of(name) / 2:.1f}" y="{y + 22}" font-size="14" text-anchor="middle" '
-                       f'fill="#24201c" {FONT}>{name}</text>')
-            x += width_of(name) + GAP
-    right = width - 18
-    out.append(f'<path d="M{right:.0f} {TOP}V{height - 30}" stroke="#b0521a" stroke-width="3"/>'
-               f'<path d="M{right - 7:.0f} {height - 32}h14l-7 14z" fill="#b0521a"/>'
-               f'<text transform="translate({right - 16:.0f} {TOP + 90}) rotate(90)" font-size="13" '
-               'fill="#b0521a">may use</text>')
-    out.append("</svg>")
-    with open(sys.argv[2], "w", encoding="utf-8") as file:
-        file.write("\n".join(out) + "\n")
+        if layer == 3:
+            for family, rows in columns.items():
+                colour, title = FAMILIES[family]
+                out.append(f'<rect x="{x:.1f}" y="{y}" width="{across[family]:.1f}" height="{tallest}" rx="10" fill="{colour}" '
+                           f'fill-opacity="0.45" stroke="#00000022"/>'
+                           f'<text x="{x + PAD:.1f}" y="{y + 20}" font-size="13" font-weight="600" fill="#3a3430" {FONT}>{title}</text>')
+                for k, row in enumerate(rows):
+                    at = x + PAD
+                    for name in row:
+                        out.append(box(at, y + tallest - STEP * (k + 1), name, colour))
+                        at += width_of(name) + GAP
+                x += across[family] + GAP
+        else:
+            for name in (name for name, row in modules.items() if row[0] == layer):
+                out.append(box(x, y, name, APPS if layer > 4 else GROUND))
+                x += width_of(name) + GAP
+        y += high + 14
+    height = y + 6
+    right = width - 20
+    out.append(f'<path d="M{right:.0f} {TOP + 6}V{height - 34}" stroke="#b0521a" stroke-width="3"/>'
+               f'<path d="M{right - 7:.0f} {height - 36}h14l-7 14z" fill="#b0521a"/>'
+               f'<text transform="translate({right - 14:.0f} {TOP + 60}) rotate(90)" font-size="13" fill="#b0521a">may use</text>')
+    return "\n".join([
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height}" width="{width:.0f}" height="{height}" '
+        'font-family="system-ui,Segoe UI,Roboto,DejaVu Sans,sans-serif" role="img" '
+        'aria-label="The modules of Tarsier in layers 0 to 6, the core at the bottom, programs on top; each uses only what is below it">',
+        f'<rect width="{width:.0f}" height="{height}" rx="14" fill="#fbf9f4"/>', *out, "</svg>\n"])
+
+
+def main():
+    words = sys.argv[1:]
+    checking = "--check" in words
+    paths = [word for word in words if word != "--check"]
+    if len(paths) != 2:
+        sys.exit(__doc__)
+    modules = read_table(paths[0])
+    check_layers(modules)
+    image = draw(modules)
+    if not checking:
+        with open(paths[1], "w", encoding="utf-8") as file:
+            file.write(image)
+        return
+    with open(paths[1], encoding="utf-8") as file:
+        if file.read() != image:
+            sys.exit(f"{paths[1]} is not what the table of {paths[0]} gives: run scripts/layers-image.py {paths[0]} {paths[1]}")
 
 
 main()

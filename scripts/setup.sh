@@ -50,8 +50,12 @@ die() {
   exit 1
 }
 
-# Processor minutes of a first build without tests on an AMD EPYC of 2023.
+# Processor minutes of a first build without tests on an AMD EPYC of 2023, of what the tests add to it, of running them, and of
+# what `./test --all` adds.
 build_cpu_minutes=30
+test_build_cpu_minutes=20
+test_cpu_minutes=16
+all_test_cpu_minutes=10
 
 phase_start=0
 phase() { # phase TEXT: begins a step of the work
@@ -140,6 +144,24 @@ watch_build() { # watch_build PID LOG
       printf '   %d of %d steps, about %d min left\n' "${at[0]}" "${at[1]}" "$(((spent * (at[1] - at[0]) / at[0] + 59) / 60))"
     fi
   done
+}
+
+# say_duration PRESET BUILT CPU_MINUTES WHAT PACKAGE..: the first line of ./demo and ./test: about how long all of it takes here. BUILT is a
+# program that is there where the build is; CPU_MINUTES and WHAT are of what follows on it.
+say_duration() {
+  local built=build/$1/bin/$2 rest=$3 what=$4 jobs list parts=() total=0
+  shift 4
+  jobs=$(build_jobs)
+  part() { # part MINUTES NAME
+    total=$((total + $1))
+    parts+=("$2 $1")
+  }
+  if command -v dpkg-query >/dev/null && [ -n "$(missing_packages "$@")" ]; then part 2 packages; fi
+  [ -x "$built" ] || part $((build_cpu_minutes / jobs + 1)) build
+  part $(((rest + jobs - 1) / jobs)) "$what"
+  list=$(IFS=,; printf '%s' "${parts[*]}")
+  printf '== about %d minute%s here (%s%s); more on a slow or busy machine\n' "$total" "$([ "$total" -eq 1 ] || echo s)" "${list//,/, }" \
+    "$([ ! -x "$built" ] || echo '; more where sources have changed')"
 }
 
 # build PRESET CMAKE-ARGUMENTS..: configures and builds build/PRESET.

@@ -16,7 +16,7 @@
 namespace tarsier::cli {
 namespace {
 
-// A tarsier: a very small animal with very large eyes.
+// An image with its caption, as HTML.
 std::string figure(const DemoImage& image) {
   const std::string alt = escaped_markup(image.caption);
   return fmt::format(

@@ -2,6 +2,7 @@
 // The whole command line of the program, without running it.
 #include "tarsier/core/errors.h"
 #include "tarsier/face/landmarks/tracker.h"
+#include "tarsier/face/pipelines/template_error.h"
 #include "tarsier/plate/tracking/tracker.h"
 
 #include <gmock/gmock.h>
@@ -11,6 +12,7 @@
 #include "framework/cli.h"
 #include "framework/command_json.h"
 #include "framework/command_tree.h"
+#include "framework/error_help.h"
 #include "framework/manual.h"
 #include "framework/parse.h"
 #include "framework/run_session.h"
@@ -234,6 +236,26 @@ TEST(RunFlags, WithoutAnOutputAVerbIsHeadless) {
   file.output = "a.png";
   default_to_headless(file);
   EXPECT_EQ(file.output, "a.png");
+}
+
+// What is named behind an error of the library exists.
+TEST(ErrorHelp, NamesVerbsAndFlagsOfTheProgram) {
+  const auto verbs = all_verbs();
+  using face::TemplateProblem;
+  for (const auto problem : {TemplateProblem::kNotCalibrated, TemplateProblem::kOtherNetwork,
+                             TemplateProblem::kNetworkNotGiven, TemplateProblem::kNotDeep,
+                             TemplateProblem::kNotClassic}) {
+    const std::string help = error_help(face::TemplateError(problem, "people.db", "no"));
+    EXPECT_THAT(help, testing::StartsWith(": "));
+    EXPECT_THAT(help, testing::HasSubstr("`people train --"));
+    std::istringstream words(help);
+    for (std::string word; words >> word;) {
+      if (!word.starts_with("--")) continue;
+      word.erase(word.find_last_not_of("`,") + 1);
+      EXPECT_NO_THROW(static_cast<void>(flag_of(verbs.at("people train"), word))) << word;
+    }
+  }
+  EXPECT_EQ(error_help(InputError("people.db", "no")), "");
 }
 
 }  // namespace

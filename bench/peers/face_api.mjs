@@ -5,6 +5,13 @@ import { join, resolve } from 'node:path';
 import { pathToFileURL } from 'node:url';
 
 export const { stdout } = process;
+const { cpuUsage } = process;
+
+// Processor time of this program so far, ms: of all its threads.
+export function cpuMs() {
+  const { user, system } = cpuUsage();
+  return (user + system) / 1000;
+}
 
 // PACKAGE and the images of the command line `node script PACKAGE IMAGE ..`.
 export function words(usage) {

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""run.py [--program build/release/bin/tarsier] [--data DIR] [--out DIR] [--only AREA,..]
+"""run.py [--program build/release/bin/tarsier] [--data DIR] [--out DIR] [--only AREA,..] [--npm DIR]
 
 Runs other people's programs and Tarsier on the same files and prints one table (markdown; with --out also peers.md and
 peers.json). Each row names its version; a peer that is not installed is one line that says how to install it. Rows of
@@ -8,6 +8,8 @@ peers.json). Each row names its version; a peer that is not installed is one lin
 
 Debian: apt-get install python3-opencv python3-numpy colmap libapriltag-dev libdlib-dev libdlib-data
         cmake --build build/release --target tarsier_peers     (the programs that run AprilTag and dlib)
+npm:    npm install --ignore-scripts --prefix build/peers @vladmandic/face-api@1.7.15 @mediapipe/face_mesh@0.4.1633559619
+        (the second runs in Chromium: apt-get install nodejs npm chromium)
 Data:   scripts/get-data.sh list names the public sets; DIR holds them as they are named in `needs` below. Nothing of
         them is copied into the source tree. Markers, images as targets, landmarks, models of sfm and poses are judged
         by Tarsier's own `eval`, for all methods alike.
@@ -17,6 +19,7 @@ import argparse
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -46,6 +49,10 @@ REFERENCES = [
     ("plates", "427 frames, 110 of them plates-ro", "OpenALPR 2.3", "found 0.50", ""),
     ("sfm", "sfm-fountain-P11", "COLMAP 4.1.1, camera known", "11 of 11, centres 2.83 mm, AUC at 1 degree 94.2, track 4.75", "88 CPU s"),
 ]
+
+
+# The versions that were measured. Of the face mesh the one after it (0.4.1657299874) ends with an error of its own graph.
+NPM = {"@vladmandic/face-api": "1.7.15", "@mediapipe/face_mesh": "0.4.1633559619"}
 
 
 class Skip(Exception):
@@ -102,6 +109,17 @@ class Bench:
         if not os.access(path, os.X_OK):
             raise Skip(f"not built: apt-get install {packages}; cmake --build .. --target tarsier_peers (programs are looked for beside {self.program})")
         return path
+
+    def package(self, name):
+        """The folder of an npm package, and its version."""
+        if not shutil.which("node"):
+            raise Skip("apt-get install nodejs npm")
+        folder = os.path.join(self.flags.npm, "node_modules", *name.split("/"))
+        try:
+            with open(os.path.join(folder, "package.json"), encoding="utf-8") as file:
+                return folder, json.load(file)["version"]
+        except OSError:
+            raise Skip(f"npm install --ignore-scripts --prefix {self.flags.npm} {name}@{NPM[name]}") from None
 
     def opencv(self, part=None):
         if cv2 is None:
@@ -562,6 +580,10 @@ class Bench:
     SHARED = {"eyes": [(36, 16), (39, 20), (42, 28), (45, 24)], "nose": [(30, 45), (33, 39)],
               "mouth": [(48, 46), (50, 48), (51, 49), (52, 50), (54, 52), (57, 54), (62, 57), (66, 60)]}
 
+    # The same of MediaPipe's mesh, by 300-W's numbers. MediaPipe's own names (MESH_ANNOTATIONS of its TensorFlow.js models) put
+    # the nose tip at 1; 4, which published lists of the 68 take, lies where both markups have it.
+    MESH = {36: 33, 39: 133, 42: 362, 45: 263, 30: 4, 33: 2, 48: 61, 50: 37, 51: 0, 52: 267, 54: 291, 57: 17, 62: 13, 66: 14}
+
     def landmarks_imm(self):
         self.opencv()
         folder = self.needs("imm-frontal")
@@ -577,54 +599,98 @@ class Bench:
             truth[os.path.realpath(image)] = np.array([[float(r[2]) * shape[1], float(r[3]) * shape[0]] for r in rows if len(r) >= 7])
         files = f"imm-frontal ({len(truth)} images of 6 people), the {len(pairs)} points that both markups have"
 
-        def judge(method, lines, version_cost):
-            errors, offsets, missed = [], [], 0
+        def judge(method, lines, cost, size):
+            """`lines`: what a method found; its points as the 68 of 300-W, or by their numbers there, {36: [x, y] ..}."""
+            offsets, missed = [], 0
             found = {}
             for line in lines:
                 faces = line.get("faces") or []
                 points = line.get("points") or (max(faces, key=lambda f: f["box"][2])["points"] if faces else None)
                 if points:
-                    found[os.path.realpath(line["image"])] = np.array(points)
+                    found[os.path.realpath(line["image"])] = np.array([points[a] for a, _ in pairs])
             for image, points in truth.items():
                 unit = np.linalg.norm(points[16] - points[24])
-                got = found.get(image)
-                if got is None or np.linalg.norm(got.mean(0) - points.mean(0)) > unit:
+                right, got = points[[b for _, b in pairs]], found.get(image)
+                if got is None or np.linalg.norm(got.mean(0) - right.mean(0)) > unit:
                     missed += 1
                     continue
-                offsets.append(100 * (got[[a for a, _ in pairs]] - points[[b for _, b in pairs]]) / unit)
+                offsets.append(100 * (got - right) / unit)
+            if not offsets:
+                raise Skip("it finds no face in any image")
             offsets = np.array(offsets)
             errors = np.linalg.norm(offsets, axis=2)
             steady = np.linalg.norm(offsets - offsets.mean(0), axis=2)
+            failures = missed + int((errors.mean(1) > 8).sum())
             part, at = [], 0
             for name, of in self.SHARED.items():
                 part.append(f"{name} {errors[:, at:at + len(of)].mean():.2f}")
                 at += len(of)
             self.add("landmarks", files, method,
                      f"error mean {errors.mean():.2f} %, median over images {np.median(errors.mean(1)):.2f} % ({', '.join(part)}); about each point's own "
-                     f"mean offset, which the two markups differ by, {steady.mean():.2f} %; {missed} not found", version_cost,
-                     {"faces": len(truth), "missed": missed, "nme_mean": float(errors.mean()), "nme_steady": float(steady.mean())})
+                     f"mean offset, which the markups differ by, {steady.mean():.2f} %; failures (above 8 %, or not found) {share_text(failures, len(truth))}",
+                     f"{cost}; {size / 1e6:.2g} MB" if size < 1e7 else f"{cost}; {size / 1e6:.0f} MB",
+                     {"faces": len(truth), "missed": missed, "failures": failures, "nme_mean": float(errors.mean()),
+                      "nme_median": float(np.median(errors.mean(1))), "nme_steady": float(steady.mean()), "model_bytes": size})
 
         images = list(truth)
 
         def own():
-            boxes, lines = self.boxes_of(images)
-            judge(f"{self.version}, landmarks68 as it ships", lines, f"{np.median([line['ms'] for line in lines]):.1f} ms with the search")
+            _, lines = self.boxes_of(images)
+            judge(f"{self.version}, landmarks68 as it ships", lines, f"{np.median([line['ms'] for line in lines]):.1f} ms with the search",
+                  os.path.getsize(os.path.join(ROOT, "models", "landmarks68.json")))
+
+        def dlib():
+            program = self.peer("tarsier_peer_dlib", "libdlib-dev")
+            version = self.run([program, "version"])[0].strip()
+            model = "/usr/share/dlib/shape_predictor_68_face_landmarks.dat"
+            if not os.path.exists(model):
+                raise Skip("apt-get install libdlib-data (dlib's own model of 68 points)")
+            boxes, _ = self.boxes_of(images)
+            listed = os.path.join(self.work, "imm.jsonl")
+            with open(listed, "w", encoding="utf-8") as file:
+                file.writelines(json.dumps({"image": image, "box": boxes.get(image)}) + "\n" for image in images)
+            for verb, start in (("find", "its own detector"), ("fit", "Tarsier's boxes")):
+                text, _, _ = self.run([program, verb, model, listed])
+                lines = [json.loads(line) for line in text.splitlines()]
+                ms = [line["ms"] for line in lines if "ms" in line]
+                judge(f"dlib {version}, model of libdlib-data {debian_version('libdlib-data')}, {start}", lines, f"{np.median(ms):.1f} ms a fit",
+                      os.path.getsize(model))
+
+        def face_api(kind, weights):
+            folder, version = self.package("@vladmandic/face-api")
+            plain = {}
+            for image in images:
+                plain[os.path.join(self.folder("imm"), os.path.basename(image)[:-4] + ".ppm")] = image
+            for path, image in plain.items():
+                cv2.imwrite(path, cv2.imread(image))
+            lines = self.node("face_points.mjs", folder, kind, *plain)
+            for line in lines:
+                line["image"] = plain[line["image"]]
+            judge(f"@vladmandic/face-api {version}, {weights}, its own detector", lines,
+                  f"{np.median([line['fit_ms'] for line in lines]):.0f} ms a fit in plain JavaScript, {np.median([line['ms'] for line in lines]):.0f} with the search",
+                  os.path.getsize(os.path.join(folder, "model", f"{weights}_model.bin")))
+
+        def mesh(kind, weights):
+            folder, version = self.package("@mediapipe/face_mesh")
+            lines = self.node("face_mesh.mjs", folder, kind, *images)
+            for line in lines:
+                if line.get("points"):
+                    line["points"] = {at: line["points"][of] for at, of in self.MESH.items()}
+            with open(os.path.join(folder, "face_mesh_solution_packed_assets_loader.js"), encoding="utf-8") as file:
+                place = re.search(weights + r'\.tflite",\s*"start":\s*(\d+),\s*"end":\s*(\d+)', file.read())
+            judge(f"MediaPipe, @mediapipe/face_mesh {version} in Chromium, {weights}, its own detector", lines,
+                  f"{np.median([line['ms'] for line in lines]):.0f} ms by the clock with the search, WebGL in software", int(place[2]) - int(place[1]))
 
         self.attempt("landmarks", "tarsier", own)
-        program = self.peer("tarsier_peer_dlib", "libdlib-dev")
-        version = self.run([program, "version"])[0].strip()
-        model = "/usr/share/dlib/shape_predictor_68_face_landmarks.dat"
-        if not os.path.exists(model):
-            raise Skip("apt-get install libdlib-data (dlib's own model of 68 points)")
-        boxes, _ = self.boxes_of(images)
-        listed = os.path.join(self.work, "imm.jsonl")
-        with open(listed, "w", encoding="utf-8") as file:
-            file.writelines(json.dumps({"image": image, "box": boxes.get(image)}) + "\n" for image in images)
-        for verb, start in (("find", "its own detector"), ("fit", "Tarsier's boxes")):
-            text, _, _ = self.run([program, verb, model, listed])
-            lines = [json.loads(line) for line in text.splitlines()]
-            ms = [line["ms"] for line in lines if "ms" in line]
-            judge(f"dlib {version}, model of libdlib-data {debian_version('libdlib-data')}, {start}", lines, f"{np.median(ms):.1f} ms a fit")
+        self.attempt("landmarks", "dlib", dlib)
+        self.attempt("landmarks", "face-api", face_api, "normal", "face_landmark_68")
+        self.attempt("landmarks", "face-api, tiny", face_api, "tiny", "face_landmark_68_tiny")
+        self.attempt("landmarks", "MediaPipe", mesh, "plain", "face_landmark")
+        self.attempt("landmarks", "MediaPipe, attention", mesh, "attention", "face_landmark_with_attention")
+
+    def node(self, script, *words):
+        text, _, _ = self.run(["node", os.path.join(ROOT, "bench", "peers", script), *words])
+        return [json.loads(line) for line in text.splitlines()]
 
     # --- poses ---
 
@@ -665,6 +731,7 @@ def main():
     parser.add_argument("--data", default=os.environ.get("TARSIER_DATA") or os.path.join(ROOT, "../shared/data"))
     parser.add_argument("--out", help="folder for peers.md and peers.json")
     parser.add_argument("--only", default=",".join(AREAS), help="some of " + ",".join(AREAS))
+    parser.add_argument("--npm", default=os.path.join(ROOT, "build/peers"), help="where npm installed its packages (--prefix)")
     parser.add_argument("--trees", type=int, default=500, help="of dlib, in each of 10 cascades (its default)")
     parser.add_argument("--oversampling", type=int, default=20, help="of dlib, starts a face (its default)")
     flags = parser.parse_args()

@@ -133,6 +133,7 @@ VALID = {
     "sfm features": dict(words="fresh --shard 1/2"),
     "sfm match": dict(words="matchless --shard 1/2"),
     "sfm map": dict(words="matched -o mapped --no-cache"),
+    "sfm merge": dict(words="clustered -o merged --no-cache"),
     "sfm dense": dict(words="model -o dense --quality draft --images views/images"),
     "sfm mesh": dict(words="depths -o mesh.glb --faces 2000"),
     "sfm synth": dict(words="-o scene2 --images 2 --size 160x120"),
@@ -159,7 +160,7 @@ STAGES = {"cartoon run": 5, "plate read": 3, "landmarks fit": 4, "landmarks trac
 # These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
 LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
         "hub": "mqtt://127.0.0.1:1 --log hub.db", **{f"bench {name}": "--json" for name in
-        "aam cartoon eyes landmarks people plate calibrate markers posit render steady targets".split()}}
+        "aam cartoon eyes landmarks people plate calibrate markers posit render sfm steady targets".split()}}
 
 # The examples name files that are not there: all say so, with this status, but those that need no file.
 EXAMPLE_STATUS = {
@@ -406,6 +407,7 @@ INTERRUPTED = {
     "sfm features": "fresh",
     "sfm match": "unmatched",
     "sfm map": "matched -o stopped --no-cache",
+    "sfm merge": "clustered -o stopped --no-cache",
     "sfm dense": "model -o stopped --quality high --images views/images",
     "sfm mesh": "depths -o stopped.glb",
     "sfm synth": "-o stopped --images 200",
@@ -621,6 +623,9 @@ def make_inputs_here():
         made("sfm", "plan", "views/images", "-o", work, "--shards", "2", "--quiet")
         for stage in ("features", "match")[: ("fresh", "matchless", "matched").index(work)]:
             made("sfm", stage, work, "--quiet")
+    made("sfm", "plan", "views/images", "-o", "clustered", "--cluster-size", "4", "--quiet")
+    for words in (("features",), ("match",), ("map", "--cluster", "all")):
+        made("sfm", words[0], "clustered", *words[1:], "--quiet")
     # Enough pairs that matching them takes a while.
     made("sfm", "synth", "-o", "ring", "--images", "16", "--size", "320x240", "--quiet")
     made("sfm", "plan", "ring/images", "-o", "unmatched", "--quiet")

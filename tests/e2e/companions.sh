@@ -21,6 +21,20 @@ cmp by-tarsier.txt by-hand.txt || fail "tarsier-bench posit --help differs"
 [ "$("$programs/tarsier-serve" --version)" = "$("$TARSIER" --version)" ] || fail "tarsier-serve --version"
 [ "$("$programs/tarsier-demo" --version)" = "$("$TARSIER" --version)" ] || fail "tarsier-demo --version"
 
+# A bench that draws what it measures: seconds and counts of each stage, and how exact the result is.
+"$TARSIER" bench sfm --only ring12 --size 200x150 --repeats 1 --json --quiet >stages.jsonl || fail "bench sfm: exit status $?"
+python3 - <<'PY' || fail "bench sfm: $(cat stages.jsonl)"
+import json
+lines = [json.loads(line) for line in open("stages.jsonl")]
+assert [line["case"] for line in lines] == [f"ring12 200x150 {stage}" for stage in "features pairs match reconstruct all".split()], lines
+assert all(line["bench"] == "sfm" and line["cpu_ms"] >= 0 and line["wall_ms"] >= 0 for line in lines)
+features, pairs, match, reconstruct, whole = lines
+assert features["images"] == 12 and features["features"] > 2000 and pairs["pairs"] == 66
+assert match["matches"] >= match["inliers"] > 500 and 0 < match["pairs"] <= 66
+assert reconstruct["registered"] == 12 and reconstruct["observations"] > 2 * reconstruct["points"] > 200
+assert whole["center_percent"] < 1
+PY
+
 # Alone: described, refused with one line, and not started.
 mkdir -p alone/bin alone/libexec/tarsier
 cp "$TARSIER" alone/bin/tarsier

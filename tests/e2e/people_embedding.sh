@@ -15,7 +15,7 @@ for i in $(seq 0 11); do printf 'heads/images/%04d.png\tperson %d\n' "$i" "$i"; 
 # Without a background it is not calibrated: said, before anything is written.
 run people enroll Ann heads/images/0000.png --any-quality --embedding face.onnx
 expect_status 5
-grep -q 'face.onnx: is not calibrated: .people train --learn-background LIST --embedding FILE' stderr.txt || fail "no word of calibration: $err"
+grep -q 'face.onnx: is not calibrated, no background is given: .people train --learn-background LIST --embedding FILE' stderr.txt || fail "no word of calibration: $err"
 [ ! -e people.db ] || fail "a gallery was made with a network that is not calibrated"
 run people enroll Ann heads/images/0000.png --embedding face.onnx --template classic
 expect_status 2

@@ -66,6 +66,22 @@ run people eval raw.lst --raw --size 64x80 -k 2 --enrolled 4 --algorithm lbph
 expect_status 3
 expect_error 'leave no strangers'
 
+# Some images are enrolled, others are asked for: no draws.
+head -n 8 raw.lst >front.lst
+tail -n 12 raw.lst >later.lst
+run people eval later.lst --train-list front.lst --raw --size 64x80 --seeds 1 --algorithm lbph --json --quiet
+expect_status 0
+expect_out '"training":null,"training_images":8' '"trials":12'
+run people eval later.lst --train-list front.lst --raw --size 64x80 --seeds 1 --algorithm lbph --quiet
+expect_status 0
+expect_out '12 faces of 4 people in later.lst, 8 more of front.lst train'
+grep -v 'person 2' front.lst >three.lst
+run people eval later.lst --train-list three.lst --raw --size 64x80 --seeds 1 --algorithm lbph
+expect_status 3
+expect_error 'later.lst: person 2 has no face in three.lst'
+run people eval later.lst --train-list front.lst -k 2 --raw
+expect_status 2
+
 # How much more alike strangers before one camera are: the constants of the program are fitted in this way.
 run people eval faces.lst -k 2 --seeds 1 --fit-same-camera --json --quiet
 expect_status 0

@@ -52,6 +52,17 @@ run pose solve --object cube.txt --points corner.txt --camera 760,760,319.5,239.
 expect_status 0
 exact 1e-4 0.05
 [ -s axes.png ] || fail "no image with the axes"
+# Points that are off by a px leave the pose uncertain by as much as they tell.
+awk '!/^#/ { print $1 + (NR % 2 ? 1 : -1), $2 + (NR % 3 ? -0.5 : 1) }' seen.txt >off.txt
+run pose solve --object cube.txt --points off.txt --focal 760 --json
+expect_status 0
+python3 -c 'import json
+pose = json.loads(open("stdout.txt").readline())["poses"][0]
+assert len(pose["turn_sigma_deg"]) == len(pose["translation_sigma"]) == 3
+assert all(0.05 < s < 5 for s in pose["turn_sigma_deg"]), pose
+assert pose["translation_sigma"][2] > 3 * pose["translation_sigma"][0]' || fail "the deviations of a noisy pose"
+run pose solve --object cube.txt --points off.txt --focal 760
+expect_out 'turn \+- .* degrees about x, y, z'
 run pose solve --object cube.txt --points seen.txt --camera 760,760,319.5,239.5 --origin center --json
 expect_status 0
 exact 1e-4 0.05

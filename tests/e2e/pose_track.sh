@@ -27,6 +27,8 @@ assert abs(math.degrees(math.asin(r[2][1])) + face["pitch"]) < 0.02
 # He looks down and to image right.
 assert -50 < face["yaw"] < -15 and -35 < face["pitch"] < -5 and abs(face["roll"]) < 15
 assert face["translation"][2] > 500
+for angle in ("yaw", "pitch", "roll"):
+    assert 0.2 < face[angle + "_sigma_deg"] < 20, angle
 END
 [ -s posed.png ] || fail "no image with the axes"
 
@@ -52,7 +54,7 @@ for what in none box head glasses hat thing.obj; do
   expect_status 0
   cmp -s $what.png posed.png && fail "--draw $what drew the axes"
 done
-expect_out 'yaw [+-][0-9.]+ pitch' 'mm away'
+expect_out 'yaw [+-][0-9.]+ ± [0-9.]+ pitch' 'mm away'
 
 # A video: one head keeps its id; the table has a row a frame.
 mkdir video
@@ -63,14 +65,14 @@ for smooth in none mean one-euro; do
   [ "$(grep -c '"id":1,' stdout.txt)" -eq 6 ] || fail "--smooth $smooth: not the same id in all frames"
   [ "$(wc -l <poses.csv)" -eq 7 ] || fail "poses.csv has $(wc -l <poses.csv) lines"
 done
-head -1 poses.csv | grep -q '^frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px$' || fail "heading of poses.csv"
+head -1 poses.csv | grep -q '^frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px,yaw_sigma_deg,pitch_sigma_deg,roll_sigma_deg$' || fail "heading of poses.csv"
 
 # The direction, corrected by what was learnt from drawn heads, which have their truth.
 run pose synth -o heads --count 24 --size 320x240 --seed 3 --quiet
 expect_status 0
 run pose train-view --truth heads/truth.jsonl -o view.json --leave-out --json
 expect_status 0
-expect_out '"what":"landmarks alone"' '"what":"refined, each person left out in turn"' '"output":"view.json"'
+expect_out '"what":"landmarks alone"' '"yaw_within_sigma":[0-9.]+' '"what":"refined, each person left out in turn"' '"output":"view.json"'
 angles() { grep -o '"yaw":[-0-9.]*,"pitch":[-0-9.]*' stdout.txt; }
 run pose track "$messi" --json --refine none
 expect_status 0
@@ -167,11 +169,20 @@ python3 - <<'END'
 import json
 line = {"image": "a.jpg", "yaw": 10, "pitch": 5, "roll": 0}
 print(json.dumps(line), file=open("found.jsonl", "w"))
+line.update(yaw_sigma_deg=2, pitch_sigma_deg=1, roll_sigma_deg=1)
+print(json.dumps(line), file=open("sure.jsonl", "w"))
 print(json.dumps({"image": "a.jpg", "euler": [-5, 13, 0]}), file=open("truth.jsonl", "w"))
 END
 run pose eval --truth truth.jsonl --results found.jsonl --json
 expect_status 0
 expect_out '"answered":1' '"pitch_mae":0\.0' '"yaw_mae":3\.0' '"rotation_mean":(2\.99|3\.0)'
+grep -q sigma stdout.txt && fail "there is a coverage of poses without deviations"
+# Off by 3 degrees with a deviation of 2: within two, not within one.
+run pose eval --truth truth.jsonl --results sure.jsonl --json
+expect_status 0
+expect_out '"with_sigma":1,"yaw_within_sigma":0\.0,"yaw_within_2sigma":1\.0,"pitch_within_sigma":1\.0'
+run pose eval --truth truth.jsonl --results sure.jsonl
+expect_out 'yaw +within 1 sigma 0\.0 % \(0 of 1; 0-[0-9]+\), within 2 100\.0 % \(1 of 1'
 
 # What cannot be used says so.
 printf 'mtllib ../../etc/passwd\nv 0 0 0\nf 1 1 1\n' >outside.obj

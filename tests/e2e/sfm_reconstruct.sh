@@ -62,6 +62,20 @@ for file in grown-001-before grown-001-after model-0; do
   [ -s "looked/$file.ply" ] && [ -s "looked/$file.png" ] || fail "--debug-dir: no $file"
 done
 
+# --- simulated views ---
+little wide --wide --json
+run "${words[@]}"
+expect_status 0
+python3 - "$out" <<'PY' || fail "--wide gives no more points"
+import json, sys
+plain = sum(not line.startswith('#') for line in open('whole/points3D.txt'))
+sys.exit(json.loads(sys.argv[1])["models"][0]["points"] <= plain)
+PY
+little none --wide --features orb
+run "${words[@]}"
+expect_status 2
+expect_error '--wide: .*--features sift'
+
 # --- placed, exported ---
 python3 - <<'PY'
 import json

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm plan, features, match, map: shards in any order, one of them killed, give the model of `sfm reconstruct` to the
+# sfm plan, features, match, map, merge: shards in any order, one of them killed, give the model of `sfm reconstruct` to the
 # byte; what is missing or broken is named with the command that makes it; the script for Slurm submits all stages.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
@@ -96,7 +96,7 @@ broken() { # broken FILE PATTERN FILTER..: with what the filter makes of FILE in
 broken match-1-of-3 'match-1-of-3: is damaged; run: tarsier sfm match work --shard 1/3' head -c 4000
 broken match-1-of-3 'is not the file that its .done describes' cat work/match-2-of-3
 broken features-3-of-3 'run: tarsier sfm features work --shard 3/3' head -c 0
-broken match-1-of-3.done 'run: tarsier sfm match' sed 's/"version":1/"version":9/'
+broken match-1-of-3.done 'run: tarsier sfm match' sed 's/"version":[0-9]*/"version":99/'
 broken match-1-of-3.done 'is of another plan' sed 's/"plan":"[0-9a-f]*"/"plan":"00"/'
 broken match-1-of-3.done 'run: tarsier sfm match' printf '[[[['
 broken plan.json 'plan.json: is no plan' sed 's/"shards": 3/"shards": 0/'
@@ -149,4 +149,77 @@ grep -q -- '--array 1-3 .*stage-match' calls || fail "sfm.sbatch: no array of ma
 [ "$(grep -c -- '--time=10' calls)" -eq 4 ] || fail 'sfm.sbatch: flags of sbatch are lost'
 grep -q 'job 4 makes' stdout.txt || fail "sfm.sbatch says: $(cat stdout.txt)"
 same_as_whole 'slurm work/model' 'Slurm' # each image with all 11 others is all with all
+
+# --- clusters: mapped apart, merged; missing ones are named; Slurm submits them ---
+run sfm plan scene/images "${options[@]}" -o clusters --shards 2 --cluster-size 6 --slurm
+expect_status 0
+expect_out '12 images, 2 shards, 2 clusters' 'seq 2 \| parallel -q .* sfm map .* --cluster \{\}/2' 'sfm merge'
+run sfm merge clusters -o merged
+expect_status 3
+expect_error 'run: tarsier sfm features clusters --shard 1/2'
+run sfm features clusters
+run sfm match clusters
+run sfm map clusters --cluster 2/2 --json
+expect_status 0
+expect_out '"stage":"map","cluster":\[2,2\],"images":[0-9]+,"own":6,"registered":[0-9]+,"models":1,"was_done":false'
+run sfm merge clusters -o merged
+expect_status 3
+expect_error 'model-1-of-2: is missing; run: tarsier sfm map clusters --cluster 1/2'
+run sfm map clusters --cluster all --threads 3
+expect_status 0
+expect_out 'cluster 1/2: [0-9]+ images \(6 of its own\)' 'cluster 2/2: .*\(done before\)'
+cp clusters/model-2-of-2 before
+rm clusters/model-2-of-2*
+run sfm map clusters --cluster 2/2 --threads 1 --no-cache
+expect_status 0
+cmp before clusters/model-2-of-2 || fail 'a cluster that is mapped again has other bytes'
+run sfm merge clusters -o merged
+expect_status 0
+expect_out 'model 0: 12 of 12 images'
+grep -q '"joined": true' merged/report.json || fail 'report.json does not say what was joined'
+run sfm eval merged --truth scene/truth.jsonl --json
+expect_status 0
+python3 - stdout.txt <<'PY' || fail "the merged model is not exact: $out"
+import json, sys
+scores = json.load(open(sys.argv[1]))
+sys.exit(not (scores["registered"] == 12 and scores["center_mean"] < 1e-3 * scores["extent"]))
+PY
+for bad in "clusters" "clusters --cluster 1/3" "clusters --cluster 1/2 -o x" "work --cluster 1/3" "clusters --cluster 1/2 --turntable"; do
+  # shellcheck disable=SC2086
+  run sfm map $bad
+  expect_status 2
+done
+run sfm merge work -o x
+expect_status 3
+expect_error 'has no clusters'
+rm -r calls clusters/model-*
+CALLS=$PWD/calls PATH=$PWD/programs:$PATH bash clusters/sfm.sbatch >stdout.txt 2>stderr.txt </dev/null || fail "sfm.sbatch: $(cat stderr.txt)"
+grep -q -- '--array 1-2 .*stage-clusters' calls || fail "sfm.sbatch: no array of clusters: $(cat calls)"
+grep -q 'afterany:3 .*stage-merge' calls || fail "sfm.sbatch: the merge does not wait: $(cat calls)"
+for file in cameras.txt images.txt points3D.txt; do
+  cmp -s clusters/model/$file merged/$file || fail "clusters by Slurm: another $file"
+done
+
+# --- models of folders that share images ---
+mkdir few
+for k in 0 1 2 3 4 5 6 7; do ln -s "$PWD/scene/images/000$k.jpg" few/; done
+run sfm reconstruct few "${options[@]}" -o first --quiet
+rm few/*
+for k in 04 05 06 07 08 09 10 11; do ln -s "$PWD/scene/images/00$k.jpg" few/; done
+run sfm reconstruct few "${options[@]}" -o second --quiet
+run sfm merge first second -o both
+expect_status 0
+expect_out 'model 0: 12 of 12 images'
+run sfm merge first second -o both --align gps
+expect_status 2
+run sfm merge first nowhere -o both
+expect_status 3
+expect_error 'nowhere'
+rm few/*
+for k in 07 08 09 10 11; do ln -s "$PWD/scene/images/00$k.jpg" few/; done
+run sfm reconstruct few "${options[@]}" -o third --quiet
+run sfm merge first third -o apart
+expect_status 0
+expect_out 'not joined: first and third: 1 image in common, 3 are needed'
+[ -s apart/model-1/points3D.txt ] || fail 'what is not joined is not there'
 finish

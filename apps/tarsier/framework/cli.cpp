@@ -11,6 +11,8 @@
 #include <opencv2/core/utils/logger.hpp>
 
 #include "framework/command_tree.h"
+#include "framework/error_help.h"
+#include "framework/option_names.h"
 #include "framework/parse.h"
 #include <algorithm>
 #include <cerrno>
@@ -93,7 +95,17 @@ void complete(Context& context) {
   if (context.threads > 0) cv::setNumThreads(std::min(context.threads, cv::getNumberOfCPUs()));
 }
 
-int run_checked(const CommandLine& program, const std::vector<std::string>& words) {
+// "--ca-file", "-o" and all others of a verb.
+std::vector<std::string> flag_names(const Command& verb) {
+  std::vector<std::string> names;
+  for (const FlagInfo& flag : verb.flags())
+    names.insert(names.end(), flag.names.begin(), flag.names.end());
+  return names;
+}
+
+// `flags`: where an error comes from a verb, the names of its flags.
+int run_checked(const CommandLine& program, const std::vector<std::string>& words,
+                std::vector<std::string>& flags) {
   Context context;
   context.words = words;
   context.stop = stop_on_signals();
@@ -125,7 +137,13 @@ int run_checked(const CommandLine& program, const std::vector<std::string>& word
     return 0;
   }
   complete(context);
-  ExitStatus status = context.run();
+  ExitStatus status = ExitStatus::kDone;
+  try {
+    status = context.run();
+  } catch (...) {
+    flags = flag_names(*parsed.command);
+    throw;
+  }
   if (context.is_batch && status == ExitStatus::kNothingFound) status = ExitStatus::kDone;
   context.progress.reset();
   print_text("");  // tells of a full disk or a closed pipe behind stdout
@@ -169,12 +187,16 @@ void set_run(Command& verb, Context& context, std::function<ExitStatus()> run) {
 }
 
 int run_program(const CommandLine& program, const std::vector<std::string>& words) {
+  std::vector<std::string> flags;
+  const auto message_of = [&flags](const std::exception& error) {
+    return with_flag_names(without_requirement(error.what()), flags) + error_help(error);
+  };
   try {
-    return run_checked(program, words);
+    return run_checked(program, words, flags);
   } catch (const Error& error) {
-    return fail(error.status(), without_requirement(error.what()));
+    return fail(error.status(), message_of(error));
   } catch (const std::invalid_argument& error) {
-    return fail(ExitStatus::kUsage, without_requirement(error.what()));
+    return fail(ExitStatus::kUsage, message_of(error));
   } catch (const cv::Exception& error) {
     return fail(ExitStatus::kBadInput,
                 fmt::format("OpenCV cannot do this: {} ({})", error.err, error.func));

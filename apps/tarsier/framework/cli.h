@@ -62,7 +62,7 @@ Command& add_verb(Command& area, std::string_view name, std::string_view help, C
   return verb;
 }
 
-// One area each (cmd_<area>.cpp): adds its sub-commands; the chosen verb's callback sets
+// One area each (verbs/<area>/): adds its sub-commands; the chosen verb's callback sets
 // context.run.
 void add_cartoon(Command& app, Context& context);
 void add_plate(Command& app, Context& context);

@@ -9,6 +9,7 @@
 
 #include "command_json.h"
 #include "command_tree.h"
+#include "option_names.h"
 #include "parse.h"
 #include <nlohmann/json.hpp>
 
@@ -471,6 +472,23 @@ TEST(Command, FlagsAreAddedWhereTheyAreNeeded) {
   EXPECT_THAT(other.flags(), SizeIs(2));
   EXPECT_THAT(help_text(other), HasSubstr("--size"));
   EXPECT_EQ(others, 1);
+}
+
+TEST(OptionNames, BecomeTheFlagsOfTheVerb) {
+  const std::vector<std::string> flags = {"--ca-file", "--insecure", "--start", "-o"};
+  EXPECT_EQ(with_flag_names("not trusted: name it (option 'ca_file'), or option 'insecure'", flags),
+            "not trusted: name it (--ca-file), or --insecure");
+  EXPECT_EQ(with_flag_names("option 'start' must be search", flags), "--start must be search");
+}
+
+TEST(OptionNames, OfOtherVerbsStay) {
+  for (const char* message :
+       {"", "no such word", "option 'window', 80 px", "option 'start", "option ''", "option 'o'",
+        "option 'x' and option 'y'", "options 'start'", "'start'"}) {
+    EXPECT_EQ(with_flag_names(message, {"--start", "-o"}), message);
+  }
+  EXPECT_EQ(with_flag_names("option 'option 'start'", {"--start"}), "option '--start");
+  EXPECT_EQ(with_flag_names("option 'start'", {}), "option 'start'");
 }
 
 }  // namespace

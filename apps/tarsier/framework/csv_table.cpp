@@ -16,14 +16,4 @@ void CsvTable::add(std::string_view row) {
   if (!file_) throw OutputError(path_, "cannot be written");
 }
 
-std::string csv_value(const std::string& text) {
-  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
-  std::string quoted = "\"";
-  for (const char c : text) {
-    if (c == '"') quoted += '"';
-    quoted += c;
-  }
-  return quoted + '"';
-}
-
 }  // namespace tarsier::cli

@@ -13,15 +13,12 @@ class CsvTable {
  public:
   // `header`: "frame,time,id". Throws OutputError where the file cannot be written; so does add().
   CsvTable(const std::string& path, std::string_view header);
-  // `row` without the end of its line.
+  // `row` without the end of its line; its texts are from csv_field() (core/csv.h).
   void add(std::string_view row);
 
  private:
   std::string path_;
   std::ofstream file_;
 };
-
-// A value of a row; in quotes where it holds a comma, a quote or the end of a line.
-[[nodiscard]] std::string csv_value(const std::string& text);
 
 }  // namespace tarsier::cli

@@ -75,6 +75,7 @@ std::string example_of(const std::string& verb) {
       {"sfm features", "work --shard 3/8"},
       {"sfm match", "work --shard 3/8"},
       {"sfm map", "work -o model"},
+      {"sfm merge", "work -o model"},
       {"sfm dense", "model -o dense"},
       {"sfm mesh", "dense -o mesh.glb"},
       {"sfm synth", "-o scene --images 12"},
@@ -108,6 +109,7 @@ std::string example_of(const std::string& verb) {
       {"bench markers", "--json"},
       {"bench posit", "--json"},
       {"bench render", "--json"},
+      {"bench sfm", "--only ring12"},
       {"bench steady", "--json"},
       {"bench targets", "--json"},
   };

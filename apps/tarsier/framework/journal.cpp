@@ -52,7 +52,8 @@ std::optional<JournalEntry> entry_of(const std::string& text) {
 
 }  // namespace
 
-Journal::Journal(std::string path, const std::string& header, bool go_on) : path_(std::move(path)) {
+Journal::Journal(std::string path, const std::string& header, bool resume)
+    : path_(std::move(path)) {
   fd_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (fd_ < 0) fail(path_, errno);
   if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
@@ -60,7 +61,7 @@ Journal::Journal(std::string path, const std::string& header, bool go_on) : path
     throw OutputError(path_, "another program is writing it");
   }
   try {
-    if (go_on) resume(header);
+    if (resume) read_entries(header);
     if (::ftruncate(fd_, end_) != 0 || ::lseek(fd_, end_, SEEK_SET) < 0) fail(path_, errno);
     if (end_ == 0) {
       write_all(fd_, header + '\n', path_);
@@ -74,7 +75,7 @@ Journal::Journal(std::string path, const std::string& header, bool go_on) : path
 
 Journal::~Journal() { ::close(fd_); }
 
-void Journal::resume(const std::string& header) {
+void Journal::read_entries(const std::string& header) {
   std::ifstream file(path_, std::ios::binary);
   std::string line;
   const auto next = [&] { return std::getline(file, line) && !file.eof(); };  // with its end

@@ -41,7 +41,7 @@ class Journal {
     std::int64_t begin = 0;
     std::int64_t size = 0;
   };
-  void resume(const std::string& header);
+  void read_entries(const std::string& header);
   [[nodiscard]] std::string text_at(const Place& place) const;
 
   std::string path_;

@@ -116,7 +116,7 @@ std::vector<Part> checked_parts(const std::vector<std::string>& paths) {
 
 }  // namespace
 
-Shard parse_shard(std::string_view text) {
+Shard parse_shard(std::string_view text, std::string_view flag) {
   const std::size_t slash = text.find('/');
   Shard shard{-1, -1};
   if (slash != std::string_view::npos) {
@@ -124,7 +124,7 @@ Shard parse_shard(std::string_view text) {
   }
   if (shard.count < 1 || shard.count > kMaxShards || shard.number < 1 ||
       shard.number > shard.count) {
-    throw UsageError(fmt::format("--shard {}: expected i/N with 1 <= i <= N, for example 3/20",
+    throw UsageError(fmt::format("{} {}: expected i/N with 1 <= i <= N, for example 3/20", flag,
                                  printable(text)));
   }
   return shard;

@@ -15,8 +15,8 @@ struct Shard {
   int count = 1;
 };
 
-// "3/20". Throws UsageError naming --shard.
-[[nodiscard]] Shard parse_shard(std::string_view text);
+// "3/20". Throws UsageError naming the flag.
+[[nodiscard]] Shard parse_shard(std::string_view text, std::string_view flag = "--shard");
 
 // Which of `count` shards an input belongs to, 1..count: the first 8 bytes of the SHA-256 of its name
 // as a big-endian number, modulo count, plus 1. It depends on nothing else: other inputs that come or

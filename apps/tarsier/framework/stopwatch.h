@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/elapsed.h"
 #include "tarsier/core/statistics.h"
 
 #include <chrono>
@@ -12,9 +13,7 @@ namespace tarsier::cli {
 // The time since it was made.
 class Stopwatch {
  public:
-  [[nodiscard]] double seconds() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-  }
+  [[nodiscard]] double seconds() const { return seconds_since(start_); }
   [[nodiscard]] double ms() const { return 1000 * seconds(); }
 
  private:

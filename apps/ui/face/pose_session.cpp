@@ -139,9 +139,10 @@ void PoseSession::draw(cv::Mat& image) {
     image::draw::TextStyle text;
     text.height_px = std::clamp(face->face.box.height * 0.06, 8.0, 24.0);
     const std::string angles =
-        fmt::format("{}yaw {:+.0f}  pitch {:+.0f}  roll {:+.0f}",
+        fmt::format("{}yaw {:+.0f} +-{:.0f}  pitch {:+.0f} +-{:.0f}  roll {:+.0f} +-{:.0f}",
                     !result_.tracked ? "" : fmt::format("{}:  ", face->face.id),
-                    pose.angles.yaw_deg, pose.angles.pitch_deg, pose.angles.roll_deg);
+                    pose.angles.yaw_deg, pose.yaw_sigma_deg, pose.angles.pitch_deg,
+                    pose.pitch_sigma_deg, pose.angles.roll_deg, pose.roll_sigma_deg);
     const cv::Size size = image::draw::text_size(angles, text.height_px);
     const int x = std::clamp(cvRound(face->face.box.x), 0, std::max(0, image.cols - size.width));
     const int y = std::max(cvRound(face->face.box.y), size.height);

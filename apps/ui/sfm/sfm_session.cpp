@@ -43,6 +43,7 @@ View SfmSession::on_frame(const Frame& frame, const SourceStatus& source) {
   if (controls_.paused()) return view(false);  // a camera goes on while nobody looks
   latest_ = frame;
   update(online_.process(frame, stop_, watched(debug_)));
+  latest_.image = online_.image();
   draw();
   return view(true);
 }

@@ -2,6 +2,7 @@
 #include "about.h"
 
 #include "tarsier/core/cpu.h"
+#include "tarsier/core/elapsed.h"
 #include "tarsier/core/errors.h"
 
 #include "audit_log.h"
@@ -20,10 +21,6 @@ namespace tarsier::web {
 namespace {
 
 using Json = nlohmann::json;
-
-double seconds_since(std::chrono::steady_clock::time_point begin) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-}
 
 Json machine_json() {
   struct utsname name {};

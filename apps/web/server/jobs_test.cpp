@@ -347,14 +347,6 @@ TEST(Metrics, AreText) {
       HasSubstr("tarsier_session_frame_age_seconds{session=\"s1\",verb=\"cartoon run\"} 0.04"));
 }
 
-TEST(Base64, Encodes) {
-  EXPECT_EQ(base64_of(""), "");
-  EXPECT_EQ(base64_of("f"), "Zg==");
-  EXPECT_EQ(base64_of("fo"), "Zm8=");
-  EXPECT_EQ(base64_of("foo"), "Zm9v");
-  EXPECT_EQ(base64_of("foobar"), "Zm9vYmFy");
-}
-
 TEST(HttpStatus, FollowsTheExitStatus) {
   EXPECT_EQ(http_status_of(0), 200);
   EXPECT_EQ(http_status_of(1), 200);

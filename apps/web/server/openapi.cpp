@@ -229,7 +229,11 @@ Json face(bool has_pose) {
   if (has_pose) {
     properties["rotation"] = numbers(9);
     properties["translation"] = numbers(3);
-    for (const char* angle : {"yaw", "pitch", "roll"}) properties[angle] = number();
+    for (const char* angle : {"yaw", "pitch", "roll"}) {
+      properties[angle] = number();
+      properties[std::string(angle) + "_sigma_deg"] = number();
+    }
+    properties["sigma_floor_deg"] = numbers(3);
   }
   return object_of(std::move(properties));
 }

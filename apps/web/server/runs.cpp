@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "runs.h"
 
+#include "tarsier/core/base64.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
@@ -177,7 +178,7 @@ class ImagesOfRequest {
 Response run_response(const Runs::Result& result) {
   Json files = Json::array();
   for (const auto& [name, bytes] : result.files) {
-    files.push_back({{"name", name}, {"bytes", bytes.size()}, {"base64", base64_of(bytes)}});
+    files.push_back({{"name", name}, {"bytes", bytes.size()}, {"base64", to_base64(bytes)}});
   }
   return status_with({{"exit", result.exit},
                       {"lines", lines_json(result.lines)},
@@ -227,24 +228,6 @@ Response verb_response(const Request& request, Runs& runs, Workspace& workspace)
 }
 
 }  // namespace
-
-std::string base64_of(std::string_view bytes) {
-  constexpr std::string_view kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  text.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t n = 0; n < bytes.size(); n += 3) {
-    std::uint32_t group = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      group =
-          (group << 8U) | (n + k < bytes.size() ? static_cast<unsigned char>(bytes[n + k]) : 0U);
-    }
-    for (std::size_t k = 0; k < 4; ++k) {
-      text += n + k <= bytes.size() ? kDigits[(group >> (18 - 6 * k)) & 63U] : '=';
-    }
-  }
-  return text;
-}
 
 int http_status_of(int exit) {
   switch (static_cast<ExitStatus>(exit)) {

@@ -89,6 +89,4 @@ class Runs {
 // POST /api/run, POST /api/v1/{area}/{verb}
 void bind_runs(Router& router, Runs& runs, Workspace& workspace);
 
-[[nodiscard]] std::string base64_of(std::string_view bytes);
-
 }  // namespace tarsier::web

@@ -48,14 +48,14 @@ Response list(const Request& request, const SignIns& sign_ins) {
 class Guarded final : public BodyStream {
  public:
   using Clock = std::chrono::steady_clock;
-  Guarded(std::unique_ptr<BodyStream> stream, std::function<bool()> may_go_on,
+  Guarded(std::unique_ptr<BodyStream> stream, std::function<bool()> is_signed_in,
           std::chrono::milliseconds interval)
-      : stream_(std::move(stream)), may_go_on_(std::move(may_go_on)), interval_(interval) {}
+      : stream_(std::move(stream)), is_signed_in_(std::move(is_signed_in)), interval_(interval) {}
   std::ptrdiff_t read(std::span<char> buffer, int socket) override {
     const Clock::time_point now = Clock::now();
     if (now - looked_ >= interval_) {
       looked_ = now;
-      if (!may_go_on_()) return -1;
+      if (!is_signed_in_()) return -1;
     }
     return stream_->read(buffer, socket);
   }
@@ -63,7 +63,7 @@ class Guarded final : public BodyStream {
 
  private:
   std::unique_ptr<BodyStream> stream_;
-  std::function<bool()> may_go_on_;
+  std::function<bool()> is_signed_in_;
   const std::chrono::milliseconds interval_;
   Clock::time_point looked_ = Clock::now();
 };
@@ -127,16 +127,16 @@ void bind_sign_ins(Router& router, SignIns& sign_ins, AuditLog& audit) {
 std::unique_ptr<BodyStream> while_signed_in(std::unique_ptr<BodyStream> stream, SignIns& sign_ins,
                                             const Request& request,
                                             std::chrono::milliseconds interval) {
-  std::function<bool()> may_go_on;
+  std::function<bool()> is_signed_in;
   if (request.by_api_token) {
     constexpr std::string_view kBearer = "Bearer ";
     const std::string token(request.header("authorization").substr(kBearer.size()));
-    may_go_on = [&sign_ins, token] { return sign_ins.is_api_token(token); };
+    is_signed_in = [&sign_ins, token] { return sign_ins.is_api_token(token); };
   } else {
     const std::string cookie = cookie_of(request);
-    may_go_on = [&sign_ins, cookie] { return sign_ins.is_signed_in(cookie); };
+    is_signed_in = [&sign_ins, cookie] { return sign_ins.is_signed_in(cookie); };
   }
-  return std::make_unique<Guarded>(std::move(stream), std::move(may_go_on), interval);
+  return std::make_unique<Guarded>(std::move(stream), std::move(is_signed_in), interval);
 }
 
 }  // namespace tarsier::web

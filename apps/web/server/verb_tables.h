@@ -36,6 +36,8 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--checkpoint",
     "--classic-reader",
     "--close-holes",
+    "--cluster",
+    "--cluster-size",
     "--colour-modes",
     "--colour-width",
     "--columns",
@@ -91,6 +93,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--fit-same-camera",
     "--focal",
     "--fixed-order",
+    "--fixed-poses",
     "--fold",
     "--format",
     "--fps",
@@ -181,6 +184,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--online",
     "--online-every",
     "--only",
+    "--only-start-images",
     "--origin",
     "--outer-eye-mm",
     "--outlier",
@@ -298,6 +302,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--views",
     "--voxel",
     "--wait",
+    "--wide",
     "--width",
     "--wild",
     "--words",
@@ -310,12 +315,13 @@ inline constexpr auto kFreeTextFlags =
                                      "--names", "--note", "--source", "--terms", "--text"});
 
 inline constexpr auto kInputFlags = std::to_array<std::string_view>(
-    {"--annotated", "--appearance", "--camera-file",    "--compare",   "--countries-dir",
-     "--database",  "--detector",   "--detector-model", "--embedding", "--found",
-     "--from",      "--head",       "--image",          "--images",    "--learn-background",
-     "--list",      "--mapping",    "--mesh",           "--model",     "--object",
-     "--on",        "--pointing",   "--points",         "--reader",    "--results",
-     "--scenes",    "--target",     "--truth",          "--view",      "--without"});
+    {"--annotated", "--appearance",  "--camera-file",    "--compare",    "--countries-dir",
+     "--database",  "--detector",    "--detector-model", "--embedding",  "--found",
+     "--from",      "--head",        "--image",          "--images",     "--learn-background",
+     "--list",      "--mapping",     "--mesh",           "--model",      "--object",
+     "--on",        "--pointing",    "--points",         "--reader",     "--results",
+     "--scenes",    "--start-model", "--target",         "--train-list", "--truth",
+     "--view",      "--without"});
 
 inline constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
     {"--align", "--background", "--camera", "--face-detector", "--pairs"});
@@ -368,8 +374,8 @@ inline constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
     "merge",     // of runs that no page starts
     "hub",       // speaks to other machines
     "demo",      // its page is made of files that a browser would run
-    "sfm plan",  // of runs that no page starts, as the next three
-    "sfm features", "sfm match", "sfm map",
+    "sfm plan",  // of runs that no page starts, as the next four
+    "sfm features", "sfm match", "sfm map", "sfm merge",
     "models import",  // writes where all programs of this user look for models
 });
 

@@ -5,6 +5,7 @@
 #include "tarsier/cartoon/rows.h"
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -22,12 +23,6 @@ cv::Scalar differences(const std::array<int, 3>& d) {
 // The inner part of `mask_with_border`, without the frame of one pixel.
 cv::Mat inside(const cv::Mat& mask_with_border) {
   return mask_with_border(cv::Rect(1, 1, mask_with_border.cols - 2, mask_with_border.rows - 2));
-}
-
-std::uint8_t median_of(std::vector<std::uint8_t>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 cv::Rect clipped(const cv::Rect& rect, const cv::Size& size) {
@@ -87,8 +82,8 @@ SkinColor learn_skin_color(const cv::Mat& ycrcb, const cv::Rect& face) {
       cb.push_back(row[x][2]);
     }
   }
-  const double cr_median = median_of(cr);
-  const double cb_median = median_of(cb);
+  const double cr_median = upper_median(cr);
+  const double cb_median = upper_median(cb);
   // Covariance of the nearer half: glasses, shadow of the nose and a beard stay out.
   constexpr double kNear = 12;      // grey levels
   constexpr double kFloor = 3 * 3;  // of each variance: noise and paint make flat patches

@@ -45,6 +45,25 @@ TEST(Skin, LearnedColourFollowsThePersonNotTheWall) {
   EXPECT_EQ(skin.at<std::uint8_t>(20, 40), 0) << "the wall beside the face is no skin";
 }
 
+// Where Cr is larger, Cb is smaller, as of skin in light and shadow: the two belong together.
+TEST(Skin, LearnedColourKnowsHowCrAndCbChangeTogether) {
+  cv::Mat ycrcb(104, 104, CV_8UC3);
+  for (int y = 0; y < ycrcb.rows; ++y) {
+    for (int x = 0; x < ycrcb.cols; ++x) {
+      const int t = (5 * x + 3 * y) % 13 - 6;
+      ycrcb.at<cv::Vec3b>(y, x) = {120, static_cast<std::uint8_t>(150 + t),
+                                   static_cast<std::uint8_t>(110 - t)};
+    }
+  }
+  const SkinColor color = learn_skin_color(ycrcb, {0, 0, 104, 104});
+  EXPECT_NEAR(color.mean[0], 150, 0.3);
+  EXPECT_NEAR(color.mean[1], 110, 0.3);
+  // -6..6: a variance of 14, 9 are added to both.
+  const cv::Matx22d expected = cv::Matx22d(14 + 9, -14, -14, 14 + 9).inv();
+  for (int k = 0; k < 4; ++k)
+    EXPECT_NEAR(color.inverse_covariance.val[k], expected.val[k], 0.004) << k;
+}
+
 TEST(Skin, AFaceOutsideTheImageIsACallersMistake) {
   const cv::Mat ycrcb(50, 50, CV_8UC3, cv::Scalar::all(128));
   EXPECT_THROW((void)learn_skin_color(ycrcb, {60, 60, 20, 20}), std::invalid_argument);

@@ -4,21 +4,33 @@
 #include <opencv2/core/types.hpp>
 
 #include <algorithm>
+#include <concepts>
 
-// Overlap of axis-aligned boxes, in 0..1; 0 where they do not meet or are empty. Whole-pixel boxes
-// convert to cv::Rect2d.
+// Overlap of axis-aligned boxes, in 0..1; 0 where they do not meet, are empty or not finite. Boxes of
+// float are compared in float; whole-pixel boxes convert to cv::Rect2d.
 namespace tarsier {
 
-// Area of the intersection over that of the union (the Jaccard index).
-[[nodiscard]] inline double intersection_over_union(const cv::Rect2d& a, const cv::Rect2d& b) {
-  const double common = (a & b).area();
-  return common > 0 ? common / (a.area() + b.area() - common) : 0;
+// Intersection over union: the area that two boxes share over the area that they cover (the Jaccard
+// index).
+template <std::floating_point T>
+[[nodiscard]] T iou(const cv::Rect_<T>& a, const cv::Rect_<T>& b) {
+  const T common = (a & b).area();
+  const T share = common / (a.area() + b.area() - common);
+  return share > 0 ? share : 0;  // also of 0 / 0
+}
+[[nodiscard]] inline double iou(const cv::Rect2d& a, const cv::Rect2d& b) {
+  return iou<double>(a, b);
 }
 
-// Area of the intersection over that of the smaller box: 1 where one box lies within the other.
+// The area that two boxes share over that of the smaller one: 1 where one box lies within the other.
+template <std::floating_point T>
+[[nodiscard]] T overlap_of_smaller(const cv::Rect_<T>& a, const cv::Rect_<T>& b) {
+  const T common = (a & b).area();
+  const T share = common / std::min(a.area(), b.area());
+  return share > 0 ? share : 0;
+}
 [[nodiscard]] inline double overlap_of_smaller(const cv::Rect2d& a, const cv::Rect2d& b) {
-  const double common = (a & b).area();
-  return common > 0 ? common / std::min(a.area(), b.area()) : 0;
+  return overlap_of_smaller<double>(a, b);
 }
 
 }  // namespace tarsier

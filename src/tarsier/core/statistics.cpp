@@ -23,15 +23,8 @@ double two_sided_quantile(double confidence) {
 
 }  // namespace
 
-double upper_median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 double quantile(std::span<const double> sorted, double share) {
-  TARSIER_REQUIRE(share >= 0 && share <= 1, "{}: a share is 0 to 1", share);
+  (void)detail::checked_share(share);
   if (sorted.empty()) return 0;
   const double place = share * static_cast<double>(sorted.size() - 1);
   const auto low = static_cast<std::size_t>(place);

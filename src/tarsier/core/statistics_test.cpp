@@ -6,7 +6,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <stdexcept>
+#include <type_traits>
+#include <vector>
 
 namespace tarsier {
 namespace {
@@ -77,15 +81,84 @@ TEST(Quantiles, InterpolateBetweenNeighbours) {
   EXPECT_EQ(upper_median({}), 0);
 }
 
+TEST(Quantiles, ThatAreOneOfTheValues) {
+  const std::vector<double> even = {16, 4, 2, 8};
+  const auto of = [&even](double (*rule)(std::vector<double>&, double), double share) {
+    std::vector<double> values = even;
+    return rule(values, share);
+  };
+  EXPECT_EQ(of(upper_quantile<double>, 0.5), 8);
+  EXPECT_EQ(of(lower_quantile<double>, 0.5), 4);
+  EXPECT_EQ(of(nearest_quantile<double>, 0.5), 8);
+  EXPECT_EQ(of(upper_quantile<double>, 0.3), 4);    // 1.2 of 4
+  EXPECT_EQ(of(lower_quantile<double>, 0.3), 2);    // 0.9 of 3
+  EXPECT_EQ(of(nearest_quantile<double>, 0.3), 4);  // 0.9 of 3
+  for (const auto rule :
+       {upper_quantile<double>, lower_quantile<double>, nearest_quantile<double>}) {
+    EXPECT_EQ(of(rule, 0), 2);
+    EXPECT_EQ(of(rule, 1), 16);
+    EXPECT_THROW((void)of(rule, -0.01), std::invalid_argument);
+    EXPECT_THROW((void)of(rule, 1.01), std::invalid_argument);
+    std::vector<double> none;
+    EXPECT_EQ(rule(none, 0.5), 0);
+  }
+}
+
+TEST(Quantiles, OfOtherTypesOfNumbers) {
+  const std::vector<float> values = {9, 1, 5, 2};
+  EXPECT_EQ(upper_median(values), 5.0F);
+  EXPECT_EQ(values, (std::vector<float>{9, 1, 5, 2}));  // a copy was put in order
+  EXPECT_EQ(upper_median(std::vector<std::uint8_t>{200, 7, 9}), 9);
+  EXPECT_EQ(upper_median(std::vector<int>{}), 0);
+}
+
+TEST(Logistic, IsTheInverseOfTheLogOdds) {
+  for (const double p : {0.001, 0.2, 0.5, 0.75, 0.999})
+    EXPECT_NEAR(logistic(log_odds(p)), p, 1e-15);
+  EXPECT_EQ(logistic(0.0), 0.5);
+  EXPECT_NEAR(logistic(-30.0) * (1 + std::exp(30)), 1, 1e-15);  // no digits are lost
+  EXPECT_EQ(logistic(1e4), 1);
+  EXPECT_EQ(logistic(-1e4), 0);
+  EXPECT_TRUE(std::isnan(logistic(std::nan(""))));
+}
+
+// Scores of networks are floats: theirs is the value of float arithmetic.
+TEST(Logistic, OfFloatIsComputedInFloat) {
+  const float x = 0.3F;
+  EXPECT_EQ(logistic(x), 1.0F / (1.0F + std::exp(-x)));
+  EXPECT_NE(static_cast<double>(logistic(x)), logistic(static_cast<double>(x)));
+  EXPECT_EQ(logistic(-200.0F), 0.0F);
+}
+
 TEST(Boxes, TheTwoOverlapsDiffer) {
   const cv::Rect2d whole(0, 0, 10, 10);
   const cv::Rect2d inside(2, 2, 5, 5);
-  EXPECT_DOUBLE_EQ(intersection_over_union(whole, inside), 0.25);
+  EXPECT_DOUBLE_EQ(iou(whole, inside), 0.25);
   EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, inside), 1);
-  EXPECT_DOUBLE_EQ(intersection_over_union(whole, {5, 0, 10, 10}), 1.0 / 3);
+  EXPECT_DOUBLE_EQ(iou(whole, {5, 0, 10, 10}), 1.0 / 3);
   EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, {5, 0, 10, 10}), 0.5);
-  EXPECT_EQ(intersection_over_union(whole, {10, 0, 5, 5}), 0);  // they touch
-  EXPECT_EQ(overlap_of_smaller(whole, {2, 2, 0, 5}), 0);        // empty
+  EXPECT_EQ(iou(whole, {10, 0, 5, 5}), 0);                // they touch
+  EXPECT_EQ(overlap_of_smaller(whole, {2, 2, 0, 5}), 0);  // empty
+  EXPECT_DOUBLE_EQ(iou(cv::Rect(0, 0, 10, 10), cv::Rect(5, 0, 10, 10)), 1.0 / 3);
+}
+
+TEST(Boxes, OverlapOfNothingIsNone) {
+  const cv::Rect2d empty(3, 3, 0, 0);
+  EXPECT_EQ(iou(empty, empty), 0);
+  EXPECT_EQ(overlap_of_smaller(empty, empty), 0);
+  const double inf = std::numeric_limits<double>::infinity();
+  const cv::Rect2d endless(0, 0, inf, inf);
+  EXPECT_EQ(iou(endless, endless), 0);
+  EXPECT_EQ(overlap_of_smaller(endless, endless), 0);
+  EXPECT_EQ(overlap_of_smaller(cv::Rect2d(0, 0, 10, 10), endless), 1);
+}
+
+TEST(Boxes, OfFloatAreComparedInFloat) {
+  const cv::Rect2f a(0, 0, 10, 10);
+  const cv::Rect2f b(5, 0, 10, 10);
+  static_assert(std::is_same_v<decltype(iou(a, b)), float>);
+  EXPECT_EQ(iou(a, b), 50.0F / 150.0F);
+  EXPECT_EQ(overlap_of_smaller(a, b), 0.5F);
 }
 
 }  // namespace

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/linalg/losses.h"
 
+#include "tarsier/core/statistics.h"
+
 #include <algorithm>
 #include <cmath>
 
 namespace tarsier::linalg {
 
 double logistic_loss(float logit, float label, float& derivative) {
-  const double p = 1 / (1 + std::exp(-static_cast<double>(logit)));
+  const double p = logistic(static_cast<double>(logit));
   derivative = static_cast<float>(p - static_cast<double>(label));
   return label > 0.5F ? -std::log(std::max(p, 1e-9)) : -std::log(std::max(1 - p, 1e-9));
 }

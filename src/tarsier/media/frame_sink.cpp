@@ -2,6 +2,7 @@
 #include "tarsier/media/frame_sink.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/file_ending.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
@@ -15,7 +16,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -36,12 +36,6 @@ void require_writable_image(const cv::Mat& image) {
   TARSIER_REQUIRE(
       image.dims == 2 && !image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
       "{}x{}, type {}: sinks take 8-bit grey or BGR", image.cols, image.rows, image.type());
-}
-
-std::string lower_ending(const std::string& path) {
-  std::string ending = fs::path(path).extension().string();
-  for (char& c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return ending;
 }
 
 bool is_video_ending(const std::string& ending) {

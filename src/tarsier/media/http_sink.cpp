@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/media/http_sink.h"
 
+#include "tarsier/core/elapsed.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
@@ -291,7 +292,7 @@ class HttpSink final : public FrameSink {
 
   [[nodiscard]] std::string health() const {
     const std::lock_guard lock(mutex_);
-    const double age = std::chrono::duration<double>(Clock::now() - newest_at_).count();
+    const double age = seconds_since(newest_at_);
     const std::string_view state = frames_ == 0 ? "connecting" : age < 3 ? "live" : "stale";
     return fmt::format(
         "{{\"state\":\"{}\",\"frames\":{},\"viewers\":{},\"seconds_since_frame\":{}}}\n", state,

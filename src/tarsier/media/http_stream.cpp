@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/media/http_stream.h"
 
+#include "tarsier/core/base64.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
@@ -31,24 +32,6 @@ using std::chrono::milliseconds;
 
 constexpr int kMaxRedirects = 3;
 constexpr milliseconds kSlice{50};  // how long anything may last before the stop token is looked at
-
-std::string base64(std::string_view text) {
-  static constexpr std::string_view kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string result;
-  for (std::size_t i = 0; i < text.size(); i += 3) {
-    std::uint32_t bits = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t byte = i + k < text.size() ? static_cast<unsigned char>(text[i + k]) : 0U;
-      bits = (bits << 8U) | byte;
-    }
-    for (std::size_t k = 0; k < 4; ++k) {
-      const auto digit = (bits >> (18U - 6U * static_cast<unsigned>(k))) & 63U;
-      result += i + k <= text.size() ? kDigits[digit] : '=';
-    }
-  }
-  return result;
-}
 
 // An address of either scheme.
 struct Place {
@@ -180,7 +163,7 @@ void HttpBackend::ask() {
       place_.url.target, place_.url.host_header(place_.tls ? 443 : 80));
   const HttpUrl& who = given_.url;
   if (place_.is_same_server(given_) && !(who.user.empty() && who.password.empty())) {
-    request_ += "Authorization: Basic " + base64(who.user + ":" + who.password) + "\r\n";
+    request_ += "Authorization: Basic " + to_base64(who.user + ":" + who.password) + "\r\n";
   }
   request_ += "\r\n";
   response_ = {};
@@ -260,7 +243,8 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
     return LiveFailure{
         .reason =
             "the server sends a playlist (HLS or DASH), and certificates of what it points "
-            "to cannot be checked: --insecure goes without, or use the camera's rtsps or MJPEG",
+            "to cannot be checked: do without (option 'insecure'), or use the camera's rtsps or "
+            "MJPEG",
         .definite = true};
   }
   if (place_.tls && (is_playlist_type(type) || is_video_type(type))) {

@@ -2,23 +2,23 @@
 #include "tarsier/media/image_file.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/file_ending.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_codec.h"
 #include "tarsier/media/image_probe.h"
 #include "tarsier/media/lazy_opencv.h"
+#include "tarsier/media/stored_image.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cerrno>
 #include <climits>
 #include <fcntl.h>
-#include <filesystem>
 #include <new>
 #include <sys/stat.h>
 #include <system_error>
@@ -28,12 +28,6 @@
 namespace tarsier {
 namespace {
 using Bytes = std::span<const std::uint8_t>;
-
-std::string lower_ending(std::string_view path) {
-  std::string ending = std::filesystem::path(path).extension().string();
-  for (char& c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return ending;
-}
 
 cv::Mat decode(Bytes bytes, const std::string& name, const ImageLimits& limits, int flags) {
   TARSIER_REQUIRE(limits.max_pixels >= 1 && limits.max_bytes >= 1, "image limits {} px, {} bytes",
@@ -66,7 +60,7 @@ cv::Mat decode(Bytes bytes, const std::string& name, const ImageLimits& limits, 
     const std::string damage = find_image_damage(bytes, *header, kept);
     if (!damage.empty()) throw InputError(name, damage);
     const Bytes source = kept.empty() ? bytes : Bytes(kept);
-    image = decode_plain(source, *header, flags == cv::IMREAD_GRAYSCALE);
+    image = decode_plain(source, *header, (flags & cv::IMREAD_COLOR) == 0);
     if (image.empty()) {
       const cv::Mat data(1, static_cast<int>(source.size()), CV_8UC1,
                          const_cast<std::uint8_t*>(source.data()));
@@ -127,6 +121,19 @@ cv::Mat read_image(const std::string& path, const ImageLimits& limits) {
 
 cv::Mat read_gray_image(const std::string& path, const ImageLimits& limits) {
   return read_with(path, limits, cv::IMREAD_GRAYSCALE);
+}
+
+cv::Mat decode_stored_image(std::span<const std::uint8_t> bytes, const std::string& name,
+                            const ImageLimits& limits) {
+  return decode(bytes, name, limits, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+}
+
+cv::Mat read_stored_image(const std::string& path, const ImageLimits& limits) {
+  return read_with(path, limits, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+}
+
+cv::Mat read_stored_gray_image(const std::string& path, const ImageLimits& limits) {
+  return read_with(path, limits, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
 }
 
 bool is_image_path(std::string_view path) {

@@ -34,7 +34,7 @@ TlsTrust::TlsTrust(const StreamSecurity& security) : impl_(std::make_unique<Impl
   if (security.ca_file.empty()) {
     throw InputError("/etc/ssl/certs",
                      "no certificates of authorities: sudo apt install ca-certificates, or name a "
-                     "file by --ca-file");
+                     "file (option 'ca_file')");
   }
   throw InputError(security.ca_file,
                    count < 0 ? fmt::format("no certificates (PEM) can be read from it: {}",
@@ -62,19 +62,20 @@ std::string distrust(unsigned status, const std::string& host) {
   if ((status & GNUTLS_CERT_SIGNER_NOT_FOUND) == 0) {
     if ((status & GNUTLS_CERT_UNEXPECTED_OWNER) != 0) {
       return fmt::format(
-          "its certificate is not for '{}': use the name that is in the certificate, or --insecure "
-          "to trust whoever answers",
+          "its certificate is not for '{}': use the name that is in the certificate, or trust "
+          "whoever answers (option 'insecure')",
           host);
     }
     if ((status & (GNUTLS_CERT_EXPIRED | GNUTLS_CERT_NOT_ACTIVATED)) != 0) {
       return fmt::format(
-          "its certificate {}: is this machine's clock right? --insecure trusts whoever answers",
+          "its certificate {}: is this machine's clock right? Or trust whoever answers (option "
+          "'insecure')",
           (status & GNUTLS_CERT_EXPIRED) != 0 ? "has expired" : "is not valid yet");
     }
   }
   return fmt::format(
-      "its certificate is not trusted ({}): name the authority's certificate by --ca-file FILE, or "
-      "--insecure to trust whoever answers",
+      "its certificate is not trusted ({}): name the file of the authority's certificate (option "
+      "'ca_file'), or trust whoever answers (option 'insecure')",
       (status & GNUTLS_CERT_SIGNER_NOT_FOUND) != 0 ? "nobody known signed it" : "bad signature");
 }
 

@@ -137,7 +137,8 @@ TEST_F(TlsTest, OtherServersAreRefusedBeforeAnythingIsSent) {
     const Outcome outcome = read_http(server.url("/", "me:secret@"));
     EXPECT_TRUE(outcome.image.empty());
     EXPECT_TRUE(outcome.failure.definite);
-    EXPECT_THAT(outcome.failure.reason, AllOf(HasSubstr(one.expected), HasSubstr("--insecure")));
+    EXPECT_THAT(outcome.failure.reason,
+                AllOf(HasSubstr(one.expected), HasSubstr("option 'insecure'")));
     EXPECT_THAT(server.requests(), IsEmpty());
     EXPECT_FALSE(
         read_http(server.url(), options_of({.ca_file = "", .insecure = true})).image.empty());
@@ -145,7 +146,7 @@ TEST_F(TlsTest, OtherServersAreRefusedBeforeAnythingIsSent) {
   // The system's authorities have not signed it.
   const TlsServer server(good_, [](const std::string&) { return video(); });
   const Outcome outcome = read_http(server.url(), SourceOptions{});
-  EXPECT_THAT(outcome.failure.reason, HasSubstr("--ca-file FILE"));
+  EXPECT_THAT(outcome.failure.reason, HasSubstr("option 'ca_file'"));
   EXPECT_THAT(server.requests(), IsEmpty());
 }
 
@@ -205,7 +206,7 @@ TEST_F(TlsTest, PlaylistsAreRefusedUnlessInsecure) {
   });
   const Outcome outcome = read_http(server.url());
   EXPECT_TRUE(outcome.failure.definite);
-  EXPECT_THAT(outcome.failure.reason, AllOf(HasSubstr("playlist"), HasSubstr("--insecure")));
+  EXPECT_THAT(outcome.failure.reason, AllOf(HasSubstr("playlist"), HasSubstr("option 'insecure'")));
 }
 
 TEST_F(TlsTest, OtherVideosGoThroughFfmpegVerified) {
@@ -233,7 +234,7 @@ TEST_F(TlsTest, TheCaptureProgramTrustsAndFollowsNobodyElse) {
   const TlsServer server(good_, [](const std::string&) { return video(); });
   EXPECT_FALSE(read_child(server.url(), options_).image.empty());
   Outcome outcome = read_child(server.url("/", "me:secret@"), SourceOptions{});
-  EXPECT_THAT(outcome.failure.reason, HasSubstr("--ca-file FILE"));
+  EXPECT_THAT(outcome.failure.reason, HasSubstr("option 'ca_file'"));
   EXPECT_THAT(server.requests(), SizeIs(1)) << "the first, with the CA file";
   EXPECT_FALSE(
       read_child(server.url(), options_of({.ca_file = "", .insecure = true})).image.empty());

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
@@ -160,9 +161,9 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     if (object != nullptr) iterations += object->fit.iterations;
     within += !outcome.missed && !outcome.wrong && outcome.nme <= flags.limit ? 1 : 0;
     lines += line_of(sample.image, points, ms);
-    table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.4f},{:d},{},{:.2f}\n", sample.image,
-                         outcome.nme, outcome.missed, outcome.wrong, outcome.dx, outcome.dy,
-                         object != nullptr ? object->fit.error : 1,
+    table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.4f},{:d},{},{:.2f}\n",
+                         csv_field(sample.image), outcome.nme, outcome.missed, outcome.wrong,
+                         outcome.dx, outcome.dy, object != nullptr ? object->fit.error : 1,
                          object != nullptr && object->fit.lost,
                          object != nullptr ? object->fit.iterations : 0, ms);
     outcomes.push_back(std::move(outcome));

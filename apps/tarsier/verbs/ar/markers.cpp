@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
@@ -8,7 +9,6 @@
 #include <fmt/format.h>
 
 #include "framework/bind.h"
-#include "framework/csv_table.h"
 #include "framework/on_event.h"
 #include "framework/run_session.h"
 #include "ui/planar/ar_session.h"
@@ -51,7 +51,7 @@ constexpr const char* kColumns =
 
 std::string row_of(const Frame& frame, const planar::TrackedMarker& posed) {
   std::string row = fmt::format("{},{:.3f},{},{}", frame.index, frame.time,
-                                csv_value(frame.still ? frame.name : ""), posed.marker.id);
+                                csv_field(frame.still ? frame.name : ""), posed.marker.id);
   if (posed.pose) {
     const geometry::Rigid3& pose = posed.pose->camera_from_marker;
     const Eigen::Vector3d r = geometry::rotation_vector(pose.rotation);

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/csv.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/camera_file.h"
@@ -9,7 +10,6 @@
 
 #include <fmt/format.h>
 
-#include "framework/csv_table.h"
 #include "verbs/calibrate/calibrate.h"
 #include <filesystem>
 #include <map>
@@ -88,10 +88,10 @@ void write_csv(const std::string& path, const CalibrationResult& result) {
     const ViewReport none;
     const ViewReport& report = entry.found ? result.calibration.views[entry.view] : none;
     text += fmt::format("{},{:.3f},{:d},{:d},{},{},{:.4f},{:.1f},{}\n",
-                        csv_value(entry.still ? entry.name : std::to_string(entry.index)),
+                        csv_field(entry.still ? entry.name : std::to_string(entry.index)),
                         entry.time, entry.found, entry.reason.empty(),
                         entry.found ? result.views[entry.view].points.size() : std::size_t{0},
-                        report.dropped, report.rms, report.tilt_deg, csv_value(entry.reason));
+                        report.dropped, report.rms, report.tilt_deg, csv_field(entry.reason));
   }
   write_file_atomically(path, text);
 }

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/rng.h"
@@ -249,8 +250,8 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (!flags.csv.empty()) {
     std::string table = "image,nme,missed,wrong,dx,dy,ms\n";
     for (const face::landmarks::FitOutcome& o : outcomes) {
-      table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.2f}\n", o.image, o.nme, o.missed,
-                           o.wrong, o.dx, o.dy, o.ms);
+      table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.2f}\n", csv_field(o.image), o.nme,
+                           o.missed, o.wrong, o.dx, o.dy, o.ms);
     }
     write_file_atomically(flags.csv, table);
   }

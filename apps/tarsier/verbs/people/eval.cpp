@@ -11,6 +11,7 @@
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
 #include <algorithm>
+#include <iterator>
 #include <memory>
 #include <optional>
 
@@ -27,6 +28,7 @@ const cv::Size kPlot{800, 560};
 struct EvalFlags {
   PeopleFlags people;
   std::string list;
+  std::string train_list;
   bool raw = false;
   std::string size;
   int training = 5;
@@ -62,14 +64,17 @@ nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces
                                const std::string& background) {
   const SeedResult m = result.mean();
   const Rate identified = of_all(result.rate(&SeedResult::identified), listed.missed.size());
-  nlohmann::ordered_json line = {{"algorithm", face::recognition::name_of(result.algorithm)},
-                                 {"training", result.options.training},
-                                 {"seeds", result.seeds.size()},
-                                 {"people", m.people},
-                                 {"accuracy", rounded(m.accuracy, 4)},
-                                 {"accuracy_of_all", rounded(identified.value, 4)},
-                                 {"identified", json_of(identified)},
-                                 {"not_found", listed.missed.size()}};
+  nlohmann::ordered_json line = {
+      {"algorithm", face::recognition::name_of(result.algorithm)},
+      {"training", result.options.gallery > 0 ? nlohmann::ordered_json(nullptr)
+                                              : nlohmann::ordered_json(result.options.training)},
+      {"training_images", result.seeds.front().training},
+      {"seeds", result.seeds.size()},
+      {"people", m.people},
+      {"accuracy", rounded(m.accuracy, 4)},
+      {"accuracy_of_all", rounded(identified.value, 4)},
+      {"identified", json_of(identified)},
+      {"not_found", listed.missed.size()}};
   line["background"] =
       result.with_background ? nlohmann::ordered_json(background) : nlohmann::ordered_json(nullptr);
   if (result.options.strangers) {
@@ -167,6 +172,29 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
   return ExitStatus::kDone;
 }
 
+// The faces of --train-list, if there is one, then those of the list. `gallery`: how many of them
+// train. Throws InputError where nobody whose face was found is in both.
+ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::FaceReader* reader,
+                       Context& context, int& gallery) {
+  ListedFaces asked = read_listed_faces(flags.list, flags.raw, size, false, reader, context);
+  for (const std::string& image : asked.missed) log_warning("{}: no face", image);
+  gallery = 0;
+  if (flags.train_list.empty()) return asked;
+  ListedFaces out = read_listed_faces(flags.train_list, flags.raw, size, false, reader, context);
+  for (const std::string& image : out.missed) log_warning("{}: no face", image);
+  gallery = static_cast<int>(out.faces.size());
+  for (const std::string& label : asked.labels)
+    if (std::find(out.labels.begin(), out.labels.begin() + gallery, label) ==
+        out.labels.begin() + gallery)
+      throw InputError(flags.list, fmt::format("{} has no face in {}: who is asked for must be "
+                                               "there as well",
+                                               printable(label), flags.train_list));
+  out.missed = std::move(asked.missed);
+  std::move(asked.faces.begin(), asked.faces.end(), std::back_inserter(out.faces));
+  std::move(asked.labels.begin(), asked.labels.end(), std::back_inserter(out.labels));
+  return out;
+}
+
 void write_plot(const std::string& path, const cv::Mat& image, const std::string& svg) {
   if (path.ends_with(".svg")) {
     write_file_atomically(path, std::string_view(svg));
@@ -216,10 +244,9 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
   // The cut faces serve all; the classical preparation is made from them.
-  const ListedFaces listed =
-      read_listed_faces(flags.list, flags.raw, size, false, reader ? &*reader : nullptr, context);
-  for (const std::string& image : listed.missed) log_warning("{}: no face", image);
   face::recognition::EvaluationOptions options;
+  const ListedFaces listed =
+      read_faces(flags, size, reader ? &*reader : nullptr, context, options.gallery);
   options.training = flags.training;
   options.seeds.clear();
   for (int i = 0; i < flags.seeds; ++i) options.seeds.push_back(static_cast<std::uint64_t>(i));
@@ -229,13 +256,18 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
     return fit_constants(flags, listed, only_deep ? deep_background : background, context);
   std::vector<EvaluationResult> results;
   if (!context.json) {
+    const std::string training =
+        options.gallery > 0
+            ? fmt::format("{} more of {} train", options.gallery, printable(flags.train_list))
+            : fmt::format("{} training images each", flags.training);
     print_text(fmt::format(
-        "{} faces of {} people in {}, {} training images each, {} draws; {} not found\n"
+        "{} faces of {} people in {}, {}, {} draws; {} not found\n"
         "background of the {} recogniser: {}\n"
         "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
         "share their images)\n",
-        listed.faces.size(), face::recognition::count_people(listed.labels), printable(flags.list),
-        flags.training, flags.seeds, listed.missed.size(), only_deep ? "deep" : "default",
+        listed.faces.size() - static_cast<std::size_t>(options.gallery),
+        face::recognition::count_people(listed.labels), printable(flags.list), training,
+        flags.seeds, listed.missed.size(), only_deep ? "deep" : "default",
         only_deep    ? printable(deep_path)
         : background ? printable(path)
         : flags.raw && !named
@@ -280,9 +312,15 @@ void add_flags(Command& verb, EvalFlags& flags) {
       .required();
   verb.add_flag("--raw", flags.raw, "images are cut faces already");
   verb.add_option("--size", flags.size, "images are resized to, e.g. 42x48");
-  verb.add_option("-k,--training", flags.training, "images of each person that train")
-      .check(range(1, 10000))
-      .show_default();
+  Flag& training =
+      verb.add_option("-k,--training", flags.training, "images of each person that train")
+          .check(range(1, 10000))
+          .show_default();
+  Flag& train_list =
+      verb.add_option("--train-list", flags.train_list,
+                      "a second list: its images train, all of LIST are asked for; for other "
+                      "light, poses or years than those enrolled")
+          .excludes(training);
   verb.add_option("--seeds", flags.seeds, "random draws, with seeds 0, 1, 2 ..")
       .check(range(1, 1000))
       .show_default();
@@ -299,7 +337,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("--roc", flags.roc, "plot of accepts to write, .png or .svg");
   verb.add_flag("--fit-same-camera", flags.fit_same_camera,
                 "instead: how much more alike strangers in these images are than the background "
-                "expects");
+                "expects")
+      .excludes(train_list);
   add_face_flags(verb, flags.people);
 }
 

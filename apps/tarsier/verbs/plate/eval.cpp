@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "verbs/plate/eval.h"
 
+#include "tarsier/core/csv.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/frame_source.h"
-#include "tarsier/plate/text/csv.h"
 
 #include <fmt/format.h>
 
@@ -158,14 +158,12 @@ nlohmann::ordered_json outcome_json(const PlateOutcome& outcome) {
 }
 
 std::string outcomes_csv(const plate::PlateScores& scores) {
-  std::string text =
-      plate::csv_line({"image", "truth", "found", "text", "confidence", "edits", "exact"});
+  std::string text = csv_line({"image", "truth", "found", "text", "confidence", "edits", "exact"});
   for (const PlateOutcome& outcome : scores.outcomes) {
-    text +=
-        plate::csv_line({outcome.image, outcome.truth.text, outcome.found ? "1" : "0",
-                         outcome.reading ? outcome.reading->text : "",
-                         outcome.reading ? fmt::format("{:.4f}", outcome.reading->confidence) : "",
-                         fmt::format("{}", outcome.edits), outcome.exact ? "1" : "0"});
+    text += csv_line({outcome.image, outcome.truth.text, outcome.found ? "1" : "0",
+                      outcome.reading ? outcome.reading->text : "",
+                      outcome.reading ? fmt::format("{:.4f}", outcome.reading->confidence) : "",
+                      fmt::format("{}", outcome.edits), outcome.exact ? "1" : "0"});
   }
   return text;
 }

@@ -7,6 +7,7 @@
 
 #include "framework/cli.h"
 #include "verbs/landmarks/engine.h"
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -46,6 +47,19 @@ void add_pose_flags(Command& verb, PoseFlags& flags);
 [[nodiscard]] std::string image_of_truth(const std::string& truth, const std::string& image);
 void print_pointing(const face::head::PointingScore& score, const Context& context,
                     const std::string& title);
+
+// How often the truth was within the deviations that came with the angles, with 95 % intervals: a
+// line an axis, "" where there were none; and "with_sigma" (poses), "yaw_within_sigma",
+// "yaw_within_2sigma" .. (shares) as members of `line`. `of`: which deviations, if not all: in the
+// text behind "sigma", in the members behind the axis.
+[[nodiscard]] std::string coverage_text(const face::head::AngleCoverage& coverage,
+                                        const std::string& of = "");
+void add_coverage(const face::head::AngleCoverage& coverage, nlohmann::ordered_json& line,
+                  const std::string& of = "");
+// Those of a pose: yaw, pitch, roll.
+[[nodiscard]] inline Eigen::Vector3d sigmas_of(const face::head::HeadPose& pose) {
+  return {pose.yaw_sigma_deg, pose.pitch_sigma_deg, pose.roll_sigma_deg};
+}
 
 // A file, or "fx,fy,cx,cy[,..]".
 [[nodiscard]] geometry::Camera camera_of(const std::string& text);

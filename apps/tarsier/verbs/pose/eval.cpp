@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/rng.h"
@@ -86,6 +87,7 @@ face::head::PointingOutcome judge(Finder& finder, const std::string& path,
   const std::vector<face::PosedFace> faces = finder.faces(path, image);
   if (const face::PosedFace* face = face_in_head_box(faces, path, image.size())) {
     outcome.rotation = face->pose->camera_from_head.rotation;
+    outcome.sigma_deg = sigmas_of(*face->pose);
   }
   cv::Mat gray;
   for (const face::landmarks::Candidate& candidate :
@@ -97,13 +99,16 @@ face::head::PointingOutcome judge(Finder& finder, const std::string& path,
 }
 
 std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
-  std::string table = "image,tilt,pan,seen,found,pitch,yaw,roll\n";
+  std::string table =
+      "image,tilt,pan,seen,found,pitch,yaw,roll,pitch_sigma_deg,yaw_sigma_deg,roll_sigma_deg\n";
   for (const face::head::PointingOutcome& o : outcomes) {
     const face::head::HeadAngles a =
         o.rotation ? face::head::angles_of_rotation(*o.rotation) : face::head::HeadAngles{};
-    table += fmt::format("{},{:g},{:g},{:d},{:d},{:.2f},{:.2f},{:.2f}\n", o.image, o.truth.tilt_deg,
-                         o.truth.pan_deg, o.face_seen, o.rotation.has_value(), a.pitch_deg,
-                         a.yaw_deg, a.roll_deg);
+    const Eigen::Vector3d s = o.sigma_deg.value_or(Eigen::Vector3d::Zero());
+    table +=
+        fmt::format("{},{:g},{:g},{:d},{:d},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n",
+                    csv_field(o.image), o.truth.tilt_deg, o.truth.pan_deg, o.face_seen,
+                    o.rotation.has_value(), a.pitch_deg, a.yaw_deg, a.roll_deg, s[1], s[0], s[2]);
   }
   return table;
 }
@@ -148,6 +153,8 @@ std::vector<face::head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
     if (!faces.empty() && faces.front().pose) {
       result.rotation = faces.front().pose->camera_from_head.rotation;
       result.translation = faces.front().pose->camera_from_head.translation;
+      result.sigma_deg = sigmas_of(*faces.front().pose);
+      result.sigma_floor_deg = faces.front().pose->sigma_floor_deg;
     }
     found.push_back(result);
   }
@@ -173,6 +180,8 @@ void print_score(const face::head::PoseScore& score, const Context& context) {
       line["translation_median"] = rounded(score.translation_median_mm, 3);
       line["translation_percent"] = rounded(score.translation_percent, 3);
     }
+    add_coverage(score.coverage, line);
+    add_coverage(score.image_coverage, line, "_image");
     print_json(line);
     return;
   }
@@ -187,6 +196,8 @@ void print_score(const face::head::PoseScore& score, const Context& context) {
                            score.translation_mean_mm, score.translation_median_mm,
                            score.translation_percent));
   }
+  print_text(coverage_text(score.coverage));
+  print_text(coverage_text(score.image_coverage, " of the image (without the floor)"));
 }
 
 ExitStatus run_eval(const EvalFlags& flags, Context& context) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
@@ -9,6 +10,9 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
 
 // Images of known poses, for `pose eval` and `pose train-view`.
 namespace tarsier::cli {
@@ -47,7 +51,7 @@ std::string text_of(const face::head::PointingScore& score) {
   for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
     text += fmt::format("  {:+g}: {:+.1f}", tilt, pitch);
   }
-  return text + "\n";
+  return text + "\n" + coverage_text(score.coverage);
 }
 
 nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
@@ -72,6 +76,7 @@ nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
   for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
     line["pitch_of_tilt"][fmt::format("{:+g}", tilt)] = rounded(pitch, 3);
   }
+  add_coverage(score.coverage, line);
   return line;
 }
 
@@ -100,6 +105,35 @@ const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& face
     if (face.pose && head_box.contains((box.tl() + box.br()) / 2)) return &face;
   }
   return nullptr;
+}
+
+std::string coverage_text(const face::head::AngleCoverage& coverage, const std::string& of) {
+  const auto share = [](int within, int count) {
+    const Interval interval = wilson_interval(within, count);
+    return fmt::format("{:.1f} % ({} of {}; {:.0f}-{:.0f})", 100.0 * within / count, within, count,
+                       100 * interval.low, 100 * interval.high);
+  };
+  std::string text;
+  for (const auto& [name, axis] :
+       {std::pair("yaw", coverage.yaw), std::pair("pitch", coverage.pitch),
+        std::pair("roll", coverage.roll)}) {
+    if (axis.count == 0) continue;
+    text += fmt::format("{:<5} within 1 sigma{} {}, within 2 {}\n", name, of,
+                        share(axis.within, axis.count), share(axis.within2, axis.count));
+  }
+  return text;
+}
+
+void add_coverage(const face::head::AngleCoverage& coverage, nlohmann::ordered_json& line,
+                  const std::string& of) {
+  for (const auto& [name, axis] :
+       {std::pair("yaw", coverage.yaw), std::pair("pitch", coverage.pitch),
+        std::pair("roll", coverage.roll)}) {
+    if (axis.count == 0) continue;
+    if (of.empty()) line["with_sigma"] = axis.count;
+    line[fmt::format("{}{}_within_sigma", name, of)] = rounded(1.0 * axis.within / axis.count, 4);
+    line[fmt::format("{}{}_within_2sigma", name, of)] = rounded(1.0 * axis.within2 / axis.count, 4);
+  }
 }
 
 std::string image_of_truth(const std::string& truth, const std::string& image) {

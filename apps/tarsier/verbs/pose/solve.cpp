@@ -137,18 +137,26 @@ void draw_solution(cv::Mat& image, const SolveFlags& flags, const Eigen::Matrix3
   }
 }
 
-nlohmann::ordered_json json_of(const face::head::PositPose& pose) {
+nlohmann::ordered_json json_of(const face::head::PositPose& pose,
+                               const std::optional<face::head::PositSigma>& sigma) {
   nlohmann::ordered_json object;
   object["rotation"] = geometry::row_major(pose.camera_from_object.rotation);
   const Eigen::Vector3d& t = pose.camera_from_object.translation;
   object["translation"] = {t[0], t[1], t[2]};
+  if (sigma) {
+    const Eigen::Vector3d& turn = sigma->turn_deg;
+    object["turn_sigma_deg"] = {turn[0], turn[1], turn[2]};
+    const Eigen::Vector3d& shift = sigma->translation;
+    object["translation_sigma"] = {shift[0], shift[1], shift[2]};
+  }
   object["rms_px"] = pose.rms;
   object["iterations"] = pose.iterations;
   object["converged"] = pose.converged;
   return object;
 }
 
-std::string text_of(const face::head::PositPose& pose) {
+std::string text_of(const face::head::PositPose& pose,
+                    const std::optional<face::head::PositSigma>& sigma) {
   std::string text;
   const Eigen::Matrix3d& r = pose.camera_from_object.rotation;
   for (int row = 0; row < 3; ++row) {
@@ -157,6 +165,13 @@ std::string text_of(const face::head::PositPose& pose) {
   }
   const Eigen::Vector3d& t = pose.camera_from_object.translation;
   text += fmt::format("{:>12}  {:9.3f} {:9.3f} {:9.3f}\n", "translation", t[0], t[1], t[2]);
+  if (sigma) {
+    const Eigen::Vector3d& shift = sigma->translation;
+    text += fmt::format("{:>12}  {:9.3f} {:9.3f} {:9.3f}\n", "+-", shift[0], shift[1], shift[2]);
+    const Eigen::Vector3d& turn = sigma->turn_deg;
+    text += fmt::format("{:>12}  {:9.3f} {:9.3f} {:9.3f} degrees about x, y, z\n", "turn +-",
+                        turn[0], turn[1], turn[2]);
+  }
   return text + fmt::format("{:>12}  {:.3f} px, {} iterations{}\n", "rms", pose.rms,
                             pose.iterations, pose.converged ? "" : ", not converged");
 }
@@ -188,13 +203,17 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
     draw_solution(image, flags, object, points, camera, solution.poses.front());
     write_image(flags.output, image);
   }
+  const auto sigma_of = [&](const face::head::PositPose& pose) {
+    return face::head::posit_sigma(object, points, camera, pose.camera_from_object);
+  };
   if (context.json) {
     nlohmann::ordered_json line;
     line["points"] = object.cols();
     line["method"] = solution.method;
     line["flatness"] = model.flatness();
     line["poses"] = nlohmann::ordered_json::array();
-    for (const face::head::PositPose& pose : solution.poses) line["poses"].push_back(json_of(pose));
+    for (const face::head::PositPose& pose : solution.poses)
+      line["poses"].push_back(json_of(pose, sigma_of(pose)));
     if (solution.poses.empty()) line["reason"] = solution.reason;
     print_json(line);
   } else if (solution.poses.empty()) {
@@ -204,7 +223,8 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
                            solution.poses.size() > 1
                                ? ": nearly flat, so there are two poses, the better one first"
                                : ""));
-    for (const face::head::PositPose& pose : solution.poses) print_text(text_of(pose));
+    for (const face::head::PositPose& pose : solution.poses)
+      print_text(text_of(pose, sigma_of(pose)));
   }
   return solution.poses.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }

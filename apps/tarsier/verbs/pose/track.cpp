@@ -36,14 +36,18 @@ struct TrackFlags {
 };
 
 // Of --csv: one row a face with a pose and frame.
-constexpr const char* kColumns = "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px";
+constexpr const char* kColumns =
+    "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px,yaw_sigma_deg,pitch_sigma_deg,"
+    "roll_sigma_deg";
 
 std::string row_of(const Frame& frame, const face::PosedFace& face) {
   const face::head::HeadPose& pose = *face.pose;
   const Eigen::Vector3d& t = pose.camera_from_head.translation;
-  return fmt::format("{},{:.3f},{},{:.3f},{:.2f},{:.2f},{:.2f},{:.1f},{:.1f},{:.1f},{:.2f}",
-                     frame.index, frame.time, face.face.id, face.face.score, pose.angles.yaw_deg,
-                     pose.angles.pitch_deg, pose.angles.roll_deg, t[0], t[1], t[2], pose.rms_px);
+  return fmt::format(
+      "{},{:.3f},{},{:.3f},{:.2f},{:.2f},{:.2f},{:.1f},{:.1f},{:.1f},{:.2f},{:.2f},{:.2f},{:.2f}",
+      frame.index, frame.time, face.face.id, face.face.score, pose.angles.yaw_deg,
+      pose.angles.pitch_deg, pose.angles.roll_deg, t[0], t[1], t[2], pose.rms_px,
+      pose.yaw_sigma_deg, pose.pitch_sigma_deg, pose.roll_sigma_deg);
 }
 
 void set_overlay(const std::string& what, PoseSessionOptions& options) {
@@ -90,9 +94,10 @@ void set_edits(const TrackFlags& flags, PoseSessionOptions& options) {
 std::string line_of(const face::PosedFace& face) {
   if (!face.pose) return fmt::format(" [no pose: {}]", face.reason);
   const face::head::HeadAngles& angles = face.pose->angles;
-  return fmt::format(" [yaw {:+.1f} pitch {:+.1f} roll {:+.1f}, {:.0f} mm away]", angles.yaw_deg,
-                     angles.pitch_deg, angles.roll_deg,
-                     face.pose->camera_from_head.translation.norm());
+  return fmt::format(
+      " [yaw {:+.1f} ± {:.1f} pitch {:+.1f} ± {:.1f} roll {:+.1f} ± {:.1f}, {:.0f} mm away]",
+      angles.yaw_deg, face.pose->yaw_sigma_deg, angles.pitch_deg, face.pose->pitch_sigma_deg,
+      angles.roll_deg, face.pose->roll_sigma_deg, face.pose->camera_from_head.translation.norm());
 }
 
 ExitStatus run_track(TrackFlags& flags, Context& context) {
@@ -153,7 +158,8 @@ void add_flags(Command& verb, TrackFlags& flags) {
       .check(range(0.0, 2.0))
       .show_default();
   verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, face, score, angles, place (mm), error");
+                  "table to write: frame, time, face, score, angles, place (mm), error, standard "
+                  "deviations of the angles");
   verb.add_flag("--no-identity", flags.no_identity,
                 "the mean head for everyone: the shape is not fitted");
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };

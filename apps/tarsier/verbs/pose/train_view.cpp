@@ -16,6 +16,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace tarsier::cli {
@@ -40,7 +41,8 @@ constexpr int kParts = 7;
 struct Seen {
   std::optional<face::head_view::HeadView> view;
   face::head::HeadPose pose;
-  Eigen::Matrix2Xd points;  // of the poser
+  face::head::HeadPose raw;  // before its covariance was calibrated
+  Eigen::Matrix2Xd points;   // of the poser
   geometry::Camera camera;
 };
 
@@ -81,6 +83,13 @@ class Collector {
     if (face == nullptr) return seen;
     seen.pose = *face->pose;
     seen.points = face->face.points(Eigen::all, mapping_.landmarks);
+    // The covariance as the poser has it, which a view's answer goes on from.
+    Eigen::VectorXd sigma_px;
+    if (face->face.visibility.sigma_px.size() > 0)
+      sigma_px = face->face.visibility.sigma_px(mapping_.landmarks);
+    seen.raw = seen.pose;
+    if (const auto again = poser().pose(seen.points, seen.camera, sigma_px); again.pose)
+      seen.raw = *again.pose;
     cv::Mat gray;
     seen.view =
         face::head_view::view_of_head(face::gray_of(frame.image, gray), seen.camera,
@@ -217,55 +226,66 @@ void add_annotated(const SetFlags& set_flags, int number, Collector& collector, 
   data.sources.push_back(set_flags.input);
 }
 
-// Scores of the rotations, one of each `seen`.
-void print_scores(Data& data, const std::vector<Eigen::Matrix3d>& rotations, const Context& context,
-                  const std::string& what) {
+// Scores of the poses, one of each `seen`.
+void print_scores(Data& data, const std::vector<face::head::HeadPose>& poses,
+                  const Context& context, const std::string& what) {
   if (!data.pointing.empty()) {
     for (std::size_t i = 0; i < data.pointing.size(); ++i) {
       const int at = data.of_pointing[i];
-      if (at >= 0) data.pointing[i].rotation = rotations[static_cast<std::size_t>(at)];
+      if (at < 0) continue;
+      const face::head::HeadPose& pose = poses[static_cast<std::size_t>(at)];
+      data.pointing[i].rotation = pose.camera_from_head.rotation;
+      data.pointing[i].sigma_deg = sigmas_of(pose);
     }
     print_pointing(face::head::score_pointing(data.pointing), context, what);
   }
   if (data.exact.empty()) return;
   std::vector<face::head::PosePair> pairs;
   for (auto& [at, pair] : data.exact) {
-    pair.rotation = rotations[static_cast<std::size_t>(at)];
+    const face::head::HeadPose& pose = poses[static_cast<std::size_t>(at)];
+    pair.rotation = pose.camera_from_head.rotation;
+    pair.sigma_deg = sigmas_of(pose);
+    pair.sigma_floor_deg = pose.sigma_floor_deg;
     pairs.push_back(pair);
   }
   const face::head::PoseScore score =
       face::head::score_poses(pairs, static_cast<int>(pairs.size()));
   if (context.json) {
-    print_json(nlohmann::ordered_json{{"set", "truth"},
-                                      {"what", what},
-                                      {"images", score.truths},
-                                      {"pitch_mae", score.pitch_mae_deg},
-                                      {"yaw_mae", score.yaw_mae_deg},
-                                      {"roll_mae", score.roll_mae_deg},
-                                      {"rotation_mean", score.mean_deg}});
+    nlohmann::ordered_json line{{"set", "truth"},
+                                {"what", what},
+                                {"images", score.truths},
+                                {"pitch_mae", score.pitch_mae_deg},
+                                {"yaw_mae", score.yaw_mae_deg},
+                                {"roll_mae", score.roll_mae_deg},
+                                {"rotation_mean", score.mean_deg}};
+    add_coverage(score.coverage, line);
+    add_coverage(score.image_coverage, line, "_image");
+    print_json(line);
   } else {
     print_text(fmt::format(
         "{}: {} images of exact truth: MAE pitch {:.2f} yaw {:.2f} roll {:.2f}, rotation mean "
         "{:.2f} degrees\n",
         what, score.truths, score.pitch_mae_deg, score.yaw_mae_deg, score.roll_mae_deg,
         score.mean_deg));
+    print_text(coverage_text(score.coverage));
+    print_text(coverage_text(score.image_coverage, " of the image (without the floor)"));
   }
 }
 
 void leave_out(Data& data, const Collector& collector, const TrainViewFlags& flags,
                const Context& context) {
-  std::vector<Eigen::Matrix3d> rotations;
-  for (const Seen& seen : data.seen) rotations.push_back(seen.pose.camera_from_head.rotation);
-  print_scores(data, rotations, context, "landmarks alone");
-  const std::vector<face::head_view::Direction> found =
+  std::vector<face::head::HeadPose> poses;
+  for (const Seen& seen : data.seen) poses.push_back(seen.pose);
+  print_scores(data, poses, context, "landmarks alone");
+  const std::vector<face::head_view::ViewAnswer> found =
       face::head_view::leave_groups_out(data.samples, flags.options);
   for (std::size_t i = 0; i < data.seen.size(); ++i) {
     const Seen& seen = data.seen[i];
-    const face::head::HeadPoseResult result = collector.poser().pose_towards(
-        seen.points, seen.camera, face::head_view::rotation_towards(*seen.view, found[i]));
-    if (result.pose) rotations[i] = result.pose->camera_from_head.rotation;
+    if (auto pose = face::head_view::refined_pose(found[i], *seen.view, collector.poser(),
+                                                  seen.points, seen.camera, seen.raw, nullptr))
+      poses[i] = std::move(*pose);
   }
-  print_scores(data, rotations, context, "refined, each person left out in turn");
+  print_scores(data, poses, context, "refined, each person left out in turn");
 }
 
 nlohmann::json provenance(const TrainViewFlags& flags, const Data& data) {

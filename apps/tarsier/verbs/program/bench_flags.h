@@ -35,6 +35,7 @@ inline constexpr auto kBenches = std::to_array<BenchInfo>({
     {"markers", "markers found in drawn scenes, beside OpenCV's aruco and the AprilTag library"},
     {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP"},
     {"render", "drawing a mesh of ten thousand triangles into an image"},
+    {"sfm", "reconstruction of drawn rings of 12 and 60 images: seconds and counts of each stage"},
     {"steady", "how much less the lines of a video flicker with --steady"},
     {"targets",
      "images found in stills and followed through videos, beside ORB and SIFT with "

@@ -34,6 +34,7 @@ class StageFolder final : public DebugSink {
   void image(std::string_view name, const cv::Mat& image) override {
     std::string file(name);
     std::replace(file.begin(), file.end(), ' ', '-');
+    std::replace(file.begin(), file.end(), '/', '_');  // of an image in a folder
     write_image((fs::path(folder_) / (file + ".png")).string(), image);
   }
   [[nodiscard]] bool is_watched() const override { return !folder_.empty(); }

@@ -72,6 +72,10 @@ void complete_matching(const ReconstructFlags& flags, sfm::ReconstructorOptions&
   options.flow = flags.matches == "flow";
   if (!options.database.empty() && (options.flow || flags.online.online))
     throw UsageError("--database: has its matches, --matches flow and --online have their own");
+  if (options.features.wide && options.features.kind != sfm::FeatureKind::kSift)
+    throw UsageError("--wide: simulates views for SIFT, give --features sift");
+  if (options.features.wide && (options.flow || !options.database.empty()))
+    throw UsageError("--wide: finds features in images, not with --database or --matches flow");
   if (flags.inputs.empty()) {
     if (options.database.empty()) throw UsageError("PHOTOS is required");
     if (flags.dense || flags.mesh || flags.options.match_images || flags.align == "gps" ||
@@ -82,6 +86,22 @@ void complete_matching(const ReconstructFlags& flags, sfm::ReconstructorOptions&
   }
   if (options.flow && flags.online.online)
     throw UsageError("--online: compares descriptors, --matches flow is not possible");
+}
+
+void check_start(const ReconstructFlags& flags, const sfm::ReconstructorOptions& all) {
+  const sfm::PipelineOptions& options = all.pipeline;
+  if (options.start_model.empty()) {
+    if (options.fixed_poses || options.only_start)
+      throw UsageError("--fixed-poses, --only-start-images: of --start-model, which is not given");
+    return;
+  }
+  if (flags.mapper == "global")
+    throw UsageError(
+        "--start-model: goes on image by image, --mapper global makes all poses itself");
+  if (flags.online.online)
+    throw UsageError("--start-model: --online begins with the first frames instead");
+  if (options.fixed_poses && all.placement.any())
+    throw UsageError("--fixed-poses: --align, --distance and --marker-size would move the poses");
 }
 
 void complete_placement(const ReconstructFlags& flags, sfm::ReconstructorOptions& all) {
@@ -145,6 +165,22 @@ void add_mapping_flags(Command& verb, ReconstructFlags& flags) {
   bind_all(verb, flags.options.pipeline.mapper, "Mapping");
 }
 
+void add_start_flags(Command& verb, ReconstructFlags& flags) {
+  sfm::PipelineOptions& pipeline = flags.options.pipeline;
+  verb.add_option(
+          "--start-model", pipeline.start_model,
+          "go on from this folder with a model of COLMAP or of an earlier run: its poses and "
+          "cameras are the start, images are found by name")
+      .group("Mapping");
+  verb.add_flag(
+          "--fixed-poses", pipeline.fixed_poses,
+          "poses of --start-model stay as they are: points are triangulated, other images added")
+      .group("Mapping");
+  verb.add_flag("--only-start-images", pipeline.only_start,
+                "leave out images that --start-model does not have")
+      .group("Mapping");
+}
+
 void add_placement_flags(Command& verb, ReconstructFlags& flags) {
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_option("--align", flags.align,
@@ -198,6 +234,7 @@ sfm::ReconstructorOptions options_of(const ReconstructFlags& flags, const Contex
   sfm::ReconstructorOptions options = result_options(flags);
   complete_lens(flags, options);
   complete_matching(flags, options);
+  check_start(flags, options);
   options.pipeline.seed = context.seed;
   return options;
 }
@@ -217,8 +254,9 @@ void add_plan_flags(Command& verb, ReconstructFlags& flags) {
   bind_all(verb, flags.options.keyframes, "Videos");
 }
 
-void add_map_flags(Command& verb, ReconstructFlags& flags) {
-  verb.add_option("-o,--output", flags.options.folder, "folder for the model").required();
+void add_map_flags(Command& verb, ReconstructFlags& flags, bool needs_output) {
+  Flag& output = verb.add_option("-o,--output", flags.options.folder, "folder for the model");
+  if (needs_output) output.required();
   add_placement_flags(verb, flags);
   add_turntable_flag(verb, flags, "turntable.gif: the cloud, turning");
   add_cache_flags(verb, flags);
@@ -233,6 +271,7 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   add_lens_flags(verb, flags);
   add_match_flags(verb, flags, true);
   add_mapping_flags(verb, flags);
+  add_start_flags(verb, flags);
   add_placement_flags(verb, flags);
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_flag("--dense", flags.dense,

@@ -38,17 +38,17 @@ struct ReconstructFlags {
 };
 
 void add_reconstruct_flags(Command& verb, ReconstructFlags& flags);
-// Those of `sfm plan`: all that the model depends on. Those of `sfm map`: what is made of it.
+// Those of `sfm plan`: all that the model depends on. Those of `sfm map` and `sfm merge`: what is made of it.
 void add_plan_flags(Command& verb, ReconstructFlags& flags);
-void add_map_flags(Command& verb, ReconstructFlags& flags);
+void add_map_flags(Command& verb, ReconstructFlags& flags, bool needs_output);
 
 // What they say. Throws UsageError, InputError (lens).
 [[nodiscard]] sfm::ReconstructorOptions options_of(const ReconstructFlags& flags,
                                                    const Context& context);
-// Of `sfm map`: without its pipeline, but for the checkpoints. Throws UsageError.
+// Of these: without its pipeline, but for the checkpoints. Throws UsageError.
 [[nodiscard]] sfm::ReconstructorOptions map_options_of(const ReconstructFlags& flags);
 
-// What `sfm reconstruct` and `sfm map` share: prints what was made, and says how it ended. The latter throws Error
+// What `sfm reconstruct`, `sfm map` and `sfm merge` share: prints what was made, and says how it ended. The latter throws Error
 // where the model has neither scale nor place that were asked for.
 void print_models(const sfm::ReconstructorResult& result, const std::string& folder,
                   const Context& context);

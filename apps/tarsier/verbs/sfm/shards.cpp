@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
-// A reconstruction by shards: plan, features, match, map.
+// A reconstruction by shards: plan, features, match, map, merge.
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/sfm/mapper/report.h"
 #include "tarsier/sfm/pipelines/inputs.h"
+#include "tarsier/sfm/pipelines/model_merger.h"
 #include "tarsier/sfm/pipelines/plan.h"
 #include "tarsier/sfm/pipelines/shard_commands.h"
 #include "tarsier/sfm/pipelines/sharded_reconstructor.h"
@@ -27,8 +28,13 @@ namespace fs = std::filesystem;
 struct PlanFlags {
   ReconstructFlags reconstruct;
   int shards = 1;
+  int cluster_size = 0;
   bool slurm = false;
 };
+
+std::string clusters_text(int clusters) {
+  return clusters == 0 ? "" : fmt::format(", {} cluster{}", clusters, clusters == 1 ? "" : "s");
+}
 
 ExitStatus make_plan(const PlanFlags& flags, Context& context) {
   const sfm::ReconstructorOptions options = options_of(flags.reconstruct, context);
@@ -41,7 +47,7 @@ ExitStatus make_plan(const PlanFlags& flags, Context& context) {
                        *context.progress, context.stop);
   sfm::require_two_images(inputs, sources.front());
   const sfm::Plan plan = sfm::write_plan(options.folder, inputs, options.pipeline, flags.shards,
-                                         *context.progress, context.stop);
+                                         *context.progress, context.stop, flags.cluster_size);
   const auto unreadable =
       std::count_if(plan.images.begin(), plan.images.end(),
                     [](const sfm::PlannedImage& image) { return image.sha256.empty(); });
@@ -50,6 +56,7 @@ ExitStatus make_plan(const PlanFlags& flags, Context& context) {
   job.folder = folder;
   job.model = (fs::path(folder) / "model").string();
   job.shards = plan.shards;
+  job.clusters = plan.clusters();
   job.has_pairs_stage = sfm::ShardedReconstructor(options.folder).has_pairs_stage();
   const std::string script = (fs::path(options.folder) / "sfm.sbatch").string();
   if (flags.slurm) write_file_atomically(script, sfm::slurm_script(job));
@@ -60,14 +67,15 @@ ExitStatus make_plan(const PlanFlags& flags, Context& context) {
                                 {"unreadable", unreadable},
                                 {"shards", plan.shards},
                                 {"commands", commands}};
+    if (plan.clusters() > 0) json["clusters"] = plan.clusters();
     if (flags.slurm) json["slurm"] = script;
     print_json(json);
     return ExitStatus::kDone;
   }
   std::string text =
-      fmt::format("{}: {} images{}, {} shard{}\n", options.folder, plan.images.size(),
+      fmt::format("{}: {} images{}, {} shard{}{}\n", options.folder, plan.images.size(),
                   unreadable > 0 ? fmt::format(" ({} cannot be read)", unreadable) : "",
-                  plan.shards, plan.shards == 1 ? "" : "s");
+                  plan.shards, plan.shards == 1 ? "" : "s", clusters_text(plan.clusters()));
   if (flags.slurm) text += fmt::format("with Slurm:\n  bash {}\n", sfm::shell_word(script));
   text += fmt::format("with GNU parallel:\n  {}\n", fmt::join(commands, "\n  "));
   print_text(text);
@@ -79,6 +87,9 @@ void add_flags(Command& verb, PlanFlags& flags) {
   verb.add_option("--shards", flags.shards, "that features and matches are shared among")
       .check(range(1, sfm::kMaxShards))
       .show_default();
+  verb.add_option("--cluster-size", flags.cluster_size,
+                  "map clusters of so many images apart, for sfm merge [all images together]")
+      .check(range(sfm::kMinClusterSize, 1'000'000));
   verb.add_flag("--slurm", flags.slurm,
                 "sfm.sbatch in the folder: a script that submits all stages");
 }
@@ -105,6 +116,13 @@ void print_report(const sfm::ShardReport& report, const Context& context) {
     return;
   }
   if (context.quiet) return;
+  if (report.stage == sfm::ShardStage::kModel) {
+    print_text(fmt::format("cluster {}/{}: {} images ({} of its own), {} in {} model{}{}\n",
+                           report.shard, report.shards, report.count, report.own, report.registered,
+                           report.models, report.models == 1 ? "" : "s",
+                           report.was_done ? " (done before)" : ""));
+    return;
+  }
   const bool is_images = report.stage == sfm::ShardStage::kFeatures;
   const std::string which = report.stage == sfm::ShardStage::kPairs
                                 ? std::string()
@@ -154,12 +172,43 @@ void add_match_flags(Command& verb, ShardFlags& flags) {
 
 struct MapFlags {
   std::string folder;
+  std::string cluster;
   ReconstructFlags reconstruct;
 };
 
+// The clusters that were asked for: one, or all of them.
+Shard first_and_last_cluster(const std::string& text, const sfm::Plan& plan) {
+  const int clusters = plan.clusters();
+  if (clusters == 0)
+    throw UsageError(
+        "--cluster: the plan has no clusters, `tarsier sfm plan --cluster-size` makes one that "
+        "has");
+  if (text == "all") return {1, clusters};
+  const Shard asked = parse_shard(text, "--cluster");
+  if (asked.count != clusters)
+    throw UsageError(fmt::format("--cluster {}: the plan has {} cluster{}", text, clusters,
+                                 clusters == 1 ? "" : "s"));
+  return {asked.number, asked.number};
+}
+
 ExitStatus map(const MapFlags& flags, Context& context) {
   const sfm::ReconstructorOptions options = map_options_of(flags.reconstruct);
+  if (flags.cluster.empty() == options.folder.empty())
+    throw UsageError(flags.cluster.empty()
+                         ? "-o is required, or --cluster"
+                         : "-o: --cluster writes into WORK; sfm merge makes the model of all");
   const sfm::ShardedReconstructor sharded(flags.folder);
+  if (!flags.cluster.empty()) {
+    if (options.placement.any() || options.binary || options.undistorted || options.database ||
+        options.turntable)
+      throw UsageError(
+          "--align, --distance, --marker-size, --export, --turntable: are of sfm merge, not of a "
+          "cluster");
+    const Shard asked = first_and_last_cluster(flags.cluster, sharded.plan());
+    for (int cluster = asked.number; cluster <= asked.count; ++cluster)
+      print_report(sharded.map_cluster(cluster, options, *context.progress, context.stop), context);
+    return ExitStatus::kDone;
+  }
   sfm::ReconstructorHooks hooks;
   hooks.on_models = [&](const sfm::ReconstructorResult& result) {
     print_models(result, options.folder, context);
@@ -171,7 +220,42 @@ ExitStatus map(const MapFlags& flags, Context& context) {
 
 void add_flags(Command& verb, MapFlags& flags) {
   add_work_folder(verb, flags.folder);
-  add_map_flags(verb, flags.reconstruct);
+  verb.add_option("--cluster", flags.cluster,
+                  "the i-th of the plan's clusters alone: 3/8; all: those that are not done");
+  add_map_flags(verb, flags.reconstruct, false);
+}
+
+struct MergeFlags {
+  std::vector<std::string> folders;
+  ReconstructFlags reconstruct;
+};
+
+ExitStatus merge(const MergeFlags& flags, Context& context) {
+  sfm::ReconstructorOptions options = map_options_of(flags.reconstruct);
+  options.pipeline.seed = context.seed;
+  sfm::ReconstructorHooks hooks;
+  hooks.on_models = [&](const sfm::ReconstructorResult& result) {
+    print_models(result, options.folder, context);
+  };
+  if (flags.folders.size() == 1) {
+    const sfm::ShardedReconstructor sharded(flags.folders.front());
+    return status_of(sharded.merge(options, *context.progress, context.stop, hooks));
+  }
+  if (options.undistorted || options.database || flags.reconstruct.align == "gps" ||
+      options.placement.markers)
+    throw UsageError(
+        "--export undistorted and database, --align gps, --marker-size: need the images of a plan, "
+        "not only models");
+  return status_of(
+      sfm::merge_models(flags.folders, options, *context.progress, context.stop, hooks));
+}
+
+void add_flags(Command& verb, MergeFlags& flags) {
+  verb.add_option("WORK", flags.folders,
+                  "folder of sfm plan whose clusters are mapped; or folders of two models or more")
+      .required()
+      .type_name("");
+  add_map_flags(verb, flags.reconstruct, true);
 }
 
 }  // namespace
@@ -187,6 +271,9 @@ void add_sfm_shards(Command& sfm, Context& context) {
   add_verb<MapFlags>(
       sfm, "map", "makes the model of a plan whose shards are done", context,
       [](Command& verb, MapFlags& flags) { add_flags(verb, flags); }, map);
+  add_verb<MergeFlags>(
+      sfm, "merge", "joins the models of clusters, or any that share images, where that is safe",
+      context, [](Command& verb, MergeFlags& flags) { add_flags(verb, flags); }, merge);
 }
 
 }  // namespace tarsier::cli

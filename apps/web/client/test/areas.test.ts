@@ -95,7 +95,7 @@ test('cameras of a text model; lines that do not fit are counted', () => {
   assert.deepEqual(value.get(2)?.params, [80, 80, 50, 25]);
 });
 
-test('photographs: names with spaces, empty lines of features, a last one without its line', () => {
+test('images: names with spaces, empty lines of features, a last one without its line', () => {
   const { value, skipped } = parseImages(images);
   assert.equal(skipped, 0);
   assert.deepEqual(
@@ -130,7 +130,7 @@ test('a hundred thousand points are read within two seconds', () => {
 test('projection: the middle of the image, behind the camera, unknown lenses', () => {
   const model = modelOf(cameras, images, points);
   const one = model.cameras.get(1)!;
-  const here = model.photographs.get(1)!;
+  const here = model.images.get(1)!;
   assert.deepEqual(project(one, here, [0, 0, 5]), [320, 240]);
   assert.equal(project(one, here, [0, 0, -5]), null);
   assert.equal(project({ ...one, model: 'FOV' }, here, [0, 0, 5]), null);
@@ -146,21 +146,21 @@ test('projection: the middle of the image, behind the camera, unknown lenses', (
 
 test('observations of a point, largest error first; features that are not there are left out', () => {
   const model = modelOf(cameras, images, points);
-  const seen = observationsOf(0, model.cloud, model.photographs, model.cameras);
-  assert.equal(seen.length, 1); // photograph 3 has no features
+  const seen = observationsOf(0, model.cloud, model.images, model.cameras);
+  assert.equal(seen.length, 1); // image 3 has no features
   assert.deepEqual(seen[0]!.seen, [320, 240]);
   near(seen[0]!.error!, 0);
-  assert.equal(observationsOf(1, model.cloud, model.photographs, model.cameras).length, 0);
+  assert.equal(observationsOf(1, model.cloud, model.images, model.cameras).length, 0);
 });
 
 test('where a camera stood, and which way is up', () => {
   const model = modelOf(cameras, images, points);
-  const b = model.photographs.get(2)!;
+  const b = model.images.get(2)!;
   const r = rotationOf(b.q);
   const c = centreOf(b);
   for (let i = 0; i < 3; i++)
     near(r[3 * i]! * c[0] + r[3 * i + 1]! * c[1] + r[3 * i + 2]! * c[2] + b.t[i]!, 0);
-  const up = upOf(model.photographs.values());
+  const up = upOf(model.images.values());
   assert.ok(up[1] < 0); // y goes down in images
   const turn = upright(up);
   const straight = rotate(turn, up);

@@ -5,6 +5,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/media/archive.h"
 
 #include <fmt/format.h>
@@ -94,8 +95,6 @@ std::vector<float> depthwise_weights(linalg::TensorReader& tensors, const std::s
     for (std::size_t c = 0; c < count; ++c) out[c * 9 + place] = from[place * count + c];
   return out;
 }
-
-double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 
 }  // namespace
 
@@ -202,7 +201,7 @@ std::vector<ScoredFace> search_anchors(const cv::Mat& gray, const AnchorDetector
   std::vector<ScoredFace> kept;
   for (const ScoredFace& face : found) {
     const bool known = std::any_of(kept.begin(), kept.end(), [&](const ScoredFace& better) {
-      return intersection_over_union(better.box, face.box) > options.overlap;
+      return iou(better.box, face.box) > options.overlap;
     });
     if (!known) kept.push_back(face);
   }

@@ -145,11 +145,10 @@ const std::vector<FaceFollower::Face>& FaceFollower::follow(const cv::Mat& frame
     }
   }
   for (Face& face : my.faces) {
-    const auto best =
-        std::max_element(seen.begin(), seen.end(), [&](const cv::Rect& a, const cv::Rect& b) {
-          return intersection_over_union(face.box, a) < intersection_over_union(face.box, b);
-        });
-    if (best == seen.end() || intersection_over_union(face.box, *best) < kSame) {
+    const auto best = std::max_element(
+        seen.begin(), seen.end(),
+        [&](const cv::Rect& a, const cv::Rect& b) { return iou(face.box, a) < iou(face.box, b); });
+    if (best == seen.end() || iou(face.box, *best) < kSame) {
       ++face.missed;
       continue;
     }
@@ -160,9 +159,8 @@ const std::vector<FaceFollower::Face>& FaceFollower::follow(const cv::Mat& frame
   std::erase_if(my.faces, [&](const Face& face) { return face.missed > my.options.forget_after; });
   if (search) {
     for (const cv::Rect& box : seen) {
-      const bool known = std::any_of(my.faces.begin(), my.faces.end(), [&](const Face& face) {
-        return intersection_over_union(face.box, box) >= kSame;
-      });
+      const bool known = std::any_of(my.faces.begin(), my.faces.end(),
+                                     [&](const Face& face) { return iou(face.box, box) >= kSame; });
       if (!known) my.faces.push_back({my.next_id++, box, 0});
     }
   }

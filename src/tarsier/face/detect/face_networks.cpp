@@ -2,6 +2,7 @@
 #include "tarsier/face/detect/face_networks.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -22,8 +23,6 @@ constexpr double kJudgeThreshold = 0.15;  // of the second
 constexpr double kClearlyNot = -3;        // logit of the third
 constexpr double kDeviationFloor = 4;     // grey values, of a window
 constexpr std::size_t kStack = 16;        // windows judged at once: they stay in the second cache
-
-double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 
 bool is_same(const cv::Rect2d& a, const cv::Rect2d& b, double overlap) {
   const double width = std::min(a.x + a.width, b.x + b.width) - std::max(a.x, b.x);

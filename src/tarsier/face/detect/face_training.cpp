@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/detect/detector.h"
 #include "tarsier/face/detect/disguise.h"
@@ -134,13 +135,13 @@ const Image& any_without(const Material& material, Rng& rng) {
 // Beside the image its edge goes on, or something else begins. Perhaps the face is in disguise.
 cv::Mat view_of_face(const Material& material, const Image& image, std::size_t face,
                      const Place& where, int side, Rng& rng) {
-  const bool goes_on = rng.uniform() < 0.5;
+  const bool repeats_edge = rng.uniform() < 0.5;
   const bool in_disguise =
       material.disguised > 0 && !image.points[face].empty() && rng.uniform() < material.disguised;
-  if (goes_on && !in_disguise) return view_of(image, where, side);
+  if (repeats_edge && !in_disguise) return view_of(image, where, side);
   const Image& other = any_without(material, rng);
   const cv::Mat behind = view_of(other, anywhere(other, side, 0.08, material.wide(), rng), side);
-  cv::Mat view = view_of(image, where, side, goes_on ? nullptr : &behind);
+  cv::Mat view = view_of(image, where, side, repeats_edge ? nullptr : &behind);
   if (in_disguise) {
     std::vector<cv::Point2d> points;
     for (const cv::Point2d& p : image.points[face]) points.push_back(where(p));
@@ -487,7 +488,7 @@ double sure_score(const std::vector<double>& scores, double lowest, double allow
   if (allowed == 0) return std::min(kHighestSure, 1 - 0.5 * (1 - highest));
   if (below == 0) return kHighestSure;
   const double beyond = sum / below * std::log(count / allowed);
-  return std::clamp(1 / (1 + std::exp(-logit(lowest) - beyond)), lowest, kHighestSure);
+  return std::clamp(logistic(logit(lowest) + beyond), lowest, kHighestSure);
 }
 
 FaceTraining train_face_networks(const std::vector<FaceImage>& images, const std::string& name,

@@ -66,6 +66,17 @@ double number_of(const nlohmann::json& object, const char* name, const std::stri
   return numbers<1>(nlohmann::json::array({object[name]}), where)[0];
 }
 
+std::optional<Eigen::Vector3d> sigma_in(const nlohmann::json& face, const std::string& where) {
+  const char* names[] = {"yaw_sigma_deg", "pitch_sigma_deg", "roll_sigma_deg"};
+  Eigen::Vector3d sigma;
+  for (int k = 0; k < 3; ++k) {
+    if (!face.contains(names[k]) || face[names[k]].is_null()) return std::nullopt;
+    sigma[k] = number_of(face, names[k], where);
+    if (sigma[k] < 0) throw InputError(where, fmt::format("\"{}\" is below 0", names[k]));
+  }
+  return sigma;
+}
+
 std::optional<Eigen::Matrix3d> rotation_in(const nlohmann::json& face, const std::string& where) {
   for (const char* name : {"rotation", "R"}) {
     if (!face.contains(name) || face[name].is_null()) continue;
@@ -101,6 +112,11 @@ PoseLine line_of(const nlohmann::json& value, const std::string& where) {
     if (!face->is_object()) throw InputError(where, "a face is no object");
   }
   line.rotation = rotation_in(*face, where);
+  line.sigma_deg = sigma_in(*face, where);
+  if (line.sigma_deg && face->contains("sigma_floor_deg")) {
+    const std::array<double, 3> floor = numbers<3>((*face)["sigma_floor_deg"], where);
+    line.sigma_floor_deg = Eigen::Vector3d(floor[0], floor[1], floor[2]);
+  }
   for (const char* name : {"translation", "t"}) {
     if (!face->contains(name) || (*face)[name].is_null() || line.translation) continue;
     const std::array<double, 3> t = numbers<3>((*face)[name], where);
@@ -110,6 +126,12 @@ PoseLine line_of(const nlohmann::json& value, const std::string& where) {
 }
 
 }  // namespace
+
+void SigmaCoverage::add(double error_deg, double sigma_deg) {
+  ++count;
+  within += std::abs(error_deg) <= sigma_deg ? 1 : 0;
+  within2 += std::abs(error_deg) <= 2 * sigma_deg ? 1 : 0;
+}
 
 PoseScore score_poses(const std::vector<PosePair>& pairs, int truths) {
   PoseScore score;
@@ -127,6 +149,18 @@ PoseScore score_poses(const std::vector<PosePair>& pairs, int truths) {
     yaw.push_back(std::abs(wrapped(difference[1])));
     roll.push_back(std::abs(wrapped(difference[2])));
     angles.push_back(angle_between(pair.rotation, pair.truth));
+    if (pair.sigma_deg) {
+      score.coverage.yaw.add(yaw.back(), (*pair.sigma_deg)[0]);
+      score.coverage.pitch.add(pitch.back(), (*pair.sigma_deg)[1]);
+      score.coverage.roll.add(roll.back(), (*pair.sigma_deg)[2]);
+    }
+    if (pair.sigma_deg && pair.sigma_floor_deg) {
+      const Eigen::Array3d sigma =
+          (pair.sigma_deg->array().square() - pair.sigma_floor_deg->array().square()).max(0).sqrt();
+      score.image_coverage.yaw.add(yaw.back(), sigma[0]);
+      score.image_coverage.pitch.add(pitch.back(), sigma[1]);
+      score.image_coverage.roll.add(roll.back(), sigma[2]);
+    }
     if (!pair.translation || !pair.true_translation) continue;
     away.push_back((*pair.translation - *pair.true_translation).norm());
     const double distance = (*pair.true_translation).norm();
@@ -172,7 +206,7 @@ std::vector<PosePair> match_poses(const std::vector<PoseLine>& found,
     const auto at = of_image.find(line.image);
     if (!line.rotation || at == of_image.end() || !at->second->rotation) continue;
     pairs.push_back({line.image, *at->second->rotation, *line.rotation, at->second->translation,
-                     line.translation});
+                     line.translation, at->second->sigma_deg, at->second->sigma_floor_deg});
   }
   return pairs;
 }
@@ -216,6 +250,16 @@ Eigen::Vector3d forward_of_gaze(const Gaze& gaze) {
           -std::cos(gaze.azimuth_deg * kDegree) * across};
 }
 
+HeadAngles angles_towards(const Eigen::Vector3d& forward, double roll_deg) {
+  constexpr double kDegree = std::numbers::pi / 180;
+  const double c = std::cos(roll_deg * kDegree);
+  const double s = std::sin(roll_deg * kDegree);
+  const double x = c * forward[0] + s * forward[1];
+  const double y = -s * forward[0] + c * forward[1];
+  return {std::asin(std::clamp(-x, -1.0, 1.0)) / kDegree, std::atan2(-y, -forward[2]) / kDegree,
+          roll_deg};
+}
+
 PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {
   PointingScore score;
   std::vector<double> yaw;
@@ -237,6 +281,12 @@ PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {
     score.seen_found += outcome.face_seen ? 1 : 0;
     yaw.push_back(angles.yaw_deg - outcome.truth.pan_deg);
     pitch.push_back(angles.pitch_deg - outcome.truth.tilt_deg);
+    if (outcome.sigma_deg) {
+      const HeadAngles named = angles_towards(
+          forward_of_gaze({outcome.truth.pan_deg, outcome.truth.tilt_deg}), angles.roll_deg);
+      score.coverage.yaw.add(angles.yaw_deg - named.yaw_deg, (*outcome.sigma_deg)[0]);
+      score.coverage.pitch.add(angles.pitch_deg - named.pitch_deg, (*outcome.sigma_deg)[1]);
+    }
     of_pan[outcome.truth.pan_deg].push_back(angles.yaw_deg);
     of_tilt[outcome.truth.tilt_deg].push_back(angles.pitch_deg);
   }

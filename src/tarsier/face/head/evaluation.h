@@ -14,6 +14,20 @@
 // How good head poses are.
 namespace tarsier::face::head {
 
+// How often the truth is within the uncertainty that came with an angle: of Gaussian errors and
+// right standard deviations in 68.3 % of cases within one, in 95.4 % within two.
+struct SigmaCoverage {
+  int count = 0;
+  int within = 0;   // of one standard deviation
+  int within2 = 0;  // of two
+  void add(double error_deg, double sigma_deg);
+};
+struct AngleCoverage {
+  SigmaCoverage yaw;
+  SigmaCoverage pitch;
+  SigmaCoverage roll;
+};
+
 // --- exact truth ---
 
 struct PosePair {
@@ -22,6 +36,8 @@ struct PosePair {
   Eigen::Matrix3d truth = Eigen::Matrix3d::Zero();
   std::optional<Eigen::Vector3d> translation;  // mm, both or none
   std::optional<Eigen::Vector3d> true_translation;
+  std::optional<Eigen::Vector3d> sigma_deg;        // of yaw, pitch, roll as found
+  std::optional<Eigen::Vector3d> sigma_floor_deg;  // how much of it is a floor (HeadPose)
 };
 
 // Angles for comparison with others (BIWI): R = Rz(roll) Rx(pitch) Ry(yaw); their pitch is minus
@@ -40,19 +56,24 @@ struct PoseScore {
   double translation_mean_mm = 0;
   double translation_median_mm = 0;
   double translation_percent = 0;  // of the distance, mean
+  AngleCoverage coverage;          // of the pairs with deviations
+  AngleCoverage image_coverage;    // of sqrt(sigma^2 - floor^2), of the pairs with a floor
 };
 [[nodiscard]] PoseScore score_poses(const std::vector<PosePair>& pairs, int truths);
 
 // A line {"image", "rotation": [9]} or "R": [9], {"image", "euler": [pitch, yaw, roll]} (BIWI,
-// degrees) or {"image", "yaw", "pitch", "roll"} (ours), optionally "translation" or "t"; of
-// {"image", "faces": [..]} the first face. A line without a pose: no face was found.
+// degrees) or {"image", "yaw", "pitch", "roll"} (ours), optionally "translation" or "t", and
+// "yaw_sigma_deg", "pitch_sigma_deg", "roll_sigma_deg" and "sigma_floor_deg": [3]; of {"image",
+// "faces": [..]} the first face. A line without a pose: no face was found.
 struct PoseLine {
   std::string image;
   std::optional<Eigen::Matrix3d> rotation;
   std::optional<Eigen::Vector3d> translation;
+  std::optional<Eigen::Vector3d> sigma_deg;  // of yaw, pitch, roll; where all three are there
+  std::optional<Eigen::Vector3d> sigma_floor_deg;
 };
 // Throws InputError with path and line: no JSON, no "image", a matrix that is no rotation (1e-3),
-// numbers that are not finite.
+// numbers that are not finite, a deviation below 0.
 [[nodiscard]] std::vector<PoseLine> read_pose_lines(const std::string& path);
 
 // Pairs of the same "image"; of several lines of an image the last counts.
@@ -73,7 +94,8 @@ struct PointingOutcome {
   std::string image;
   PointingName truth;
   bool face_seen = false;  // the strict face detector sees a face in the head's box
-  std::optional<Eigen::Matrix3d> rotation;  // camera_from_head of the pose that was found there
+  std::optional<Eigen::Matrix3d> rotation;   // camera_from_head of the pose that was found there
+  std::optional<Eigen::Vector3d> sigma_deg;  // of its yaw, pitch, roll
 };
 
 // Where a head looks: the azimuth (+ to image left) and the elevation (+ up) of its forward
@@ -86,6 +108,9 @@ struct Gaze {
 };
 [[nodiscard]] Gaze gaze_of_rotation(const Eigen::Matrix3d& camera_from_head);
 [[nodiscard]] Eigen::Vector3d forward_of_gaze(const Gaze& gaze);
+// Yaw and pitch of the head that looks along the unit vector `forward` and has this roll. The
+// forward direction less its roll is (-sin yaw, -sin pitch cos yaw, -cos pitch cos yaw).
+[[nodiscard]] HeadAngles angles_towards(const Eigen::Vector3d& forward, double roll_deg);
 
 struct PointingScore {
   int images = 0;      // |pan| <= 45, |tilt| <= 30
@@ -105,6 +130,9 @@ struct PointingScore {
   std::map<double, double> yaw_of_pan;     // mean yaw of each pan
   std::map<double, double> pitch_of_tilt;  // mean pitch of each tilt
   bool yaw_rises = false;                  // strictly with pan
+  // Of yaw and pitch against those of a head that looks where the name says and has the roll found
+  // (angles_towards); no offset is taken off. Nothing is known of the roll.
+  AngleCoverage coverage;
 };
 [[nodiscard]] PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes);
 

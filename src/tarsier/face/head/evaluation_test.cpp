@@ -16,7 +16,10 @@ namespace {
 using testing::HasSubstr;
 
 PosePair pair_of(const HeadAngles& found, const HeadAngles& truth) {
-  return {"", rotation_of_angles(found), rotation_of_angles(truth), std::nullopt, std::nullopt};
+  PosePair pair;
+  pair.rotation = rotation_of_angles(found);
+  pair.truth = rotation_of_angles(truth);
+  return pair;
 }
 
 TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {
@@ -36,6 +39,28 @@ TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {
   EXPECT_NEAR(score.beyond10, 1.0 / 3, 1e-12);
   EXPECT_NEAR(score.translation_mean_mm, 3, 1e-12);
   EXPECT_NEAR(score.translation_percent, 0.6, 1e-12);
+}
+
+TEST(PoseEvaluation, CountsWhatIsWithinOneAndTwoSigmas) {
+  std::vector<PosePair> pairs = {pair_of({4, 0, 0}, {0, 0, 0}), pair_of({-6, 3, 0}, {0, 0, 0}),
+                                 pair_of({1, 0, 179}, {0, 0, -179}),
+                                 pair_of({50, 50, 50}, {0, 0, 0})};
+  for (int k = 0; k < 3; ++k) pairs[static_cast<std::size_t>(k)].sigma_deg = {3.1, 2, 2.5};
+  pairs[2].sigma_floor_deg = {2.9, 2, 0};  // sqrt(3.1^2 - 2.9^2) = 1.1
+  const AngleCoverage coverage = score_poses(pairs, 4).coverage;
+  EXPECT_EQ(coverage.yaw.count, 3);  // one has none
+  EXPECT_EQ(coverage.yaw.within, 1);
+  EXPECT_EQ(coverage.yaw.within2, 3);
+  EXPECT_EQ(coverage.pitch.within, 2);
+  EXPECT_EQ(coverage.pitch.within2, 3);
+  EXPECT_EQ(coverage.roll.within, 3);  // 2 degrees across 180
+  const AngleCoverage of_image = score_poses(pairs, 4).image_coverage;
+  EXPECT_EQ(of_image.yaw.count, 1);
+  EXPECT_EQ(of_image.yaw.within, 1);
+  EXPECT_EQ(of_image.pitch.within, 1);
+  pairs[2].sigma_floor_deg = {3.0, 3, 0};
+  EXPECT_EQ(score_poses(pairs, 4).image_coverage.yaw.within, 0);
+  EXPECT_EQ(score_poses(pairs, 4).image_coverage.yaw.within2, 1);
 }
 
 TEST(PoseEvaluation, NothingFoundIsNoError) {
@@ -72,6 +97,13 @@ TEST_F(PoseLines, AllFormsTellTheSameRotation) {
     EXPECT_LT((*rotation - r).norm(), 1e-5) << i;
   }
   EXPECT_EQ(lines[1].translation.value(), Eigen::Vector3d(1, 2, 3));
+  EXPECT_FALSE(lines[0].sigma_deg);
+  const auto sure =
+      read(R"({"image":"a","faces":[{"yaw":1,"pitch":2,"yaw_sigma_deg":3,"pitch_sigma_deg":4,)"
+           R"("roll_sigma_deg":5,"sigma_floor_deg":[2,1,0]}]})");
+  EXPECT_EQ(sure.at(0).sigma_deg.value(), Eigen::Vector3d(3, 4, 5));
+  EXPECT_EQ(sure.at(0).sigma_floor_deg.value(), Eigen::Vector3d(2, 1, 0));
+  EXPECT_EQ(match_poses(sure, sure).at(0).sigma_deg, sure.at(0).sigma_deg);
   EXPECT_FALSE(lines[4].rotation);
   EXPECT_EQ(match_poses(lines, lines).size(), 4U);
 }
@@ -92,6 +124,8 @@ TEST_F(PoseLines, RefusesBrokenLines) {
   EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,2]}"), HasSubstr("no rotation"));
   EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,-1]}"), HasSubstr("no rotation"));
   EXPECT_THAT(refusal("{\"image\":\"a\",\"faces\":3}"), HasSubstr("no list"));
+  EXPECT_THAT(refusal(R"({"image":"a","yaw":1,"pitch":1,"yaw_sigma_deg":-1})"),
+              HasSubstr("\"yaw_sigma_deg\" is below 0"));
   EXPECT_THAT(refusal(""), HasSubstr("no lines"));
   EXPECT_THAT(refusal(std::string(100'000, '[')), HasSubstr("l.jsonl"));
 }
@@ -111,10 +145,14 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, -15.0, 0.0, 15.0, 45.0, 90.0}) {
     // Everybody looks 5 degrees too far left, and those who turn turn too little.
-    outcomes.push_back({"", {1, 0, pan}, true, rotation_of_angles({0.8 * pan + 5, -3, 0})});
+    outcomes.push_back({"",
+                        {1, 0, pan},
+                        true,
+                        rotation_of_angles({0.8 * pan + 5, -3, 0}),
+                        Eigen::Vector3d(8, 2, 1)});
   }
-  outcomes.push_back({"", {1, 0, 30}, true, std::nullopt});
-  outcomes.push_back({"", {1, 0, 30}, false, std::nullopt});
+  outcomes.push_back({"", {1, 0, 30}, true, std::nullopt, std::nullopt});
+  outcomes.push_back({"", {1, 0, 30}, false, std::nullopt, std::nullopt});
   const PointingScore score = score_pointing(outcomes);
   EXPECT_EQ(score.images, 7);  // 90 is beyond
   EXPECT_EQ(score.seen, 6);
@@ -126,6 +164,13 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   EXPECT_NEAR(score.pitch_mae_deg, 0, 1e-9);
   EXPECT_NEAR(score.pitch_offset_deg, -3, 1e-9);
   EXPECT_TRUE(score.yaw_rises);
+  // Errors of yaw 14, 8, 5, 2 and 4 of 8, of pitch 3 of 2.
+  EXPECT_EQ(score.coverage.yaw.count, 5);
+  EXPECT_EQ(score.coverage.yaw.within, 4);
+  EXPECT_EQ(score.coverage.yaw.within2, 5);
+  EXPECT_EQ(score.coverage.pitch.within, 0);
+  EXPECT_EQ(score.coverage.pitch.within2, 5);
+  EXPECT_EQ(score.coverage.roll.count, 0);
   outcomes[0].rotation = rotation_of_angles({50, -3, 0});
   EXPECT_FALSE(score_pointing(outcomes).yaw_rises);
 }
@@ -136,7 +181,7 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
     for (const double tilt : {-30.0, 0.0, 30.0}) {
       // The nod is about the panned head's own axis.
       const Eigen::Matrix3d r = rotation_of_angles({pan, 0, 0}) * rotation_of_angles({0, tilt, 0});
-      outcomes.push_back({"", {1, tilt, pan}, true, r});
+      outcomes.push_back({"", {1, tilt, pan}, true, r, Eigen::Vector3d::Constant(1e-6)});
       const Gaze gaze = gaze_of_rotation(r);
       EXPECT_NEAR(gaze.azimuth_deg, pan, 1e-9);
       EXPECT_NEAR(gaze.elevation_deg, tilt, 1e-9);
@@ -148,6 +193,9 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
   EXPECT_NEAR(score.azimuth_mae_deg, 0, 1e-9);
   // Its pitch is asin(cos pan sin tilt), 20.7 degrees: 9.3 less at four of nine places.
   EXPECT_NEAR(score.pitch_mae_deg, 9.295 * 4 / 9, 0.01);
+  // Against the direction nothing is off.
+  EXPECT_EQ(score.coverage.yaw.within, 9);
+  EXPECT_EQ(score.coverage.pitch.within, 9);
 }
 
 TEST_F(PoseLines, TheBoxBesideAPointingImage) {

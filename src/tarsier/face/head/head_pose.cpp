@@ -2,6 +2,7 @@
 #include "tarsier/face/head/head_pose.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Geometry>
@@ -9,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 namespace tarsier::face::head {
@@ -69,6 +71,7 @@ HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
       options_(std::move(options)),
       mean_(model_.mean, inverse_variances(model_)) {
   options_.check();
+  robust_ = robust_means(1);
   scaled_ = (model_.modes * model_.deviation.asDiagonal()).transpose();
   is_outline_.assign(static_cast<std::size_t>(model_.points()), 0);
   for (const int i : model_.outline) is_outline_[static_cast<std::size_t>(i)] = 1;
@@ -76,6 +79,79 @@ HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
     TARSIER_REQUIRE(i >= 0 && i < model_.points(), "outline point {} of {}", i, model_.points());
     is_outline_[static_cast<std::size_t>(i)] = 1;
   }
+}
+
+// x = half the squared residual over its true variance, of density exp(-x) for Gaussian residuals of
+// two coordinates; the weight is w = (1 + scale x / a)^-2 with a = robust_sigmas^2 / 2. The influence
+// of a residual r on the estimate is r w, for each coordinate E[(r w)^2] = scale E[x w^2] and
+// E[d(r w)/dr] = E[w + x dw/dx].
+HeadPoser::RobustMeans HeadPoser::robust_means(double scale) const {
+  const double a = options_.robust_sigmas * options_.robust_sigmas / 2 / scale;
+  constexpr int kSteps = 1000;  // of Simpson's rule, to where nothing is left
+  constexpr double kEnd = 30;
+  RobustMeans means{0, 0, 0};
+  for (int k = 0; k <= kSteps; ++k) {
+    const double x = kEnd * k / kSteps;
+    const double share = (k == 0 || k == kSteps ? 1 : k % 2 == 1 ? 4 : 2) * kEnd / (3.0 * kSteps);
+    const double density = share * std::exp(-x);
+    const double w = 1 / ((1 + x / a) * (1 + x / a));
+    means.weight += density * w;
+    means.square += density * scale * w * w * x;
+    means.slope += density * (w - 2 * x / a * w / (1 + x / a));
+  }
+  return means;
+}
+
+Matrix3d HeadPoser::covariance_of(const MatrixXd& normal, std::vector<double> strange,
+                                  bool with_shape) const {
+  const Index m = normal.rows() - 6;
+  const Index solved = with_shape ? 6 + m : 6;
+  const auto with_prior = [&](const MatrixXd& of_points) {
+    MatrixXd sum = of_points.topLeftCorner(solved, solved);
+    sum.diagonal().tail(solved - 6).array() += 1;
+    return sum;
+  };
+  RobustMeans means = robust_;
+  linalg::Cholesky curvature(with_prior(normal * (means.slope / means.weight)));
+  if (!strange.empty() && with_shape) {
+    // Of half the squared residuals three quarters are below ln 4 of the variance; the fit took its
+    // share.
+    const double taken = curvature.solve(normal * (means.slope / means.weight)).trace();
+    const double left = 1 - taken / (2.0 * static_cast<double>(strange.size()));
+    std::sort(strange.begin(), strange.end());
+    const double variance = quantile(strange, 0.75) / 2 / (2 * std::numbers::ln2);
+    const double scale = variance / std::max(left, 0.1);
+    if (scale > 1) {
+      means = robust_means(scale);
+      curvature.compute(with_prior(normal * (means.slope / means.weight)));
+    }
+  }
+  MatrixXd spread = with_prior(normal * (means.square / means.weight));
+  if (!with_shape) {
+    const MatrixXd of_shape = normal.topRightCorner(6, m) * (means.slope / means.weight);
+    spread += of_shape * of_shape.transpose();
+  }
+  const MatrixXd of_turn = curvature.solve(MatrixXd::Identity(solved, 3));
+  return of_turn.transpose() * spread * of_turn;
+}
+
+void set_angles(HeadPose& pose) {
+  pose.angles = angles_of_rotation(pose.camera_from_head.rotation);
+  const Matrix3d covariance = angle_covariance(pose.angles, pose.turn_covariance);
+  const auto deviation = [&](int axis) {
+    return std::min(180.0, std::sqrt(std::max(0.0, covariance(axis, axis))));
+  };
+  pose.yaw_sigma_deg = deviation(0);
+  pose.pitch_sigma_deg = deviation(1);
+  pose.roll_sigma_deg = deviation(2);
+}
+
+void calibrate_sigmas(HeadPose& pose, const AngleCalibration& calibration) {
+  const HeadAngles angles = angles_of_rotation(pose.camera_from_head.rotation);
+  pose.turn_covariance = turn_covariance(
+      angles, calibrated(angle_covariance(angles, pose.turn_covariance), calibration));
+  pose.sigma_floor_deg = floor_of(calibration);
+  set_angles(pose);
 }
 
 HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera,
@@ -157,16 +233,18 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   auto [rotation, translation] = start.pose->camera_from_object;
   if (towards) rotation = *towards;
   VectorXd c = expected;
-  const Index size = 6 + m;
+  const Index solved = 6 + m;  // unknowns; behind them the shape that is not fitted
+  const Index size = 6 + all_modes;
   MatrixXd normal(size, size);
   VectorXd right(size);
   const auto rows = static_cast<Index>(2 * present.size());
   MatrixXd jacobian(size, rows);  // transposed, each row over its standard deviation
   VectorXd residuals(rows);
-  Eigen::MatrixX3d turned(m, 3);
+  Eigen::MatrixX3d turned(all_modes, 3);
   Matrix3Xd shape(3, n);
   double sum = 0;
   double weight_sum = 0;
+  std::vector<double> strange_of;  // squared residuals over their variances
   bool is_done = false;
   for (int iteration = 0; iteration <= options_.iterations; ++iteration) {
     shape = model_.mean;
@@ -174,6 +252,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
     const double yaw = angles_of_rotation(rotation).yaw_deg;
     const double far = std::exp(-0.5 * std::pow(yaw / options_.outline_yaw_deg, 2));
     sum = weight_sum = 0;
+    strange_of.clear();
     Index row = 0;
     for (const Index i : present) {
       const Vector3d q = rotation * shape.col(i);
@@ -192,16 +271,17 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
       if (is_outline_[static_cast<std::size_t>(i)] != 0 && shape(0, i) * yaw < 0) weight *= far;
       sum += weight * residual.squaredNorm();
       weight_sum += weight;
+      if (sigma_px.size() == 0) strange_of.push_back(residual.squaredNorm() / (sigma * sigma));
       const double root = std::sqrt(weight) / sigma;
       const double part = root * inverse;
       jacobian.col(row).head<6>() << -part * u * q[1], part * (q[2] + u * q[0]), -part * q[1], part,
           0, -part * u;
       jacobian.col(row + 1).head<6>() << -part * (q[2] + v * q[1]), part * v * q[0], part * q[0], 0,
           part, -part * v;
-      if (m > 0) {
+      if (all_modes > 0) {
         turned.noalias() = scaled_.middleCols<3>(3 * i) * rotation.transpose();
-        jacobian.col(row).tail(m) = part * (turned.col(0) - u * turned.col(2));
-        jacobian.col(row + 1).tail(m) = part * (turned.col(1) - v * turned.col(2));
+        jacobian.col(row).tail(all_modes) = part * (turned.col(0) - u * turned.col(2));
+        jacobian.col(row + 1).tail(all_modes) = part * (turned.col(1) - v * turned.col(2));
       }
       residuals.segment<2>(row) = root * residual;
       row += 2;
@@ -211,8 +291,8 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
     normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
     right.noalias() = jacobian * residuals;
     if (iteration == options_.iterations || is_done) break;
-    MatrixXd with_prior = normal;
-    VectorXd pull = right;
+    MatrixXd with_prior = normal.topLeftCorner(solved, solved);
+    VectorXd pull = right.head(solved);
     with_prior.bottomRightCorner(m, m) += prior;
     if (m > 0) pull.tail(m) -= prior * (c - expected);
     if (towards != nullptr) only_about(rotation.col(2), with_prior, pull);
@@ -257,7 +337,11 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   }
   HeadPose found;
   found.camera_from_head = {rotation, translation};
-  found.angles = angles_of_rotation(found.camera_from_head.rotation);
+  found.turn_covariance = covariance_of(normal, std::move(strange_of), m > 0 || all_modes == 0);
+  // Points that leave the last linearisation open say nothing.
+  if (!found.turn_covariance.allFinite())
+    found.turn_covariance = std::pow(std::numbers::pi, 2) * Matrix3d::Identity();
+  set_angles(found);
   found.b = c.cwiseProduct(model_.deviation);
   found.rms_px = focal * std::sqrt(sum / std::max(weight_sum, 1e-12));
   return {std::move(found), ""};

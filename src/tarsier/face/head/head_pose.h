@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/option_fields.h"
+#include "tarsier/face/head/angle_sigma.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/face/head/posit.h"
@@ -22,6 +23,18 @@
 // sigma_i = the model's noise of the point, in px at the head's distance, and of its measurement
 // together: noise_px, or more where `sigma_px` says so;
 // w_i = robust weight, times that of the outline's far side in turned heads (as in training).
+//
+// The covariance of the pose (w, t) and of c = b / deviation is, by the normal equations at the
+// solution (Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd edition 2004,
+// section 5.2; of robust weights: Huber, Robust Statistics, 1981, section 6.3),
+//   cov = A^-1 B A^-1,  A = a J^T W J + P,  B = f J^T W J + P,  W = w_i / sigma_i^2,
+// P the unit prior of c, a and f what the robust weights do to points without outliers; with all
+// weights 1 that is (J^T W J + P)^-1. Its first 3 x 3 block has shape and translation marginalised:
+// what people differ by from the mean head, as far as it could also be a turn, is in it. Where no
+// sigma_px is given and the residuals are larger than noise_px and the model's noise explain, f
+// grows with their scale (the upper quartile of their squares over that of a Gaussian). P is that of
+// one image also where earlier frames are known: their landmarks err alike. Without `fit_shape` A is
+// of the pose alone, and what the shape's variance does to it is in B.
 namespace tarsier::face::head {
 
 // The head's own camera where none is known: no distortion, the middle of the image, focal length
@@ -71,7 +84,20 @@ struct HeadPose {
   HeadAngles angles;
   Eigen::VectorXd b;  // of this frame
   double rms_px = 0;  // weighted
+  // Of the rotation's error w, rad^2 (head/angle_sigma.h): the true rotation is exp([w]x) rotation.
+  Eigen::Matrix3d turn_covariance = Eigen::Matrix3d::Zero();
+  // Standard deviations of the angles' errors, up to 180.
+  double yaw_sigma_deg = 0;
+  double pitch_sigma_deg = 0;
+  double roll_sigma_deg = 0;
+  // Of yaw, pitch, roll: how much of these is the calibration's floor, the same for every image.
+  Eigen::Vector3d sigma_floor_deg = Eigen::Vector3d::Zero();
 };
+
+// Sets the angles and their deviations to those of rotation and turn_covariance.
+void set_angles(HeadPose& pose);
+// Calibrates the covariance, and sets the angles.
+void calibrate_sigmas(HeadPose& pose, const AngleCalibration& calibration);
 
 // A pose, or why there is none.
 struct HeadPoseResult {
@@ -104,7 +130,8 @@ class HeadPoser {
 
   // The pose that looks where `camera_from_head` looks: of its rotation only the direction of the
   // head's z axis counts, the turn about it, the translation and the shape are found. `identity`
-  // may be null; it is not changed. The result's angles are those of the rotation found.
+  // may be null; it is not changed. The result's angles are those of the rotation found; its
+  // covariance is that of the points alone, as if the direction were theirs.
   [[nodiscard]] HeadPoseResult pose_towards(const Eigen::Matrix2Xd& points,
                                             const geometry::Camera& camera,
                                             const Eigen::Matrix3d& camera_from_head,
@@ -126,6 +153,19 @@ class HeadPoser {
   std::vector<char> is_outline_;
   PositModel mean_;         // of the mean head
   Eigen::MatrixXd scaled_;  // modes times deviation, transposed: m x 3n
+  // Of points without outliers whose variance is `scale` times what is assumed: means of the robust
+  // weight, of the squared influence of a residual and of the slope of that influence.
+  struct RobustMeans {
+    double weight = 1;
+    double square = 1;
+    double slope = 1;
+  };
+  [[nodiscard]] RobustMeans robust_means(double scale) const;
+  // Of the turn, rad^2, from the normal equations of pose and shape, without the prior. strange:
+  // squared residuals over their variances, where these are to be scaled by them; else empty.
+  [[nodiscard]] Eigen::Matrix3d covariance_of(const Eigen::MatrixXd& normal,
+                                              std::vector<double> strange, bool with_shape) const;
+  RobustMeans robust_;
 };
 
 }  // namespace tarsier::face::head

@@ -246,6 +246,124 @@ TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
   EXPECT_GT(trusted, 5 * error);
 }
 
+// Shares of the errors within one and two of the deviations that came with the angles.
+struct Covered {
+  int count = 0;
+  Eigen::Array3d one = Eigen::Array3d::Zero();  // yaw, pitch, roll
+  Eigen::Array3d two = Eigen::Array3d::Zero();
+
+  void add(const HeadPose& found, const geometry::Rigid3& truth) {
+    const HeadAngles angles = angles_of_rotation(truth.rotation);
+    const Eigen::Array3d error(found.angles.yaw_deg - angles.yaw_deg,
+                               found.angles.pitch_deg - angles.pitch_deg,
+                               found.angles.roll_deg - angles.roll_deg);
+    const Eigen::Array3d sigma(found.yaw_sigma_deg, found.pitch_sigma_deg, found.roll_sigma_deg);
+    ++count;
+    one += (error.abs() <= sigma).cast<double>();
+    two += (error.abs() <= 2 * sigma).cast<double>();
+  }
+  // Of 1500 cases 68.3 and 95.4 %, whose standard errors are 1.2 and 0.5 %.
+  void expect_right(const char* what, double off_one = 0.04, double off_two = 0.02) const {
+    for (int axis = 0; axis < 3; ++axis) {
+      EXPECT_NEAR(one[axis] / count, 0.683, off_one) << what << ", axis " << axis;
+      EXPECT_NEAR(two[axis] / count, 0.954, off_two) << what << ", axis " << axis;
+    }
+  }
+};
+
+constexpr int kCoverageCases = 1500;
+
+// A person of the model: its modes and what is left of each point.
+Matrix3Xd random_shape(const HeadModel& model, Rng& rng) {
+  Matrix3Xd shape = shape_of(model, random_b(model, rng));
+  for (Eigen::Index i = 0; i < shape.cols(); ++i)
+    for (Eigen::Index k = 0; k < 3; ++k) shape(k, i) += model.noise[i] * rng.normal();
+  return shape;
+}
+
+TEST(HeadPoseSigma, CoversTheErrorsOfPointsWithKnownNoise) {
+  const HeadModel model = testing_head(8);
+  const HeadPoser poser(model);
+  HeadPoseOptions rigid;
+  rigid.fit_shape = false;
+  const HeadPoser of_mean_head(model, rigid);
+  const geometry::Camera camera = testing_camera();
+  Covered plain;
+  Covered weighed;
+  Covered scaled;
+  Covered mean_head;
+  for (int k = 0; k < kCoverageCases; ++k) {
+    Rng rng = Rng(21).fork(static_cast<std::uint64_t>(k));
+    const Matrix3Xd shape = random_shape(model, rng);
+    const geometry::Rigid3 truth = random_pose(rng);
+    const Matrix2Xd exact = image_of(shape, truth, camera, 0, rng);
+    const auto with_noise = [&](const VectorXd& deviation_px) {
+      Matrix2Xd points = exact;
+      for (Eigen::Index i = 0; i < points.cols(); ++i)
+        for (Eigen::Index axis = 0; axis < 2; ++axis)
+          points(axis, i) += deviation_px[i] * rng.normal();
+      return points;
+    };
+    const VectorXd ones = VectorXd::Ones(exact.cols());
+    plain.add(poser.pose(with_noise(ones), camera).pose.value(), truth);
+    mean_head.add(of_mean_head.pose(with_noise(ones), camera).pose.value(), truth);
+    // More noise than the options say shows in the residuals.
+    scaled.add(poser.pose(with_noise(3 * ones), camera).pose.value(), truth);
+    VectorXd sigma_px(exact.cols());  // 68 % of the distances
+    for (double& value : sigma_px) value = rng.uniform(1.6, 8);
+    weighed.add(poser.pose(with_noise(sigma_px / 1.51), camera, sigma_px).pose.value(), truth);
+  }
+  plain.expect_right("1 px, which is the options' noise");
+  // The robust weights count on what residuals of the shape are not, and fewer than 50 residuals
+  // tell their scale.
+  mean_head.expect_right("without shape", 0.09, 0.05);
+  scaled.expect_right("3 px, and no deviation given", 0.08, 0.05);
+  weighed.expect_right("a deviation for each point");
+}
+
+TEST(HeadPoseSigma, IsLargerForWhatShowsLess) {
+  const HeadPoser poser(testing_head(8));
+  const geometry::Camera camera = testing_camera();
+  for (int k = 0; k < 30; ++k) {
+    Rng rng = Rng(22).fork(static_cast<std::uint64_t>(k));
+    geometry::Rigid3 near = random_pose(rng);
+    near.translation *= 500 / near.translation[2];
+    geometry::Rigid3 far = near;
+    far.translation *= 4;
+    const Matrix3Xd shape = random_shape(poser.model(), rng);
+    const auto sigma_of = [&](const Matrix2Xd& points, const VectorXd& sigma_px = {}) {
+      const HeadPose pose = poser.pose(points, camera, sigma_px).pose.value();
+      return Eigen::Array3d(pose.yaw_sigma_deg, pose.pitch_sigma_deg, pose.roll_sigma_deg);
+    };
+    const Matrix2Xd points = image_of(shape, near, camera, 0.2, rng);
+    const Eigen::Array3d whole = sigma_of(points);
+    EXPECT_GT(whole.minCoeff(), 0);
+    EXPECT_LT(whole.maxCoeff(), 10);
+    // Even points of the pairs are those of one side.
+    Matrix2Xd half = points;
+    for (int i = 0; i < 22; i += 2) half.col(i).setConstant(kNan);
+    EXPECT_TRUE((sigma_of(half) > whole).all()) << k;
+    // Behind a hand they are fitted, but badly.
+    const VectorXd sure = VectorXd::Constant(points.cols(), 1.5);
+    VectorXd covered = sure;
+    for (int i = 0; i < 22; i += 2) covered[i] = 15;
+    EXPECT_TRUE((sigma_of(points, covered) > sigma_of(points, sure)).all()) << k;
+    EXPECT_TRUE((sigma_of(image_of(shape, far, camera, 0.2, rng)) > 1.5 * whole).all()) << k;
+  }
+}
+
+TEST(HeadPoseSigma, OfAVideoDoesNotShrinkWithItsLength) {
+  const HeadPoser poser(testing_head(8));
+  const geometry::Camera camera = testing_camera();
+  Rng rng(23);
+  const geometry::Rigid3 truth = random_pose(rng);
+  const Matrix2Xd points = image_of(poser.model().mean, truth, camera, 0.5, rng);
+  HeadIdentity identity;
+  const double first = poser.pose(points, camera, identity).pose.value().yaw_sigma_deg;
+  for (int k = 0; k < 50; ++k) (void)poser.pose(points, camera, identity);
+  EXPECT_NEAR(poser.pose(points, camera, identity).pose.value().yaw_sigma_deg, first, 0.1 * first);
+}
+
 // Heads of ICT-FaceKit's 100 identity modes, which the model that ships never saw: how much the
 // identity over frames gains.
 TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {

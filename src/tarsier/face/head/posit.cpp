@@ -3,11 +3,13 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/face/head/posit_solver.h"
+#include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Eigenvalues>
 
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 namespace tarsier::face::head {
 
@@ -122,6 +124,38 @@ PositResult posit(const PositModel& model, const Eigen::Ref<const Eigen::Matrix2
   PositResult result = posit(model, workspace.normalized, options, workspace);
   if (result.pose) result.pose->rms *= std::sqrt(camera.fx * camera.fy);
   return result;
+}
+
+std::optional<PositSigma> posit_sigma(const Eigen::Matrix3Xd& points, const Eigen::Matrix2Xd& image,
+                                      const geometry::Camera& camera,
+                                      const geometry::Rigid3& camera_from_object) {
+  TARSIER_REQUIRE(points.cols() == image.cols(), "{} points of an object, {} in the image",
+                  points.cols(), image.cols());
+  if (points.cols() < 4) return std::nullopt;
+  Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Zero();
+  double squares = 0;
+  for (Index i = 0; i < points.cols(); ++i) {
+    const auto seen = camera.normalized_of({image(0, i), image(1, i)});
+    const Vector3d q = camera_from_object.rotation * points.col(i);
+    const Vector3d x = q + camera_from_object.translation;
+    if (!seen || !(x[2] > 0)) return std::nullopt;
+    const double u = x[0] / x[2];
+    const double v = x[1] / x[2];
+    Eigen::Matrix<double, 2, 6> jacobian;
+    jacobian << -u * q[1], q[2] + u * q[0], -q[1], 1, 0, -u,  //
+        -(q[2] + v * q[1]), v * q[0], q[0], 0, 1, -v;
+    jacobian /= x[2];
+    normal += jacobian.transpose() * jacobian;
+    squares += (seen->x - u) * (seen->x - u) + (seen->y - v) * (seen->y - v);
+  }
+  const linalg::Cholesky factor(normal);
+  if (!factor.ok()) return std::nullopt;
+  const Eigen::Matrix<double, 6, 1> variance =
+      squares / static_cast<double>(2 * points.cols() - 6) *
+      factor.solve(Eigen::MatrixXd::Identity(6, 6)).diagonal();
+  if (!variance.allFinite() || variance.minCoeff() < 0) return std::nullopt;
+  return PositSigma{variance.head<3>().cwiseSqrt() * (180 / std::numbers::pi),
+                    variance.tail<3>().cwiseSqrt()};
 }
 
 PlanarPositResult posit_planar(const PositModel& model,

@@ -111,6 +111,21 @@ struct PositWorkspace {
                                 const geometry::Camera& camera, const PositOptions& options,
                                 PositWorkspace& workspace);
 
+// Standard deviations of a pose by what is left of its points: cov = s^2 (J^T J)^-1 with J of the
+// projections by a small turn and shift in the camera's frame and s^2 = sum of squares / (2n - 6)
+// (Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd edition 2004, section 5.2).
+struct PositSigma {
+  Eigen::Vector3d turn_deg;     // about the camera's x, y and z axis
+  Eigen::Vector3d translation;  // unit of the object
+};
+// points: 3 x n; image: 2 x n, px of `camera`. For the pose of least squares (refined); that POSIT
+// alone gives has larger residuals. Nothing for fewer than 4 points and a pose that these leave
+// open.
+[[nodiscard]] std::optional<PositSigma> posit_sigma(const Eigen::Matrix3Xd& points,
+                                                    const Eigen::Matrix2Xd& image,
+                                                    const geometry::Camera& camera,
+                                                    const geometry::Rigid3& camera_from_object);
+
 // For coplanar and nearly coplanar objects, which look almost alike from two directions: both
 // solutions, the one of smaller error first; the second is missing where they are one (Oberkampf,
 // DeMenton and Davis, "Iterative pose estimation using coplanar feature points", CVIU 1996). Each

@@ -235,6 +235,48 @@ TEST(Posit, NeverAnswersWithAPoseBehindTheCameraOrNan) {
   }
 }
 
+TEST(PositSigma, CoversTheErrorsOfNoisyPoints) {
+  constexpr int kCases = 1500;
+  geometry::Camera camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = camera.fy = 800;
+  camera.cx = 320;
+  camera.cy = 240;
+  PositOptions options;
+  options.refine_steps = 20;
+  PositWorkspace workspace;
+  Eigen::Array<double, 6, 1> within = Eigen::Array<double, 6, 1>::Zero();
+  for (int k = 0; k < kCases; ++k) {
+    Rng rng = Rng(31).fork(static_cast<std::uint64_t>(k));
+    Eigen::Matrix3Xd object(3, 30);
+    for (double& value : object.reshaped()) value = rng.uniform(-60, 60);
+    Eigen::Vector3d turn;
+    for (double& value : turn) value = rng.normal();
+    const geometry::Rigid3 truth{geometry::rotation_by(turn), {20, -30, 700}};
+    Eigen::Matrix2Xd image(2, object.cols());
+    for (Eigen::Index i = 0; i < object.cols(); ++i) {
+      const auto pixel = camera.project(truth * Eigen::Vector3d(object.col(i)));
+      const double noise = 0.8 * rng.normal();
+      image.col(i) << pixel->x + noise, pixel->y + 0.8 * rng.normal();
+    }
+    const PositResult found = posit(PositModel(object), image, camera, options, workspace);
+    ASSERT_TRUE(found.pose) << found.reason;
+    const geometry::Rigid3& pose = found.pose->camera_from_object;
+    const auto sigma = posit_sigma(object, image, camera, pose);
+    ASSERT_TRUE(sigma);
+    const Eigen::Array3d off =
+        geometry::rotation_vector(truth.rotation * pose.rotation.transpose()).array().abs();
+    within.head<3>() += (off * (180 / std::numbers::pi) <= sigma->turn_deg.array()).cast<double>();
+    within.tail<3>() +=
+        ((truth.translation - pose.translation).array().abs() <= sigma->translation.array())
+            .cast<double>();
+  }
+  for (int axis = 0; axis < 6; ++axis) EXPECT_NEAR(within[axis] / kCases, 0.683, 0.04) << axis;
+  EXPECT_FALSE(posit_sigma(Eigen::Matrix3Xd::Random(3, 3), Eigen::Matrix2Xd::Random(2, 3), camera,
+                           {Eigen::Matrix3d::Identity(), {0, 0, 9}}));
+}
+
 TEST(PositPlanar, FindsBothPosesOfAPlane) {
   Rng rng(6);
   Matrix3Xd plane(3, 8);

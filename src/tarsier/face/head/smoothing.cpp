@@ -19,6 +19,13 @@ double share(double cutoff_hz, double seconds) {
   return r / (1 + r);
 }
 
+Eigen::Matrix3d with_lag(const Eigen::Matrix3d& covariance, const geometry::Rigid3& smooth,
+                         const geometry::Rigid3& latest) {
+  const Eigen::Vector3d lag =
+      geometry::rotation_vector(smooth.rotation * latest.rotation.transpose());
+  return covariance + lag * lag.transpose();
+}
+
 }  // namespace
 
 geometry::Rigid3 mean_pose(const std::vector<geometry::Rigid3>& poses) {
@@ -38,17 +45,27 @@ MeanFilter::MeanFilter(int length) : length_(static_cast<std::size_t>(length)) {
   TARSIER_REQUIRE(length >= 1 && length <= 1000, "length {}", length);
 }
 
-geometry::Rigid3 MeanFilter::operator()(const geometry::Rigid3& pose) {
+geometry::Rigid3 MeanFilter::operator()(const geometry::Rigid3& pose,
+                                        Eigen::Matrix3d* turn_covariance) {
   last_.push_back(pose);
   if (last_.size() > length_) last_.pop_front();
-  return mean_pose({last_.begin(), last_.end()});
+  const geometry::Rigid3 mean = mean_pose({last_.begin(), last_.end()});
+  if (turn_covariance != nullptr) {
+    covariances_.push_back(*turn_covariance);
+    if (covariances_.size() > length_) covariances_.pop_front();
+    Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+    for (const Eigen::Matrix3d& covariance : covariances_) sum += covariance;
+    *turn_covariance = with_lag(sum / static_cast<double>(covariances_.size()), mean, pose);
+  }
+  return mean;
 }
 
 OneEuroFilter::OneEuroFilter(const OneEuroOptions& options) : options_(options) {
   options_.check();
 }
 
-geometry::Rigid3 OneEuroFilter::operator()(const geometry::Rigid3& pose, double time) {
+geometry::Rigid3 OneEuroFilter::operator()(const geometry::Rigid3& pose, double time,
+                                           Eigen::Matrix3d* turn_covariance) {
   const double seconds = time - time_;
   if (!is_started_ || !(seconds > 0)) {
     is_started_ = true;
@@ -56,6 +73,7 @@ geometry::Rigid3 OneEuroFilter::operator()(const geometry::Rigid3& pose, double 
     raw_ = smooth_ = pose;
     turn_speed_ = 0;
     velocity_.setZero();
+    if (turn_covariance != nullptr) covariance_ = *turn_covariance;
     return pose;
   }
   const double of_speed = share(options_.speed_cutoff_hz, seconds);
@@ -69,6 +87,10 @@ geometry::Rigid3 OneEuroFilter::operator()(const geometry::Rigid3& pose, double 
       share(options_.translation_cutoff_hz + options_.translation_beta * velocity_.norm(), seconds);
   smooth_.rotation = geometry::interpolate(smooth_.rotation, pose.rotation, of_turn);
   smooth_.translation += of_shift * (pose.translation - smooth_.translation);
+  if (turn_covariance != nullptr) {
+    covariance_ += of_turn * (*turn_covariance - covariance_);
+    *turn_covariance = with_lag(covariance_, smooth_, pose);
+  }
   raw_ = pose;
   time_ = time;
   return smooth_;

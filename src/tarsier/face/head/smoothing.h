@@ -12,6 +12,11 @@
 
 // Steadier poses of a sequence. Rotations are averaged as unit quaternions of like sign, so that
 // nothing happens where an angle passes 180 degrees.
+//
+// A covariance of the rotation's error (rad^2, see head/angle_sigma.h), where one is given, becomes
+// that of the smoothed rotation: the same mean of those of the poses, as the errors of one face in
+// neighbouring frames are alike and do not average out (of wholly dependent errors this is the
+// upper bound), and d d^T, d the rotation vector by which the smoothed pose lags behind the latest.
 namespace tarsier::face::head {
 
 // The chordal mean of rotations (Markley et al., "Averaging quaternions", 2007) and the mean of
@@ -22,12 +27,17 @@ namespace tarsier::face::head {
 class MeanFilter {
  public:
   explicit MeanFilter(int length = 5);  // 1..1000
-  [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose);
-  void reset() { last_.clear(); }
+  [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose,
+                                            Eigen::Matrix3d* turn_covariance = nullptr);
+  void reset() {
+    last_.clear();
+    covariances_.clear();
+  }
 
  private:
   std::size_t length_;
   std::deque<geometry::Rigid3> last_;
+  std::deque<Eigen::Matrix3d> covariances_;
 };
 
 // Casiez, Roussel and Vogel, "1 euro filter", CHI 2012: a low pass whose cut-off rises with speed:
@@ -53,7 +63,8 @@ class OneEuroFilter {
  public:
   explicit OneEuroFilter(const OneEuroOptions& options = {});
   // `time` in s, rising. A pose at or before the last one's time starts again.
-  [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose, double time);
+  [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose, double time,
+                                            Eigen::Matrix3d* turn_covariance = nullptr);
   void reset() { is_started_ = false; }
 
  private:
@@ -62,8 +73,9 @@ class OneEuroFilter {
   double time_ = 0;
   geometry::Rigid3 raw_;
   geometry::Rigid3 smooth_;
-  double turn_speed_ = 0;                               // degrees/s
-  Eigen::Vector3d velocity_ = Eigen::Vector3d::Zero();  // mm/s
+  Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();  // without the lag
+  double turn_speed_ = 0;                                 // degrees/s
+  Eigen::Vector3d velocity_ = Eigen::Vector3d::Zero();    // mm/s
 };
 
 }  // namespace tarsier::face::head

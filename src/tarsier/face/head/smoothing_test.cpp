@@ -80,5 +80,50 @@ TEST(OneEuro, StartsAnewWhenTimeGoesBack) {
   EXPECT_THROW(OneEuroFilter{options}, std::invalid_argument);
 }
 
+// What a covariance (rad^2) says of an angle about the camera's y axis.
+double degrees_about_y(const Eigen::Matrix3d& covariance) {
+  return std::sqrt(covariance(1, 1)) * kDegrees;
+}
+
+Eigen::Matrix3d covariance_of(double degrees) {
+  return Eigen::Matrix3d::Identity() * (degrees / kDegrees) * (degrees / kDegrees);
+}
+
+TEST(Smoothing, UncertaintyOfAStillHeadStays) {
+  OneEuroFilter one_euro;
+  MeanFilter mean(5);
+  for (int k = 0; k < 20; ++k) {
+    Eigen::Matrix3d first = covariance_of(3);
+    Eigen::Matrix3d second = first;
+    (void)one_euro(pose_of(10), k / 30.0, &first);
+    (void)mean(pose_of(10), &second);
+    EXPECT_NEAR(degrees_about_y(first), 3, 1e-6);
+    EXPECT_NEAR(degrees_about_y(second), 3, 1e-6);
+  }
+}
+
+TEST(Smoothing, UncertaintyIsFollowedAndCountsTheLag) {
+  MeanFilter mean(3);
+  Eigen::Matrix3d covariance = covariance_of(1);
+  (void)mean(pose_of(0), &covariance);
+  covariance = covariance_of(1);
+  (void)mean(pose_of(0), &covariance);
+  covariance = covariance_of(4);
+  const geometry::Rigid3 out = mean(pose_of(12), &covariance);
+  // The mean of the variances, and a lag of 8 degrees.
+  EXPECT_LT(degrees_between(out, pose_of(4)), 0.1);
+  EXPECT_NEAR(degrees_about_y(covariance), std::sqrt((1 + 1 + 16) / 3.0 + 64), 0.1);
+
+  OneEuroFilter one_euro;
+  covariance = covariance_of(2);
+  (void)one_euro(pose_of(0), 0, &covariance);
+  EXPECT_NEAR(degrees_about_y(covariance), 2, 1e-9);
+  covariance = covariance_of(2);
+  const geometry::Rigid3 behind = one_euro(pose_of(30), 1 / 30.0, &covariance);
+  const double lag = degrees_between(behind, pose_of(30));
+  EXPECT_GT(lag, 1);
+  EXPECT_NEAR(degrees_about_y(covariance), std::hypot(2, lag), 0.01);
+}
+
 }  // namespace
 }  // namespace tarsier::face::head

@@ -45,7 +45,28 @@ VectorXf ViewModel::point_of(const HeadView& view) const {
   return point;
 }
 
-Direction looks_to(const ViewModel& model, const HeadView& view) {
+namespace {
+
+// The covariance of a rotation after its direction was corrected, in the camera's frame, rad^2.
+Eigen::Matrix3d corrected_covariance(const ViewAnswer& answer, const HeadView& view,
+                                     const Eigen::Matrix3d& rough) {
+  const Eigen::Matrix3d& r = view.camera_from_view;
+  Eigen::Matrix3d slope = Eigen::Matrix3d::Identity();  // of (yaw, pitch, roll)
+  slope(0, 0) = answer.slope(1, 1);
+  slope(0, 1) = answer.slope(1, 0);
+  slope(1, 0) = answer.slope(0, 1);
+  slope(1, 1) = answer.slope(0, 0);
+  const Eigen::Matrix3d angles =
+      slope * head::angle_covariance(view.angles, r.transpose() * rough * r) * slope.transpose();
+  return r *
+         head::turn_covariance(
+             {answer.direction.yaw_deg, answer.direction.pitch_deg, view.angles.roll_deg}, angles) *
+         r.transpose();
+}
+
+}  // namespace
+
+ViewAnswer looks_to(const ViewModel& model, const HeadView& view) {
   const VectorXf point = model.point_of(view);
   const VectorXf squares = (model.centres.colwise() - point).colwise().squaredNorm();
   const VectorXf kernel = (squares.array() * static_cast<float>(-model.gamma)).exp();
@@ -53,8 +74,37 @@ Direction looks_to(const ViewModel& model, const HeadView& view) {
   const auto limited = [&](float degrees) {
     return std::clamp(static_cast<double>(degrees), -model.max_deg, model.max_deg);
   };
-  return {view.angles.pitch_deg + limited(change[0]),
-          std::clamp(view.angles.yaw_deg + limited(change[1]), -89.0, 89.0)};
+  ViewAnswer answer;
+  answer.direction = {view.angles.pitch_deg + limited(change[0]),
+                      std::clamp(view.angles.yaw_deg + limited(change[1]), -89.0, 89.0)};
+  // d kernel_i / d f = 2 gamma kernel_i (f_i - f); f ends with (pitch, yaw, roll) / angle_scale.
+  for (int by = 0; by < 2; ++by) {
+    const Index row = point.size() - 3 + by;
+    const VectorXf by_angle =
+        (model.centres.row(row).transpose().array() - point[row]) * kernel.array() *
+        static_cast<float>(2 * model.gamma / static_cast<double>(model.angle_scale[by]));
+    const Eigen::Vector2f of_change = model.weights * by_angle;
+    for (int axis = 0; axis < 2; ++axis)
+      if (std::abs(change[axis]) < model.max_deg)
+        answer.slope(axis, by) += static_cast<double>(of_change[axis]);
+  }
+  return answer;
+}
+
+std::optional<head::HeadPose> refined_pose(
+    const ViewAnswer& answer, const HeadView& view, const head::HeadPoser& poser,
+    const Eigen::Matrix2Xd& points, const geometry::Camera& camera, const head::HeadPose& pose,
+    const head::HeadIdentity* identity, const Eigen::VectorXd& sigma_px) {
+  std::optional<head::HeadPose> refined =
+      poser
+          .pose_towards(points, camera, rotation_towards(view, answer.direction), identity,
+                        sigma_px)
+          .pose;
+  if (refined) {
+    refined->turn_covariance = corrected_covariance(answer, view, pose.turn_covariance);
+    head::calibrate_sigmas(*refined, kViewSigma);
+  }
+  return refined;
 }
 
 std::optional<head::HeadPose> refined_pose(const ViewModel& model, const head::HeadPoser& poser,
@@ -67,10 +117,8 @@ std::optional<head::HeadPose> refined_pose(const ViewModel& model, const head::H
       view_of_head(gray, camera, pose.camera_from_head, poser.model(), points);
   // A head seen from behind is no face.
   if (!view || std::abs(view->angles.yaw_deg) > 89) return std::nullopt;
-  return poser
-      .pose_towards(points, camera, rotation_towards(*view, looks_to(model, *view)), identity,
-                    sigma_px)
-      .pose;
+  return refined_pose(looks_to(model, *view), *view, poser, points, camera, pose, identity,
+                      sigma_px);
 }
 
 }  // namespace tarsier::face::head_view

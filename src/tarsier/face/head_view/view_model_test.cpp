@@ -79,7 +79,7 @@ TEST(ViewModel, MendsPosesThatSlipped) {
   const ViewModel model = train_view_model(samples(250, 1), {});
   const std::vector<ViewSample> test = samples(80, 2);
   std::vector<Direction> found;
-  for (const ViewSample& sample : test) found.push_back(looks_to(model, sample.view));
+  for (const ViewSample& sample : test) found.push_back(looks_to(model, sample.view).direction);
   const Errors before = errors_of(test, rough_of(test));
   const Errors after = errors_of(test, found);
   EXPECT_GT(before.pitch, 6);
@@ -90,8 +90,8 @@ TEST(ViewModel, MendsPosesThatSlipped) {
 TEST(ViewModel, TreatsLeftAndRightAlike) {
   const ViewModel model = train_view_model(samples(120, 3), {});
   for (const ViewSample& sample : samples(10, 4)) {
-    const Direction here = looks_to(model, sample.view);
-    const Direction there = looks_to(model, mirrored(sample.view));
+    const Direction here = looks_to(model, sample.view).direction;
+    const Direction there = looks_to(model, mirrored(sample.view)).direction;
     EXPECT_NEAR(here.pitch_deg, there.pitch_deg, 0.05);
     EXPECT_NEAR(here.yaw_deg, -there.yaw_deg, 0.05);
   }
@@ -101,23 +101,46 @@ TEST(ViewModel, LeavesUnlikeViewsAlone) {
   const ViewModel model = train_view_model(samples(120, 5), {});
   HeadView unlike = samples(1, 6).front().view;
   unlike.gradients.setConstant(3);
-  const Direction found = looks_to(model, unlike);
+  const ViewAnswer answer = looks_to(model, unlike);
+  const Direction& found = answer.direction;
   EXPECT_NEAR(found.pitch_deg, unlike.angles.pitch_deg, 1e-3);
   EXPECT_NEAR(found.yaw_deg, unlike.angles.yaw_deg, 1e-3);
+  EXPECT_LT((answer.slope - Eigen::Matrix2d::Identity()).norm(), 1e-3);
+}
+
+TEST(ViewModel, TheSlopeIsHowTheAnswerFollowsTheRoughAngles) {
+  const ViewModel model = train_view_model(samples(120, 15), {});
+  constexpr double kStep = 0.2;  // degrees
+  for (const ViewSample& sample : samples(10, 16)) {
+    const Eigen::Matrix2d slope = looks_to(model, sample.view).slope;
+    for (int by = 0; by < 2; ++by) {
+      const auto moved = [&](double step) {
+        HeadView view = sample.view;
+        (by == 0 ? view.angles.pitch_deg : view.angles.yaw_deg) += step;
+        return looks_to(model, view).direction;
+      };
+      const Direction low = moved(-kStep / 2);
+      const Direction high = moved(kStep / 2);
+      EXPECT_NEAR(slope(0, by), (high.pitch_deg - low.pitch_deg) / kStep, 0.02);
+      EXPECT_NEAR(slope(1, by), (high.yaw_deg - low.yaw_deg) / kStep, 0.02);
+    }
+  }
 }
 
 TEST(ViewModel, LeavingOutIsLearningWithoutAGroup) {
   const std::vector<ViewSample> all = samples(60, 7);
   TrainViewOptions options;
   options.components = 12;
-  const std::vector<Direction> left_out = leave_groups_out(all, options);
+  const std::vector<ViewAnswer> left_out = leave_groups_out(all, options);
   std::vector<ViewSample> others;
   for (const ViewSample& sample : all)
     if (sample.group != 2) others.push_back(sample);
   const ViewModel model = train_view_model(others, options);
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (all[i].group != 2) continue;
-    EXPECT_EQ(left_out[i].pitch_deg, looks_to(model, all[i].view).pitch_deg);
+    const ViewAnswer answer = looks_to(model, all[i].view);
+    EXPECT_EQ(left_out[i].direction.pitch_deg, answer.direction.pitch_deg);
+    EXPECT_EQ(left_out[i].slope, answer.slope);
   }
 }
 
@@ -132,7 +155,7 @@ TEST(ViewModel, WhatIsConstantOverAPersonIsNotLearnt) {
   const auto yaw_error = [&](const TrainViewOptions& options) {
     const ViewModel model = train_view_model(training, options);
     std::vector<Direction> found;
-    for (const ViewSample& sample : test) found.push_back(looks_to(model, sample.view));
+    for (const ViewSample& sample : test) found.push_back(looks_to(model, sample.view).direction);
     return errors_of(test, found).yaw;
   };
   EXPECT_LT(yaw_error({}), 0.9 * yaw_error({.group_error = 0}));
@@ -171,8 +194,11 @@ TEST_F(ViewModelFile, KeepsEveryAnswer) {
   write_view_model(path("view.json"), model, {{"data", "painted"}});
   const ViewModel read = read_view_model(path("view.json"));
   for (const ViewSample& sample : samples(5, 11)) {
-    EXPECT_EQ(looks_to(model, sample.view).pitch_deg, looks_to(read, sample.view).pitch_deg);
-    EXPECT_EQ(looks_to(model, sample.view).yaw_deg, looks_to(read, sample.view).yaw_deg);
+    const ViewAnswer written = looks_to(model, sample.view);
+    const ViewAnswer again = looks_to(read, sample.view);
+    EXPECT_EQ(written.direction.pitch_deg, again.direction.pitch_deg);
+    EXPECT_EQ(written.direction.yaw_deg, again.direction.yaw_deg);
+    EXPECT_EQ(written.slope, again.slope);
   }
   EXPECT_EQ(read.trained_on, 40);
 }

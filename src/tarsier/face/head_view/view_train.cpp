@@ -155,9 +155,9 @@ ViewModel train_view_model(const std::vector<ViewSample>& samples,
   return model;
 }
 
-std::vector<Direction> leave_groups_out(const std::vector<ViewSample>& samples,
-                                        const TrainViewOptions& options) {
-  std::vector<Direction> result(samples.size());
+std::vector<ViewAnswer> leave_groups_out(const std::vector<ViewSample>& samples,
+                                         const TrainViewOptions& options) {
+  std::vector<ViewAnswer> result(samples.size());
   std::set<int> groups;
   for (const ViewSample& sample : samples) groups.insert(sample.group);
   TARSIER_REQUIRE(groups.size() >= 2, "one group only: nothing is left to learn from");

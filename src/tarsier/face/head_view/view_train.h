@@ -56,7 +56,7 @@ struct TrainViewOptions {
                                          const TrainViewOptions& options);
 
 // Where each head looks by a model that was learnt without its group.
-[[nodiscard]] std::vector<Direction> leave_groups_out(const std::vector<ViewSample>& samples,
-                                                      const TrainViewOptions& options);
+[[nodiscard]] std::vector<ViewAnswer> leave_groups_out(const std::vector<ViewSample>& samples,
+                                                       const TrainViewOptions& options);
 
 }  // namespace tarsier::face::head_view

@@ -32,7 +32,7 @@ void DetectionJudge::add(const LandmarkModel& model, const FaceFinder& finder,
     const cv::Rect2d box(center.x() + 0.5 - side / 2, center.y() + 0.5 - side / 2, side, side);
     bool is_right = false;
     for (std::size_t k = 0; k < truth.boxes.size() && !is_right; ++k) {
-      if (is_found[k] || intersection_over_union(box, truth.boxes[k]) < kFound) continue;
+      if (is_found[k] || iou(box, truth.boxes[k]) < kFound) continue;
       is_found[k] = true;
       is_right = true;
       ++sum_.found;

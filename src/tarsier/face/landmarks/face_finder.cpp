@@ -229,7 +229,7 @@ void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, 
     for (const ScoredBox& scored :
          trained->find(gray(tile.area), tile.min_face, thorough ? kBelow : 0)) {
       if (tile.max_face > 0 && scored.box.width > 1.3 * tile.max_face) continue;
-      const double score = 1 / (1 + std::exp(-4 * scored.score));  // half at the threshold
+      const double score = logistic(4 * scored.score);  // half at the threshold
       found.push_back({{scored.box + corner, scored.score >= 0, score}, scored.score});
     }
     return;

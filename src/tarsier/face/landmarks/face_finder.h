@@ -64,7 +64,7 @@ struct FaceFinderOptions {
 };
 
 // Faces of any size in images of any size, by one of four detectors: the networks of
-// face/face_networks.h with OpenCV's frontal cascade beside them for large faces (a tenth of the
+// detect/face_networks.h with OpenCV's frontal cascade beside them for large faces (a tenth of the
 // image's smaller side and more, searched at 320 px), a detector of one's own (hog_detector.h),
 // a network of one's own (FaceFinderOptions::own), or OpenCV's cascades alone. What the strict and the less strict search see is put together: of
 // boxes that overlap a sure one stays, so that one found face never hides another. Not thread-safe.

@@ -2,6 +2,7 @@
 #include "tarsier/face/landmarks/face_places.h"
 
 #include "tarsier/core/boxes.h"
+#include "tarsier/core/statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -33,7 +34,7 @@ double joint_score(double own, const AnchorScores& seen) {
   double sum = 0;
   for (const double score : seen) sum += logit(score);
   const double anchored = sum / static_cast<double>(seen.size());
-  return 1 / (1 + std::exp(-(kOwn * logit(own) + kAnchored * anchored + kBias)));
+  return logistic(kOwn * logit(own) + kAnchored * anchored + kBias);
 }
 
 }  // namespace
@@ -48,7 +49,7 @@ std::vector<Place> places_of(std::vector<Scored> all) {
     const cv::Rect2d& box = one.candidate.box;
     auto known = std::find_if(places.begin(), places.end(), [&](const Place& place) {
       const cv::Rect2d& better = place.candidate.box;
-      return intersection_over_union(better, box) > 0.35 || overlap_of_smaller(better, box) > 0.75;
+      return iou(better, box) > 0.35 || overlap_of_smaller(better, box) > 0.75;
     });
     if (known == places.end()) {
       Place place;

@@ -189,7 +189,8 @@ TEST_F(HogDetectorTest, StopsAtOnceAndNamesWhatCannotBeLearned) {
     (void)trained();
     FAIL() << "boxes smaller than the window";
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("--upsample"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("option 'upsample'"), std::string::npos)
+        << error.what();
   }
   for (shape::BoxedImage& image : images_) image.image += ".gone";
   EXPECT_THROW((void)trained(), InputError);

@@ -82,12 +82,11 @@ Image prepared(const shape::BoxedImage& image, const cv::Mat& gray, double scale
   for (std::size_t k = 0; k < image.boxes.size(); ++k) {
     const cv::Rect2d box = scaled(image.boxes[k], sx, sy);
     const cv::Rect2d best = inner::from_dlib(scanner.get_best_matching_rect(inner::to_dlib(box)));
-    const bool is_double = std::any_of(
-        to.boxes.begin(), to.boxes.end(),
-        [&](const cv::Rect2d& other) { return intersection_over_union(box, other) > kDouble; });
+    const bool is_double =
+        std::any_of(to.boxes.begin(), to.boxes.end(),
+                    [&](const cv::Rect2d& other) { return iou(box, other) > kDouble; });
     if (std::sqrt(box.area()) < kSmallest * options.window || is_double ||
-        (box & whole).area() < kInside * box.area() ||
-        intersection_over_union(box, best) <= kMatch + 0.02) {
+        (box & whole).area() < kInside * box.area() || iou(box, best) <= kMatch + 0.02) {
       to.ignored.push_back(box);
       ++result.ignored;
       continue;
@@ -197,7 +196,7 @@ void look_back(const std::vector<Image>& images, HogTraining& result, Progress& 
     for (std::size_t k = 0; k < images[i].boxes.size(); ++k) {
       ++tried;
       for (const ScoredBox& candidate : found) {
-        if (intersection_over_union(candidate.box, images[i].boxes[k]) < 0.4) continue;
+        if (iou(candidate.box, images[i].boxes[k]) < 0.4) continue;
         ++result.found;
         if (k < images[i].shapes.size() && images[i].shapes[k].cols() > 1) {
           shapes.push_back(images[i].shapes[k]);
@@ -252,9 +251,10 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
     throw InputError(
         set_path,
         result.ignored > 0
-            ? fmt::format("none of {} boxes can be learned from: smaller than --window {} px "
-                          "(see --upsample), or each of another form",
-                          result.ignored, options.window)
+            ? fmt::format(
+                  "none of {} boxes can be learned from: smaller than option 'window', {} px "
+                  "(see option 'upsample'), or each of another form",
+                  result.ignored, options.window)
         : result.skipped.empty() ? std::string("holds no boxes")
                                  : "no image can be used; the first: " + result.skipped.front());
   }

@@ -247,27 +247,15 @@ Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
   return start_in_box(finder.box_model().value_or(model.box), model.shape.mean, candidate.box);
 }
 
-std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
-                                  const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
-                                  double min_score, DebugSink* debug) {
-  options.check();
+namespace {
+
+// Each face once, by its best fit; largest first.
+std::vector<FoundFace> without_repeats(const LandmarkModel& model, std::vector<FoundFace> fits) {
   std::vector<FoundFace> faces;
-  std::vector<Candidate> candidates = finder.find(gray);
-  std::vector<std::pair<FoundFace, bool>> fits;
-  for (const Candidate& candidate : candidates) {
-    FoundFace face;
-    face.box = candidate.box;
-    face.detection = candidate.score;
-    std::optional<Fit> fit = fit_candidate(model, options, gray, start_at(model, finder, candidate),
-                                           candidate.sure, min_score, workspace, debug);
-    if (!fit) continue;
-    face.fit = *std::move(fit);
-    fits.emplace_back(std::move(face), candidate.sure);
-  }
-  std::stable_sort(fits.begin(), fits.end(), [](const auto& a, const auto& b) {
-    return a.first.fit.score > b.first.fit.score;
+  std::stable_sort(fits.begin(), fits.end(), [](const FoundFace& a, const FoundFace& b) {
+    return a.fit.score > b.fit.score;
   });
-  for (auto& [face, sure] : fits) {
+  for (FoundFace& face : fits) {
     const cv::Rect2d area = box_around(model.box, face.fit.points);
     const bool again = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& other) {
       return overlap_of_smaller(area, box_around(model.box, other.fit.points)) > 0.6;
@@ -278,6 +266,90 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
     return a.box.area() > b.box.area();
   });
   return faces;
+}
+
+// The candidates whose fits say that they are faces, each face once, largest first.
+std::vector<FoundFace> confirmed(const LandmarkModel& model, const FitOptions& options,
+                                 const cv::Mat& gray, const std::vector<Candidate>& candidates,
+                                 const FaceFinder& finder, FitWorkspace& workspace,
+                                 double min_score, DebugSink* debug) {
+  std::vector<FoundFace> fits;
+  for (const Candidate& candidate : candidates) {
+    FoundFace face;
+    face.box = candidate.box;
+    face.detection = candidate.score;
+    std::optional<Fit> fit = fit_candidate(model, options, gray, start_at(model, finder, candidate),
+                                           candidate.sure, min_score, workspace, debug);
+    if (!fit) continue;
+    face.fit = *std::move(fit);
+    fits.push_back(std::move(face));
+  }
+  return without_repeats(model, std::move(fits));
+}
+
+// Detectors learn from faces with something around them. Of a crop that ends at brows and chin they
+// see too little; with its border pixels repeated by this share of the longer side they see the face.
+constexpr double kBorder = 0.3;
+// Faces that are looked for in this way are so wide at least, share of the image's smaller side.
+constexpr double kFillsImage = 0.7;
+// The longer side of the image, px, that is enough to find such faces.
+constexpr double kEnough = 200;
+
+int border_of(cv::Size size) { return cvRound(kBorder * std::max(size.width, size.height)); }
+
+cv::Mat with_border(const cv::Mat& gray) {
+  const int border = border_of(gray.size());
+  cv::Mat out;
+  cv::copyMakeBorder(gray, out, border, border, border, border, cv::BORDER_REPLICATE);
+  return out;
+}
+
+// Faces that fill the image: boxes in px of with_border(gray).
+std::vector<Candidate> find_filling(const cv::Mat& gray, FaceFinder& finder) {
+  const double smallest = kFillsImage * std::min(gray.cols, gray.rows);
+  const double longer = std::max(gray.cols, gray.rows);
+  // Not so small that the finder would not look for faces of this size.
+  const double least = finder.min_face(gray.size()) / smallest;
+  const double scale = std::min(1.0, std::max(kEnough / longer, least));
+  cv::Mat small = gray;
+  if (scale < 1) cv::resize(gray, small, {}, scale, scale, cv::INTER_AREA);
+  std::vector<Candidate> out;
+  const cv::Rect2d inside({0, 0}, cv::Size2d(gray.size()));
+  const double ratio = longer / std::max(small.cols, small.rows);
+  const cv::Point2d from(border_of(small.size()), border_of(small.size()));
+  const cv::Point2d to(border_of(gray.size()), border_of(gray.size()));
+  for (Candidate candidate : finder.find(with_border(small))) {
+    const cv::Rect2d& box = candidate.box;
+    candidate.box = {(box.tl() - from) * ratio, (box.br() - from) * ratio};
+    const cv::Point2d middle = 0.5 * (candidate.box.tl() + candidate.box.br());
+    if (candidate.box.width < smallest || !inside.contains(middle)) continue;
+    candidate.box += to;
+    out.push_back(candidate);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
+                                  const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
+                                  double min_score, DebugSink* debug) {
+  options.check();
+  std::vector<FoundFace> faces =
+      confirmed(model, options, gray, finder.find(gray), finder, workspace, min_score, debug);
+  if (std::any_of(faces.begin(), faces.end(),
+                  [](const FoundFace& face) { return face.fit.score >= kGoodScore; }))
+    return faces;
+  const std::vector<Candidate> filling = find_filling(gray, finder);
+  if (filling.empty()) return faces;
+  const double border = border_of(gray.size());
+  for (FoundFace& face :
+       confirmed(model, options, with_border(gray), filling, finder, workspace, min_score, debug)) {
+    face.box -= cv::Point2d(border, border);
+    face.fit.points.array() -= border;
+    faces.push_back(std::move(face));
+  }
+  return without_repeats(model, std::move(faces));
 }
 
 }  // namespace tarsier::face::landmarks

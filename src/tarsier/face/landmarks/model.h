@@ -111,7 +111,9 @@ struct FoundFace {
 // All faces of an image (CV_8UC1), surest first where they overlap, else largest first. Where the model
 // rates fits, faces that only the less strict search saw are kept when their score is at least
 // `min_score`; where the fit of a sure one is bad, others from places around it are tried, and it is
-// kept from 0.1 on. Each is fitted once more from where its points were found.
+// kept from 0.1 on. Each is fitted once more from where its points were found. Where none has a
+// good fit, the image is searched again with its border pixels repeated around it, for a face that fills it (a
+// crop without a margin): its box and points may reach beyond the image.
 [[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
                                                 const FitOptions& options, const cv::Mat& gray,
                                                 FaceFinder& finder, FitWorkspace& workspace,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/occlusion.h"
@@ -155,7 +156,7 @@ void calibrate_hidden(const Judged& judged, VisibilityModel& model) {
     for (std::size_t i = 0; i < judged.output.size(); ++i) {
       for (std::size_t p = 0; p < n; ++p) {
         const auto h = static_cast<double>(judged.output[i][p]);
-        const double chance = 1 / (1 + std::exp(-(a * h + b)));
+        const double chance = logistic(a * h + b);
         const double w = chance * (1 - chance);
         const double e = chance - static_cast<double>(judged.target[i][p]);
         ga += e * h;

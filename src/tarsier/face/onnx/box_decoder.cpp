@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/onnx/box_decoder.h"
 
+#include "tarsier/core/boxes.h"
 #include "tarsier/core/require.h"
 
 #include <fmt/format.h>
@@ -17,11 +18,6 @@ constexpr std::size_t kMaxFaces = 5000;  // before those that overlap are taken 
 std::ptrdiff_t index_of(std::span<const std::string> names, const std::string& name) {
   const auto found = std::find(names.begin(), names.end(), name);
   return found == names.end() ? -1 : found - names.begin();
-}
-
-double overlap_of(const cv::Rect2d& a, const cv::Rect2d& b) {
-  const double both = (a & b).area();
-  return both / (a.area() + b.area() - both);
 }
 
 bool is_finite(const FoundFace& face) {
@@ -95,7 +91,7 @@ std::vector<FoundFace> decode_boxes(std::span<const std::string> names,
   std::vector<FoundFace> out;
   for (const FoundFace& face : found) {
     const bool hidden = std::any_of(out.begin(), out.end(), [&](const FoundFace& better) {
-      return overlap_of(face.box, better.box) > overlap;
+      return iou(face.box, better.box) > overlap;
     });
     if (!hidden) out.push_back(face);
   }

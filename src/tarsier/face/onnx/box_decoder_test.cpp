@@ -65,6 +65,17 @@ TEST(BoxDecoder, KeepsTheBetterOfTwoThatOverlap) {
   EXPECT_TRUE(decode_boxes(outputs.names, outputs.mats, {32, 16}, 0.99).empty());
 }
 
+// Two boxes of no area: 0 / 0 is no overlap.
+TEST(BoxDecoder, FacesWithoutAreaDoNotOverlap) {
+  Outputs outputs;
+  for (const int cell : {5, 6}) {
+    outputs.put(cell, 1, 1);
+    outputs.mats[2].at<float>(4 * cell + 2) = -1e4F;  // e^-10000
+    outputs.mats[2].at<float>(4 * cell + 3) = -1e4F;
+  }
+  EXPECT_EQ(decode_boxes(outputs.names, outputs.mats, {32, 16}, 0.5, 0.0).size(), 2U);
+}
+
 TEST(BoxDecoder, TakesNoNumbersThatAreNoNumbers) {
   Outputs outputs;
   outputs.put(0, std::numeric_limits<float>::quiet_NaN(), 1);

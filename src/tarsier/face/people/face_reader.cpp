@@ -3,6 +3,7 @@
 
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/face/people/classical.h"
 #include "tarsier/face/recognition/normalize.h"
 
@@ -51,7 +52,7 @@ double trust_in(double detection, double points) {
   // they are enrolled with: a face must be four times as likely as not.
   constexpr double kBias = -6.2;
   const double p = std::clamp(detection, kLeast, kMost);
-  return 1 / (1 + std::exp(-(kOfDetector * std::log(p / (1 - p)) + kOfPoints * points + kBias)));
+  return logistic(kOfDetector * std::log(p / (1 - p)) + kOfPoints * points + kBias);
 }
 
 void FaceReaderOptions::check() const {

@@ -155,7 +155,7 @@ struct ForgetReport {
   }
 };
 
-// What is committed survives a crash; each face is one transaction. Errors as io/sqlite.h says;
+// What is committed survives a crash; each face is one transaction. Errors as media/sqlite.h says;
 // hostile files give InputError or OutputError naming the path.
 class Gallery {
  public:

@@ -2,6 +2,7 @@
 #include "tarsier/face/people/model.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/face/people/classical.h"
 
 #include <cmath>
@@ -28,7 +29,7 @@ Recognition recognition_of(const Recognizer& model, const recognition::PersonSco
   out.threshold = calibration.threshold(false_accepts, people);
   out.known = out.score >= out.threshold;
   const double slope = calibration.slope > 0 ? calibration.slope : 1 / calibration.scale;
-  out.confidence = 1 / (1 + std::exp(-slope * (out.score - out.threshold)));
+  out.confidence = logistic(slope * (out.score - out.threshold));
   return out;
 }
 

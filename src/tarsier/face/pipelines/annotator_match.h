@@ -9,7 +9,7 @@
 #include <optional>
 #include <vector>
 
-// What a Annotator does by comparing images, without a model.
+// What an Annotator does by comparing images, without a model.
 namespace tarsier::face::proposals {
 
 // The points of one image (px; NaN: missing) in another: each followed by pyramidal optical flow

@@ -36,9 +36,9 @@ AppearanceTracker AppearanceTracker::load(const ModelStore& models,
   result.fitter_ = std::make_shared<const appearance::Fitter>(*result.model_, options.fit);
   const bool knows_boxes = result.model_->place.seen > 0;
   if (options.start == AppearanceStart::kDetector && !knows_boxes) {
-    throw ModelError(
-        result.path_,
-        "was trained on objects that the face detector does not find; use --start search");
+    throw ModelError(result.path_,
+                     "was trained on objects that the face detector does not find: option 'start' "
+                     "must be search");
   }
   if (options.start == AppearanceStart::kLandmarks) {
     result.landmarks_ = landmarks ? std::move(landmarks)
@@ -47,8 +47,8 @@ AppearanceTracker AppearanceTracker::load(const ModelStore& models,
     const int points = result.landmarks_->model().points();
     if (points != result.model_->points()) {
       throw ModelError(result.path_,
-                       fmt::format("has {} points, the landmark tracker {}; use --start detector "
-                                   "or search",
+                       fmt::format("has {} points, the landmark tracker {}: option 'start' must be "
+                                   "detector or search",
                                    result.model_->points(), points));
     }
   } else if (options.start != AppearanceStart::kSearch && knows_boxes) {

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
 
@@ -52,6 +53,26 @@ TEST_F(Appearances, OfAVideoKeepTheirIdUntilAnotherBegins) {
   EXPECT_EQ(tracker.process(frame(0, false, "b.mp4"), state).at(0).id, 1);
   redetect(state);
   EXPECT_TRUE(state.track.objects.empty());
+}
+
+// A library does not know how its caller sets an option: it names it.
+TEST(AppearanceLoading, NamesTheOptionThatDoesNotFitTheModel) {
+  const TemporaryFolder folder;
+  appearance::AppearanceModel model =
+      appearance::read_appearance_model(models().path("aam68.json"));
+  model.place = {};
+  AppearanceTrackerOptions options;
+  options.model = folder / "things.json";
+  options.start = AppearanceStart::kDetector;
+  appearance::write_appearance_model(options.model, model, {});
+  try {
+    static_cast<void>(AppearanceTracker::load(models(), options));
+    FAIL() << "no error";
+  } catch (const ModelError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("option 'start' must be search"));
+  }
+  options.start = AppearanceStart::kAuto;
+  EXPECT_NO_THROW(static_cast<void>(AppearanceTracker::load(models(), options)));
 }
 
 TEST(AppearanceLoading, NamesWhatIsMissing) {

@@ -6,6 +6,7 @@
 #include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/pipelines/landmark_tracker.h"
+#include "tarsier/face/pipelines/template_error.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/media/still_source.h"
@@ -87,7 +88,7 @@ SharedNetwork load_deep_network(const ModelStore& models, const SharedNetwork& o
   if (!models.has(kDeepNetwork)) {
     throw ModelError(kDeepNetwork,
                      "is not installed: scripts/get-model.sh face-embedding gets it (6 MB, MIT), "
-                     "--template classic goes without");
+                     "classic templates (option 'template') need none");
   }
   return std::make_shared<const recognition::DeepNetwork>(
       recognition::read_deep_network(models.path(kDeepNetwork)));
@@ -97,9 +98,8 @@ recognition::Background load_deep_background(const ModelStore& models, const std
                                              const SharedNetwork& own) {
   SharedNetwork network = load_deep_network(models, own);
   if (own && which.empty())
-    throw ModelError(own->name,
-                     "is not calibrated: `people train --learn-background LIST --embedding FILE -o "
-                     "B.json` learns how strangers score, --background B.json names it");
+    throw TemplateError(TemplateProblem::kNotCalibrated, own->name,
+                        "is not calibrated, no background is given");
   const std::string path = models.path_or(which, kDeepBackground);
   recognition::Background background = recognition::read_background(path);
   if (background.of_network != network->fingerprint ||
@@ -134,28 +134,24 @@ void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelSt
     const std::string network = deep ? gallery.network() : std::string();
     if (own && network != identity_of(own)) {
       if (sum_of(network) != own->sha256)
-        throw InputError(gallery.path(),
-                         fmt::format("its templates are {}, not of {}: `people train --embedding "
-                                     "FILE` makes them again",
-                                     !deep             ? "classic"
-                                     : network.empty() ? "of the installed network"
-                                                       : "of " + named_as(network),
-                                     own->name));
+        throw TemplateError(TemplateProblem::kOtherNetwork, gallery.path(),
+                            fmt::format("its templates are {}, not of {}",
+                                        !deep             ? "classic"
+                                        : network.empty() ? "of the installed network"
+                                                          : "of " + named_as(network),
+                                        own->name));
       return;  // the same file under another name
     }
     if (!own && !network.empty() && kind != TemplateKind::kClassic)
-      throw InputError(gallery.path(),
-                       fmt::format("its templates are of {}: --embedding names that file, `people "
-                                   "train --template deep or classic` makes others",
-                                   named_as(network)));
+      throw TemplateError(
+          TemplateProblem::kNetworkNotGiven, gallery.path(),
+          fmt::format("its templates are of {}, which is not given", named_as(network)));
     if (kind == TemplateKind::kDeep && !deep)
-      throw InputError(gallery.path(),
-                       "its templates are classic, and one gallery keeps one kind: `people train "
-                       "--template deep` makes them again");
+      throw TemplateError(TemplateProblem::kNotDeep, gallery.path(),
+                          "its templates are classic, and one gallery keeps one kind");
     if (kind == TemplateKind::kClassic && deep)
-      throw InputError(gallery.path(),
-                       "its templates are deep, and one gallery keeps one kind: `people train "
-                       "--template classic` makes them again");
+      throw TemplateError(TemplateProblem::kNotClassic, gallery.path(),
+                          "its templates are deep, and one gallery keeps one kind");
     return;
   }
   if (!choose) return;

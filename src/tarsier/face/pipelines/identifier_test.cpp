@@ -2,7 +2,9 @@
 #include "tarsier/face/pipelines/identifier.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/pipelines/template_error.h"
 #include "tarsier/face/pipelines/testing_messi.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
@@ -21,6 +23,7 @@ namespace tarsier::face {
 namespace {
 
 using testing::HasSubstr;
+using testing::Not;
 namespace fs = std::filesystem;
 
 // A gallery of three drawn people.
@@ -205,6 +208,49 @@ TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
   options.enroll = false;
   options.algorithm.reset();
   EXPECT_THROW(static_cast<void>(Identifier::load(models(), options).open()), InputError);
+}
+
+// A library does not know the commands of a program: it says what is wrong.
+TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
+  const TemporaryFolder empty;
+  const ModelStore none(empty.path());
+  const auto problem_of = [&](people::Gallery& gallery, TemplateKind kind,
+                              const SharedNetwork& own) -> std::optional<TemplateProblem> {
+    try {
+      settle_templates(gallery, kind, none, false, own);
+    } catch (const TemplateError& error) {
+      EXPECT_EQ(error.path(), gallery.path());
+      EXPECT_EQ(error.status(), ExitStatus::kBadInput);
+      EXPECT_THAT(error.what(), Not(HasSubstr("--")));
+      return error.problem();
+    }
+    return std::nullopt;
+  };
+  const auto network_named = [](const std::string& name, const std::string& sha256) {
+    auto network = std::make_shared<recognition::DeepNetwork>();
+    network->name = name;
+    network->sha256 = sha256;
+    return SharedNetwork(network);
+  };
+  const SharedNetwork own = network_named("face.onnx", "0123456789abcdef");
+  people::Gallery gallery(path("people.db"), DatabaseAccess::kWrite);
+  EXPECT_EQ(problem_of(gallery, TemplateKind::kClassic, nullptr), std::nullopt);
+  EXPECT_EQ(problem_of(gallery, TemplateKind::kDeep, nullptr), TemplateProblem::kNotDeep);
+  EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, own), TemplateProblem::kOtherNetwork);
+  choose_deep_templates(gallery, own);
+  EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, own), std::nullopt);
+  EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, network_named("b.onnx", "fedc")),
+            TemplateProblem::kOtherNetwork);
+  EXPECT_EQ(problem_of(gallery, TemplateKind::kDeep, nullptr), TemplateProblem::kNetworkNotGiven);
+  EXPECT_EQ(problem_of(gallery, TemplateKind::kClassic, nullptr), TemplateProblem::kNotClassic);
+  try {
+    static_cast<void>(load_deep_background(none, "", own));
+    FAIL() << "a network without a background";
+  } catch (const TemplateError& error) {
+    EXPECT_EQ(error.problem(), TemplateProblem::kNotCalibrated);
+    EXPECT_EQ(error.status(), ExitStatus::kBadModel);
+    EXPECT_EQ(error.path(), "face.onnx");
+  }
 }
 
 TEST_F(Names, BadOptionsAreRefused) {

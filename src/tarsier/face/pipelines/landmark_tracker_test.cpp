@@ -2,6 +2,7 @@
 #include "tarsier/face/pipelines/landmark_tracker.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/detect/box_detector.h"
 #include "tarsier/face/detect/testing_anchors.h"
 #include "tarsier/face/landmarks/faces_json.h"
 #include "tarsier/face/pipelines/testing_messi.h"
@@ -13,9 +14,11 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace tarsier::face {
 namespace {
@@ -51,6 +54,66 @@ TEST_F(Landmarks, OfAStillAreThoseOfTheFinder) {
   EXPECT_EQ(json["faces"], landmarks::faces_json(result.faces, false));
   EXPECT_TRUE(json.contains("ms"));
   EXPECT_FALSE(json["faces"][0].contains("id"));
+}
+
+// Sees a face only where there is something around it.
+struct NeedsAMargin final : BoxDetector {
+  [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
+    if (gray.cols <= without_margin) return {};
+    return {{box, 0.9}};
+  }
+  int without_margin = 0;
+  cv::Rect2d box;  // there
+};
+
+TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
+  LandmarkState state;
+  const LandmarkResult whole = tracker().process(frame(0, true), state);
+  ASSERT_EQ(whole.faces.size(), 1U);
+  const Eigen::Matrix2Xd& points = whole.faces[0].points;
+  const Eigen::Vector2d low = points.rowwise().minCoeff();
+  const Eigen::Vector2d high = points.rowwise().maxCoeff();
+  const cv::Rect area(cv::Point(cvFloor(low.x()), cvFloor(low.y())),
+                      cv::Point(cvCeil(high.x()) + 1, cvCeil(high.y()) + 1));
+  cv::Mat gray;
+  cv::cvtColor(image_(area), gray, cv::COLOR_BGR2GRAY);
+  const auto seen = std::make_shared<NeedsAMargin>();
+  seen->without_margin = gray.cols;
+  // The border is 0.3 of the longer side.
+  const double border = cvRound(0.3 * std::max(gray.cols, gray.rows));
+  const cv::Rect2d box = whole.faces[0].box - cv::Point2d(area.tl());
+  seen->box = box + cv::Point2d(border, border);
+  landmarks::FaceFinderOptions options;
+  options.own = seen;
+  landmarks::FaceFinder finder(options);
+  landmarks::FitWorkspace workspace;
+  const auto find = [&] {
+    return landmarks::find_faces(tracker().model(), tracker().fit(), gray, finder, workspace);
+  };
+  const auto faces = find();
+  ASSERT_EQ(faces.size(), 1U);
+  const double eyes = (points.col(45) - points.col(36)).norm();
+  const Eigen::Matrix2Xd there = faces[0].fit.points.colwise() + Eigen::Vector2d(area.x, area.y);
+  EXPECT_LT((there - points).colwise().norm().mean(), 0.05 * eyes);
+  EXPECT_NEAR(faces[0].box.x, box.x, 1e-9);
+  EXPECT_NEAR(faces[0].box.width, box.width, 1e-9);
+  // What lies in the repeated border, and what does not fill the image, is no face.
+  seen->box = {0, 0, 20, 20};
+  EXPECT_TRUE(find().empty());
+  seen->box = {20, 20, 8, 8};
+  EXPECT_TRUE(find().empty());
+  // Of a large image a small copy is searched.
+  cv::resize(gray, gray, {}, 16, 16, cv::INTER_CUBIC);
+  seen->without_margin = 200;
+  const double shrunk = 200.0 / std::max(gray.cols, gray.rows);
+  seen->box = {box.x * 16 * shrunk + 60, box.y * 16 * shrunk + 60, box.width * 16 * shrunk,
+               box.height * 16 * shrunk};
+  const auto large = find();
+  ASSERT_EQ(large.size(), 1U);
+  EXPECT_NEAR(large[0].box.width, 16 * box.width, 0.03 * 16 * box.width);
+  const Eigen::Matrix2Xd reduced =
+      (large[0].fit.points / 16).colwise() + Eigen::Vector2d(area.x, area.y);
+  EXPECT_LT((reduced - points).colwise().norm().mean(), 0.08 * eyes);
 }
 
 TEST_F(Landmarks, GrayAndColourGiveTheSame) {

@@ -119,11 +119,17 @@ head::HeadPoseResult PoseFinder::pose(const landmarks::TrackedFace& face,
 
 PosedFace PoseFinder::refined(landmarks::TrackedFace face, head::HeadPoseResult found,
                               const cv::Mat& gray, const geometry::Camera& camera,
-                              head::HeadIdentity* identity, DebugSink* debug) const {
-  if (view_ != nullptr && found.pose) {
-    if (auto refined = head_view::refined_pose(*view_, poser_, face.points(Eigen::all, chosen_),
-                                               gray, camera, *found.pose, identity, sigmas(face))) {
-      found.pose = std::move(refined);
+                              head::HeadIdentity* identity, const head::AngleCalibration& errors,
+                              DebugSink* debug) const {
+  if (found.pose) {
+    std::optional<head::HeadPose> corrected;
+    if (view_ != nullptr)
+      corrected = head_view::refined_pose(*view_, poser_, face.points(Eigen::all, chosen_), gray,
+                                          camera, *found.pose, identity, sigmas(face));
+    if (corrected) {
+      found.pose = std::move(corrected);
+    } else {
+      head::calibrate_sigmas(*found.pose, errors);
     }
   }
   if (found.pose) show_pose(debug, "pose", gray, face.points, camera, poser_.model(), *found.pose);
@@ -134,7 +140,8 @@ PosedFace PoseFinder::pose_of_points(landmarks::TrackedFace face, const cv::Mat&
                                      const geometry::Camera& camera, head::HeadIdentity* identity,
                                      bool learn, DebugSink* debug) const {
   head::HeadPoseResult found = pose(face, camera, identity, learn);
-  return refined(std::move(face), std::move(found), gray, camera, identity, debug);
+  return refined(std::move(face), std::move(found), gray, camera, identity, kAppearanceSigma,
+                 debug);
 }
 
 PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
@@ -162,7 +169,7 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
     head::HeadPoseResult better = pose(face, camera, identity, learn);
     if (better.pose) found = std::move(better);
   }
-  return refined(std::move(face), std::move(found), gray, camera, identity, debug);
+  return refined(std::move(face), std::move(found), gray, camera, identity, kLandmarkSigma, debug);
 }
 
 std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Camera& camera,

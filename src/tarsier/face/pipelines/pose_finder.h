@@ -20,8 +20,14 @@
 // model of how heads look, where there is one, has the last word on the direction.
 namespace tarsier::face {
 
+// Errors of angles whose direction no view model corrected, by what found the points; measured as
+// those of head_view::kViewSigma, the factors of appearance models on 161 of the drawn heads.
+inline constexpr head::AngleCalibration kLandmarkSigma{{1.9, 7.7}, {2.4, 17.4}, {2.3, 0}};
+inline constexpr head::AngleCalibration kAppearanceSigma{{8.1, 10.0}, {5.1, 19.0}, {5.9, 0}};
+
 struct PosedFace {
   landmarks::TrackedFace face;
+  // With calibrated deviations of its angles: by one of the above, or head_view::kViewSigma.
   std::optional<head::HeadPose> pose;
   std::string reason;  // where there is none
 };
@@ -71,10 +77,12 @@ class PoseFinder {
   [[nodiscard]] head::HeadPoseResult pose(const landmarks::TrackedFace& face,
                                           const geometry::Camera& camera,
                                           head::HeadIdentity* identity, bool learn) const;
-  // With the direction that the view model, where there is one, has for it.
+  // With the direction that the view model, where there is one, has for it; else its deviations by
+  // `errors`.
   [[nodiscard]] PosedFace refined(landmarks::TrackedFace face, head::HeadPoseResult found,
                                   const cv::Mat& gray, const geometry::Camera& camera,
-                                  head::HeadIdentity* identity, DebugSink* debug) const;
+                                  head::HeadIdentity* identity,
+                                  const head::AngleCalibration& errors, DebugSink* debug) const;
   // Of the points that the head has; empty where nothing is known.
   [[nodiscard]] Eigen::VectorXd sigmas(const landmarks::TrackedFace& face) const;
 

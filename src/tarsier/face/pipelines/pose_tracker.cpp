@@ -141,6 +141,12 @@ nlohmann::ordered_json posed_faces_json(const std::vector<PosedFace>& faces, boo
     object["yaw"] = rounded(pose.angles.yaw_deg, 100);
     object["pitch"] = rounded(pose.angles.pitch_deg, 100);
     object["roll"] = rounded(pose.angles.roll_deg, 100);
+    object["yaw_sigma_deg"] = rounded(pose.yaw_sigma_deg, 100);
+    object["pitch_sigma_deg"] = rounded(pose.pitch_sigma_deg, 100);
+    object["roll_sigma_deg"] = rounded(pose.roll_sigma_deg, 100);
+    object["sigma_floor_deg"] = nlohmann::ordered_json::array();
+    for (const double value : pose.sigma_floor_deg)
+      object["sigma_floor_deg"].push_back(rounded(value, 100));
     object["rms_px"] = rounded(pose.rms_px, 100);
   }
   return list;
@@ -207,9 +213,11 @@ std::vector<PosedFace> PoseTracker::faces_of_video(const Frame& frame,
                                                     learn, seen.workspace, debug);
     if (posed.pose) {
       geometry::Rigid3& pose = posed.pose->camera_from_head;
-      if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose);
-      if (options_.smoothing == PoseSmoothing::kOneEuro) pose = person.one_euro(pose, frame.time);
-      posed.pose->angles = head::angles_of_rotation(pose.rotation);
+      Eigen::Matrix3d& covariance = posed.pose->turn_covariance;
+      if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose, &covariance);
+      if (options_.smoothing == PoseSmoothing::kOneEuro)
+        pose = person.one_euro(pose, frame.time, &covariance);
+      head::set_angles(*posed.pose);
     }
     result.push_back(std::move(posed));
   }

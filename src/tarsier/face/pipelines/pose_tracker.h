@@ -75,8 +75,10 @@ struct PoseResult {
 };
 
 // The faces as landmarks::faces_json has them, each with "rotation" (9 numbers, row-major,
-// R_camera_from_head), "translation" (mm), "yaw", "pitch", "roll" (degrees, see head/angles.h) and
-// "rms_px"; without a pose, "reason".
+// R_camera_from_head), "translation" (mm), "yaw", "pitch", "roll" (degrees, see head/angles.h),
+// "yaw_sigma_deg", "pitch_sigma_deg", "roll_sigma_deg" (their standard deviations, degrees),
+// "sigma_floor_deg" (how much of these is the floor of HeadPose: yaw, pitch, roll) and "rms_px";
+// without a pose, "reason".
 [[nodiscard]] nlohmann::ordered_json posed_faces_json(const std::vector<PosedFace>& faces,
                                                       bool with_ids);
 // {"faces": posed_faces_json(), "ms"}

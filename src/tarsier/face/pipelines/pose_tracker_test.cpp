@@ -48,6 +48,34 @@ TEST_F(Heads, OfAStillHaveThePosesOfTheFinder) {
   EXPECT_EQ(to_json(result)["faces"][0]["rotation"].size(), 9U);
 }
 
+TEST_F(Heads, ComeWithTheUncertaintyOfTheirAngles) {
+  const auto sigma_of = [&](const PoseTrackerOptions& options, int index, bool still,
+                            PoseState& state) {
+    const PoseTracker tracker = PoseTracker::load(models(), options);
+    const PoseResult result = tracker.process(frame(index, still), state);
+    const head::HeadPose& pose = result.faces.at(0).pose.value();
+    const auto json = to_json(result)["faces"][0];
+    EXPECT_NEAR(json["yaw_sigma_deg"], pose.yaw_sigma_deg, 0.006);
+    EXPECT_NEAR(json["pitch_sigma_deg"], pose.pitch_sigma_deg, 0.006);
+    EXPECT_NEAR(json["roll_sigma_deg"], pose.roll_sigma_deg, 0.006);
+    return Eigen::Array3d(pose.yaw_sigma_deg, pose.pitch_sigma_deg, pose.roll_sigma_deg);
+  };
+  PoseState state;
+  const Eigen::Array3d of_still = sigma_of({}, 0, true, state);
+  EXPECT_GT(of_still.minCoeff(), 0.3);
+  EXPECT_LT(of_still.maxCoeff(), 20);
+  // The same image again and again is not surer, and its smoothed pose lags behind nothing.
+  PoseState moving;
+  Eigen::Array3d of_video = of_still;
+  for (int k = 0; k < 6; ++k) of_video = sigma_of({}, k, false, moving);
+  EXPECT_LT(((of_video - of_still) / of_still).abs().maxCoeff(), 0.3);
+  // Without what corrects the direction other errors are to be expected.
+  PoseTrackerOptions plain;
+  plain.refine = false;
+  PoseState other;
+  EXPECT_GT((sigma_of(plain, 0, true, other) - of_still).abs().maxCoeff(), 0.05);
+}
+
 TEST_F(Heads, OfAVideoLearnTheirShapeAndForgetItWithTheirPlace) {
   const PoseTracker tracker(pose_models(), {});
   PoseState state;

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/media/archive.h"
 
 #include <algorithm>
@@ -94,7 +95,7 @@ void fit_logistic(Calibration& calibration, const std::vector<double>& genuine,
     double hbb = 1e-9;
     const auto add = [&](double score, double target, double weight) {
       const double t = (score - centre) / unit;
-      const double p = 1 / (1 + std::exp(-(a * t + b)));
+      const double p = logistic(a * t + b);
       const double w = std::max(p * (1 - p), 1e-9) * weight;
       ga += weight * (p - target) * t;
       gb += weight * (p - target);
@@ -143,9 +144,7 @@ double Calibration::threshold(double rate, int people) const {
   return location + scale * normal_quantile_above(-std::expm1(std::log1p(-rate) / people));
 }
 
-double Calibration::probability(double score) const {
-  return 1 / (1 + std::exp(-(slope * score + offset)));
-}
+double Calibration::probability(double score) const { return logistic(slope * score + offset); }
 
 Calibration fit_calibration(const ScoreSample& sample, const CalibrationPrior& prior) {
   TARSIER_REQUIRE(sample.stranger.size() == sample.stranger_person.size(),

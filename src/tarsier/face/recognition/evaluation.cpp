@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/recognition/evaluation.h"
 
+#include "tarsier/core/elapsed.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
@@ -44,8 +45,16 @@ std::vector<int> permutation(int n, std::mt19937& generator) {
   return values;
 }
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+// Which of so many people are enrolled: `enrolled` of them at random, 0: all.
+std::vector<bool> choose_people(std::size_t people, std::uint64_t seed, int enrolled) {
+  std::vector<bool> out(people, true);
+  const auto first_stranger = static_cast<std::size_t>(std::max(0, enrolled));
+  if (first_stranger == 0 || first_stranger >= people) return out;
+  std::mt19937 generator(static_cast<std::uint32_t>(seed + 1000));
+  const auto order = permutation(static_cast<int>(people), generator);
+  for (std::size_t i = first_stranger; i < order.size(); ++i)
+    out[static_cast<std::size_t>(order[i])] = false;
+  return out;
 }
 
 struct Run {
@@ -194,14 +203,7 @@ Split split_of(const std::vector<std::string>& labels, int training, std::uint64
                int enrolled_people) {
   std::map<std::string, std::vector<int>> images;
   for (std::size_t i = 0; i < labels.size(); ++i) images[labels[i]].push_back(static_cast<int>(i));
-  std::vector<bool> enrolled(images.size(), true);
-  const auto first_stranger = static_cast<std::size_t>(std::max(0, enrolled_people));
-  if (first_stranger > 0 && first_stranger < images.size()) {
-    std::mt19937 generator(static_cast<std::uint32_t>(seed + 1000));
-    const auto order = permutation(static_cast<int>(images.size()), generator);
-    for (std::size_t i = first_stranger; i < order.size(); ++i)
-      enrolled[static_cast<std::size_t>(order[i])] = false;
-  }
+  const std::vector<bool> enrolled = choose_people(images.size(), seed, enrolled_people);
   Split split;
   std::mt19937 generator(static_cast<std::uint32_t>(seed));
   std::size_t person = 0;
@@ -216,6 +218,22 @@ Split split_of(const std::vector<std::string>& labels, int training, std::uint64
   }
   std::sort(split.training.begin(), split.training.end());
   std::sort(split.probes.begin(), split.probes.end());
+  return split;
+}
+
+Split split_of_gallery(const std::vector<std::string>& labels, int gallery, std::uint64_t seed,
+                       int enrolled_people) {
+  const std::set<std::string_view> people(labels.begin(), labels.end());
+  const std::vector<bool> enrolled = choose_people(people.size(), seed, enrolled_people);
+  std::map<std::string_view, bool> trains;
+  for (const std::string_view label : people) trains.emplace(label, enrolled[trains.size()]);
+  Split split;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    if (i >= static_cast<std::size_t>(std::max(0, gallery)))
+      split.probes.push_back(static_cast<int>(i));
+    else if (trains.at(labels[i]))
+      split.training.push_back(static_cast<int>(i));
+  }
   return split;
 }
 
@@ -297,8 +315,15 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
   const auto any = [](const ProbeResult&) { return true; };
   const auto known = [](const ProbeResult& r) { return r.known; };
   const auto stranger = [](const ProbeResult& r) { return !r.known; };
+  const auto split = [&](std::uint64_t seed, int enrolled) {
+    return options.gallery > 0 ? split_of_gallery(labels, options.gallery, seed, enrolled)
+                               : split_of(labels, options.training, seed, enrolled);
+  };
   for (const auto seed : options.seeds) {
-    const Split closed = split_of(labels, options.training, seed);
+    const Split closed = split(seed, 0);
+    if (closed.probes.empty() && options.gallery > 0)
+      throw std::invalid_argument("all " + std::to_string(labels.size()) +
+                                  " faces train, and none is left to be asked for");
     if (closed.probes.empty())
       throw std::invalid_argument("nobody has more images than those that train (" +
                                   std::to_string(options.training) + ")");
@@ -316,8 +341,7 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
     if (options.strangers) {
       const int enrolled = options.enrolled > 0 ? options.enrolled : people / 2;
       Run second =
-          run(faces, coordinates, labels, split_of(labels, options.training, seed, enrolled),
-              recognizer, background, stop);
+          run(faces, coordinates, labels, split(seed, enrolled), recognizer, background, stop);
       result.open = std::move(second.results);
       auto [of_known, of_strangers] = open_scores(result.open);
       result.known_probes = static_cast<int>(of_known.size());

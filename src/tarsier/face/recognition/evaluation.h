@@ -30,7 +30,9 @@ struct LabelledFace {
 [[nodiscard]] std::vector<LabelledFace> read_face_list(const std::string& path);
 
 struct EvaluationOptions {
-  int training = 5;                                 // images of each person that train
+  int training = 5;  // images of each person that train
+  // In place of `training` random ones: the first so many faces train, all others are probes. 0: none.
+  int gallery = 0;
   std::vector<std::uint64_t> seeds{0, 1, 2, 3, 4};  // 1..1000 of them, one random choice each
   bool strangers = true;  // once more with some of the people enrolled only
   int enrolled = 0;       // so many of them; 0: half, rounded down
@@ -42,6 +44,7 @@ struct EvaluationOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"training", training, range(1, 10'000)},
+            {"gallery", gallery, range(0, 10'000'000)},
             {"enrolled", enrolled, range(0, 1'000'000)},
             {"false_accepts", false_accepts, inside(0, 1)},
             {"stated_rate", stated_rate, inside(0, 1)}};
@@ -61,6 +64,10 @@ struct Split {
 // Only `enrolled` of the people (at random; 0: all) train; all images of the others are probes.
 [[nodiscard]] Split split_of(const std::vector<std::string>& labels, int training,
                              std::uint64_t seed, int enrolled = 0);
+// The first `gallery` faces train, of so many people at random (as above; 0: of all), the faces
+// after them are probes. A gallery of 0 or of all faces leaves one of the two empty.
+[[nodiscard]] Split split_of_gallery(const std::vector<std::string>& labels, int gallery,
+                                     std::uint64_t seed, int enrolled = 0);
 [[nodiscard]] int count_people(const std::vector<std::string>& labels);
 
 // One probe's answer.
@@ -167,6 +174,7 @@ struct AcceptRates {
 
 // "algorithm,training,seed,people,probes,identified,accuracy,.." with a line for each seed and one
 // for all of them ("all" in the place of the seed): counts are summed, rates and times averaged.
+// "training" is that of the options; where there is a gallery, its faces.
 [[nodiscard]] std::string evaluation_csv(const std::vector<EvaluationResult>& results);
 // Plots of all algorithms (CV_8UC3; SVG text).
 [[nodiscard]] cv::Mat match_plot(const std::vector<EvaluationResult>& results, cv::Size size);

@@ -12,11 +12,16 @@ namespace {
 
 std::string rate(double value) { return value < 0 ? std::string() : fmt::format("{:.4f}", value); }
 
+// Images of each person that train; of a gallery all of them.
+int training_of(const EvaluationResult& result) {
+  return result.options.gallery > 0 ? result.options.gallery : result.options.training;
+}
+
 std::string csv_row(const EvaluationResult& result, const SeedResult& seed,
                     const std::string& name) {
   return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.3f},{:.3f}\n",
-                     name_of(result.algorithm), result.options.training, name, seed.people,
-                     seed.probes, seed.identified.hits, rate(seed.accuracy), seed.known_probes,
+                     name_of(result.algorithm), training_of(result), name, seed.people, seed.probes,
+                     seed.identified.hits, rate(seed.accuracy), seed.known_probes,
                      seed.stranger_probes, rate(seed.true_accepts), rate(seed.right_accepts),
                      rate(seed.equal_error), rate(seed.area), seed.stated_true_count.hits,
                      rate(seed.stated_true), seed.stated_right_count.hits, rate(seed.stated_right),
@@ -34,7 +39,7 @@ image::draw::Plot match_data(const std::vector<EvaluationResult>& results) {
   for (const auto& result : results) {
     const Curve curve = match_curve(result);
     image::draw::Series series;
-    series.name = fmt::format("{}, {} images", name_of(result.algorithm), result.options.training);
+    series.name = fmt::format("{}, {} images", name_of(result.algorithm), training_of(result));
     series.x = curve.x;
     series.y = curve.y;
     series.markers = true;
@@ -57,7 +62,7 @@ image::draw::Plot accept_data(const std::vector<EvaluationResult>& results) {
   for (const auto& result : results) {
     const Curve curve = accept_curve(result);
     image::draw::Series series;
-    series.name = fmt::format("{}, {} images", name_of(result.algorithm), result.options.training);
+    series.name = fmt::format("{}, {} images", name_of(result.algorithm), training_of(result));
     series.x = curve.x;
     series.y = curve.y;
     plot.series.push_back(std::move(series));

@@ -59,6 +59,28 @@ TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
   EXPECT_EQ(count_people(names(7, 4)), 7);
 }
 
+TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
+  // Two images of each of four people are enrolled; then three of each are asked for.
+  std::vector<std::string> labels = names(4, 2);
+  const auto asked = names(4, 3);
+  labels.insert(labels.end(), asked.begin(), asked.end());
+  const auto all = split_of_gallery(labels, 8, 1);
+  EXPECT_THAT(all.training, testing::ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
+  EXPECT_EQ(all.probes.size(), 12U);
+  EXPECT_EQ(all.probes.front(), 8);
+  // With some enrolled only, nobody's enrolled images are asked for: they are the others' as well.
+  const auto some = split_of_gallery(labels, 8, 1, 1);
+  ASSERT_EQ(some.training.size(), 2U);
+  EXPECT_EQ(labels[static_cast<std::size_t>(some.training[0])],
+            labels[static_cast<std::size_t>(some.training[1])]);
+  EXPECT_EQ(some.probes, all.probes);
+  // The same person as where images are drawn.
+  const auto drawn = split_of(names(4, 5), 2, 1, 1);
+  EXPECT_EQ(labels[static_cast<std::size_t>(some.training[0])],
+            names(4, 5)[static_cast<std::size_t>(drawn.training[0])]);
+  EXPECT_TRUE(split_of_gallery(labels, 20, 1).probes.empty());
+}
+
 TEST(AcceptRates, AgreeWithCountingByHand) {
   // Of ten strangers one may pass at 10 %: the least threshold is just above the second best.
   const auto rates =
@@ -112,6 +134,34 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
   options.training = 5;
   EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
                std::invalid_argument);
+}
+
+TEST(Evaluate, AsksForWhatIsNotInTheGallery) {
+  const auto set = synthetic_faces(5, 4, 0.3, 1);
+  // The first image of each person is enrolled, in another order than that of the others.
+  std::vector<cv::Mat> faces;
+  std::vector<std::string> labels;
+  for (const bool gallery : {true, false})
+    for (std::size_t i = 0; i < set.faces.size(); ++i) {
+      if ((i % 4 == 0) != gallery) continue;
+      faces.push_back(set.faces[i]);
+      labels.push_back(set.labels[i]);
+    }
+  EvaluationOptions options;
+  options.gallery = 5;
+  options.enrolled = 2;
+  options.seeds = {0};
+  NoProgress quiet;
+  const auto result = evaluate(faces, labels, {}, options, quiet, {});
+  const SeedResult& draw = result.seeds.front();
+  EXPECT_EQ(draw.training, 5);
+  EXPECT_EQ(draw.probes, 15);
+  for (const ProbeResult& probe : draw.closed) EXPECT_GE(probe.face, 5);
+  EXPECT_GE(draw.accuracy, 0.9);
+  EXPECT_EQ(draw.known_probes, 6);
+  EXPECT_EQ(draw.stranger_probes, 9);
+  options.gallery = 20;
+  EXPECT_THROW((void)evaluate(faces, labels, {}, options, quiet, {}), std::invalid_argument);
 }
 
 Background background_of_textures() {

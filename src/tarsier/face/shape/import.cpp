@@ -2,6 +2,7 @@
 #include "tarsier/face/shape/import.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/file_ending.h"
 #include "tarsier/core/words.h"
 #include "tarsier/face/shape/import_text.h"
 #include "tarsier/face/shape/markup_check.h"
@@ -26,14 +27,6 @@ namespace fs = std::filesystem;
 constexpr std::int64_t kMaxShapeBytes = 4'000'000;  // of a file of one shape
 constexpr std::int64_t kMaxListBytes = 20'000'000;
 constexpr double kMaxRelative = 10;  // ASF: images are 0..1
-
-std::string lower_ending(const fs::path& path) {
-  std::string ending = path.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(), [](char c) {
-    return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  });
-  return ending;
-}
 
 ImportFormat format_of(const std::string& ending) {
   if (ending == ".pts") return ImportFormat::kPts;
@@ -144,7 +137,7 @@ void import_folder(const std::string& path, const ImportOptions& options, Import
   std::error_code error;
   fs::directory_iterator at(path, error);
   for (; !error && at != fs::directory_iterator(); at.increment(error)) {
-    const ImportFormat format = format_of(lower_ending(at->path()));
+    const ImportFormat format = format_of(lower_ending(at->path().string()));
     const bool is_wanted = options.format == ImportFormat::kAuto
                                ? format == ImportFormat::kPts || format == ImportFormat::kAsf
                                : format == options.format;
@@ -164,7 +157,7 @@ void import_folder(const std::string& path, const ImportOptions& options, Import
   std::sort(files.begin(), files.end());
   ShapeFiles shapes(options, imported);
   for (const fs::path& file : files) {
-    const ImportFormat format = format_of(lower_ending(file));
+    const ImportFormat format = format_of(lower_ending(file.string()));
     if (format == ImportFormat::kPts || format == ImportFormat::kAsf)
       shapes.add_or_skip(file, format);
     else

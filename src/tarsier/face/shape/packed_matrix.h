@@ -8,7 +8,7 @@
 
 namespace tarsier::face::shape {
 
-// Matrices in model files: row-major PackedArrays of doubles (io/archive.h).
+// Matrices in model files: row-major PackedArrays of doubles (media/archive.h).
 [[nodiscard]] nlohmann::json packed(const Eigen::MatrixXd& matrix);
 // `object[name]`, which must have `rows` x `cols` numbers (-1: any); else ModelError names `path`.
 [[nodiscard]] Eigen::MatrixXd unpacked(const nlohmann::json& object, const std::string& path,

@@ -114,8 +114,9 @@ bool is_crossing(const cv::Mat& gray, const cv::Point2f& at, const cv::Point2f& 
          std::abs(quarter[1] - quarter[3]) < 0.4 * contrast;
 }
 
-// Whether the grid goes on beyond one of its sides: the image shows a larger board.
-bool goes_on(const cv::Mat& gray, const cv::Size& grid, const std::vector<cv::Point2f>& pixels) {
+// Whether there are further crossings beyond a side of the grid: the image shows a larger board.
+bool is_larger_board(const cv::Mat& gray, const cv::Size& grid,
+                     const std::vector<cv::Point2f>& pixels) {
   const auto at = [&](int column, int row) {
     return pixels[static_cast<std::size_t>(row * grid.width + column)];
   };
@@ -178,7 +179,7 @@ bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
                   std::vector<cv::Point2f>& pixels) {
   const auto is_board = [&] {
     const cv::Mat even = evenly_lit(gray);
-    return is_grid_of_corners(even, grid, pixels) && !goes_on(even, grid, pixels);
+    return is_grid_of_corners(even, grid, pixels) && !is_larger_board(even, grid, pixels);
   };
   if (cv::findChessboardCornersSB(gray, grid, pixels, cv::CALIB_CB_NORMALIZE_IMAGE))
     return is_board();

@@ -260,7 +260,7 @@ double covered_part(const std::vector<Sighting>& sightings, cv::Size size) {
   return cv::contourArea(hull) / (size.width * 1.0 * size.height);
 }
 
-// Shifts and fits a few times on one level, from out.h; what it finds goes to `next`.
+// Shifts and fits a few times on one level, from the homography in `next`, which it refines.
 void align_on_level(const Target& target, const Level& level, const AlignOptions& options,
                     std::size_t patches, Alignment& next, LevelReport& report) {
   const cv::Size size = target.size();

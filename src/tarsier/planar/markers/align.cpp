@@ -2,6 +2,7 @@
 #include "tarsier/planar/markers/align.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Geometry>
@@ -239,12 +240,6 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
   return true;
 }
 
-double median_of(std::vector<float>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 // What is fitted, and what it is fitted to.
 class Fit {
  public:
@@ -356,7 +351,7 @@ class Fit {
         if (values_(j, i) != kOutside) sizes_.push_back(static_cast<float>(std::abs(e)));
       }
     }
-    return 7 * std::max(1.0, 1.4826 * median_of(sizes_));
+    return 7 * std::max(1.0, 1.4826 * static_cast<double>(upper_quantile(sizes_, 0.5)));
   }
   void linearize() {
     const double most = find_errors();

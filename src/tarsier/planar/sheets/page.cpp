@@ -2,6 +2,7 @@
 #include "tarsier/planar/sheets/page.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/file_ending.h"
 #include "tarsier/core/markup.h"
 #include "tarsier/core/require.h"
 #include "tarsier/image/draw/text.h"
@@ -340,9 +341,7 @@ std::vector<std::string> write_pages(const std::string& path, const std::vector<
                                      const std::string& title, double dpi) {
   namespace fs = std::filesystem;
   const fs::path file(path);
-  std::string ending = file.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string ending = lower_ending(path);
   if (ending == ".pdf") {
     write_file_atomically(path, pdf_of(pages, title));
     return {path};

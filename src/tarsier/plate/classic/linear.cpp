@@ -2,6 +2,7 @@
 #include "tarsier/plate/classic/linear.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 
 #include <opencv2/core.hpp>
 
@@ -60,7 +61,7 @@ LinearModel train_linear_svm(const cv::Mat& rows, const std::vector<int>& labels
   return model;
 }
 
-double MarginToChance::at(double margin) const { return 1 / (1 + std::exp(-(a * margin + b))); }
+double MarginToChance::at(double margin) const { return logistic(a * margin + b); }
 
 MarginToChance fit_chance(const std::vector<double>& margins, const std::vector<int>& labels) {
   // Platt's targets keep away from 0 and 1; Newton's method with a little ridge.

@@ -11,8 +11,6 @@
 
 namespace tarsier::plate {
 
-double probability_of(double odds) { return 1 / (1 + std::exp(-odds)); }
-
 double log_confidence(const Reading& reading) {
   return std::log(std::max(reading.confidence, 1e-5));
 }
@@ -65,7 +63,8 @@ void compare(const std::vector<Reading>& readings, std::vector<FindFeatures>& fe
     double& lead = features[i].back();
     lead = 0;
     for (std::size_t k = 0; k < readings.size(); ++k) {
-      if (k == i || box_cover(readings[k].corners, readings[i].corners) > kSamePlace) continue;
+      if (k == i || box_overlap_of_smaller(readings[k].corners, readings[i].corners) > kSamePlace)
+        continue;
       lead = std::max(lead, evidence(readings[k]) - evidence(readings[i]));
     }
     lead = std::min(lead, kMost);

@@ -11,8 +11,6 @@
 // What speaks for a place being a plate, and for what is read there being right.
 namespace tarsier::plate {
 
-// 1 / (1 + exp(-odds))
-[[nodiscard]] double probability_of(double odds);
 // ln of the reading's confidence, at least ln 1e-5.
 [[nodiscard]] double log_confidence(const Reading& reading);
 
@@ -59,7 +57,7 @@ struct Lettering {
                                          const Lettering& lettering);
 
 // Fills in the last feature of each: by ln(confidence) + log_odds(plate) of the readings, where
-// `plate` is the aligner's score still. Overlapping finds (box_cover() of 0.3) do not count: they are
+// `plate` is the aligner's score still. Overlapping finds (box_overlap_of_smaller() of 0.3) do not count: they are
 // rivals for one place. The two have the same size.
 void compare(const std::vector<Reading>& readings, std::vector<FindFeatures>& features);
 

@@ -2,6 +2,7 @@
 #include "tarsier/plate/networks/networks.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -11,8 +12,6 @@
 
 namespace tarsier::plate {
 namespace {
-
-float logistic(float x) { return 1.0F / (1.0F + std::exp(-x)); }
 
 // Weighted mean of quads that mean the same plate.
 struct Cluster {
@@ -183,7 +182,7 @@ std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& networ
   for (const Detection& detection : found) {
     Cluster* home = nullptr;
     for (Cluster& cluster : clusters) {
-      if (box_overlap(cluster.top, detection.corners) > options.overlap) {
+      if (box_iou(cluster.top, detection.corners) > options.overlap) {
         home = &cluster;
         break;
       }

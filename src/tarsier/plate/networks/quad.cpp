@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/networks/quad.h"
 
+#include "tarsier/core/boxes.h"
 #include "tarsier/core/require.h"
 
 #include <opencv2/imgproc.hpp>
@@ -95,19 +96,10 @@ Quad part_of(const Quad& quad, float left, float right, float top, float bottom)
   return transformed(map, quad_of({left, top, right - left, bottom - top}));
 }
 
-float box_overlap(const Quad& a, const Quad& b) {
-  const cv::Rect2f left = upright(a);
-  const cv::Rect2f right = upright(b);
-  const float both = (left & right).area();
-  const float all = left.area() + right.area() - both;
-  return all > 0 ? both / all : 0;
-}
+float box_iou(const Quad& a, const Quad& b) { return iou(upright(a), upright(b)); }
 
-float box_cover(const Quad& a, const Quad& b) {
-  const cv::Rect2f left = upright(a);
-  const cv::Rect2f right = upright(b);
-  const float least = std::min(left.area(), right.area());
-  return least > 0 ? (left & right).area() / least : 0;
+float box_overlap_of_smaller(const Quad& a, const Quad& b) {
+  return overlap_of_smaller(upright(a), upright(b));
 }
 
 cv::Mat sample(const cv::Mat& gray, const Quad& in_image, const Quad& in_canvas, cv::Size canvas) {

@@ -33,10 +33,10 @@ namespace tarsier::plate {
 [[nodiscard]] Quad part_of(const Quad& quad, float left, float right, float top, float bottom);
 
 // Intersection over union of the upright boxes around two quads.
-[[nodiscard]] float box_overlap(const Quad& a, const Quad& b);
+[[nodiscard]] float box_iou(const Quad& a, const Quad& b);
 
 // Intersection of the upright boxes over the smaller of them.
-[[nodiscard]] float box_cover(const Quad& a, const Quad& b);
+[[nodiscard]] float box_overlap_of_smaller(const Quad& a, const Quad& b);
 
 // The image as seen in a canvas in which `in_image` lies at `in_canvas`; CV_8UC1 in and out.
 // Images much larger than the canvas are averaged, not sub-sampled. Outside the image its edge

@@ -49,9 +49,14 @@ TEST(Quad, GrowKeepsTheCentreAndScalesTheSides) {
 
 TEST(Quad, OverlapOfBoxes) {
   const Quad a = quad_of({0, 0, 10, 10});
-  EXPECT_FLOAT_EQ(box_overlap(a, a), 1);
-  EXPECT_FLOAT_EQ(box_overlap(a, quad_of({5, 0, 10, 10})), 50.0F / 150.0F);
-  EXPECT_FLOAT_EQ(box_overlap(a, quad_of({20, 0, 10, 10})), 0);
+  EXPECT_FLOAT_EQ(box_iou(a, a), 1);
+  EXPECT_FLOAT_EQ(box_iou(a, quad_of({5, 0, 10, 10})), 50.0F / 150.0F);
+  EXPECT_FLOAT_EQ(box_iou(a, quad_of({20, 0, 10, 10})), 0);
+  EXPECT_FLOAT_EQ(box_overlap_of_smaller(a, quad_of({5, 5, 2, 2})), 1);
+  EXPECT_FLOAT_EQ(box_overlap_of_smaller(a, quad_of({5, 0, 10, 10})), 0.5F);
+  const Quad point = quad_of({3, 3, 0, 0});
+  EXPECT_EQ(box_iou(point, point), 0);
+  EXPECT_EQ(box_overlap_of_smaller(a, point), 0);
 }
 
 // An image with a checkered plate at kSlanted, magnified `scale` times.

@@ -232,10 +232,10 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
     if (find.score < options_.min_plate) continue;
     const Quad& plate = find.alignment.plate;
     const auto rivals = std::count_if(kept.begin(), kept.end(), [&](const Find& other) {
-      return box_cover(other.alignment.plate, plate) > kSamePlate;
+      return box_overlap_of_smaller(other.alignment.plate, plate) > kSamePlate;
     });
     const bool again = std::any_of(kept.begin(), kept.end(), [&](const Find& other) {
-      return box_overlap(other.alignment.plate, plate) > 0.7F;
+      return box_iou(other.alignment.plate, plate) > 0.7F;
     });
     if (!again && rivals < kMaxRivals) kept.push_back(find);
   }
@@ -321,7 +321,7 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
     Character character;
     character.symbol = best.text[i];
     seen.character_odds.push_back(log_odds(best.confidences[i], kOddsMargin));
-    character.confidence = probability_of(reader_.character(seen.character_odds.back()));
+    character.confidence = logistic(reader_.character(seen.character_odds.back()));
     character.corners = character_quad(lines, best.columns[i]);
     reading.characters.push_back(character);
   }
@@ -334,7 +334,7 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
   if (best.text.find_first_of("0123456789") == std::string::npos) seen.penalty = kWordPenalty;
   double odds = reader_.confidence(seen.odds) - seen.penalty;
   if (!reading.unfit.empty()) odds = std::min(odds, 0.0) - kUnfit;
-  reading.confidence = probability_of(odds);
+  reading.confidence = logistic(odds);
   // The rest is shared out among the others as the decoder weighs them.
   const double others = std::max(1e-9, 1 - best.posterior);
   for (std::size_t i = 0; i < texts.size(); ++i) {
@@ -393,7 +393,7 @@ std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Ti
   for (std::size_t i = 0; i < readings.size(); ++i) {
     const double odds = reader_.judge.odds(features[i]);
     if (slogans[i] || readings[i].text.empty() || odds < options_.min_evidence) continue;
-    readings[i].plate = probability_of(odds);
+    readings[i].plate = logistic(odds);
     plates.push_back(std::move(readings[i]));
   }
   return without_rivals(std::move(plates));

@@ -83,7 +83,7 @@ TEST_F(Images, PlatesFromSmallToLargeAreRead) {
     ASSERT_EQ(readings.size(), 1U) << width;
     EXPECT_EQ(readings[0].text, "4725BKZ") << width;
     EXPECT_GT(readings[0].confidence, 0.5) << width;
-    EXPECT_GT(box_overlap(readings[0].corners, quad_of(cv::Rect2f(plate.box))), 0.75) << width;
+    EXPECT_GT(box_iou(readings[0].corners, quad_of(cv::Rect2f(plate.box))), 0.75) << width;
     EXPECT_EQ(readings[0].characters.size(), 7U);
   }
 }
@@ -129,7 +129,7 @@ TEST_F(Images, OnlyAPartIsSearchedWhereOneIsAskedFor) {
       recognizer().read(image, nullptr, nullptr, false, {640, 360, 640, 360});
   ASSERT_EQ(right.size(), 1U);
   EXPECT_EQ(right[0].text, "0318GHT");  // where it is in the whole image
-  EXPECT_GT(box_overlap(right[0].corners, quad_of({800, 500, 180, 38})), 0.7);
+  EXPECT_GT(box_iou(right[0].corners, quad_of({800, 500, 180, 38})), 0.7);
   EXPECT_TRUE(recognizer().read(image, nullptr, nullptr, false, {640, 0, 640, 360}).empty());
 }
 
@@ -146,7 +146,7 @@ TEST_F(Images, ASmallPlateOfAHugeImageIsFound) {
   const std::vector<Reading> readings = recognizer().read(image);
   ASSERT_EQ(readings.size(), 1U);
   EXPECT_EQ(readings[0].text, plate.text);
-  EXPECT_GT(box_overlap(readings[0].corners, quad_of(cv::Rect2f(plate.box))), 0.7);
+  EXPECT_GT(box_iou(readings[0].corners, quad_of(cv::Rect2f(plate.box))), 0.7);
 }
 
 TEST_F(Images, LetteringThatIsNoPlateIsNotReported) {

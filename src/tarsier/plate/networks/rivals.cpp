@@ -28,7 +28,7 @@ bool is_slogan_of(const Reading& small, const Reading& plate) {
   constexpr double kSurePlate = 0.9;
   if (&small == &plate || plate.plate < kSurePlate || plate.rows != 1 || small.rows != 1 ||
       plate.characters.size() < kMinText || small.characters.empty() ||
-      box_cover(plate.corners, small.corners) < 0.9F) {
+      box_overlap_of_smaller(plate.corners, small.corners) < 0.9F) {
     return false;
   }
   const Quad text = text_quad(plate);
@@ -65,7 +65,7 @@ std::vector<Reading> without_rivals(std::vector<Reading> readings) {
   std::vector<std::size_t> chosen;
   for (const std::size_t i : order) {
     const auto rival = std::find_if(chosen.begin(), chosen.end(), [&](std::size_t other) {
-      return box_cover(readings[other].corners, readings[i].corners) > kRival;
+      return box_overlap_of_smaller(readings[other].corners, readings[i].corners) > kRival;
     });
     if (rival == chosen.end()) {
       chosen.push_back(i);

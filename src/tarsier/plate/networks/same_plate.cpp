@@ -2,6 +2,7 @@
 #include "tarsier/plate/networks/same_plate.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/plate/networks/networks.h"
 #include "tarsier/plate/text/decode.h"
 
@@ -17,12 +18,6 @@ namespace tarsier::plate {
 namespace {
 
 constexpr std::size_t kTelling = 4;  // characters
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 bool is_narrow(char symbol) { return symbol == '1' || symbol == 'I' || symbol == 'J'; }
 
@@ -90,7 +85,7 @@ std::vector<double> relative_ink(const cv::Mat& canvas, const std::string& text,
   std::vector<double> distances;
   for (std::size_t k = 1; k < middles.size(); ++k)
     distances.push_back(kColumn * static_cast<double>(middles[k] - middles[k - 1]));
-  const int reach = std::max(3, cvRound(0.45 * median(distances)));
+  const int reach = std::max(3, cvRound(0.45 * upper_median(distances)));
   cv::Mat smooth;
   canvas.convertTo(smooth, CV_32F);
   cv::GaussianBlur(smooth, smooth, {}, 0.7);
@@ -114,7 +109,7 @@ std::vector<double> relative_ink(const cv::Mat& canvas, const std::string& text,
       for (std::size_t j = 0; j < energy.size() && (!narrow || others.empty()); ++j)
         if (j != i && (narrow || !is_narrow(text[j]))) others.push_back(energy[j]);
     }
-    result.push_back(energy[i] - median(others));
+    result.push_back(energy[i] - upper_median(others));
   }
   return result;
 }

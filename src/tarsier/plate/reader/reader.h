@@ -20,8 +20,8 @@ namespace tarsier::plate {
 
 // By which algorithms plates are found and read.
 enum class Pipeline {
-  kNetworks,  // plate/recognizer.h
-  kTextbook   // plate_classic/classic.h: edges, SVM, contours, one character at a time
+  kNetworks,  // networks/recognizer.h
+  kTextbook   // classic/classic.h: edges, SVM, contours, one character at a time
 };
 
 struct ReaderOptions {

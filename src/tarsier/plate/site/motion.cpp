@@ -2,6 +2,7 @@
 #include "tarsier/plate/site/motion.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -26,10 +27,7 @@ cv::Mat cells_of(const cv::Mat& image) {
 }
 
 float median_of(const cv::Mat& values) {
-  std::vector<float> sorted(values.begin<float>(), values.end<float>());
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  return *middle;
+  return upper_median(std::vector<float>(values.begin<float>(), values.end<float>()));
 }
 
 }  // namespace

@@ -67,7 +67,7 @@ std::map<std::size_t, std::pair<std::size_t, double>> match(const std::vector<Tr
       // A plate whose place is not known may be any of them: the one most like it.
       const double value =
           truth[a].box
-              ? intersection_over_union(*truth[a].box, box_of(readings, b))
+              ? iou(*truth[a].box, box_of(readings, b))
               : 1 - edit_distance_to_truth(texts[a], normal(readings.plates[b].text, fold)) / 99.0;
       if (value >= kMinOverlap) pairs.emplace_back(value, a, b);
     }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/plate/text/csv.h"
 #include "tarsier/plate/text/evaluation.h"
 #include "tarsier/plate/text/text.h"
 

@@ -4,7 +4,6 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/testing_folder.h"
-#include "tarsier/plate/text/csv.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -231,17 +230,6 @@ TEST_F(TruthTest, BadLinesAreNamed) {
   EXPECT_THAT(refusal(header + "\"a.jpg,1,2,3,4,T\n"), HasSubstr("quote"));
   EXPECT_THAT(refusal(header + ",1,2,3,4,T\n"), HasSubstr("no image"));
   EXPECT_THROW((void)read_plate_truth(path("missing.csv")), InputError);
-}
-
-TEST(CsvTest, LinesComeBack) {
-  const std::vector<std::string> fields{"plain", "a,b", "say \"no\"", "", "-1.5", "two\nlines"};
-  const std::string line = csv_line(fields);
-  EXPECT_EQ(line, "plain,\"a,b\",\"say \"\"no\"\"\",,-1.5,two lines\n");
-  EXPECT_THAT(*csv_fields(line.substr(0, line.size() - 1)),
-              ElementsAre("plain", "a,b", "say \"no\"", "", "-1.5", "two lines"));
-  EXPECT_EQ(csv_line({"=cmd()"}), "'=cmd()\n");
-  EXPECT_FALSE(csv_fields("a\"b,c").has_value());
-  EXPECT_FALSE(csv_fields("\"a\"b,c").has_value());
 }
 
 }  // namespace

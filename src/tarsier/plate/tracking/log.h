@@ -71,9 +71,9 @@ struct ForgetOptions {
 };
 
 // SQLite file of plates that were seen. Each entry is on the disk when the function that wrote it
-// returns. Errors as io/sqlite.h says (DatabaseLockedError among them); after one the log can still
-// be used. Readers take versions 1 (slowly) and 2 as well: they become version 3 when they are next
-// written to.
+// returns. Errors as media/sqlite.h says (DatabaseLockedError among them); after one the log can
+// still be used. Readers take versions 1 (slowly) and 2 as well: they become version 3 when they
+// are next written to.
 class PlateLog {
  public:
   explicit PlateLog(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Entries of a log as JSON and CSV.
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/media/archive.h"
-#include "tarsier/plate/text/csv.h"
 #include "tarsier/plate/tracking/log.h"
 
 #include <fmt/format.h>

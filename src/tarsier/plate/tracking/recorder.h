@@ -52,7 +52,7 @@ struct RecorderOptions {
 class PlateRecorder {
  public:
   // Entries that programs which died have left open become interrupted ones. Throws as
-  // io/sqlite.h.
+  // media/sqlite.h says.
   explicit PlateRecorder(const std::string& path, const RecorderOptions& options = {});
   // What can be written without waiting for a lock is.
   ~PlateRecorder();

@@ -239,7 +239,7 @@ double fit(const Track& track, const Reading& reading, double time, const Tracke
   if (!track.evidence.empty()) {
     similar = std::max(similar, text_similarity(track.evidence.back().reading.text, reading.text));
   }
-  const double common = intersection_over_union(expected, cv::Rect2d(reading.box));
+  const double common = iou(expected, cv::Rect2d(reading.box));
 
   if (since > options.lost_after) {
     // Out of sight meanwhile: known again by its text, or at the place where it stood.

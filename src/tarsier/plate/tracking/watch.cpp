@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/tracking/watch.h"
 
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/plate/text/csv.h"
 #include "tarsier/plate/text/text.h"
 #include "tarsier/plate/tracking/log.h"
 

@@ -63,13 +63,13 @@ Quad box_of(const TruthPlate& plate) {
 
 bool is_plate(const Image& image, const SeenPlate& find) {
   return std::any_of(image.truth.begin(), image.truth.end(), [&](const TruthPlate& plate) {
-    return box_overlap(box_of(plate), box_of(find.reading)) >= kFound;
+    return box_iou(box_of(plate), box_of(find.reading)) >= kFound;
   });
 }
 
 bool touches(const Image& image, const SeenPlate& find) {
   return std::any_of(image.truth.begin(), image.truth.end(), [&](const TruthPlate& plate) {
-    return box_cover(box_of(plate), box_of(find.reading)) > kTouches;
+    return box_overlap_of_smaller(box_of(plate), box_of(find.reading)) > kTouches;
   });
 }
 
@@ -81,7 +81,7 @@ const SeenPlate* find_of(const Image& image, const TruthPlate& plate, float min_
   };
   for (const SeenPlate& find : image.seen) {
     if (find.reading.text.empty() || find.reading.plate < static_cast<double>(min_plate)) continue;
-    if (box_overlap(box_of(plate), box_of(find.reading)) < kFound) continue;
+    if (box_iou(box_of(plate), box_of(find.reading)) < kFound) continue;
     if (best == nullptr || rank(find) > rank(*best)) best = &find;
   }
   return best;
@@ -131,7 +131,7 @@ void fit_judge(std::vector<Image>& images, ReaderModel& model, FoundCounts& coun
     std::vector<Reading> readings;
     std::vector<FindFeatures> features;
     for (SeenPlate& find : image.seen) {
-      find.reading.confidence = probability_of(model.confidence(find.odds) - find.penalty);
+      find.reading.confidence = logistic(model.confidence(find.odds) - find.penalty);
       readings.push_back(find.reading);
       features.push_back(find.features);
     }

@@ -2,6 +2,7 @@
 #include "tarsier/plate/train/logistic.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 
 #include <opencv2/core.hpp>
 
@@ -53,7 +54,7 @@ std::vector<double> fit_logistic(const LogisticRows& data, const std::vector<dou
     cv::Mat slope = w.mul(ridge);
     for (std::size_t i = 0; i < data.rows.size(); ++i) {
       const std::vector<double>& x = data.rows[i];
-      const double p = 1 / (1 + std::exp(-odds_of(x, w)));
+      const double p = logistic(odds_of(x, w));
       for (int k = 0; k < size; ++k) {
         const double value = x[static_cast<std::size_t>(k)];
         slope.at<double>(k) += (p - data.labels[i]) * value;

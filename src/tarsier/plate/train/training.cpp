@@ -287,9 +287,9 @@ void mix(linalg::Network& network, const linalg::Network& other, float share) {
 
 void run_training(linalg::Network& network, int steps, double rate, std::uint64_t seed,
                   std::string_view stage, const linalg::MakeExample& make, const linalg::Loss& loss,
-                  Progress& progress, std::stop_token stop, bool goes_on = false) {
+                  Progress& progress, std::stop_token stop, bool is_trained = false) {
   Rng rng(seed);
-  if (!goes_on) linalg::initialize(network, rng);
+  if (!is_trained) linalg::initialize(network, rng);
   linalg::TrainOptions options;
   options.steps = steps;
   options.rate = rate;
@@ -339,7 +339,7 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
   const ViewPlate* plate = nullptr;
   const Quad frame = quad_of({0, 0, 219, 149});
   for (const ViewPlate& candidate : view.plates)
-    if (is_convex(candidate.plate, 60) && box_overlap(candidate.plate, frame) > 0 &&
+    if (is_convex(candidate.plate, 60) && box_iou(candidate.plate, frame) > 0 &&
         mean_width(candidate.plate) > 30 && mean_width(candidate.plate) < 160 &&
         std::abs(candidate.plate[0].x + candidate.plate[2].x - 220) < 60 &&
         std::abs(candidate.plate[0].y + candidate.plate[2].y - 150) < 40)
@@ -360,8 +360,8 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
                  h}),
         0.05, 0.1, rng);
     for (const ViewPlate& candidate : view.plates)
-      if (box_overlap(candidate.plate, seen) > 0.15F) plate = &candidate;
-    if (plate != nullptr && box_overlap(plate->plate, seen) > 0.15F) {
+      if (box_iou(candidate.plate, seen) > 0.15F) plate = &candidate;
+    if (plate != nullptr && box_iou(plate->plate, seen) > 0.15F) {
       // Too near to call it none: show the plate instead.
       seen = jitter(plate->plate, 0.05, 0.1, rng);
       target[16] = 1;
@@ -430,7 +430,7 @@ std::vector<Distractor> find_distractors(const std::vector<Scene>& scenes,
       for (const Detection& detection : detect(gray, detector, options, workspace)) {
         const bool real = std::any_of(
             scenes[number].plates.begin(), scenes[number].plates.end(), [&](const cv::Rect2f& box) {
-              return box_cover(quad_of(box), grow(detection.corners, 1.2F, 1.3F)) > 0;
+              return box_overlap_of_smaller(quad_of(box), grow(detection.corners, 1.2F, 1.3F)) > 0;
             });
         if (!real) found[number].push_back({number, detection.corners});
       }

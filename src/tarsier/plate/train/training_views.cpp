@@ -206,7 +206,7 @@ void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs
   for (cv::Point2f& p : quad) p = p * factor + centre;
   if (!is_convex(quad, 60)) return;
   for (const ViewPlate& other : view.plates)
-    if (box_overlap(grow(other.plate, 1.2F, 1.4F), quad) > 0) return;
+    if (box_iou(grow(other.plate, 1.2F, 1.4F), quad) > 0) return;
   const Quad source = quad_of(
       {-0.5F, -0.5F, static_cast<float>(face.image.cols), static_cast<float>(face.image.rows)});
   draw_surroundings(view.gray, quad, rng);
@@ -393,8 +393,8 @@ View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
       bool on_plate = false;
       for (const ViewPlate& plate : view.plates)
         on_plate = on_plate ||
-                   box_overlap(plate.plate, quad_of({0, 0, static_cast<float>(options.size.width),
-                                                     static_cast<float>(options.size.height)})) > 0;
+                   box_iou(plate.plate, quad_of({0, 0, static_cast<float>(options.size.width),
+                                                 static_cast<float>(options.size.height)})) > 0;
       if (!on_plate) draw_words(view.gray, rng);
     }
   if (drawn) {

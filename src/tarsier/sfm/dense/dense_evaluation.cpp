@@ -2,6 +2,7 @@
 #include "tarsier/sfm/dense/dense_evaluation.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/opencv_types.h"
 #include "tarsier/sfm/dense/point_grid.h"
@@ -76,7 +77,7 @@ class Evaluation {
       progress.advance();
     }
     progress.end();
-    scores.depth_median = quantile(all, 0.5);
+    scores.depth_median = lower_quantile(all, 0.5);
   }
 
   void score_cloud(const std::stop_token& stop, DenseScores& scores) {
@@ -151,7 +152,7 @@ class Evaluation {
     score.within_tenth = share_within(values, 0.001);
     score.within_half = share_within(values, 0.005);
     score.within_one = share_within(values, 0.01);
-    score.median = quantile(values, 0.5);
+    score.median = lower_quantile(values, 0.5);
     return score;
   }
 

@@ -12,6 +12,7 @@
 #include "tarsier/sfm/dense/gray_images.h"
 #include "tarsier/sfm/dense/plane_field.h"
 #include "tarsier/sfm/dense/workspace.h"
+#include "tarsier/sfm/scene/sensor_image.h"
 #include "tarsier/sfm/scene/undistort.h"
 
 #include <fmt/format.h>
@@ -143,8 +144,9 @@ class DenseRun {
     const std::string record = path("stereo/state/undistorted.json");
     if (is_there && !read_state(record, source_digest_).is_null()) return;
     export_undistorted(
-        job_.folder, model, [&](const std::string& name) { return read_image(job_.path_of(name)); },
-        progress_, stop_);
+        job_.folder, model,
+        [&](const std::string& name) { return read_sensor_image(job_.path_of(name)); }, progress_,
+        stop_);
     write_state(record, source_digest_, nlohmann::json::object());
   }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/dense/surface_truth.h"
 
+#include "tarsier/core/statistics.h"
+
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -39,14 +41,6 @@ TrueView true_view(const Workspace& workspace, int index) {
   view.camera = camera_of_map(workspace.camera(index), view.depth.size());
   view.pose = workspace.pose(index);
   return view;
-}
-
-double quantile(std::vector<float>& values, double part) {
-  if (values.empty()) return 0;
-  const auto place =
-      values.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), place, values.end());
-  return *place;
 }
 
 double share_within(const std::vector<float>& values, double limit) {
@@ -93,7 +87,9 @@ double extent_of(const std::vector<cv::Vec3f>& points) {
     std::vector<float> values;
     values.reserve(points.size());
     for (const cv::Vec3f& point : points) values.push_back(point[k]);
-    const double side = quantile(values, 1 - kOutside) - quantile(values, kOutside);
+    const double high = lower_quantile(values, 1 - kOutside);
+    const double low = lower_quantile(values, kOutside);
+    const double side = high - low;
     sum += side * side;
   }
   return std::sqrt(sum);

@@ -47,8 +47,6 @@ struct ThresholdScore {
 // [{"threshold", "accuracy", "completeness", "f1"}]
 [[nodiscard]] nlohmann::ordered_json to_json(const std::vector<ThresholdScore>& scores);
 
-// Value at `part` (0..1) of the sorted values, which are reordered; 0 of none.
-[[nodiscard]] double quantile(std::vector<float>& values, double part);
 // Share of the values that are `limit` or less; 0 of none.
 [[nodiscard]] double share_within(const std::vector<float>& values, double limit);
 

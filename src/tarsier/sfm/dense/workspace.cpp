@@ -5,7 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
-#include "tarsier/media/image_file.h"
+#include "tarsier/media/stored_image.h"
 #include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>
@@ -123,7 +123,7 @@ std::string Workspace::path_of_map(int index, std::string_view what, MapKind kin
 
 cv::Mat Workspace::read_image(int index) const {
   const std::string path = path_of_image(index);
-  cv::Mat pixels = tarsier::read_image(path);
+  cv::Mat pixels = read_stored_image(path);  // other programs copy EXIF to what they undistorted
   const geometry::Camera& of = camera(index);
   if (pixels.cols != of.width || pixels.rows != of.height) {
     throw InputError(path, fmt::format("has {}x{} px, its camera {}x{}", pixels.cols, pixels.rows,

@@ -6,7 +6,6 @@
 #include "tarsier/linalg/sparse_cholesky.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/SparseCore>
 
 #include <algorithm>
 #include <cmath>
@@ -23,6 +22,9 @@ using Eigen::VectorXd;
 constexpr double kMinResidual = 1e-3;  // of the start, in shortest depths
 constexpr double kMinDamping = 1e-10;
 constexpr double kMaxDamping = 1e8;
+// Of a step that is solved by conjugate gradients with the factor of an earlier one.
+constexpr double kNearTolerance = 0.1;
+constexpr int kMaxNearIterations = 6;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -99,33 +101,21 @@ class Positioning {
   // That of a camera with itself, the last one of its column.
   [[nodiscard]] std::size_t diagonal(int camera) const { return column_first_[at(camera) + 1] - 1; }
 
-  // A sparse matrix of blocks of size x size, its upper triangle, from all numbers of the blocks.
-  [[nodiscard]] Eigen::SparseMatrix<double> matrix_of(int size,
-                                                      const std::vector<double>& numbers) const {
-    const Eigen::Index total = static_cast<Eigen::Index>(size) * problem_.cameras;
-    Eigen::SparseMatrix<double> matrix(total, total);
-    matrix.reserve(static_cast<Eigen::Index>(numbers.size()));
-    const std::size_t area = at(size * size);
-    for (int column = 0; column < problem_.cameras; ++column) {
-      for (int c = 0; c < size; ++c) {
-        matrix.startVec(size * column + c);
-        for (std::size_t b = column_first_[at(column)]; b < column_first_[at(column) + 1]; ++b) {
-          const int last = rows_[b] == column ? c + 1 : size;
-          for (int r = 0; r < last; ++r)
-            matrix.insertBack(size * rows_[b] + r, size * column + c) =
-                numbers[b * area + at(c * size + r)];
-        }
-      }
-    }
-    matrix.finalize();
-    return matrix;
+  // Where the cameras' equations have numbers, of which each camera has `size`.
+  [[nodiscard]] linalg::BlockPattern pattern_of(int size) const {
+    linalg::BlockPattern pattern;
+    for (int c = 0; c <= problem_.cameras; ++c) pattern.first.push_back(size * c);
+    for (int column = 0; column < problem_.cameras; ++column)
+      for (std::size_t b = column_first_[at(column)]; b < column_first_[at(column) + 1]; ++b)
+        pattern.blocks.push_back({rows_[b], column});
+    return pattern;
   }
 
   // --- the start ---
 
   bool start() {
     linalg::SparseCholesky factor;
-    bool analyzed = false;
+    factor.analyze(pattern_of(1));
     std::vector<double> weights(problem_.rays.size(), 1);
     std::vector<double> depths(problem_.rays.size(), 1);
     for (int iteration = 0; iteration < options_.start_iterations; ++iteration) {
@@ -155,10 +145,7 @@ class Positioning {
       if (!(most > 0)) return false;
       // Nothing says where the whole lies: a weak pull to the origin does.
       for (int i = 0; i < problem_.cameras; ++i) numbers[diagonal(i)] += 1e-9 * most;
-      const Eigen::SparseMatrix<double> matrix = matrix_of(1, numbers);
-      if (!analyzed) factor.analyze(matrix);
-      analyzed = true;
-      if (!factor.factorize(matrix)) return false;
+      if (!factor.factorize(numbers)) return false;
       Eigen::MatrixX3d centers(problem_.cameras, 3);
       for (int c = 0; c < 3; ++c) centers.col(c) = factor.solve(right.col(c));
       if (!centers.allFinite()) return false;
@@ -200,9 +187,29 @@ class Positioning {
     return sum / 2;
   }
 
+  struct Moved {
+    std::vector<Vector3d> cameras;
+    std::vector<Vector3d> points;
+  };
+
+  // Cameras that take a step of the reduced equations, and the points that follow them.
+  [[nodiscard]] Moved moved_by(const VectorXd& step) const {
+    Moved moved{result_.cameras, result_.points};
+    for (std::size_t i = 0; i < moved.cameras.size(); ++i)
+      moved.cameras[i] += step.segment<3>(3 * static_cast<Eigen::Index>(i));
+    for (std::size_t p = 0; p < points(); ++p) {
+      Vector3d pull = gradients_[p];
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
+        pull += springs_[k] * step.segment<3>(3 * static_cast<Eigen::Index>(camera(k)));
+      moved.points[p] += inverses_[p] * pull;
+    }
+    return moved;
+  }
+
   void minimise(double loss) {
     linalg::SparseCholesky factor;
-    bool analyzed = false;
+    factor.analyze(pattern_of(3));
+    bool is_factorized = false;
     double damping = 1e-3;
     double growth = 2;
     double sum = cost(result_.cameras, result_.points, loss);
@@ -213,32 +220,24 @@ class Positioning {
       if (!is_linear) linearize(loss);
       is_linear = true;
       const std::vector<double> numbers = reduce(damping);
-      const Eigen::SparseMatrix<double> matrix = matrix_of(3, numbers);
-      if (!analyzed) factor.analyze(matrix);
-      analyzed = true;
+      std::optional<VectorXd> solution;
+      if (is_factorized && factor.is_costly())
+        solution = factor.solve_near(numbers, right_, kNearTolerance, kMaxNearIterations);
+      if (!solution) {
+        is_factorized = factor.factorize(numbers);
+        if (is_factorized) solution = factor.solve(right_);
+      }
       bool is_better = false;
-      if (factor.factorize(matrix)) {
-        const VectorXd by = factor.solve(right_);
-        if (by.allFinite()) {
-          std::vector<Vector3d> cameras = result_.cameras;
-          for (std::size_t i = 0; i < cameras.size(); ++i)
-            cameras[i] += by.segment<3>(3 * static_cast<Eigen::Index>(i));
-          std::vector<Vector3d> moved = result_.points;
-          for (std::size_t p = 0; p < points(); ++p) {
-            Vector3d pull = gradients_[p];
-            for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
-              pull += springs_[k] * by.segment<3>(3 * static_cast<Eigen::Index>(camera(k)));
-            moved[p] += inverses_[p] * pull;
-          }
-          const double candidate = cost(cameras, moved, loss);
-          is_better = std::isfinite(candidate) && candidate < sum;
-          if (is_better) {
-            const bool is_done = sum - candidate <= options_.tolerance * sum;
-            result_.cameras = std::move(cameras);
-            result_.points = std::move(moved);
-            sum = candidate;
-            if (is_done) return;
-          }
+      if (solution && solution->allFinite()) {
+        Moved moved = moved_by(*solution);
+        const double candidate = cost(moved.cameras, moved.points, loss);
+        is_better = std::isfinite(candidate) && candidate < sum;
+        if (is_better) {
+          const bool is_done = sum - candidate <= options_.tolerance * sum;
+          result_.cameras = std::move(moved.cameras);
+          result_.points = std::move(moved.points);
+          sum = candidate;
+          if (is_done) return;
         }
       }
       if (is_better) {

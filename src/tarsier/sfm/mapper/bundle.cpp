@@ -4,6 +4,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/bundle_solver.h"
+#include "tarsier/sfm/mapper/point_selection.h"
 
 #include <fmt/format.h>
 
@@ -95,6 +96,8 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
                 [&](int i) { return options.only_points || !model.images[at(i)].registered; });
   std::vector<char> is_mover(model.images.size(), 0);
   for (const int i : movers) is_mover[at(i)] = 1;
+  for (const int i : options.fixed_images) is_mover[at(i)] = 0;
+  std::erase_if(movers, [&](int i) { return is_mover[at(i)] == 0; });
   const auto moves = [&](const Observation& seen) { return is_mover[at(seen.image)] != 0; };
   const auto is_registered = [&](const Observation& seen) {
     return model.images[at(seen.image)].registered;
@@ -104,7 +107,9 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   if (points.empty()) {
     for (std::size_t p = 0; p < model.points.size(); ++p) {
       const auto& track = model.points[p].track;
-      if (std::any_of(track.begin(), track.end(), moves)) points.push_back(static_cast<int>(p));
+      const bool all = options.images.empty() && !options.fixed_images.empty() && !track.empty();
+      if (all || std::any_of(track.begin(), track.end(), moves))
+        points.push_back(static_cast<int>(p));
     }
   }
   if (points.empty()) return report;
@@ -130,10 +135,16 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
                             static_cast<double>(pixel.x), static_cast<double>(pixel.y),
                             weight_of(image, seen.feature)});
   };
+  const std::vector<ImageRole> roles = roles_of(model, movers);
+  std::vector<Observation> chosen;
   std::size_t observations = 0;
+  const auto choose = [&](int p) {
+    choose_observations(model.points[at(p)], p, roles, options.max_observations, chosen);
+  };
   for (const int p : points) {
-    observations += model.points[at(p)].track.size();
-    for (const Observation& seen : model.points[at(p)].track) {
+    choose(p);
+    observations += chosen.size();
+    for (const Observation& seen : chosen) {
       if (!is_registered(seen)) continue;
       pose_of[at(seen.image)] = 0;
       any_fixed = any_fixed || !moves(seen);
@@ -149,16 +160,19 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   }
   problem.seen.reserve(observations);
   for (const int p : points) {
-    const Point& point = model.points[at(p)];
-    problem.points.push_back(point.position);
+    problem.points.push_back(model.points[at(p)].position);
     problem.first.push_back(problem.seen.size());
-    for (const Observation& seen : point.track)
+    choose(p);
+    for (const Observation& seen : chosen)
       if (is_registered(seen)) see(seen);
   }
   problem.point_moves.assign(points.size(), 1);
   problem.first.push_back(problem.seen.size());
   report.residuals = static_cast<int>(problem.seen.size());
   if (options.images.empty() && !options.only_points) problem.free_numbers = free_numbers(options);
+  problem.lens_moves.assign(cameras.size(), 1);
+  for (const int camera : options.fixed_cameras)
+    if (lens_of[at(camera)] >= 0) problem.lens_moves[at(lens_of[at(camera)])] = 0;
 
   if (!any_fixed) {
     // The first stays, and one coordinate of the farthest one keeps the scale, as a residual that

@@ -23,6 +23,12 @@ struct BundleOptions {
   // The points that some of `images` show, ascending. Empty: looked for among all of the model's.
   std::vector<int> points;
   bool only_points = false;  // no image moves; `points` says which points do
+  // Images that never move, and cameras that are never refined, whatever else is asked for. Where there are such images
+  // and `images` is empty, all points move, also those that no image that moves shows.
+  std::vector<int> fixed_images;
+  std::vector<int> fixed_cameras;
+  // Observations of a point that are used, see choose_observations(); 0: all. Work and memory grow with the square of it.
+  int max_observations = 0;
 };
 
 struct BundleReport {

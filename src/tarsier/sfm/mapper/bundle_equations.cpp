@@ -46,8 +46,8 @@ void BundleVariables::number_variables(const BundleProblem& problem) {
   lens_size = static_cast<int>(problem.free_numbers.size());
   count = poses;
   lens_variable.assign(problem.lenses.size(), -1);
-  if (!problem.free_numbers.empty())
-    for (int& variable : lens_variable) variable = count++;
+  for (std::size_t i = 0; i < lens_variable.size() && !problem.free_numbers.empty(); ++i)
+    if (problem.lens_moves.empty() || problem.lens_moves[i] != 0) lens_variable[i] = count++;
   size = 0;
   for (int v = 0; v < count; ++v) size += size_of(v);
   moving_points = std::count_if(problem.point_moves.begin(), problem.point_moves.end(),

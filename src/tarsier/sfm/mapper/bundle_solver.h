@@ -43,7 +43,8 @@ struct BundleProblem {
   std::vector<geometry::Rigid3> poses;  // camera_from_world
   std::vector<char> pose_moves;         // of each pose
   std::vector<LensNumbers> lenses;
-  std::vector<int> free_numbers;        // of every lens, ascending; empty: lenses stay
+  std::vector<int> free_numbers;        // of every lens that moves, ascending; empty: lenses stay
+  std::vector<char> lens_moves;         // of each lens; empty: all do
   std::vector<Eigen::Vector3d> points;  // world
   std::vector<char> point_moves;        // of each point
   // The observations point by point: those of point p are seen[first[p]] to seen[first[p + 1] - 1].

@@ -33,35 +33,6 @@ std::vector<geometry::Camera> get_cameras(PackedReader& reader) {
   return cameras;
 }
 
-void put(PackedWriter& writer, const PackedModel& model) {
-  put(writer, model.cameras);
-  writer.put(model.registered);
-  for (const geometry::Rigid3& pose : model.poses) writer.put(geometry::packed(pose));
-  writer.put(model.points);
-  writer.put(model.places);
-  writer.put(model.positions);
-  writer.put(model.colors);
-  writer.put(model.errors);
-  writer.put(model.views);
-  writer.put(model.observations);
-}
-
-PackedModel get_model(PackedReader& reader) {
-  PackedModel model;
-  model.cameras = get_cameras(reader);
-  model.registered = reader.get_all<int>();
-  for (std::size_t k = 0; k < model.registered.size(); ++k)
-    model.poses.push_back(geometry::unpacked(reader.get<std::array<double, 12>>()));
-  model.points = reader.get<std::int64_t>();
-  model.places = reader.get_all<int>();
-  model.positions = reader.get_all<Eigen::Vector3d>();
-  model.colors = reader.get_all<cv::Vec3b>();
-  model.errors = reader.get_all<double>();
-  model.views = reader.get_all<int>();
-  model.observations = reader.get_all<Observation>();
-  return model;
-}
-
 void put(PackedWriter& writer, const std::vector<std::string>& texts) {
   writer.put(static_cast<std::uint64_t>(texts.size()));
   for (const std::string& text : texts) writer.put(text);
@@ -85,6 +56,37 @@ bool are_observations(const std::vector<Observation>& all, const std::vector<Ima
   });
 }
 
+}  // namespace
+
+void put(PackedWriter& writer, const PackedModel& model) {
+  put(writer, model.cameras);
+  writer.put(model.registered);
+  for (const geometry::Rigid3& pose : model.poses) writer.put(geometry::packed(pose));
+  writer.put(model.points);
+  writer.put(model.places);
+  writer.put(model.positions);
+  writer.put(model.colors);
+  writer.put(model.errors);
+  writer.put(model.views);
+  writer.put(model.observations);
+}
+
+PackedModel get_packed_model(PackedReader& reader) {
+  PackedModel model;
+  model.cameras = get_cameras(reader);
+  model.registered = reader.get_all<int>();
+  for (std::size_t k = 0; k < model.registered.size(); ++k)
+    model.poses.push_back(geometry::unpacked(reader.get<std::array<double, 12>>()));
+  model.points = reader.get<std::int64_t>();
+  model.places = reader.get_all<int>();
+  model.positions = reader.get_all<Eigen::Vector3d>();
+  model.colors = reader.get_all<cv::Vec3b>();
+  model.errors = reader.get_all<double>();
+  model.views = reader.get_all<int>();
+  model.observations = reader.get_all<Observation>();
+  return model;
+}
+
 bool fits(const PackedModel& model, std::size_t cameras, const std::vector<Image>& images) {
   const std::size_t points = model.places.size();
   return model.cameras.size() == cameras && model.poses.size() == model.registered.size() &&
@@ -100,8 +102,6 @@ bool fits(const PackedModel& model, std::size_t cameras, const std::vector<Image
              static_cast<std::int64_t>(model.observations.size()) &&
          are_observations(model.observations, images);
 }
-
-}  // namespace
 
 PackedModel packed(const Model& model) {
   PackedModel result;
@@ -199,14 +199,14 @@ std::optional<MapperState> read_checkpoint(const std::string& path) {
     if (reader.get<std::int32_t>() != kVersion) return std::nullopt;
     MapperState state;
     const auto models = reader.get<std::uint64_t>();
-    for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_model(reader));
+    for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_packed_model(reader));
     state.log = get_texts(reader);
     state.reasons = get_texts(reader);
     state.doubts = reader.get_all<Doubt>();
     state.done = reader.get<std::int32_t>() != 0;
     if (reader.get<std::int32_t>() != 0) {
       IncrementalMapperState& current = state.current.emplace();
-      current.model = get_model(reader);
+      current.model = get_packed_model(reader);
       current.ray_cameras = get_cameras(reader);
       const auto tracks = reader.get<std::uint64_t>();
       for (std::uint64_t k = 0; k < tracks; ++k)

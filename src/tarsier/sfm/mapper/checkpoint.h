@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/doubt.h"
+#include "tarsier/sfm/mapper/packed_file.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>
@@ -33,6 +34,12 @@ struct PackedModel {
 [[nodiscard]] PackedModel packed(const Model& model);
 // Into a model that has the images, none of them registered, and as many points, all empty.
 void unpack(const PackedModel& packed, Model& model);
+// As a part of a packed file; the reader throws Damaged. Whether every index of one is that of so many cameras and of these
+// images' features.
+void put(PackedWriter& writer, const PackedModel& model);
+[[nodiscard]] PackedModel get_packed_model(PackedReader& reader);
+[[nodiscard]] bool fits(const PackedModel& model, std::size_t cameras,
+                        const std::vector<Image>& images);
 
 // One growing model.
 struct IncrementalMapperState {

@@ -83,9 +83,10 @@ void check(const ColmapDatabase& database) {
     TARSIER_REQUIRE(names.insert(image.name).second, "'{}' is there twice", image.name);
     const Features& features = image.features;
     TARSIER_REQUIRE(
-        features.descriptors.empty() || (features.descriptors.type() == CV_8UC1 &&
-                                         features.descriptors.cols == kDescriptorBytes &&
-                                         at(features.descriptors.rows) == features.points.size()),
+        features.descriptors.empty() ||
+            (features.descriptors.type() == CV_8UC1 &&
+             features.descriptors.cols == kDescriptorBytes &&
+             at(features.descriptors.rows) == features.points.size() + features.owners.size()),
         "descriptors of '{}' that are not SIFT's", image.name);
   }
   for (const auto& pair : database.pairs) {
@@ -137,8 +138,10 @@ void write_images(Database& file, const ColmapDatabase& database) {
     add_points.step();
     add_points.reset();
     if (features.descriptors.empty() && rows > 0) continue;
-    const cv::Mat whole =
-        features.descriptors.isContinuous() ? features.descriptors : features.descriptors.clone();
+    // A keypoint has one descriptor there.
+    const cv::Mat own =
+        rows > 0 ? features.descriptors.rowRange(0, static_cast<int>(rows)) : features.descriptors;
+    const cv::Mat whole = own.isContinuous() ? own : own.clone();
     add_descriptors.bind(1, id)
         .bind(2, rows)
         .bind(3, std::int64_t{kDescriptorBytes})

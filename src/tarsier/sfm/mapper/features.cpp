@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/mapper/sift.h"
+#include "tarsier/sfm/mapper/simulated_views.h"
 
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -21,6 +22,7 @@ struct Found {
   std::vector<cv::Point2f> points;
   std::vector<float> sizes;
   cv::Mat descriptors;
+  std::vector<std::int32_t> owners;
 };
 
 Found found_by_opencv(const cv::Mat& gray, const FeatureOptions& options) {
@@ -63,15 +65,20 @@ Found found_by_opencv(const cv::Mat& gray, const FeatureOptions& options) {
 
 Found found_in(const cv::Mat& gray, const FeatureOptions& options) {
   if (options.kind != FeatureKind::kSift) return found_by_opencv(gray, options);
-  SiftFeatures sift =
-      find_sift(gray, {.max_count = options.max_count, .contrast = options.contrast});
-  return {std::move(sift.points), std::move(sift.sizes), std::move(sift.descriptors)};
+  const SiftOptions how{.max_count = options.max_count, .contrast = options.contrast};
+  SiftFeatures sift = find_sift(gray, how);
+  std::vector<std::int32_t> owners;
+  if (options.wide) owners = add_simulated_views(gray, how, sift);
+  return {std::move(sift.points), std::move(sift.sizes), std::move(sift.descriptors),
+          std::move(owners)};
 }
 
 }  // namespace
 
 Features find_features(const cv::Mat& image, const FeatureOptions& options) {
   options.check();
+  TARSIER_REQUIRE(!options.wide || options.kind == FeatureKind::kSift,
+                  "simulated views are of SIFT alone");
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
                   "an image of type {}", image.type());
   cv::Mat gray = image;
@@ -89,6 +96,7 @@ Features find_features(const cv::Mat& image, const FeatureOptions& options) {
   Found found = found_in(gray, options);
   Features features;
   features.descriptors = std::move(found.descriptors);
+  features.owners = std::move(found.owners);
   for (std::size_t i = 0; i < found.points.size(); ++i) {
     const cv::Point2f at(
         static_cast<float>((static_cast<double>(found.points[i].x) + 0.5) * scale_x - 0.5),

@@ -11,7 +11,8 @@ namespace {
 
 constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
 // Of adjustments while the model still changes, and at the end.
-constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3, .points_per_image = 600};
+constexpr IncrementalMapper::Effort kRough{
+    .tolerance = 1e-3, .points_per_image = 600, .max_observations = 40};
 constexpr IncrementalMapper::Effort kFine{.tolerance = 1e-5};
 constexpr int kMaxObservations = 1'000'000;  // of an adjustment: 400 to 700 bytes each
 constexpr int kMinSeen = 6;                  // points of an image that is tried
@@ -23,9 +24,11 @@ enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
 // At the end: by all points, or by as many as there is memory for, but not by fewer than before.
 IncrementalMapper::Effort fine_effort(const IncrementalMapper& mapper) {
   IncrementalMapper::Effort effort = kFine;
-  if (mapper.observations() > kMaxObservations)
+  if (mapper.observations() > kMaxObservations) {
     effort.points_per_image =
         std::max(kRough.points_per_image, kMaxObservations / std::max(1, mapper.registered()));
+    effort.max_observations = kRough.max_observations;
+  }
   return effort;
 }
 

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/image_features.h"
 
+#include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/focal_estimation.h"
 #include "tarsier/sfm/scene/exif.h"
+#include "tarsier/sfm/scene/sensor_image.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -16,6 +18,7 @@
 #include <optional>
 #include <span>
 #include <string_view>
+#include <utility>
 
 namespace tarsier::sfm {
 namespace {
@@ -27,8 +30,20 @@ constexpr int kMinShown = 3;  // images of a model that tells the focal length o
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
+// The camera of an image that was turned clockwise by a quarter: (x, y) becomes (height - 1 - y, x).
+geometry::Camera turned(const geometry::Camera& camera) {
+  geometry::Camera result = camera;
+  std::swap(result.width, result.height);
+  std::swap(result.fx, result.fy);
+  result.cx = camera.height - 1 - camera.cy;
+  result.cy = camera.cx;
+  result.distortion[2] = camera.distortion[3];  // p1, p2: (x, y) of a ray becomes (-y, x)
+  result.distortion[3] = -camera.distortion[2];
+  return result;
+}
+
 // The given camera for an image of this size: scaled where the form is the same.
-std::optional<geometry::Camera> fitting(geometry::Camera camera, cv::Size size) {
+std::optional<geometry::Camera> fitting_as_it_is(geometry::Camera camera, cv::Size size) {
   if (camera.width == 0 || camera.height == 0 ||
       (camera.width == size.width && camera.height == size.height)) {
     camera.width = size.width;
@@ -47,9 +62,23 @@ std::optional<geometry::Camera> fitting(geometry::Camera camera, cv::Size size) 
   return camera;
 }
 
-Lens lens_of(cv::Size size, double exif_focal, const PipelineOptions& options) {
+// The same for an image of the swapped sides, too. `turns`: that bring it upright.
+std::optional<geometry::Camera> fitting(const geometry::Camera& given, cv::Size size, int turns) {
+  if (const auto camera = fitting_as_it_is(given, size)) return camera;
+  geometry::Camera camera = turned(given);
+  if (turns == 1) {
+    camera = turned(turned(camera));  // it is of upright images: turned back
+  } else if (turns != 3) {
+    camera.cx = (camera.width - 1) / 2.0;
+    camera.cy = (camera.height - 1) / 2.0;
+    camera.distortion[2] = camera.distortion[3] = 0;
+  }
+  return fitting_as_it_is(camera, size);
+}
+
+Lens lens_of(cv::Size size, double exif_focal, int turns, const PipelineOptions& options) {
   if (options.camera) {
-    if (const auto camera = fitting(*options.camera, size)) return {*camera, "given"};
+    if (const auto camera = fitting(*options.camera, size, turns)) return {*camera, "given"};
   }
   Lens lens;
   lens.camera.width = size.width;
@@ -78,8 +107,8 @@ bool is_guess(const Lens& lens) { return std::string_view(lens.from) == "guess";
 }  // namespace
 
 std::string features_key(const std::string& sha256, const FeatureOptions& f) {
-  return cache_key(fmt::format("{} features-2 {} {} {} {}", sha256, static_cast<int>(f.kind),
-                               f.max_count, f.max_pixels, f.contrast));
+  return cache_key(fmt::format("{} features-3 {} {} {} {}{}", sha256, static_cast<int>(f.kind),
+                               f.max_count, f.max_pixels, f.contrast, f.wide ? " wide-1" : ""));
 }
 
 cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
@@ -91,10 +120,16 @@ cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
   const Exif exif = parse_exif(bytes);
   const std::span<const std::uint8_t> data(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            bytes.size());
-  cv::Mat image = decode_image(data, input.path);
+  cv::Mat image = decode_sensor_image(data, input.path, exif);
   image_features.size = image.size();
-  image_features.lens =
-      lens_of(image_features.size, focal_px_of(exif, image_features.size), options);
+  image_features.turns = quarter_turns_of(exif.orientation);
+  image_features.lens = lens_of(image_features.size, focal_px_of(exif, image_features.size),
+                                image_features.turns, options);
+  if (options.camera && std::string_view(image_features.lens.from) != "given") {
+    log_warning("{}: {}x{} px, and the given camera is of {}x{}: its lens is taken from {}",
+                input.path, image.cols, image.rows, options.camera->width, options.camera->height,
+                is_guess(image_features.lens) ? "the pairs" : "EXIF");
+  }
   image_features.body = exif.camera;
   return image;
 }
@@ -134,9 +169,8 @@ TwoView verify_image_pair(const ImageFeatures& first, const ImageFeatures& secon
 void compare_images(const ImageFeatures& first, const ImageFeatures& second,
                     const PipelineOptions& options, Pair& pair, std::vector<Match>* found) {
   std::vector<float> ratios;
-  std::vector<Match> matches =
-      match_features(first.features.descriptors, second.features.descriptors, options.features.kind,
-                     options.matching, &ratios);
+  std::vector<Match> matches = match_features(first.features, second.features,
+                                              options.features.kind, options.matching, &ratios);
   pair.matches = static_cast<int>(matches.size());
   pair.view = verify_image_pair(first, second, matches, options, ratios);
   if (found != nullptr) *found = std::move(matches);
@@ -190,6 +224,7 @@ void ImageSet::add(const ImageFeatures& image_features, const std::string& name)
   image.camera = entry->second;
   image.features = image_features.features.points;
   image.sizes = image_features.features.sizes;
+  image.turns = image_features.turns;
   images_.push_back(std::move(image));
 }
 

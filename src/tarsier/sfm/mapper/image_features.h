@@ -28,6 +28,7 @@ struct ImageFeatures {
   cv::Size size;
   Lens lens;
   std::string body;  // make and model of the camera, from EXIF
+  int turns = 0;     // quarter turns clockwise that bring the image upright, 0..3
   std::string key;   // of its bytes and of how features are found
   Features features;
 };
@@ -35,7 +36,10 @@ struct ImageFeatures {
 // ImageFeatures::key of a file with this SHA-256.
 [[nodiscard]] std::string features_key(const std::string& sha256, const FeatureOptions& options);
 
-// Reads the file; fills all of `image_features` but its index and its features. Throws InputError.
+// Reads the file, with the pixels of the sensor (scene/sensor_image.h); fills all of `image_features` but its index and its features.
+// A given camera is scaled to the image where its sides are in the same proportion, and turned by a quarter where they are when
+// swapped: as EXIF says; where it says nothing, either way would do, so that the principal point is taken for the middle and
+// the lens for one without tangential distortion. Of another form it is not used, with a warning. Throws InputError.
 [[nodiscard]] cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
                                        ImageFeatures& image_features);
 

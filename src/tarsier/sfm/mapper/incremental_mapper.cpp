@@ -13,7 +13,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <numeric>
 
 namespace tarsier::sfm {
@@ -24,8 +23,12 @@ constexpr int kMaxPairsOfATrack = 30;
 constexpr int kNeighbours = 6;          // that move with a new image
 constexpr std::size_t kMinPoints = 30;  // of a first pair
 constexpr int kLocalPoints = 600;       // of each image that moves with a new one
-constexpr int kPointSteps = 3;          // of the points that an adjustment left out
-constexpr int kGrids = 5;               // of 2 x 2 to 32 x 32 cells
+// Observations that tell where a point is while an image is added. Its track may be in hundreds of images of a video, and
+// what it costs would grow with them.
+constexpr int kLocalObservations = 40;
+constexpr int kPointSteps = 3;                 // of the points that an adjustment left out
+constexpr std::size_t kMaxAtOnce = 2'000'000;  // observations of points that are adjusted alone
+constexpr int kGrids = 5;                      // of 2 x 2 to 32 x 32 cells
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -147,8 +150,10 @@ void IncrementalMapper::restore(const IncrementalMapperState& state) {
   count_points(all_tracks());
 }
 
-void IncrementalMapper::adjust_model(const BundleOptions& options, const std::stop_token& stop) {
+void IncrementalMapper::adjust_model(BundleOptions options, const std::stop_token& stop) {
   if (watch_) watch_("before", *this);
+  options.fixed_images = fixed_images_;
+  options.fixed_cameras = fixed_cameras_;
   const BundleReport report = adjust(model_, options, stop);
   if (!report.trouble.empty()) {
     troubles_.push_back(
@@ -159,28 +164,49 @@ void IncrementalMapper::adjust_model(const BundleOptions& options, const std::st
   if (watch_) watch_("after", *this);
 }
 
-void IncrementalMapper::adjust_by_some_points(BundleOptions options, int per_image,
+void IncrementalMapper::adjust_by_some_points(BundleOptions options, const Effort& effort,
                                               const std::stop_token& stop) {
   std::vector<int> images;
   for (std::size_t i = 0; i < model_.images.size(); ++i)
     if (model_.images[i].registered) images.push_back(static_cast<int>(i));
   std::vector<int> points = all_tracks();
   std::erase_if(points, [&](int p) { return model_.points[at(p)].track.empty(); });
-  options.points = select_points(model_, points, images, per_image);
+  options.max_observations = effort.max_observations;
+  options.points =
+      select_points(model_, points, images, effort.points_per_image, effort.max_observations);
   adjust_model(options, stop);
-  BundleOptions others;
-  others.only_points = true;
-  others.max_iterations = kPointSteps;
-  std::set_difference(points.begin(), points.end(), options.points.begin(), options.points.end(),
-                      std::back_inserter(others.points));
+  std::vector<int> others;
+  auto adjusted = options.points.begin();
+  for (const int p : points) {
+    const bool took_part = adjusted != options.points.end() && *adjusted == p;
+    if (took_part) ++adjusted;
+    if (!took_part || (effort.max_observations > 0 &&
+                       model_.points[at(p)].track.size() > at(effort.max_observations)))
+      others.push_back(p);
+  }
   // What lies behind a camera now is dropped by the filter.
-  std::erase_if(others.points, [&](int p) {
+  std::erase_if(others, [&](int p) {
     const Point& point = model_.points[at(p)];
     return !std::all_of(point.track.begin(), point.track.end(), [&](const Observation& seen) {
       return (model_.images[at(seen.image)].pose * point.position).z() >= kMinDepth;
     });
   });
-  if (!others.points.empty()) adjust_model(others, {});
+  adjust_points(others);
+}
+
+void IncrementalMapper::adjust_points(const std::vector<int>& points) {
+  BundleOptions options;
+  options.only_points = true;
+  options.max_iterations = kPointSteps;
+  std::size_t observations = 0;
+  for (const int p : points) {
+    options.points.push_back(p);
+    observations += model_.points[at(p)].track.size();
+    if (observations < kMaxAtOnce && p != points.back()) continue;
+    adjust_model(options, {});
+    options.points.clear();
+    observations = 0;
+  }
 }
 
 bool IncrementalMapper::start(const Pair& pair, const std::stop_token& stop, std::string& why) {
@@ -287,13 +313,14 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
 bool IncrementalMapper::refine_once(const Effort& effort, const std::stop_token& stop) {
   BundleOptions bundle;
   bundle.tolerance = effort.tolerance;
+  bundle.loss_px = effort.loss_px;
   // Two views do not tell the focal length.
   const bool enough = registered() >= 3;
   bundle.focal = options_.refine_focal && enough;
   bundle.center = options_.refine_center && registered() >= 5;
   bundle.distortion = options_.refine_distortion && enough;
   if (effort.points_per_image > 0) {
-    adjust_by_some_points(bundle, effort.points_per_image, stop);
+    adjust_by_some_points(bundle, effort, stop);
   } else {
     adjust_model(bundle, stop);
   }
@@ -437,6 +464,7 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
   } else {
     points = points_of(bundle.images);
     bundle.points = select_points(model_, points, bundle.images, kLocalPoints);
+    bundle.max_observations = kLocalObservations;
   }
   adjust_model(bundle, stop);
   (void)filter(points);

@@ -33,6 +33,13 @@ class IncrementalMapper {
   // Is called with "before" and "after" around each adjustment, of all of it or of a part.
   using Watch = std::function<void(const char* moment, const IncrementalMapper&)>;
   void watch(Watch watch) { watch_ = std::move(watch); }
+  // Images whose poses and cameras whose numbers no adjustment changes.
+  void hold(std::vector<int> images, std::vector<int> cameras) {
+    fixed_images_ = std::move(images);
+    fixed_cameras_ = std::move(cameras);
+  }
+  // How far off an observation may be, px, from now on: while poses are rough.
+  void set_reprojection_px(double threshold) { options_.reprojection_px = threshold; }
   // Takes the poses and cameras of a model of the first images, with points of all tracks.
   void resume(const Model& before);
   // Starts from two images; false (and nothing is registered) where too little comes of it.
@@ -49,11 +56,13 @@ class IncrementalMapper {
   // Adds an image; `why` tells what was missing where it fails. Throws Interrupted: it is then
   // not in, and the model is as it was.
   bool add(int image, const std::stop_token& stop, std::string& why);
-  // How all of it is adjusted: to what share of the sum, and by how many points of each image. The others are adjusted
-  // alone afterwards. 0: by all.
+  // How all of it is adjusted: to what share of the sum, by how many points of each image, and by how many observations of
+  // a point. Points that took no part, or not with all observations, are adjusted alone afterwards. 0: by all.
   struct Effort {
     double tolerance = 1e-3;
     int points_per_image = 0;
+    int max_observations = 0;
+    double loss_px = 0.5;  // BundleOptions::loss_px
   };
   // Adjusts all of it, drops what is off, and looks for what fits now; whether much changed, so
   // that another round is worth it. Throws Interrupted: the model is then as it was.
@@ -89,9 +98,12 @@ class IncrementalMapper {
     std::int64_t next_best_view_score = 0;
     std::vector<int> cells;
   };
-  void adjust_model(const BundleOptions& options, const std::stop_token& stop);
-  // Adjusts all images by some of the points, then the other points alone.
-  void adjust_by_some_points(BundleOptions options, int per_image, const std::stop_token& stop);
+  void adjust_model(BundleOptions options, const std::stop_token& stop);
+  // Adjusts all images by some of the points and observations, then points by all of their observations, the images fixed.
+  void adjust_by_some_points(BundleOptions options, const Effort& effort,
+                             const std::stop_token& stop);
+  // Adjusts these points alone.
+  void adjust_points(const std::vector<int>& points);
   void count(const Observation& seen, int change);
   // After points of these tracks have come or gone.
   void count_points(const std::vector<int>& tracks);
@@ -141,6 +153,8 @@ class IncrementalMapper {
   std::vector<geometry::Camera> ray_cameras_;   // that they were measured with
   std::vector<std::vector<double>> norms_;  // of each descriptor, since the first extend_tracks()
   std::vector<std::string> troubles_;
+  std::vector<int> fixed_images_;
+  std::vector<int> fixed_cameras_;
 };
 
 }  // namespace tarsier::sfm

@@ -15,6 +15,7 @@
 #include "tarsier/sfm/mapper/open_loops.h"
 #include "tarsier/sfm/mapper/outcomes.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
+#include "tarsier/sfm/mapper/start_model.h"
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
 #include <fmt/format.h>
@@ -40,6 +41,15 @@ constexpr int kFirstPairsTried = 20;
 constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3};
 constexpr int kMaxApart = 4;  // times that models are made again without some pairs
 constexpr int kSmall = 10;    // images of a model that is cheap to adjust as a whole
+// Start poses whose matches are farther from their epipolar lines are rough.
+constexpr double kExactShare = 0.8;
+// Of rough ones: what is adjusted at first, in units of MapperOptions::reprojection_px.
+struct RoughRound {
+  double threshold = 1;
+  double loss_px = 0.5;
+};
+constexpr RoughRound kRoughRounds[] = {{16, 8}, {8, 4}, {4, 2}, {2, 1}};
+const std::string kStartRefusal = "the start model is refused: ";
 const std::string kTakenApart = " lays different places over each other";
 const std::string kStaysOpen = ": the first is kept";
 
@@ -62,6 +72,13 @@ class Mapping {
   Reconstruction run() {
     progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     evidence_ = check_evidence(input_.cameras, input_.images, input_.pairs);
+    if (input_.start) {
+      std::vector<char> refused;
+      for (const PairEvidence& evidence : evidence_)
+        refused.push_back(evidence.is_refused() ? 1 : 0);
+      start_ = check_start(*input_.start, input_, refused, options_.reprojection_px, stop_);
+      result_.start_images = start_.kept;
+    }
     if (hooks_.from && !hooks_.watch &&
         fits(*hooks_.from, input_.cameras, input_.images, input_.pairs.size())) {
       resume(*hooks_.from);
@@ -92,6 +109,7 @@ class Mapping {
     progress_.end();
     conflicts_.resize(result_.models.size());
     add_outcomes(input_, options_, evidence_, doubts_, repeats(), conflicts_, result_);
+    if (input_.start && result_.models.empty()) say_why_not_started();
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
   }
@@ -104,6 +122,13 @@ class Mapping {
     Components components(input_.images.size());
     for (const Pair& pair : input_.pairs)
       if (is_left(pair)) components.join(pair.first, pair.second);
+    // Their poses join the images of a start model.
+    int first = -1;
+    for (std::size_t i = 0; i < start_.fits.size(); ++i) {
+      if (start_.fits[i] == 0) continue;
+      if (first < 0) first = static_cast<int>(i);
+      components.join(first, static_cast<int>(i));
+    }
     return components;
   }
 
@@ -142,6 +167,7 @@ class Mapping {
       if (is_left(pair) && components.root(pair.first) == root) left.push_back(&pair);
     mapper_.emplace(std::move(model), make_tracks(left, features), input_.descriptors, input_.kind,
                     options_);
+    if (input_.start) hold_start();
     if (hooks_.watch) {
       mapper_->watch([&](const char* moment, const IncrementalMapper& now) {
         if (moment == std::string_view("before")) ++adjustments_;
@@ -196,6 +222,99 @@ class Mapping {
     return false;
   }
 
+  // --- a start model ---
+
+  // What adjustments leave as it is.
+  void hold_start() {
+    std::vector<int> images;
+    for (std::size_t i = 0; i < start_.fits.size() && input_.start->fixed; ++i)
+      if (start_.fits[i] != 0) images.push_back(static_cast<int>(i));
+    mapper_->hold(std::move(images), input_.start->fixed_cameras);
+  }
+
+  // Begins with the start poses that agree with their matches; false: too few do.
+  bool begin_with_start() {
+    for (std::size_t i = 0; i < input_.images.size(); ++i)
+      result_.outcomes[i].reason = start_.reasons[i];
+    if (!start_.refusal.empty()) {
+      result_.log.push_back(kStartRefusal + start_.refusal);
+      return false;
+    }
+    Model model;
+    model.cameras = input_.cameras;
+    model.images.resize(input_.images.size());
+    int first = -1;
+    for (std::size_t i = 0; i < model.images.size(); ++i) {
+      model.images[i].registered = start_.fits[i] != 0;
+      if (!model.images[i].registered) continue;
+      model.images[i].pose = *input_.start->poses[i];
+      if (first < 0) first = static_cast<int>(i);
+    }
+    const bool is_exact = start_.near_share >= kExactShare;
+    result_.log.push_back(fmt::format(
+        "start model: {} of {} images have poses that agree with their matches, of which {:.0f} % "
+        "of {} are within {} px of their epipolar lines{}",
+        start_.kept, start_.given, 100 * start_.near_share, start_.matches,
+        options_.reprojection_px,
+        is_exact || input_.start->fixed ? "" : ": the poses are rough, and adjusted first"));
+    try {
+      Components components = this->components();
+      make_mapper(components, components.root(first));
+      if (!is_exact && !input_.start->fixed) {
+        bool is_new = true;
+        for (const RoughRound& round : kRoughRounds) {
+          throw_if_stopped(stop_);
+          mapper_->set_reprojection_px(round.threshold * options_.reprojection_px);
+          if (std::exchange(is_new, false)) mapper_->resume(model);
+          (void)mapper_->refine_once({.tolerance = 1e-3, .loss_px = round.loss_px}, stop_);
+        }
+        mapper_->set_reprojection_px(options_.reprojection_px);
+        (void)mapper_->refine_once({.tolerance = 1e-3}, stop_);
+        tell_troubles();
+      } else {
+        mapper_->resume(model);
+      }
+    } catch (const Interrupted&) {
+      mapper_.reset();
+      throw;
+    }
+    if (!shows_enough()) {
+      mapper_.reset();
+      return false;
+    }
+    begin_growing();
+    growth_.adjusted_at = 0;  // all of it is adjusted before anything is added
+    return true;
+  }
+
+  // Whether half of the start images or more, and two, show points.
+  bool shows_enough() {
+    std::vector<int> shown(input_.images.size(), 0);
+    for (const Point& point : mapper_->model().points)
+      for (const Observation& seen : point.track) ++shown[at(seen.image)];
+    const auto enough = static_cast<int>(std::count_if(
+        shown.begin(), shown.end(), [&](int points) { return points >= options_.pose_inliers; }));
+    if (enough >= 2 && 2 * enough >= start_.kept) return true;
+    result_.log.push_back(
+        fmt::format("{}{} of {} images show {} points or more within {} px{}", kStartRefusal,
+                    enough, start_.kept, options_.pose_inliers, options_.reprojection_px,
+                    input_.start->fixed ? "; poses that stay have to be exact" : ""));
+    return false;
+  }
+
+  void say_why_not_started() {
+    for (const std::string& line : result_.log)
+      if (line.starts_with(kStartRefusal)) result_.no_model = line;
+  }
+
+  // Images that are not to be added: in finished models, or of a start model that stays as it is.
+  [[nodiscard]] std::vector<bool> not_to_add() const {
+    std::vector<bool> result = used_;
+    for (std::size_t i = 0; i < start_.fits.size() && input_.start->fixed; ++i)
+      result[i] = result[i] || (input_.start->poses[i] && start_.fits[i] == 0);
+    return result;
+  }
+
   void begin_growing() {
     progress_.advance(mapper_->registered());
     growth_ = {};
@@ -205,6 +324,7 @@ class Mapping {
 
   // Finds a start among what is left; false: there is none.
   bool begin_model() {
+    if (input_.start) return result_.models.empty() && begin_with_start();
     Components components = this->components();
     if (aside_ || options_.choice != MapperChoice::kIncremental || apart_ > 0) {
       try {
@@ -260,7 +380,7 @@ class Mapping {
   }
 
   void grow() {
-    sfm::grow(*mapper_, used_, growth_,
+    sfm::grow(*mapper_, not_to_add(), growth_,
               {.step =
                    [&] {
                      if (input_.release_memory) input_.release_memory();
@@ -284,6 +404,10 @@ class Mapping {
           fmt::format("{} images are left out of a model: too few points that two of its {} others "
                       "show say where they are",
                       left_out, statistics_of(model).registered));
+    }
+    if (input_.start) {
+      add_model(std::move(model));
+      return;
     }
     std::shared_ptr<const ModelConflicts> conflicts;
     if (takes_apart(model, conflicts)) {
@@ -507,6 +631,7 @@ class Mapping {
   std::vector<bool> used_;                                        // images in finished models
   std::vector<PairEvidence> evidence_;
   std::vector<Doubt> doubts_;  // of each pair
+  StartCheck start_;           // of input_.start
   bool done_ = false;
   std::optional<IncrementalMapper> mapper_;
   Growth growth_;  // of the model of mapper_
@@ -546,7 +671,8 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                            const MapperHooks& hooks) {
   options.check();
   Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
-  if (result.interrupted || !result.has_conflicts) return result;
+  // What begins with poses that are given is not made again without them.
+  if (result.interrupted || !result.has_conflicts || input.start) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
     const MapperInput among{.cameras = input.cameras,
                             .images = input.images,

@@ -7,6 +7,7 @@
 #include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/model_filter.h"
+#include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/model_shape.h"
 #include "tarsier/sfm/mapper/patch_evidence.h"
 #include "tarsier/sfm/mapper/tracks.h"
@@ -97,8 +98,12 @@ struct Reconstruction {
   // Near images of a model lack what they should show (model_conflicts.h).
   bool has_conflicts = false;
   std::string no_model;      // why there is none, where there is none
+  int start_images = 0;      // whose start poses agree with their matches (MapperInput::start)
   bool interrupted = false;  // these are the models so far
   int resumed = 0;           // images that a checkpoint had in models
+  // Where models of parts of the images were joined (joined_mapper.h): the names of the parts, and what was found out.
+  std::vector<std::string> parts;
+  std::vector<ModelJoin> joins;
 };
 
 // Sees a model while it grows: "grown-003-before" and "grown-003-after" around each adjustment (of
@@ -122,6 +127,16 @@ struct MapperHooks {
   bool partial = false;
 };
 
+// Poses that mapping begins with: of another program's model, or of an earlier run. Those that contradict the matches are left
+// out (start_model.h). Points are triangulated, everything is adjusted in the frame of these poses, and further images are
+// added one after the other; what does not join this one model is in none. MapperOptions::choice is not used.
+struct StartPoses {
+  std::vector<std::optional<geometry::Rigid3>>
+      poses;           // camera_from_world of each image, of two or more
+  bool fixed = false;  // they stay as they are; an image whose pose is left out is not added again
+  std::vector<int> fixed_cameras;  // of MapperInput::cameras: they are not refined with the others
+};
+
 // What a reconstruction is made of. Refers to what is named here, which must outlive it.
 struct MapperInput {
   const std::vector<geometry::Camera>& cameras;
@@ -140,6 +155,7 @@ struct MapperInput {
   bool repeats = false;
   // Where the pixels can be had (patch_evidence.h): they are looked at where finished models have conflicts.
   GrayImages gray = {};
+  std::optional<StartPoses> start = {};
 };
 
 // Throws Interrupted, and what hooks.keep throws.

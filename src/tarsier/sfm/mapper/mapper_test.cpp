@@ -391,7 +391,7 @@ TEST(IncrementalMapper, KnowsWhatEachImageSees) {
   check("the end");
 }
 
-// An adjustment by few points takes the others along.
+// An adjustment by few points, or few observations of each, takes the others along.
 TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
   const Problem problem = problem_of(synth::make_point_problem(23, 8, 400, 0.4, 0));
   Model model;
@@ -406,7 +406,7 @@ TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
   options.refine_focal = true;
   options.reprojection_px = 8;
   const std::vector<cv::Mat> descriptors;
-  const auto error_by = [&](int points_per_image) {
+  const auto error_by = [&](int points_per_image, int max_observations) {
     IncrementalMapper mapper(model, make_tracks(problem.pairs, features), descriptors,
                              FeatureKind::kSift, options);
     std::string why;
@@ -415,10 +415,15 @@ TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
       if (mapper.model().images[static_cast<std::size_t>(i)].registered) continue;
       EXPECT_TRUE(mapper.add(i, {}, why)) << why;
     }
-    mapper.refine_once({.tolerance = 1e-6, .points_per_image = points_per_image}, {});
+    mapper.refine_once({.tolerance = 1e-6,
+                        .points_per_image = points_per_image,
+                        .max_observations = max_observations},
+                       {});
     return statistics_of(mapper.model()).reprojection_px;
   };
-  EXPECT_LT(error_by(60), 1.1 * error_by(0));
+  const double error = error_by(0, 0);
+  EXPECT_LT(error_by(60, 0), 1.1 * error);
+  EXPECT_LT(error_by(100, 4), 1.3 * error);
 }
 
 TEST(Reconstruct, AImageThatMatchesNothingIsMissingWithItsReason) {

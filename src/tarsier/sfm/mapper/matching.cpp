@@ -8,6 +8,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <tuple>
 
 namespace tarsier::sfm {
 namespace {
@@ -35,6 +36,34 @@ int product(const std::uint8_t* a, const std::uint8_t* b, int count) {
 double norm_of(const cv::Mat& descriptors, int row) {
   const std::uint8_t* a = descriptors.ptr(row);
   return std::sqrt(std::max(1, product(a, a, descriptors.cols)));
+}
+
+// The distance of bits is their count, that of vectors the root of the squares.
+bool passes(const Nearest& nearest, FeatureKind kind, const MatchOptions& options) {
+  const double ratio = options.ratio * (kind == FeatureKind::kSift ? options.ratio : 1);
+  return static_cast<double>(nearest.best) < ratio * static_cast<double>(nearest.second);
+}
+
+float ratio_of(const Nearest& nearest) {
+  return static_cast<float>(nearest.best) / static_cast<float>(nearest.second);
+}
+
+// Of each descriptor the first point at the place that it describes.
+std::vector<std::int32_t> places_of(const Features& features) {
+  const auto points = static_cast<std::int32_t>(features.points.size());
+  std::vector<std::int32_t> places;
+  places.reserve(static_cast<std::size_t>(features.descriptors.rows));
+  for (std::int32_t i = 0; i < points; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    // Points of one place follow each other.
+    const bool same = i > 0 && features.points[k] == features.points[k - 1];
+    places.push_back(same ? places.back() : i);
+  }
+  for (const std::int32_t owner : features.owners)
+    places.push_back(places[static_cast<std::size_t>(owner)]);
+  TARSIER_REQUIRE(static_cast<int>(places.size()) == features.descriptors.rows,
+                  "{} descriptors of {} points", features.descriptors.rows, places.size());
+  return places;
 }
 
 }  // namespace
@@ -80,20 +109,76 @@ std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second, F
   find_nearest({a.data(), first.rows, depth}, {b.data(), second.rows, depth}, of_a.data(),
                of_b.data());
 
-  // The distance of bits is their count, that of vectors the root of the squares.
-  const double ratio = options.ratio * (kind == FeatureKind::kSift ? options.ratio : 1);
-  const auto passes = [&](const Nearest& nearest) {
-    return static_cast<double>(nearest.best) < ratio * static_cast<double>(nearest.second);
-  };
   std::vector<Match> matches;
   for (int i = 0; i < first.rows; ++i) {
     const Nearest& nearest = of_a[static_cast<std::size_t>(i)];
-    if (nearest.index < 0 || !passes(nearest)) continue;
+    if (nearest.index < 0 || !passes(nearest, kind, options)) continue;
     const Nearest& back = of_b[static_cast<std::size_t>(nearest.index)];
     if (back.index != i) continue;
     matches.push_back({i, nearest.index});
-    if (ratios != nullptr)
-      ratios->push_back(static_cast<float>(nearest.best) / static_cast<float>(nearest.second));
+    if (ratios != nullptr) ratios->push_back(ratio_of(nearest));
+  }
+  return matches;
+}
+
+std::vector<Match> match_features(const Features& first, const Features& second, FeatureKind kind,
+                                  const MatchOptions& options, std::vector<float>* ratios) {
+  if (first.owners.empty() && second.owners.empty())
+    return match_features(first.descriptors, second.descriptors, kind, options, ratios);
+  options.check();
+  if (ratios != nullptr) ratios->clear();
+  if (first.descriptors.empty() || second.descriptors.empty()) return {};
+  TARSIER_REQUIRE(first.descriptors.type() == CV_8UC1 && second.descriptors.type() == CV_8UC1 &&
+                      first.descriptors.cols == second.descriptors.cols,
+                  "descriptors of {} and {} columns", first.descriptors.cols,
+                  second.descriptors.cols);
+  const std::vector<std::int32_t> places_a = places_of(first);
+  const std::vector<std::int32_t> places_b = places_of(second);
+  const std::vector<std::uint8_t> a = bytes_of(first.descriptors, kind);
+  const std::vector<std::uint8_t> b = bytes_of(second.descriptors, kind);
+  const int depth = first.descriptors.cols * (kind == FeatureKind::kSift ? 1 : 8);
+  std::vector<Nearest> of_a(places_a.size());
+  std::vector<Nearest> of_b(places_b.size());
+  find_nearest({a.data(), first.descriptors.rows, depth, places_a.data()},
+               {b.data(), second.descriptors.rows, depth, places_b.data()}, of_a.data(),
+               of_b.data());
+
+  // Two places may be joined by several of their descriptors: by the nearest. A place that is joined with several keeps the
+  // nearest one.
+  struct Candidate {
+    std::int32_t distance;
+    Match match;
+    float ratio;
+    bool operator<(const Candidate& other) const {
+      return std::tie(distance, match.first, match.second) <
+             std::tie(other.distance, other.match.first, other.match.second);
+    }
+  };
+  std::vector<Candidate> candidates;
+  for (std::size_t i = 0; i < of_a.size(); ++i) {
+    const Nearest& nearest = of_a[i];
+    if (nearest.index < 0 || !passes(nearest, kind, options)) continue;
+    const auto j = static_cast<std::size_t>(nearest.index);
+    const Nearest& back = of_b[j];
+    if (back.index < 0 || places_a[static_cast<std::size_t>(back.index)] != places_a[i]) continue;
+    candidates.push_back({nearest.best, {places_a[i], places_b[j]}, ratio_of(nearest)});
+  }
+  std::sort(candidates.begin(), candidates.end());
+  std::vector<char> is_taken_a(first.points.size(), 0);
+  std::vector<char> is_taken_b(second.points.size(), 0);
+  std::vector<Candidate> kept;
+  for (const Candidate& candidate : candidates) {
+    char& own = is_taken_a[static_cast<std::size_t>(candidate.match.first)];
+    char& other = is_taken_b[static_cast<std::size_t>(candidate.match.second)];
+    if (own == 0 && other == 0) kept.push_back(candidate);
+    own = other = 1;
+  }
+  std::sort(kept.begin(), kept.end(),
+            [](const Candidate& x, const Candidate& y) { return x.match.first < y.match.first; });
+  std::vector<Match> matches;
+  for (const Candidate& candidate : kept) {
+    matches.push_back(candidate.match);
+    if (ratios != nullptr) ratios->push_back(candidate.ratio);
   }
   return matches;
 }

@@ -37,4 +37,11 @@ struct MatchOptions {
                                                 FeatureKind kind, const MatchOptions& options,
                                                 std::vector<float>* ratios = nullptr);
 
+// The same of points with several descriptors (Features::owners). What lies at one place of an image counts as one there: the
+// second nearest neighbour is the nearest of another place, or the many descriptors of one place would fail the ratio test by
+// each other. A match names the first point of each of its places; no place has two. Where neither has owners: as above.
+[[nodiscard]] std::vector<Match> match_features(const Features& first, const Features& second,
+                                                FeatureKind kind, const MatchOptions& options,
+                                                std::vector<float>* ratios = nullptr);
+
 }  // namespace tarsier::sfm

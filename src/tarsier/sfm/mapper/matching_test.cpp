@@ -94,6 +94,67 @@ TEST(MatchFeatures, TheSameTwiceIsNoMatch) {
   EXPECT_TRUE(match_features(a, b, FeatureKind::kSift, {}).empty());
 }
 
+// Features at these places, of which the last descriptors are further ones of `owners`.
+Features features_at(const std::vector<cv::Point2f>& points, const cv::Mat& descriptors,
+                     const std::vector<std::int32_t>& owners) {
+  Features features;
+  features.points = points;
+  features.descriptors = descriptors;
+  features.owners = owners;
+  return features;
+}
+
+TEST(MatchFeatures, DescriptorsOfOnePlaceDoNotFailTheRatioTestByEachOther) {
+  // Three points, of which two have a further descriptor that hardly differs from the first.
+  const cv::Mat one = random_descriptors(3, 128, 11);
+  cv::Mat rows;
+  rows.push_back(one);
+  rows.push_back(one.rowRange(0, 2));
+  for (int r = 3; r < rows.rows; ++r) rows.at<std::uint8_t>(r, 100) += 3;
+  cv::Mat noisy = rows.clone();
+  for (int r = 0; r < noisy.rows; ++r) noisy.at<std::uint8_t>(r, 3 * r) += 9;
+  const Features a = features_at({{1, 1}, {5, 1}, {9, 1}}, rows, {0, 1});
+  const Features b = features_at({{2, 2}, {6, 2}, {9, 2}}, noisy, {0, 1});
+  // Row by row the second descriptor of a place is nearly as near as the first.
+  EXPECT_EQ(match_features(a.descriptors, b.descriptors, FeatureKind::kSift, {}),
+            (std::vector<Match>{{2, 2}}));
+  std::vector<float> ratios;
+  EXPECT_EQ(match_features(a, b, FeatureKind::kSift, {}, &ratios),
+            (std::vector<Match>{{0, 0}, {1, 1}, {2, 2}}));
+  ASSERT_EQ(ratios.size(), 3U);
+  for (const float ratio : ratios) EXPECT_LT(ratio, 0.64F);
+}
+
+TEST(MatchFeatures, AFurtherDescriptorMatchesForItsPoint) {
+  const cv::Mat one = random_descriptors(6, 128, 12);
+  const auto rows = [&](std::initializer_list<int> which) {
+    cv::Mat result;
+    for (const int row : which) result.push_back(one.row(row));
+    return result;
+  };
+  // Point 1 of each is the same by its second descriptor alone.
+  const Features a = features_at({{1, 1}, {5, 1}}, rows({0, 1, 4}), {1});
+  const Features b = features_at({{2, 2}, {6, 2}}, rows({2, 3, 4}), {1});
+  EXPECT_EQ(match_features(a, b, FeatureKind::kSift, {}), (std::vector<Match>{{1, 1}}));
+  // Points at one place are one: the first. Of two that match it the nearer one is kept.
+  const Features c = features_at({{1, 1}, {1, 1}, {7, 7}}, rows({0, 1, 2, 5}), {2});
+  cv::Mat off = rows({1, 0, 2});
+  off.at<std::uint8_t>(0, 0) += 3;
+  const Features d = features_at({{3, 3}, {4, 4}, {8, 8}}, off, {});
+  EXPECT_EQ(match_features(c, d, FeatureKind::kSift, {}), (std::vector<Match>{{0, 1}, {2, 2}}));
+}
+
+TEST(MatchFeatures, WithoutFurtherDescriptorsIsThatOfTheDescriptors) {
+  const cv::Mat a = random_descriptors(40, 128, 6);
+  cv::Mat b = random_descriptors(50, 128, 7);
+  a.rowRange(0, 20).copyTo(b.rowRange(10, 30));
+  const std::vector<cv::Point2f> at_a(40, cv::Point2f(1, 1));
+  const std::vector<cv::Point2f> at_b(50, cv::Point2f(1, 1));
+  EXPECT_EQ(
+      match_features(features_at(at_a, a, {}), features_at(at_b, b, {}), FeatureKind::kSift, {}),
+      match_features(a, b, FeatureKind::kSift, {}));
+}
+
 TEST(Similarity, IsOneForEqualAndLessForOthers) {
   const cv::Mat a = random_descriptors(2, 128, 1);
   EXPECT_NEAR(similarity(a, 0, a, 0, FeatureKind::kSift), 1, 1e-9);

@@ -14,6 +14,9 @@ struct ByteRows {
   const std::uint8_t* data = nullptr;
   int count = 0;
   int depth = 0;
+  // Null: each row is by itself. Else one number a row: of rows with the same number only the nearest one counts, so that
+  // Nearest::second is that of the nearest row with another number than Nearest::index has.
+  const std::int32_t* groups = nullptr;
 };
 
 // Squared distances. More than any: none was seen.

@@ -147,12 +147,15 @@ void fill_panel(const ByteRows& rows, int from, Number* out, std::int32_t* squar
   }
 }
 
-void offer(Nearest& nearest, std::int32_t distance, int candidate) {
+// `groups`: as ByteRows has them, of the candidates.
+void offer(Nearest& nearest, std::int32_t distance, int candidate, const std::int32_t* groups) {
+  const bool same =
+      groups != nullptr && nearest.index >= 0 && groups[nearest.index] == groups[candidate];
   if (distance < nearest.best) {
-    nearest.second = nearest.best;
+    if (!same) nearest.second = nearest.best;
     nearest.best = distance;
     nearest.index = candidate;
-  } else if (distance < nearest.second) {
+  } else if (distance < nearest.second && !same) {
     nearest.second = distance;
   }
 }
@@ -203,9 +206,9 @@ void run(const ByteRows& first, const ByteRows& second, void* scratch, Nearest* 
             const int column = v * kLanes + lane;
             std::int32_t values[kLanes];
             std::memcpy(values, &distance, sizeof values);
-            offer(of_first[row], values[lane], from + column);
+            offer(of_first[row], values[lane], from + column, second.groups);
             buffers.seconds[row] = of_first[row].second;
-            offer(of_second[from + column], values[lane], row);
+            offer(of_second[from + column], values[lane], row, first.groups);
             seconds[column] = of_second[from + column].second;
           }
         }

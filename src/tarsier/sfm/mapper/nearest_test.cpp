@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <new>
 #include <utility>
@@ -32,11 +33,21 @@ std::vector<Nearest> by_definition(const ByteRows& rows, const ByteRows& others)
         distance += d * d;
       }
       if (distance < nearest.best) {
-        nearest.second = std::exchange(nearest.best, distance);
+        nearest.best = distance;
         nearest.index = j;
-      } else if (distance < nearest.second) {
-        nearest.second = distance;
       }
+    }
+    // Of the others.
+    for (int j = 0; j < others.count; ++j) {
+      if (j == nearest.index ||
+          (others.groups != nullptr && others.groups[j] == others.groups[nearest.index]))
+        continue;
+      std::int32_t distance = 0;
+      for (int k = 0; k < rows.depth; ++k) {
+        const int d = rows.data[i * rows.depth + k] - others.data[j * rows.depth + k];
+        distance += d * d;
+      }
+      nearest.second = std::min(nearest.second, distance);
     }
     result.push_back(nearest);
   }
@@ -85,6 +96,32 @@ TEST(FindNearest, EachInstructionSetIsWhatTheDefinitionSays) {
         expect_same(of_b, by_definition(second, first));
       }
     }
+  }
+}
+
+TEST(FindNearest, TheSecondNearestIsOfAnotherGroup) {
+  constexpr int kRows = 90;
+  constexpr int kOthers = 150;
+  constexpr int kDepth = 16;
+  const auto a = random_bytes(kRows * kDepth, 40, 3);
+  const auto b = random_bytes(kOthers * kDepth, 40, 4);
+  Rng rng(5);
+  std::vector<std::int32_t> groups_a(kRows);
+  std::vector<std::int32_t> groups_b(kOthers);
+  for (auto& group : groups_a) group = rng.integer(0, 12);
+  for (auto& group : groups_b) group = rng.integer(0, 20);
+  const ByteRows first{a.data(), kRows, kDepth, groups_a.data()};
+  const ByteRows second{b.data(), kOthers, kDepth, groups_b.data()};
+  for (const auto& [name, kernel] : kernels()) {
+    SCOPED_TRACE(name);
+    std::vector<Nearest> of_a(kRows);
+    std::vector<Nearest> of_b(kOthers);
+    const std::align_val_t alignment{64};
+    void* scratch = ::operator new(kernel->scratch_bytes(kRows, kDepth), alignment);
+    kernel->run(first, second, scratch, of_a.data(), of_b.data());
+    ::operator delete(scratch, alignment);
+    expect_same(of_a, by_definition(first, second));
+    expect_same(of_b, by_definition(second, first));
   }
 }
 

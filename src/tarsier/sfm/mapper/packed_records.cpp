@@ -13,7 +13,8 @@ void put(PackedWriter& writer, const Features& features) {
   writer.put(features.points);
   writer.put(features.sizes);
   writer.put(features.colors);
-  writer.put(static_cast<std::int32_t>(features.points.size()));
+  writer.put(features.owners);
+  writer.put(static_cast<std::int32_t>(features.points.size() + features.owners.size()));
   writer.put(static_cast<std::int32_t>(features.descriptors.cols));
   std::vector<std::uint8_t> bytes;
   for (int r = 0; r < features.descriptors.rows; ++r) {
@@ -28,15 +29,19 @@ Features get_features(PackedReader& reader) {
   features.points = reader.get_all<cv::Point2f>();
   features.sizes = reader.get_all<float>();
   features.colors = reader.get_all<cv::Vec3b>();
+  features.owners = reader.get_all<std::int32_t>();
   const auto rows = reader.get<std::int32_t>();
   const auto columns = reader.get<std::int32_t>();
   const std::vector<std::uint8_t> bytes = reader.get_all<std::uint8_t>();
   const std::size_t count = features.points.size();
   if (features.sizes.size() != count || features.colors.size() != count ||
-      rows != static_cast<std::int32_t>(count) || columns < 0 || columns > 4096 ||
-      bytes.size() != count * static_cast<std::size_t>(columns)) {
+      rows != static_cast<std::int32_t>(count + features.owners.size()) || columns < 0 ||
+      columns > 4096 ||
+      bytes.size() != (count + features.owners.size()) * static_cast<std::size_t>(columns)) {
     throw Damaged();
   }
+  for (const std::int32_t owner : features.owners)
+    if (owner < 0 || static_cast<std::size_t>(owner) >= count) throw Damaged();
   for (const cv::Point2f& p : features.points)
     if (!std::isfinite(p.x) || !std::isfinite(p.y)) throw Damaged();
   for (const float size : features.sizes)

@@ -12,8 +12,12 @@
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/mapper/mapped_store.h"
+#include "tarsier/sfm/mapper/start_model.h"
 #include "tarsier/sfm/mapper/strong_pairs.h"
+#include "tarsier/sfm/scene/align.h"
+#include "tarsier/sfm/scene/sensor_image.h"
 
+#include <Eigen/Geometry>
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
@@ -24,6 +28,7 @@
 #include <cstdint>
 #include <ctime>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <span>
@@ -181,6 +186,7 @@ class KnownFeatures {
 // Features of all images that can be read, one after the other: each uses all threads.
 std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
                                              const PipelineOptions& options, const Cache& cache,
+                                             const std::optional<StartModel>& start,
                                              MappedStore& store, Progress& progress,
                                              const std::stop_token& stop, PipelineResult& result) {
   std::vector<ImageFeatures> images;
@@ -196,6 +202,11 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
     ImageReport& report = result.images[i];
     ImageFeatures image_features;
     image_features.input = static_cast<int>(i);
+    if (options.only_start && !start->has(inputs[i].name)) {
+      report.outcome.reason = "is not in the start model";
+      progress.advance();
+      continue;
+    }
     try {
       TARSIER_REQUIRE(known || !inputs[i].path.empty(), "image {} without a file", inputs[i].name);
       const cv::Mat image =
@@ -217,6 +228,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
       } else if (find_image_features(image, options, cache, image_features)) {
         ++result.from_cache;
       }
+      if (start) start->check_size(inputs[i], image_features.size);
       image_features.features.descriptors = store.add(image_features.features.descriptors);
       report.read = true;
       report.features = static_cast<int>(image_features.features.points.size());
@@ -344,7 +356,7 @@ GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<Image
     if (path.empty()) return cv::Mat();
     cv::Mat gray;
     try {
-      const cv::Mat read = read_image(path);
+      const cv::Mat read = read_sensor_image(path);
       if (read.channels() == 1)
         gray = read;
       else
@@ -359,10 +371,11 @@ GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<Image
 // All that the mapper's work depends on.
 std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const std::vector<std::string>& names, const ImageSet& image_set,
-                       const std::vector<Pair>& pairs, const PipelineOptions& options) {
+                       const std::vector<Pair>& pairs, const std::optional<StartPoses>& start,
+                       const PipelineOptions& options) {
   const MapperOptions& m = options.mapper;
   Sha256 sum;
-  sum.add(fmt::format("mapper-13 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+  sum.add(fmt::format("mapper-14 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
                       static_cast<int>(m.choice), m.auto_global, m.reprojection_px, m.min_angle_deg,
                       m.first_angle_deg, m.first_inliers, m.pose_inliers, m.pose_inlier_share,
                       m.pose_px, m.min_views, m.min_images, m.extend_px, m.extend_similarity,
@@ -380,7 +393,32 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
     sum.add(std::span(reinterpret_cast<const std::uint8_t*>(pair.view.inliers.data()),
                       pair.view.inliers.size() * sizeof(Match)));
   }
+  if (start) {
+    sum.add(fmt::format("\nstart {} {}", start->fixed, fmt::join(start->fixed_cameras, " ")));
+    for (const auto& pose : start->poses) {
+      sum.add("\n");
+      if (!pose) continue;
+      for (const double number : geometry::packed(*pose)) sum.add(fmt::format(" {}", number));
+    }
+  }
   return sum.hex().substr(0, 32);
+}
+
+// A model begins with the frame of one of its images. Where images are turned, that frame may lie on its side: the world is turned so
+// that down is y, as it is where no image is turned.
+void turn_upright(Model& model) {
+  Eigen::Vector3d down = Eigen::Vector3d::Zero();
+  bool any = false;
+  for (const Image& image : model.images) {
+    if (!image.registered) continue;
+    any = any || image.turns != 0;
+    down += image.pose.rotation.transpose() * down_of(image.turns);
+  }
+  if (!any || !(down.norm() > 1e-3)) return;
+  geometry::Sim3 upright;
+  upright.rotation =
+      Eigen::Quaterniond::FromTwoVectors(down, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  transform(model, upright);
 }
 
 enum class Round {
@@ -433,8 +471,15 @@ void PipelineOptions::check() const {
   matching.check();
   two_view.check();
   mapper.check();
+  TARSIER_REQUIRE(!features.wide || features.kind == FeatureKind::kSift,
+                  "simulated views are of SIFT alone");
+  TARSIER_REQUIRE(!features.wide || (database.empty() && !flow),
+                  "simulated views, but no features are found in images");
   TARSIER_REQUIRE(memory_gb >= 0 && memory_gb <= 1024, "{} GB of memory", memory_gb);
   TARSIER_REQUIRE(database.empty() || !flow, "a database and points that are followed");
+  TARSIER_REQUIRE(start_model.empty() || mapper.choice != MapperChoice::kGlobal,
+                  "a start model, and all images at once");
+  TARSIER_REQUIRE(!start_model.empty() || !(fixed_poses || only_start), "no start model");
   TARSIER_REQUIRE(pairs != PairChoice::kList || !pairs_file.empty(), "no list of pairs");
   if (camera) {
     geometry::Camera sized = *camera;
@@ -455,6 +500,8 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     report.path = input.path;
     result.images.push_back(std::move(report));
   }
+  std::optional<StartModel> start;
+  if (!options.start_model.empty()) start.emplace(options.start_model, inputs);
   const Cache cache(options.cache_folder);
   MappedStore store(options.cache_folder, static_cast<std::size_t>(options.memory_gb * 1e9));
   Stages stages(result, progress);
@@ -466,9 +513,11 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     stages.note();
   } else {
     stages.begin("features", static_cast<std::int64_t>(inputs.size()), "images");
-    images = find_all_features(inputs, options, cache, store, progress, stop, result);
+    images = find_all_features(inputs, options, cache, start, store, progress, stop, result);
     stages.end();
   }
+  const std::vector<char> is_of_start =
+      start ? start->set_lenses(inputs, images) : std::vector<char>(images.size(), 0);
 
   ImageSet image_set(options);
   std::vector<std::string> names;
@@ -477,9 +526,19 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     places.push_back(inputs[at(image_features.input)].place);
     image_set.add(image_features, inputs[at(image_features.input)].name);
     names.push_back(inputs[at(image_features.input)].name);
-    result.images[at(image_features.input)].focal_from = image_features.lens.from;
+    result.images[at(image_features.input)].focal_from =
+        is_of_start[names.size() - 1] != 0 ? "start model" : image_features.lens.from;
   }
   options.mapper = image_set.mapper_options();
+  std::optional<StartPoses> start_poses;
+  if (start) {
+    std::vector<int> cameras;
+    for (const Image& image : image_set.images()) cameras.push_back(image.camera);
+    const MapperOptions& asked = given.mapper;
+    start_poses =
+        start->poses(inputs, images, cameras, options.fixed_poses,
+                     asked.refine_focal || asked.refine_center || asked.refine_distortion);
+  }
 
   if (!hooks.matched) {
     stages.begin("pairs", 1, "steps");
@@ -514,7 +573,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   }
   // A database may have none of some images: then nothing is extended.
   if (std::any_of(images.begin(), images.end(), [](const ImageFeatures& image) {
-        return static_cast<std::size_t>(image.features.descriptors.rows) !=
+        return static_cast<std::size_t>(image.features.descriptors.rows) <
                image.features.points.size();
       })) {
     descriptors.clear();
@@ -532,12 +591,14 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                                  .kind = options.features.kind,
                                  .pairs = result.pairs,
                                  .followed = options.flow,
-                                 .gray = gray_images(inputs, images)};
+                                 .gray = gray_images(inputs, images),
+                                 .start = start_poses};
   stages.start("reconstruct");
   const std::vector<std::string> log = image_set.estimate_focal_lengths(result.pairs, stop);
-  const std::string key = options.cache_folder.empty()
-                              ? ""
-                              : mapper_key(images, names, image_set, result.pairs, options);
+  const std::string key =
+      options.cache_folder.empty()
+          ? ""
+          : mapper_key(images, names, image_set, result.pairs, start_poses, options);
   std::optional<MapperState> last;  // of lenses that were guessed
   const auto map = [&](Round round) {
     MapperHooks mapping;
@@ -568,10 +629,19 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     };
     return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
   };
-  result.reconstruction = map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
+  result.reconstruction = hooks.map
+                              ? hooks.map(mapper_input, options.mapper)
+                              : map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
   result.reconstruction.log.insert(result.reconstruction.log.begin(), log.begin(), log.end());
+  for (Model& model : result.reconstruction.models) turn_upright(model);
   stages.note();
   result.resumed = result.reconstruction.resumed;
+  if (start) {
+    StartSummary summary = start->summary();
+    summary.registered = result.reconstruction.start_images;
+    summary.fixed_poses = options.fixed_poses;
+    result.start = std::make_shared<const StartSummary>(std::move(summary));
+  }
   for (std::size_t k = 0; k < images.size(); ++k) {
     ImageReport& report = result.images[at(images[k].input)];
     report.outcome = result.reconstruction.outcomes[k];

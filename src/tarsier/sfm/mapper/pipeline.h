@@ -9,6 +9,7 @@
 #include "tarsier/sfm/mapper/two_view.h"
 
 #include <functional>
+#include <memory>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -19,6 +20,7 @@ namespace tarsier::sfm {
 
 struct ImageFeatures;  // image_features.h
 struct MatchedImages;
+struct StartSummary;  // start_model.h
 
 enum class PairChoice {
   kAuto,        // exhaustive up to 60 images, retrieval beyond
@@ -38,9 +40,14 @@ struct PipelineOptions {
   // COLMAP's database (colmap_database.h) that features, matches and, where `camera` is not given,
   // lenses are taken from; images are those of `inputs`, whose names it has. Empty: none.
   std::string database;
-  int overlap = 10;   // of kSequential
-  int nearest = 12;   // of kRetrieval
-  bool flow = false;  // follow points through a sequence instead of matching descriptors
+  // A model folder (colmap.h) to go on from: its poses are where mapping begins, by name (start_model.h), and its cameras are
+  // used as they are unless the mapper is set to refine lenses. Empty: none. Not with MapperChoice::kGlobal.
+  std::string start_model;
+  bool fixed_poses = false;  // those of start_model stay as they are
+  bool only_start = false;   // images that start_model does not have are left out
+  int overlap = 10;          // of kSequential
+  int nearest = 12;          // of kRetrieval
+  bool flow = false;         // follow points through a sequence instead of matching descriptors
   // What the lens is. Given: used as it is unless the mapper is set to refine it. Not given: from
   // EXIF, else from pairs of images (focal_estimation.h), else 1.2 times the larger side; and refined.
   std::optional<geometry::Camera> camera;
@@ -86,7 +93,8 @@ struct ImageReport {
   std::string name;
   std::string path;  // of the file
   bool read = false;
-  std::string focal_from;  // "given", "EXIF", "guess"; "pairs": from other images of the lens
+  std::string
+      focal_from;  // "given", "EXIF", "guess", "start model"; "pairs": from other images of the lens
   int features = 0;
   Outcome outcome;  // the reason also where the file could not be read
 };
@@ -99,6 +107,7 @@ struct PipelineResult {
   int verified = 0;
   int from_cache = 0;  // features and pairs that were there from an earlier run
   int resumed = 0;     // images that were in models when the mapper went on from a checkpoint
+  std::shared_ptr<const StartSummary> start;  // what was made of start_model; null: there was none
   std::vector<StageTime> stages;
   bool names_files = true;  // report_json() says where each image lies
 };
@@ -126,13 +135,16 @@ struct PipelineHooks {
   // Fills in what was found before, in other runs: then nothing is looked for in the images, and only the mapper
   // runs. What it throws goes through. May be empty.
   std::function<void(MatchedImages&)> matched;
+  // Makes the models instead of the mapper, as of parts that were mapped before (joined_mapper.h). What it throws goes
+  // through. May be empty.
+  std::function<Reconstruction(const MapperInput&, const MapperOptions&)> map;
   // When stopped while mapping, the models so far are the result (Reconstruction::interrupted).
   bool partial = false;
 };
 
 // The images that can be read become Model::images, in the order of `inputs`. The same result
 // for any number of threads, from the cache or not, interrupted and continued or not. Throws
-// Interrupted, InputError (pairs_file), OutputError (cache; a checkpoint that cannot be written is
+// Interrupted, InputError (pairs_file, start_model), OutputError (cache; a checkpoint that cannot be written is
 // a warning); an image that cannot be read is no error.
 [[nodiscard]] PipelineResult run_pipeline(const std::vector<Input>& inputs,
                                           const PipelineOptions& options, Progress& progress,

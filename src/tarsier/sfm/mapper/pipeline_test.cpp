@@ -2,10 +2,13 @@
 #include "tarsier/sfm/mapper/pipeline.h"
 
 #include "tarsier/core/testing_long.h"
+#include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/mapper/evaluation.h"
 #include "tarsier/sfm/mapper/report.h"
+#include "tarsier/sfm/scene/sensor_image.h"
+#include "tarsier/sfm/scene/testing_exif.h"
 #include "tarsier/synth/relief.h"
 
 #include <gmock/gmock.h>
@@ -16,6 +19,7 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <tuple>
 
 namespace tarsier::sfm {
@@ -332,6 +336,85 @@ TEST_F(Images, TheMapperGoesOnWhereItWas) {
   for (const auto& entry : fs::directory_iterator(how.cache_folder))
     checkpoints += entry.path().extension() == ".mapper" ? 1 : 0;
   EXPECT_EQ(checkpoints, 1);
+}
+
+// A camera that is held upright writes the same pixels, and says how they are to be shown.
+TEST_F(Images, OfAllOrientationsShareALensAndGiveTheSameModel) {
+  const synth::ReliefScene scene(small_scene(6));
+  const auto shot = [&](const std::string& prefix, const std::vector<int>& orientations) {
+    std::vector<Input> inputs;
+    for (int i = 0; i < scene.count(); ++i) {
+      const int orientation = orientations[static_cast<std::size_t>(i)];
+      cv::Mat pixels = scene.render(i);
+      if (orientation == 2 || orientation == 4 || orientation == 5 || orientation == 7)
+        cv::flip(pixels, pixels, 1);
+      const std::string name = prefix + std::to_string(i) + ".jpg";
+      inputs.push_back({name, path(name)});
+      auto bytes = encode_image(".jpg", pixels, name, 95);
+      if (orientation > 0) bytes = with_orientation(bytes, orientation);
+      write_file_atomically(inputs.back().path, std::span<const std::uint8_t>(bytes));
+      truth_[name] = scene.pose(i);
+    }
+    return inputs;
+  };
+  camera_ = scene.camera();
+  const auto scores_of = [&](const PipelineResult& result) {
+    return evaluate_poses(result.reconstruction.models.at(0), truth_, "model");
+  };
+  const PipelineResult plain = run(shot("plain", {0, 0, 0, 0, 0, 0}), options());
+  const PipelineResult turned = run(shot("turned", {6, 1, 8, 3, 6, 6}), options());
+  const PipelineResult mirrored = run(shot("mirrored", {6, 2, 4, 5, 7, 1}), options());
+  const PoseScores expected = scores_of(plain);
+  ASSERT_EQ(expected.registered, 6);
+  for (const PipelineResult* result : {&turned, &mirrored}) {
+    const Model& model = result->reconstruction.models.at(0);
+    EXPECT_EQ(model.cameras.size(), 1U);
+    EXPECT_EQ(cv::Size(model.cameras[0].width, model.cameras[0].height), cv::Size(400, 300));
+    EXPECT_EQ(scores_of(*result).registered, 6);
+    EXPECT_NEAR(scores_of(*result).center_mean, expected.center_mean, 1e-3 * expected.extent);
+  }
+  EXPECT_EQ(turned.reconstruction.models[0].points.size(),
+            plain.reconstruction.models[0].points.size());
+  EXPECT_NEAR(scores_of(turned).center_mean, expected.center_mean, 1e-9);
+  // Down is y for the images as they are to be shown.
+  const Model& model = turned.reconstruction.models[0];
+  EXPECT_EQ(model.images[0].turns, 1);
+  Eigen::Vector3d down = Eigen::Vector3d::Zero();
+  for (const Image& image : model.images)
+    down += image.pose.rotation.transpose() * down_of(image.turns);
+  EXPECT_GT(down.normalized().y(), 1 - 1e-9);
+}
+
+TEST_F(Images, WithSimulatedViewsAreTheSameFromTheCache) {
+  const auto inputs = shoot(small_scene(3));
+  PipelineOptions how = options();
+  how.features.max_count = 300;
+  const Model plain = run(inputs, how).reconstruction.models.at(0);
+  how.features.wide = true;
+  const Model one = run(inputs, how).reconstruction.models.at(0);
+  how.cache_folder = folder_ + "/cache";
+  fs::create_directory(how.cache_folder);
+  (void)run(inputs, how);
+  // Matches again, of features that are read.
+  for (const auto& entry : fs::directory_iterator(how.cache_folder))
+    if (entry.path().extension() != ".features") fs::remove(entry.path());
+  const PipelineResult again = run(inputs, how);
+  EXPECT_EQ(again.from_cache, 3);
+  const Model& model = again.reconstruction.models.at(0);
+  EXPECT_GT(model.points.size(), plain.points.size());
+  ASSERT_EQ(model.points.size(), one.points.size());
+  for (std::size_t i = 0; i < model.images.size(); ++i)
+    EXPECT_EQ(model.images[i].pose.center(), one.images[i].pose.center());
+  // No track has two features at a place of an image, and none is of a further descriptor.
+  for (const Point& point : model.points)
+    for (const Observation& seen : point.track)
+      EXPECT_LT(static_cast<std::size_t>(seen.feature),
+                model.images[static_cast<std::size_t>(seen.image)].features.size());
+  how.features.wide = false;
+  EXPECT_EQ(run(inputs, how).from_cache, 0) << "others without the views";
+  how.features.wide = true;
+  how.flow = true;
+  EXPECT_THROW((void)run(inputs, how), std::invalid_argument);
 }
 
 TEST_F(Images, StopsWhenAsked) {

@@ -7,10 +7,28 @@
 
 namespace tarsier::sfm {
 
+// What an image does in an adjustment.
+enum class ImageRole : char { kStays, kMoves, kAnchor };
+
+// Of each image of the model. `images` move. Where these are many, every k-th of them is an anchor, so that there are
+// kMaxAnchors at most.
+constexpr int kMaxAnchors = 300;
+[[nodiscard]] std::vector<ImageRole> roles_of(const Model& model, const std::vector<int>& images);
+
+// Which observations of a point an adjustment uses, of at most `limit` (0: all). `chosen` is overwritten, in the order of
+// the track. Which ones are taken differs from point to point, so that no image loses more than others.
+// - Of images that move, and of those that stay, each spread evenly over the track. A few images that move are all taken,
+//   and a quarter of the limit is left for images that stay, where there are some.
+// - Where there are anchors, half of the limit is theirs, spread evenly, and the rest are images that follow each other.
+//   Then only anchors are tied to images far away, and the equations of thousands of cameras around one thing stay sparse.
+void choose_observations(const Point& point, int index, const std::vector<ImageRole>& roles,
+                         int limit, std::vector<Observation>& chosen);
+
 // Of `points` (indices in the model, ascending) a share that is spread over `images`: each of them shows `per_image` of the
 // chosen ones at least, or all of `points` that it shows. Points are taken in an order that mixes them, the same in each
-// run; what is chosen is ascending.
+// run; what is chosen is ascending. `limit`: observations of a point that count, as in choose_observations().
 [[nodiscard]] std::vector<int> select_points(const Model& model, const std::vector<int>& points,
-                                             const std::vector<int>& images, int per_image);
+                                             const std::vector<int>& images, int per_image,
+                                             int limit = 0);
 
 }  // namespace tarsier::sfm

@@ -60,5 +60,113 @@ TEST(PointSelection, WhatIsFewIsTakenWhole) {
   EXPECT_EQ(select_points(model, few, {0, 1, 2, 3}, 100), few);
 }
 
+// A point that images 0 to `images` - 1 show.
+Point point_of(int images) {
+  Point point;
+  for (int i = 0; i < images; ++i) point.track.push_back({i, 7});
+  return point;
+}
+
+TEST(ChooseObservations, FewAreTakenAsTheyAre) {
+  std::vector<Observation> chosen{{3, 3}};
+  choose_observations(point_of(5), 0, std::vector<ImageRole>(5, ImageRole::kMoves), 5, chosen);
+  EXPECT_EQ(chosen.size(), 5U);
+  choose_observations(point_of(300), 0, std::vector<ImageRole>(300, ImageRole::kMoves), 0, chosen);
+  EXPECT_EQ(chosen.size(), 300U);
+}
+
+TEST(ChooseObservations, ManyAreSpreadOverTheTrackAndImagesTakeTurns) {
+  constexpr int kImages = 170;
+  constexpr int kLimit = 40;
+  std::vector<int> count(kImages, 0);
+  std::vector<Observation> chosen;
+  for (int p = 0; p < kPoints; ++p) {
+    choose_observations(point_of(kImages), p, std::vector<ImageRole>(kImages, ImageRole::kMoves),
+                        kLimit, chosen);
+    ASSERT_EQ(chosen.size(), static_cast<std::size_t>(kLimit));
+    for (std::size_t k = 1; k < chosen.size(); ++k) {
+      const int gap = chosen[k].image - chosen[k - 1].image;
+      ASSERT_GE(gap, kImages / kLimit);
+      ASSERT_LE(gap, kImages / kLimit + 1);
+    }
+    for (const Observation& seen : chosen) ++count[static_cast<std::size_t>(seen.image)];
+  }
+  const double mean = 1.0 * kPoints * kLimit / kImages;
+  EXPECT_GT(*std::min_element(count.begin(), count.end()), 0.9 * mean);
+  EXPECT_LT(*std::max_element(count.begin(), count.end()), 1.1 * mean);
+}
+
+TEST(ChooseObservations, FewImagesThatMoveAreAllTakenAndOthersHoldThem) {
+  std::vector<ImageRole> roles(100, ImageRole::kStays);
+  for (const int i : {20, 21, 22}) roles[static_cast<std::size_t>(i)] = ImageRole::kMoves;
+  std::vector<Observation> chosen;
+  choose_observations(point_of(100), 11, roles, 20, chosen);
+  ASSERT_EQ(chosen.size(), 20U);
+  EXPECT_EQ(std::count_if(chosen.begin(), chosen.end(),
+                          [&](const Observation& seen) {
+                            return roles[static_cast<std::size_t>(seen.image)] == ImageRole::kMoves;
+                          }),
+            3);
+  // Where many move, some of those that stay are left.
+  std::fill(roles.begin() + 10, roles.end(), ImageRole::kMoves);
+  choose_observations(point_of(100), 11, roles, 20, chosen);
+  ASSERT_EQ(chosen.size(), 20U);
+  EXPECT_EQ(std::count_if(chosen.begin(), chosen.end(),
+                          [&](const Observation& seen) { return seen.image < 10; }),
+            5);
+}
+
+TEST(ChooseObservations, BesideAnchorsImagesFollowEachOther) {
+  constexpr int kImages = 900;
+  Model model;
+  model.images.resize(kImages);
+  std::vector<int> images(kImages);
+  std::iota(images.begin(), images.end(), 0);
+  const std::vector<ImageRole> roles = roles_of(model, images);
+  EXPECT_EQ(std::count(roles.begin(), roles.end(), ImageRole::kAnchor), kMaxAnchors);
+  std::vector<int> count(kImages, 0);
+  std::vector<Observation> chosen;
+  for (int p = 0; p < 9000; ++p) {
+    choose_observations(point_of(kImages), p, roles, 40, chosen);
+    ASSERT_EQ(chosen.size(), 40U);
+    std::vector<int> movers;
+    for (const Observation& seen : chosen) {
+      ++count[static_cast<std::size_t>(seen.image)];
+      if (roles[static_cast<std::size_t>(seen.image)] == ImageRole::kMoves)
+        movers.push_back(seen.image);
+    }
+    ASSERT_EQ(movers.size(), 20U);
+    ASSERT_LE(movers.back() - movers.front(), 30);
+  }
+  // Except near the ends of the track, all images take part alike, anchors twice as often.
+  for (int i = 50; i < kImages - 50; ++i)
+    EXPECT_GT(count[static_cast<std::size_t>(i)], 9000 * 40 / kImages / 2) << i;
+}
+
+TEST(RolesOfImages, FewImagesNeedNoAnchors) {
+  Model model;
+  model.images.resize(400);
+  std::vector<int> images(kMaxAnchors);
+  std::iota(images.begin(), images.end(), 50);
+  const std::vector<ImageRole> roles = roles_of(model, images);
+  EXPECT_EQ(roles[49], ImageRole::kStays);
+  EXPECT_EQ(std::count(roles.begin(), roles.end(), ImageRole::kMoves), kMaxAnchors);
+}
+
+TEST(PointSelection, ObservationsThatAreLeftOutDoNotCount) {
+  Model model;
+  model.images.resize(100);
+  for (int p = 0; p < 1000; ++p) model.points.push_back(point_of(100));
+  std::vector<int> all(1000);
+  std::iota(all.begin(), all.end(), 0);
+  std::vector<int> images(100);
+  std::iota(images.begin(), images.end(), 0);
+  const std::size_t whole = select_points(model, all, images, 50).size();
+  const std::size_t part = select_points(model, all, images, 50, 20).size();
+  EXPECT_EQ(whole, 50U);
+  EXPECT_GE(part, 250U);
+  EXPECT_LE(part, 300U);
+}
+
 }  // namespace
 }  // namespace tarsier::sfm

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/report.h"
 
+#include "tarsier/sfm/mapper/start_model.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -44,6 +46,26 @@ Json model_json(const Model& model) {
           {"cameras", std::move(cameras)}};
 }
 
+Json joins_json(const Reconstruction& built) {
+  Json joins = Json::array();
+  for (const ModelJoin& join : built.joins) {
+    Json entry{{"parts",
+                {built.parts[static_cast<std::size_t>(join.first)],
+                 built.parts[static_cast<std::size_t>(join.second)]}},
+               {"joined", join.refusal.empty()},
+               {"images", join.images},
+               {"images_agree", join.agreeing},
+               {"points", join.points},
+               {"points_agree", join.inliers},
+               {"rotation_deg", rounded(join.rotation_deg, 1e4)},
+               {"scale", rounded(join.first_from_second.scale, 1e6)},
+               {"scale_error", rounded(join.scale_error, 1e6)}};
+    if (!join.refusal.empty()) entry["reason"] = join.refusal;
+    joins.push_back(std::move(entry));
+  }
+  return joins;
+}
+
 // How many points of the model each image shows.
 std::vector<int> points_shown(const Model& model) {
   std::vector<int> shown(model.images.size(), 0);
@@ -81,7 +103,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
     entry["registered"] = report.outcome.registered;
     if (report.outcome.registered) {
       entry["model"] = report.outcome.model;
-      entry["trust"] = rounded(report.outcome.trust, 1e3);
+      if (!built.trust.empty()) entry["trust"] = rounded(report.outcome.trust, 1e3);
       entry["points"] = shown[static_cast<std::size_t>(report.outcome.model)][index];
     } else {
       entry["reason"] = report.outcome.reason;
@@ -118,6 +140,19 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
               {"from_cache", result.from_cache},
               {"stages", std::move(stages)},
               {"log", built.log}};
+  if (result.start) {
+    Json start{{"images", result.start->images},
+               {"here", result.start->here},
+               {"registered", result.start->registered},
+               {"fixed_poses", result.start->fixed_poses}};
+    if (result.names_files)
+      start["folder"] = std::filesystem::absolute(result.start->folder).string();
+    report["start_model"] = std::move(start);
+  }
+  if (!built.parts.empty()) {
+    report["parts"] = built.parts;
+    report["joins"] = joins_json(built);
+  }
   if (built.interrupted) report["partial"] = true;
   if (result.resumed > 0) report["resumed"] = result.resumed;
   if (!built.no_model.empty()) report["no_model"] = built.no_model;
@@ -128,6 +163,11 @@ std::string summary_text(const PipelineResult& result) {
   const Reconstruction& built = result.reconstruction;
   std::string text;
   if (built.interrupted) text += "partial: the work was interrupted; the same command goes on\n";
+  if (result.start) {
+    text += fmt::format("start model: {} of {} images{}\n", result.start->registered,
+                        result.start->images,
+                        result.start->fixed_poses ? ", at poses that stay as they are" : "");
+  }
   for (std::size_t m = 0; m < built.models.size(); ++m) {
     const ModelStatistics statistics = statistics_of(built.models[m]);
     text += fmt::format(
@@ -140,6 +180,11 @@ std::string summary_text(const PipelineResult& result) {
                           built.trust[m]);
   }
   if (built.models.empty()) text += "no model: " + built.no_model + "\n";
+  for (const ModelJoin& join : built.joins)
+    if (!join.refusal.empty())
+      text += fmt::format("not joined: {} and {}: {}\n",
+                          built.parts[static_cast<std::size_t>(join.first)],
+                          built.parts[static_cast<std::size_t>(join.second)], join.refusal);
   if (!built.refused.empty())
     text += fmt::format("{} pairs were refused (report.json says why)\n", built.refused.size());
   for (const ImageReport& report : result.images)

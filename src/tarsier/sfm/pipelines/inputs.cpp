@@ -13,25 +13,87 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <iterator>
 #include <optional>
 #include <set>
+#include <system_error>
 
 namespace tarsier::sfm {
 namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int kMaxDepth = 32;  // of folders in folders
+constexpr const char* kResults[] = {"report.json", "plan.json", "cameras.txt",
+                                    "cameras.bin", "sparse",    "stereo"};
+
+// `name`: relative, with folders or without. One that is taken becomes cam0/a-2.jpg.
+void add_input(const std::string& name, const std::string& path, std::set<std::string>& names,
+               std::vector<Input>& inputs) {
+  const fs::path file(name);
+  std::string own = name;
+  for (int k = 2; !names.insert(own).second; ++k) {
+    own = (file.parent_path() /
+           fmt::format("{}-{}{}", file.stem().string(), k, file.extension().string()))
+              .string();
+  }
+  inputs.push_back({own, path});
+}
+
 void add_inputs(const std::vector<std::string>& paths, std::set<std::string>& names,
                 std::vector<Input>& inputs) {
-  for (const std::string& path : paths) {
-    const fs::path file(path);
-    std::string name = file.filename().string();
-    for (int k = 2; !names.insert(name).second; ++k)
-      name = fmt::format("{}-{}{}", file.stem().string(), k, file.extension().string());
-    inputs.push_back({name, path});
+  for (const std::string& path : paths)
+    add_input(fs::path(path).filename().string(), path, names, inputs);
+}
+
+// Whether a program has written its results there: a model, a dense workspace, the work of shards.
+bool has_results(const fs::path& folder) {
+  std::error_code ignored;
+  return std::any_of(std::begin(kResults), std::end(kResults),
+                     [&](const char* name) { return fs::exists(folder / name, ignored); });
+}
+
+// The names of images in a folder and in the folders within it, relative to it, with `prefix` before them.
+void add_names(const fs::path& folder, const std::string& prefix, const fs::path& output, int depth,
+               std::vector<std::string>& names) {
+  std::error_code error;
+  fs::directory_iterator entries(folder, error);
+  if (error) {
+    if (depth > 0)
+      log_warning("{}: cannot be read: {} (left out)", folder.string(), error.message());
+    return;
   }
+  std::error_code ignored;
+  for (; entries != fs::directory_iterator(); entries.increment(error)) {
+    if (error) throw InputError(folder.string(), "cannot be read: " + error.message());
+    const std::string name = entries->path().filename().string();
+    if (name.starts_with(".")) continue;
+    if (entries->is_regular_file(ignored)) {
+      if (has_image_ending(name)) names.push_back(prefix + name);
+    } else if (entries->is_directory(ignored) && !entries->is_symlink(ignored) &&
+               depth < kMaxDepth && !has_results(entries->path()) &&
+               (output.empty() || !fs::equivalent(entries->path(), output, ignored))) {
+      add_names(entries->path(), prefix + name + "/", output, depth + 1, names);
+    }
+  }
+}
+
+void add_folder(const std::string& folder, const std::string& output, std::set<std::string>& names,
+                std::vector<Input>& inputs) {
+  std::vector<std::string> found;
+  add_names(folder, "", output, 0, found);
+  if (found.empty()) (void)images_in_folder(folder);  // says what is wrong
+  std::sort(found.begin(), found.end(), natural_less);
+  for (const std::string& name : found)
+    add_input(name, (folder.ends_with("/") ? folder : folder + "/") + name, names, inputs);
+  const auto deep = std::count_if(found.begin(), found.end(), [](const std::string& name) {
+    return name.find('/') != std::string::npos;
+  });
+  if (deep > 0)
+    log_info("{}: {} of {} images lie in folders within it", folder, deep, found.size());
 }
 
 std::vector<std::string> frames_of_video(const std::string& video, const KeyframeOptions& keyframes,
@@ -71,7 +133,7 @@ std::vector<Input> find_inputs(const std::vector<std::string>& sources,
   for (const std::string& text : sources) {
     switch (classify_source(text)) {
       case SourceKind::kFolder:
-        add_inputs(images_in_folder(text), names, inputs);
+        add_folder(text, fs::path(frames_folder).parent_path().string(), names, inputs);
         break;
       case SourceKind::kGlob:
         add_inputs(files_of_glob(text), names, inputs);

@@ -13,7 +13,9 @@
 namespace tarsier::sfm {
 
 // Images, folders, globs, @lists and videos. The name of an image in the model is that of its file,
-// made unique ("a-2.jpg"). Of a video the key frames are written to `frames_folder`, so that they
+// made unique ("a-2.jpg"). A folder gives the images of the folders within it as well, under their path in it
+// ("cam0/0001.jpg"), sorted naturally; not those of hidden folders, of symbolic links to folders, of folders that hold a
+// model or other results, and of the one that `frames_folder` is in, which is written to. Of a video the key frames are written to `frames_folder`, so that they
 // are there for a second run and for whoever wants to see them. Throws InputError (missing, a
 // camera, a video where `frames_folder` is empty), OutputError, Interrupted.
 [[nodiscard]] std::vector<Input> find_inputs(const std::vector<std::string>& sources,

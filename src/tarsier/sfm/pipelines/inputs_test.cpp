@@ -10,6 +10,7 @@
 #include <opencv2/core.hpp>
 
 #include <algorithm>
+#include <filesystem>
 #include <iterator>
 #include <string>
 #include <vector>
@@ -47,6 +48,32 @@ TEST_F(Inputs, OfFoldersImagesGlobsAndLists) {
   const auto listed = find({"@" + path("list.txt")});
   EXPECT_EQ(names(listed), (Names{"b.png", "a.png"}));
   EXPECT_EQ(listed[0].path, path("two/b.png"));
+}
+
+TEST_F(Inputs, OfFoldersInAFolderAreNamedByTheirPath) {
+  using Names = std::vector<std::string>;
+  const auto put = [&](const std::string& name) {
+    make_folder(std::filesystem::path(path(name)).parent_path().string());
+    write_image(path(name), cv::Mat(20, 30, CV_8UC3, {9, 9, 9}));
+  };
+  for (const char* name :
+       {"rig/cam10/1.png", "rig/cam2/10.png", "rig/cam2/9.png", "rig/top.png", "rig/.hidden/1.png",
+        "rig/model/view.png", "rig/out/frames/f.png", "rig/colmap/images/1.png"})
+    put(name);
+  write_file_atomically(path("rig/model/report.json"), "{}");
+  make_folder(path("rig/colmap/sparse"));
+  std::filesystem::create_directory_symlink(path("one"), path("rig/link"));
+  std::filesystem::create_directory_symlink("..", path("rig/cam2/up"));
+  NoProgress progress;
+  const auto inputs = find_inputs({path("rig")}, {}, path("rig/out/frames"), progress, {});
+  EXPECT_EQ(names(inputs), (Names{"cam2/9.png", "cam2/10.png", "cam10/1.png", "top.png"}));
+  EXPECT_EQ(inputs[2].path, path("rig/cam10/1.png"));
+  EXPECT_NO_THROW(require_names(inputs));
+  // Of two such folders each image has a name of its own.
+  EXPECT_EQ(names(find({path("rig/cam2"), path("rig/out"), path("rig/out/")})),
+            (Names{"9.png", "10.png", "frames/f.png", "frames/f-2.png"}));
+  // What holds results is taken where it is named.
+  EXPECT_EQ(names(find({path("rig/model")})), (Names{"view.png"}));
 }
 
 TEST_F(Inputs, OfOneNameGetNamesOfTheirOwn) {

@@ -8,6 +8,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/mapper/triangulation.h"
+#include "tarsier/sfm/scene/sensor_image.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -58,7 +59,7 @@ Sightings find_markers(const Model& model,
     if (!image.registered) continue;
     throw_if_stopped(stop);
     const std::string path = path_of(image.name);
-    const cv::Mat gray = read_gray_image(path);
+    const cv::Mat gray = read_sensor_gray_image(path);
     const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(image.camera)];
     if (gray.size() != cv::Size(camera.width, camera.height)) {
       throw InputError(path, fmt::format("is {}x{}, but its camera in the model {}x{}", gray.cols,

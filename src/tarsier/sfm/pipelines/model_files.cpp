@@ -5,6 +5,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/scene/colmap.h"
 #include "tarsier/sfm/scene/ply.h"
+#include "tarsier/sfm/scene/sensor_image.h"
 #include "tarsier/sfm/scene/undistort.h"
 #include "tarsier/sfm/view/animation.h"
 #include "tarsier/sfm/view/render.h"
@@ -65,14 +66,14 @@ void write_undistorted(const std::string& folder, const Model& model,
   std::map<std::string, std::string> paths;
   for (const Input& input : inputs) paths[input.name] = input.path;
   export_undistorted((fs::path(folder) / "undistorted").string(), model,
-                     [&](const std::string& name) { return read_image(paths.at(name)); }, progress,
-                     stop);
+                     [&](const std::string& name) { return read_sensor_image(paths.at(name)); },
+                     progress, stop);
 }
 
 cv::Mat draw_matches(const ComparedPair& pair) {
   constexpr double kMaxHeight = 600;
   constexpr std::size_t kMaxLines = 60;
-  cv::Mat sides[2] = {read_image(pair.first.path), read_image(pair.second.path)};
+  cv::Mat sides[2] = {read_sensor_image(pair.first.path), read_sensor_image(pair.second.path)};
   double scales[2];
   for (int k = 0; k < 2; ++k) {
     scales[k] = std::min(1.0, kMaxHeight / sides[k].rows);

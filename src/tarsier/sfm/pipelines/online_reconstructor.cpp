@@ -8,6 +8,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/lazy_opencv.h"
 #include "tarsier/sfm/pipelines/inputs.h"
+#include "tarsier/sfm/scene/sensor_image.h"
 
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -41,6 +42,15 @@ cv::Mat reduced_gray(const cv::Mat& image) {
   const double scale = reduction(image.size());
   if (scale < 1) cv::resize(gray, gray, {}, scale, scale, cv::INTER_AREA);
   return gray;
+}
+
+// The model is of the pixels of the sensor.
+cv::Mat unturned(const Frame& image) {
+  try {
+    if (orientation_of_file(image.name) != 1) return read_sensor_image(image.name);
+  } catch (const InputError&) {  // it is gone, and left out when it is added
+  }
+  return image.image;
 }
 
 // --- what is shown of the stages ---
@@ -98,11 +108,12 @@ OnlineResult OnlineReconstructor::process(const Frame& frame, const std::stop_to
                                           DebugSink* debug) {
   model_changed_ = false;
   latest_ = frame;
-  gray_ = reduced_gray(frame.image);
+  if (images_.contains(frame.name)) latest_.image = unturned(frame);
+  gray_ = reduced_gray(latest_.image);
   if (options_.every_frame) {
-    add({frame.image, frame.index, frame.time, 0, 0}, frame, stop);
-  } else if (const auto key_frame = picker_.offer(frame.image, frame.index, frame.time)) {
-    add(*key_frame, frame, stop);
+    add({latest_.image, frame.index, frame.time, 0, 0}, latest_, stop);
+  } else if (const auto key_frame = picker_.offer(latest_.image, frame.index, frame.time)) {
+    add(*key_frame, latest_, stop);
   }
   track_points();
   if (debug != nullptr) show_stages(*debug);

@@ -80,6 +80,8 @@ class OnlineReconstructor {
   // No more frames: the video's last key frame; the model grows by what is waiting.
   [[nodiscard]] OnlineResult finish(const std::stop_token& stop = {});
 
+  // The latest frame as the model has it, which result() is of: an image from a file has the pixels of the sensor, unturned.
+  [[nodiscard]] const cv::Mat& image() const { return latest_.image; }
   [[nodiscard]] const Model& model() const { return mapper_.model(); }
   // The key frames so far, in order.
   [[nodiscard]] const std::vector<Input>& inputs() const { return inputs_; }

@@ -37,7 +37,7 @@ using OrderedJson = nlohmann::ordered_json;
 constexpr std::int64_t kMaxPlanBytes = 2'000'000'000;
 constexpr std::int64_t kMaxPairsBytes = 1'000'000'000;
 constexpr const char* kWriter = "tarsier sfm plan";
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
 
 std::string plan_path(const std::string& folder) {
   return (fs::path(folder) / "plan.json").string();
@@ -231,6 +231,15 @@ bool is_sum(std::string_view text) {
   return text.size() == 64 && text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
 }
 
+int clusters_of(std::size_t images, int size) {
+  return static_cast<int>((images + static_cast<std::size_t>(size) - 1) /
+                          static_cast<std::size_t>(size));
+}
+
+bool is_cluster_size(std::size_t images, int size) {
+  return size == 0 || (size >= kMinClusterSize && clusters_of(images, size) <= kMaxShards);
+}
+
 void require_utf8(const std::string& text) {
   try {
     (void)Json(text).dump();
@@ -247,12 +256,19 @@ std::vector<Input> Plan::inputs() const {
   return inputs;
 }
 
+int Plan::clusters() const {
+  return cluster_size == 0 ? 0 : clusters_of(images.size(), cluster_size);
+}
+
 Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
                 const PipelineOptions& given, int shards, Progress& progress,
-                const std::stop_token& stop) {
+                const std::stop_token& stop, int cluster_size) {
   given.check();
   TARSIER_REQUIRE(shards >= 1 && shards <= kMaxShards, "shards {}: expected 1..{}", shards,
                   kMaxShards);
+  TARSIER_REQUIRE(is_cluster_size(inputs.size(), cluster_size),
+                  "clusters of {} of {} images: expected {} or more, and at most {} clusters",
+                  cluster_size, inputs.size(), kMinClusterSize, kMaxShards);
   TARSIER_REQUIRE(given.database.empty(), "a database is not shared among shards");
   TARSIER_REQUIRE(!given.flow, "points that are followed are not shared among shards");
   require_two_images(inputs, inputs.empty() ? "images" : inputs.front().path);
@@ -264,6 +280,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   plan.options.memory_gb = 0;
   plan.options.checkpoint_s = PipelineOptions{}.checkpoint_s;
   plan.shards = shards;
+  plan.cluster_size = cluster_size;
   if (given.pairs == PairChoice::kList) {
     std::vector<std::string> names;
     for (const Input& input : inputs) names.push_back(input.name);
@@ -299,6 +316,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
                    {"version", kVersion},
                    {"shards", shards},
                    {"options", json_of(plan.options)}};
+  if (cluster_size > 0) json["cluster_size"] = cluster_size;
   if (!plan.pairs.empty()) json["pairs_sha256"] = plan.pairs;
   json["images"] = std::move(images);
   const std::string text = json.dump(1) + "\n";
@@ -329,6 +347,7 @@ Plan read_plan(const std::string& folder) {
   plan.key = sum.hex();
   plan.shards = members.number<int>("shards");
   if (plan.shards < 1 || plan.shards > kMaxShards) members.fail("shards");
+  if (members.has("cluster_size")) plan.cluster_size = members.number<int>("cluster_size");
   plan.options = options_of(members.object("options"));
   if (plan.options.pairs == PairChoice::kList) {
     plan.options.pairs_file = pairs_path(folder);
@@ -357,6 +376,8 @@ Plan read_plan(const std::string& folder) {
     planned.path = (fs::path(folder) / planned.path).string();
     if (!planned.sha256.empty() && !is_sum(planned.sha256)) members.fail("sha256");
   }
+  if (plan.cluster_size < 0 || !is_cluster_size(plan.images.size(), plan.cluster_size))
+    members.fail("cluster_size");
   return plan;
 }
 

@@ -37,10 +37,17 @@ void write_report(const std::string& folder, const ReconstructorResult& result) 
                         to_json(result).dump(1) + "\n");
 }
 
+// Without its ending, and in one folder: cam0_0001 of cam0/0001.jpg.
+std::string flat_stem(const std::string& name) {
+  std::string stem = fs::path(name).replace_extension().string();
+  std::replace(stem.begin(), stem.end(), '/', '_');
+  return stem;
+}
+
 void write_match_image(const fs::path& folder, const ComparedPair& pair) {
   if (pair.matches.empty()) return;
-  const std::string name = fmt::format("{}-{}.jpg", fs::path(pair.first.name).stem().string(),
-                                       fs::path(pair.second.name).stem().string());
+  const std::string name =
+      fmt::format("{}-{}.jpg", flat_stem(pair.first.name), flat_stem(pair.second.name));
   write_image((folder / name).string(), draw_matches(pair));
 }
 
@@ -162,6 +169,7 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   pipeline_hooks.watch = hooks.watch;
   pipeline_hooks.show = hooks.show;
   pipeline_hooks.matched = hooks.matched;
+  pipeline_hooks.map = hooks.map;
   if (options_.match_images) {
     const fs::path folder = fs::path(options_.folder) / "matches";
     make_folder(folder.string());

@@ -57,6 +57,8 @@ struct ReconstructorHooks {
   std::function<void(const Model&)> show;  // from time to time (MapperHooks::show); may be empty
   // Gives what was found in the images before (PipelineHooks::matched); may be empty.
   std::function<void(MatchedImages&)> matched;
+  // Makes the models instead of the mapper (PipelineHooks::map); may be empty.
+  std::function<Reconstruction(const MapperInput&, const MapperOptions&)> map;
   // When the models and their views are written, before further files that take time; may be empty.
   std::function<void(const ReconstructorResult&)> on_models;
 };

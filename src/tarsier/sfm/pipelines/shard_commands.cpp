@@ -23,6 +23,8 @@ std::string shell_word(std::string_view text) {
 std::string shard_command(const std::string& folder, ShardStage stage, int shard, int shards) {
   const std::string word = shell_word(folder);
   if (stage == ShardStage::kPairs) return fmt::format("tarsier sfm match {} --pairs-only", word);
+  if (stage == ShardStage::kModel)
+    return fmt::format("tarsier sfm map {} --cluster {}/{}", word, shard, shards);
   return fmt::format("tarsier sfm {} {} --shard {}/{}", name_of(stage), word, shard, shards);
 }
 
@@ -37,7 +39,12 @@ std::vector<std::string> parallel_commands(const ClusterJob& job) {
   if (job.has_pairs_stage)
     lines.push_back(fmt::format("{} sfm match {} --pairs-only --quiet", program, folder));
   lines.push_back(shards_of("match"));
-  lines.push_back(fmt::format("{} sfm map {} -o {}", program, folder, shell_word(job.model)));
+  if (job.clusters > 0)
+    lines.push_back(
+        fmt::format("seq {0} | parallel -q {1} sfm map {2} --threads 1 --quiet --cluster {{}}/{0}",
+                    job.clusters, program, folder));
+  lines.push_back(fmt::format("{} sfm {} {} -o {}", program, job.clusters > 0 ? "merge" : "map",
+                              folder, shell_word(job.model)));
   return lines;
 }
 
@@ -51,12 +58,15 @@ tarsier={1}
 work={2}
 model={3}
 shards={4}
+clusters={5}
 threads=${{SLURM_CPUS_PER_TASK:-1}}
 case ${{1:-}} in
 stage-features) exec "$tarsier" sfm features "$work" --shard "$SLURM_ARRAY_TASK_ID/$shards" --threads "$threads" --quiet ;;
 stage-pairs) exec "$tarsier" sfm match "$work" --pairs-only --threads "$threads" --quiet ;;
 stage-match) exec "$tarsier" sfm match "$work" --shard "$SLURM_ARRAY_TASK_ID/$shards" --threads "$threads" --quiet ;;
 stage-map) exec "$tarsier" sfm map "$work" -o "$model" --threads "$threads" --quiet ;;
+stage-clusters) exec "$tarsier" sfm map "$work" --cluster "$SLURM_ARRAY_TASK_ID/$clusters" --threads "$threads" --quiet ;;
+stage-merge) exec "$tarsier" sfm merge "$work" -o "$model" --threads "$threads" --quiet ;;
 esac
 script=$work/sfm.sbatch
 submit() {{ # submit STAGE [FLAGS ..]: prints the number of the job
@@ -67,13 +77,19 @@ submit() {{ # submit STAGE [FLAGS ..]: prints the number of the job
 job=$(submit features --array "1-$shards" "$@")
 )",
       shell_word(job.folder + "/sfm.sbatch"), shell_word(job.program), shell_word(job.folder),
-      shell_word(job.model), job.shards);
+      shell_word(job.model), job.shards, job.clusters);
   if (job.has_pairs_stage)
     text += "job=$(submit pairs --dependency \"afterany:${job%%;*}\" \"$@\")\n";
-  text += R"(job=$(submit match --dependency "afterany:${job%%;*}" --array "1-$shards" "$@")
-job=$(submit map --dependency "afterany:${job%%;*}" "$@")
-echo "job ${job%%;*} makes $model"
-)";
+  text += "job=$(submit match --dependency \"afterany:${job%%;*}\" --array \"1-$shards\" \"$@\")\n";
+  if (job.clusters > 0) {
+    text +=
+        "job=$(submit clusters --dependency \"afterany:${job%%;*}\" --array \"1-$clusters\" "
+        "\"$@\")\n"
+        "job=$(submit merge --dependency \"afterany:${job%%;*}\" \"$@\")\n";
+  } else {
+    text += "job=$(submit map --dependency \"afterany:${job%%;*}\" \"$@\")\n";
+  }
+  text += "echo \"job ${job%%;*} makes $model\"\n";
   return text;
 }
 

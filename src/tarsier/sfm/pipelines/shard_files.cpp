@@ -14,7 +14,9 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
+#include <set>
 
 namespace tarsier::sfm {
 namespace {
@@ -24,12 +26,21 @@ using Json = nlohmann::json;
 
 constexpr std::int64_t kMaxShardBytes = 16'000'000'000;
 constexpr std::int64_t kMaxInfoBytes = 256'000'000;
-constexpr int kVersion = 1;  // of the files, and of how features and matches are found
+constexpr int kVersion = 2;  // of the files, and of how features and matches are found
 constexpr std::array<const char*, 3> kLensOrigins = {"given", "EXIF", "guess"};
 constexpr int kMaxImageSide = 1'000'000;  // px
 
 std::string writer_of(ShardStage stage) {
-  return fmt::format("tarsier sfm {}", stage == ShardStage::kFeatures ? "features" : "match");
+  switch (stage) {
+    case ShardStage::kFeatures:
+      return "tarsier sfm features";
+    case ShardStage::kModel:
+      return "tarsier sfm map";
+    case ShardStage::kPairs:
+    case ShardStage::kMatch:
+      break;
+  }
+  return "tarsier sfm match";
 }
 
 // Opens a packed file of that sum and hands it to `read`, which must read all of it.
@@ -70,13 +81,62 @@ ImageFeatures get_image(PackedReader& reader) {
   image.lens.from = *origin;
   image.body = reader.get_text();
   image.key = reader.get_text();
+  image.turns = reader.get<std::int32_t>();
+  if (image.turns < 0 || image.turns > 3) throw Damaged();
   image.features = get_features(reader);
   return image;
 }
 
+std::vector<std::array<std::int32_t, 2>> numbers_of(std::span<const ImagePair> pairs) {
+  std::vector<std::array<std::int32_t, 2>> numbers;
+  for (const auto& [first, second] : pairs) numbers.push_back({first, second});
+  return numbers;
+}
+
+std::vector<ImagePair> get_pairs(PackedReader& reader) {
+  std::vector<ImagePair> pairs;
+  for (const auto& numbers : reader.get_all<std::array<std::int32_t, 2>>()) {
+    const ImagePair pair(numbers[0], numbers[1]);
+    if (pair.first < 0 || pair.first >= pair.second || (!pairs.empty() && pair <= pairs.back()))
+      throw Damaged();
+    pairs.push_back(pair);
+  }
+  return pairs;
+}
+
+bool is_valid(const PackedModel& model) {
+  return model.poses.size() == model.registered.size() &&
+         std::all_of(model.poses.begin(), model.poses.end(),
+                     [](const geometry::Rigid3& pose) {
+                       return geometry::is_rotation(pose.rotation) && pose.translation.allFinite();
+                     }) &&
+         std::all_of(model.positions.begin(), model.positions.end(),
+                     [](const Eigen::Vector3d& position) { return position.allFinite(); }) &&
+         std::all_of(model.cameras.begin(), model.cameras.end(),
+                     [](const geometry::Camera& camera) {
+                       return camera.lens == geometry::Lens::kPinhole;
+                     });
+}
+
+bool is_valid(const ClusterModels& cluster) {
+  const std::size_t count = cluster.images.size();
+  if (cluster.is_own.size() != count || cluster.cameras.size() != count ||
+      cluster.reasons.size() != count ||
+      !std::is_sorted(cluster.images.begin(), cluster.images.end(), std::less_equal<>()) ||
+      (count > 0 && cluster.images.front() < 0))
+    return false;
+  return std::all_of(cluster.models.begin(), cluster.models.end(), [&](const PackedModel& model) {
+    return is_valid(model) &&
+           std::all_of(cluster.cameras.begin(), cluster.cameras.end(), [&](int camera) {
+             return camera >= 0 && static_cast<std::size_t>(camera) < model.cameras.size();
+           });
+  });
+}
+
 ShardInfo info_of(const Json& json) {
   ShardInfo info;
-  for (const ShardStage stage : {ShardStage::kFeatures, ShardStage::kPairs, ShardStage::kMatch})
+  for (const ShardStage stage :
+       {ShardStage::kFeatures, ShardStage::kPairs, ShardStage::kMatch, ShardStage::kModel})
     if (json.at("stage") == name_of(stage)) info.stage = stage;
   info.shard = json_integer<int>(json.at("shard").at(0));
   info.shards = json_integer<int>(json.at("shard").at(1));
@@ -104,6 +164,8 @@ std::string_view name_of(ShardStage stage) {
       return "features";
     case ShardStage::kPairs:
       return "pairs";
+    case ShardStage::kModel:
+      return "model";
     case ShardStage::kMatch:
       break;
   }
@@ -169,6 +231,7 @@ std::string write_feature_shard(const std::string& path, std::span<const ImageFe
     writer.put(std::string(image.lens.from));
     writer.put(image.body);
     writer.put(image.key);
+    writer.put(static_cast<std::int32_t>(image.turns));
     put(writer, image.features);
   }
   return writer.write(path);
@@ -185,23 +248,12 @@ std::vector<ImageFeatures> read_feature_shard(const std::string& path, const std
 
 std::string write_image_pairs(const std::string& path, std::span<const ImagePair> pairs) {
   PackedWriter writer = packed_writer();
-  std::vector<std::array<std::int32_t, 2>> numbers;
-  for (const auto& [first, second] : pairs) numbers.push_back({first, second});
-  writer.put(numbers);
+  writer.put(numbers_of(pairs));
   return writer.write(path);
 }
 
 std::vector<ImagePair> read_image_pairs(const std::string& path, const std::string& sum) {
-  return read_packed(path, sum, [](PackedReader& reader) {
-    std::vector<ImagePair> pairs;
-    for (const auto& numbers : reader.get_all<std::array<std::int32_t, 2>>()) {
-      const ImagePair pair(numbers[0], numbers[1]);
-      if (pair.first < 0 || pair.first >= pair.second || (!pairs.empty() && pair <= pairs.back()))
-        throw Damaged();
-      pairs.push_back(pair);
-    }
-    return pairs;
-  });
+  return read_packed(path, sum, [](PackedReader& reader) { return get_pairs(reader); });
 }
 
 std::string write_match_shard(const std::string& path, std::span<const Pair> pairs) {
@@ -229,6 +281,42 @@ std::vector<Pair> read_match_shard(const std::string& path, const std::string& s
       pairs.push_back(std::move(pair));
     }
     return pairs;
+  });
+}
+
+int ClusterModels::registered() const {
+  std::set<int> all;
+  for (const PackedModel& model : models)
+    all.insert(model.registered.begin(), model.registered.end());
+  return static_cast<int>(all.size());
+}
+
+std::string write_cluster_models(const std::string& path, const ClusterModels& cluster) {
+  PackedWriter writer = packed_writer();
+  writer.put(cluster.images);
+  writer.put(cluster.is_own);
+  writer.put(cluster.cameras);
+  for (const std::string& reason : cluster.reasons) writer.put(reason);
+  writer.put(static_cast<std::uint64_t>(cluster.models.size()));
+  for (const PackedModel& model : cluster.models) put(writer, model);
+  writer.put(numbers_of(cluster.refused));
+  return writer.write(path);
+}
+
+ClusterModels read_cluster_models(const std::string& path, const std::string& sum) {
+  return read_packed(path, sum, [](PackedReader& reader) {
+    ClusterModels cluster;
+    cluster.images = reader.get_all<int>();
+    cluster.is_own = reader.get_all<char>();
+    cluster.cameras = reader.get_all<int>();
+    for (std::size_t k = 0; k < cluster.images.size(); ++k)
+      cluster.reasons.push_back(reader.get_text());
+    const auto models = reader.get<std::uint64_t>();
+    for (std::uint64_t k = 0; k < models; ++k)  // ends with the file
+      cluster.models.push_back(get_packed_model(reader));
+    cluster.refused = get_pairs(reader);
+    if (!is_valid(cluster)) throw Damaged();
+    return cluster;
   });
 }
 

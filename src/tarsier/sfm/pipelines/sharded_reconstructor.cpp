@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/media/atomic_file.h"
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/pipelines/shard_commands.h"
 
@@ -24,6 +25,9 @@ namespace {
 
 constexpr int kSiftColumns = 128;
 constexpr std::int64_t kPairsAtOnce = 256;  // between looks at the stop token
+// Images that a cluster takes of each neighbour.
+constexpr int kMinOverlap = 4;
+constexpr int kMaxOverlap = 30;
 
 std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 
@@ -41,12 +45,68 @@ std::string sum_of(const std::vector<std::string>& sums) {
   return sum.hex();
 }
 
+// The error names the command that makes the file.
+[[noreturn]] void fail_with_command(const InputError& error, const std::string& command) {
+  throw Error(ExitStatus::kBadInput, fmt::format("{}; run: {}", error.what(), command));
+}
+
+void describe(const ClusterModels& cluster, ShardReport& report) {
+  report.count = static_cast<std::int64_t>(cluster.images.size());
+  report.own = static_cast<int>(std::count(cluster.is_own.begin(), cluster.is_own.end(), 1));
+  report.registered = cluster.registered();
+  report.models = static_cast<int>(cluster.models.size());
+}
+
+// What the models of clusters are made of: the pairs and all matches.
+std::string sum_of_matches(const std::string& from, const std::vector<ShardInfo>& matches) {
+  std::vector<std::string> sums{from};
+  for (const ShardInfo& info : matches) sums.push_back(info.sha256);
+  return sum_of(sums);
+}
+
+// With the images and cameras of all clusters.
+Model model_of(const PackedModel& packed, const ClusterModels& cluster, const MapperInput& input) {
+  Model model;
+  model.cameras = input.cameras;
+  model.images.resize(input.images.size());
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    model.images[i].name = input.images[i].name;
+    model.images[i].camera = input.images[i].camera;
+  }
+  for (std::size_t k = 0; k < packed.registered.size(); ++k) {
+    const std::size_t local = at(packed.registered[k]);
+    Image& image = model.images[at(cluster.images[local])];
+    image = input.images[at(cluster.images[local])];
+    image.registered = true;
+    image.pose = packed.poses[k];
+    image.points.assign(image.features.size(), -1);
+    model.cameras[at(image.camera)] = packed.cameras[at(cluster.cameras[local])];
+  }
+  auto next = packed.observations.begin();
+  for (std::size_t k = 0; k < packed.places.size(); ++k) {
+    Point point;
+    point.position = packed.positions[k];
+    point.color = packed.colors[k];
+    point.error = packed.errors[k];
+    for (int v = 0; v < packed.views[k]; ++v, ++next) {
+      const int image = cluster.images[at(next->image)];
+      if (!model.images[at(image)].registered) continue;
+      point.track.push_back({image, next->feature});
+      model.images[at(image)].points[at(next->feature)] = static_cast<int>(model.points.size());
+    }
+    model.points.push_back(std::move(point));
+  }
+  return model;
+}
+
+int overlap_of(int cluster_size) { return std::clamp(cluster_size / 5, kMinOverlap, kMaxOverlap); }
+
 void expect_matches_fit(const Pair& pair, std::size_t first, std::size_t second,
-                        const std::string& path) {
+                        const std::string& path, const std::string& command) {
   for (const Match& match : pair.view.inliers) {
     if (match.first < 0 || at(match.first) >= first || match.second < 0 ||
         at(match.second) >= second)
-      throw InputError(path, "is damaged: a match of no feature");
+      fail_with_command(InputError(path, "is damaged: a match of no feature"), command);
   }
 }
 
@@ -67,7 +127,7 @@ class ShardedReconstructor::Readable {
         if (gone != info.left_out.end() && gone->first == i)
           ++gone;
         else
-          add(plan.images[at(i)]);
+          add(plan.images[at(i)], static_cast<int>(i));
       }
     }
     key_ = sum_of(sums);
@@ -78,6 +138,8 @@ class ShardedReconstructor::Readable {
   [[nodiscard]] const KnownPlaces& places() const { return places_; }
   [[nodiscard]] const std::vector<ShardInfo>& infos() const { return infos_; }
   [[nodiscard]] const std::string& key() const { return key_; }  // of all features
+  // Where an image is in the plan.
+  [[nodiscard]] int input_of(int image) const { return inputs_[at(image)]; }
   // The index of the first image of infos()[shard].
   [[nodiscard]] int first_of(std::size_t shard) const { return first_[shard]; }
   [[nodiscard]] std::size_t shard_of(int image) const {
@@ -85,19 +147,31 @@ class ShardedReconstructor::Readable {
   }
 
  private:
-  void add(const PlannedImage& image) {
+  void add(const PlannedImage& image, int input) {
+    inputs_.push_back(input);
     names_.push_back(image.name);
     places_.push_back(image.place);
   }
 
   std::vector<ShardInfo> infos_;
   std::vector<std::string> names_;
+  std::vector<int> inputs_;
   KnownPlaces places_;
   std::vector<int> first_;
   std::string key_;
 };
 
 nlohmann::ordered_json to_json(const ShardReport& report) {
+  if (report.stage == ShardStage::kModel) {
+    return {{"stage", "map"},
+            {"cluster", {report.shard, report.shards}},
+            {"images", report.count},
+            {"own", report.own},
+            {"registered", report.registered},
+            {"models", report.models},
+            {"was_done", report.was_done},
+            {"output", report.path}};
+  }
   return {{"stage", name_of(report.stage)},
           {"shard", {report.shard, report.shards}},
           {report.stage == ShardStage::kFeatures ? "images" : "pairs", report.count},
@@ -116,28 +190,44 @@ bool ShardedReconstructor::has_pairs_stage() const {
          PairChoice::kRetrieval;
 }
 
+int ShardedReconstructor::count_of(ShardStage stage) const {
+  return stage == ShardStage::kModel ? plan_.clusters() : plan_.shards;
+}
+
 std::string ShardedReconstructor::path_of(ShardStage stage, int shard) const {
-  return shard_path(folder_, stage, shard, plan_.shards);
+  return shard_path(folder_, stage, shard, count_of(stage));
 }
 
 std::string ShardedReconstructor::command_of(ShardStage stage, int shard) const {
-  return shard_command(folder_, stage, shard, plan_.shards);
+  return shard_command(folder_, stage, shard, count_of(stage));
+}
+
+ReconstructorOptions ShardedReconstructor::planned(const ReconstructorOptions& options) const {
+  ReconstructorOptions how = options;
+  how.pipeline = plan_.options;
+  how.pipeline.cache_folder = options.pipeline.cache_folder;
+  how.pipeline.memory_gb = options.pipeline.memory_gb;
+  how.pipeline.checkpoint_s = options.pipeline.checkpoint_s;
+  return how;
 }
 
 bool ShardedReconstructor::is_done(ShardStage stage, int shard, const std::string& from,
                                    ShardReport& report) const {
   try {
     const ShardInfo info = require(stage, shard, from);
-    report = {stage,
-              info.shard,
-              info.shards,
-              info.count,
-              static_cast<int>(info.left_out.size()),
-              true,
-              path_of(stage, shard)};
+    report = {};
+    report.stage = stage;
+    report.shard = info.shard;
+    report.shards = info.shards;
+    report.count = info.count;
+    report.left_out = static_cast<int>(info.left_out.size());
+    report.was_done = true;
+    report.path = path_of(stage, shard);
     if (stage == ShardStage::kFeatures) (void)load_features(info);
     if (stage == ShardStage::kPairs) (void)read_image_pairs(report.path, info.sha256);
     if (stage == ShardStage::kMatch) (void)read_match_shard(report.path, info.sha256);
+    if (stage == ShardStage::kModel)
+      describe(read_cluster_models(report.path, info.sha256), report);
     return true;
   } catch (const Error&) {
     return false;
@@ -145,22 +235,27 @@ bool ShardedReconstructor::is_done(ShardStage stage, int shard, const std::strin
 }
 
 ShardReport ShardedReconstructor::finish(ShardInfo info) const {
-  info.shards = plan_.shards;
+  info.shards = count_of(info.stage);
   info.plan = plan_.key;
-  const std::string path = path_of(info.stage, info.shard);
-  write_shard_info(path, info);
-  return {info.stage, info.shard, info.shards, info.count, static_cast<int>(info.left_out.size()),
-          false,      path};
+  ShardReport report;
+  report.path = path_of(info.stage, info.shard);
+  write_shard_info(report.path, info);
+  report.stage = info.stage;
+  report.shard = info.shard;
+  report.shards = info.shards;
+  report.count = info.count;
+  report.left_out = static_cast<int>(info.left_out.size());
+  return report;
 }
 
 ShardInfo ShardedReconstructor::require(ShardStage stage, int shard,
                                         const std::string& from) const {
   const std::string path = path_of(stage, shard);
   const ShardInfo info = read_shard_info(path);
-  if (info.stage != stage || info.shard != shard || info.shards != plan_.shards ||
+  if (info.stage != stage || info.shard != shard || info.shards != count_of(stage) ||
       info.plan != plan_.key)
     throw InputError(path, "is of another plan");
-  if (info.from != from) throw InputError(path, "was made of other features or pairs");
+  if (info.from != from) throw InputError(path, "was made of other features, pairs or matches");
   if (stage == ShardStage::kFeatures) {
     const ShardRange range =
         range_of_shard(static_cast<std::int64_t>(plan_.images.size()), shard, plan_.shards);
@@ -178,7 +273,8 @@ std::vector<ShardInfo> ShardedReconstructor::require_all(ShardStage stage,
   std::vector<ShardInfo> infos;
   std::vector<int> missing;
   std::string first;
-  for (int shard = 1; shard <= plan_.shards; ++shard) {
+  const int count = count_of(stage);
+  for (int shard = 1; shard <= count; ++shard) {
     try {
       infos.push_back(require(stage, shard, from));
     } catch (const InputError& error) {
@@ -191,8 +287,9 @@ std::vector<ShardInfo> ShardedReconstructor::require_all(ShardStage stage,
   if (missing.size() > 1) {
     constexpr std::size_t kNamed = 10;
     const std::span<const int> named = std::span(missing).first(std::min(kNamed, missing.size()));
-    first += fmt::format(", and so are others: {} of {} shards, {}{}", missing.size(), plan_.shards,
-                         fmt::join(named, " "), missing.size() > kNamed ? " .." : "");
+    first += fmt::format(", and so are others: {} of {} {}, {}{}", missing.size(), count,
+                         stage == ShardStage::kModel ? "clusters" : "shards", fmt::join(named, " "),
+                         missing.size() > kNamed ? " .." : "");
   }
   throw Error(ExitStatus::kBadInput, fmt::format("{}; run: {}", first, command));
 }
@@ -399,28 +496,214 @@ void ShardedReconstructor::load(MatchedImages& matched, const Readable& readable
   }
   for (const ShardInfo& info : matches) {
     throw_if_stopped(stop);
-    const std::string path = path_of(ShardStage::kMatch, info.shard);
-    const ShardRange range =
-        range_of_shard(static_cast<std::int64_t>(pairs.size()), info.shard, info.shards);
-    try {
-      std::vector<Pair> some = read_match_shard(path, info.sha256);
-      if (static_cast<std::int64_t>(some.size()) != range.size())
-        throw InputError(path, "holds other pairs than were chosen");
-      for (std::size_t k = 0; k < some.size(); ++k) {
-        const auto& [first, second] = pairs[at(range.first) + k];
-        if (some[k].first != first || some[k].second != second)
-          throw InputError(path, "holds other pairs than were chosen");
-        expect_matches_fit(some[k], matched.images[at(first)].features.points.size(),
-                           matched.images[at(second)].features.points.size(), path);
-        matched.pairs.push_back(std::move(some[k]));
-      }
-    } catch (const InputError& error) {
-      throw Error(ExitStatus::kBadInput, fmt::format("{}; run: {}", error.what(),
-                                                     command_of(ShardStage::kMatch, info.shard)));
+    for (Pair& pair : load_matches(info, pairs)) {
+      expect_matches_fit(pair, matched.images[at(pair.first)].features.points.size(),
+                         matched.images[at(pair.second)].features.points.size(),
+                         path_of(ShardStage::kMatch, info.shard),
+                         command_of(ShardStage::kMatch, info.shard));
+      matched.pairs.push_back(std::move(pair));
     }
     progress.advance();
   }
   progress.end();
+}
+
+std::vector<Pair> ShardedReconstructor::load_matches(const ShardInfo& info,
+                                                     const std::vector<ImagePair>& pairs) const {
+  const std::string path = path_of(ShardStage::kMatch, info.shard);
+  const ShardRange range =
+      range_of_shard(static_cast<std::int64_t>(pairs.size()), info.shard, info.shards);
+  try {
+    std::vector<Pair> some = read_match_shard(path, info.sha256);
+    bool fits = static_cast<std::int64_t>(some.size()) == range.size();
+    for (std::size_t k = 0; fits && k < some.size(); ++k)
+      fits = ImagePair(some[k].first, some[k].second) == pairs[at(range.first) + k];
+    if (!fits) throw InputError(path, "holds other pairs than were chosen");
+    return some;
+  } catch (const InputError& error) {
+    fail_with_command(error, command_of(ShardStage::kMatch, info.shard));
+  }
+}
+
+std::vector<ViewCluster> ShardedReconstructor::find_clusters(const Readable& readable,
+                                                             const std::vector<ImagePair>& pairs,
+                                                             const std::vector<ShardInfo>& matches,
+                                                             Progress& progress,
+                                                             const std::stop_token& stop) const {
+  std::vector<WeightedEdge> edges;
+  progress.begin("clusters", static_cast<std::int64_t>(matches.size()), "shards");
+  for (const ShardInfo& info : matches) {
+    throw_if_stopped(stop);
+    for (const Pair& pair : load_matches(info, pairs))
+      if (!pair.view.inliers.empty())
+        edges.push_back({pair.first, pair.second, static_cast<double>(pair.view.inliers.size())});
+    progress.advance();
+  }
+  progress.end();
+  ClusterOptions how;
+  how.clusters = plan_.clusters();
+  how.max_size = plan_.cluster_size;
+  how.overlap = overlap_of(plan_.cluster_size);
+  how.seed = plan_.options.seed;
+  return cluster_view_graph(readable.count(), edges, how, stop);
+}
+
+void ShardedReconstructor::load_cluster(MatchedImages& matched, const Readable& readable,
+                                        const std::vector<int>& images,
+                                        const std::vector<ImagePair>& pairs,
+                                        const std::vector<ShardInfo>& matches,
+                                        const std::stop_token& stop) const {
+  std::vector<int> place(at(readable.count()), -1);
+  for (std::size_t k = 0; k < images.size(); ++k) place[at(images[k])] = static_cast<int>(k);
+  matched.images.resize(images.size());
+  for (std::size_t s = 0; s < readable.infos().size(); ++s) {
+    throw_if_stopped(stop);
+    const int first = readable.first_of(s);
+    const auto last = first + static_cast<int>(readable.infos()[s].count);
+    const auto begin = std::lower_bound(images.begin(), images.end(), first);
+    if (begin == images.end() || *begin >= last) continue;
+    std::vector<ImageFeatures> loaded = load_features(readable.infos()[s]);
+    for (auto image = begin; image != images.end() && *image < last; ++image) {
+      ImageFeatures& taken = matched.images[at(place[at(*image)])];
+      taken = std::move(loaded[at(*image - first)]);
+      taken.input = place[at(*image)];
+    }
+  }
+  for (const ShardInfo& info : matches) {
+    throw_if_stopped(stop);
+    for (Pair& pair : load_matches(info, pairs)) {
+      pair.first = place[at(pair.first)];
+      pair.second = place[at(pair.second)];
+      if (pair.first < 0 || pair.second < 0) continue;
+      expect_matches_fit(pair, matched.images[at(pair.first)].features.points.size(),
+                         matched.images[at(pair.second)].features.points.size(),
+                         path_of(ShardStage::kMatch, info.shard),
+                         command_of(ShardStage::kMatch, info.shard));
+      matched.pairs.push_back(std::move(pair));
+    }
+  }
+}
+
+ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOptions& options,
+                                              Progress& progress,
+                                              const std::stop_token& stop) const {
+  const int count = plan_.clusters();
+  TARSIER_REQUIRE(cluster >= 1 && cluster <= count, "cluster {}: expected 1..{}", cluster, count);
+  const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const auto [pairs, from_pairs] = pairs_of(readable);
+  const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from_pairs);
+  const std::string from = sum_of_matches(from_pairs, matches);
+  ShardReport report;
+  if (is_done(ShardStage::kModel, cluster, from, report)) return report;
+
+  const ViewCluster chosen =
+      find_clusters(readable, pairs, matches, progress, stop)[at(cluster - 1)];
+  ClusterModels made;
+  made.images = chosen.images();
+  for (const int image : made.images)
+    made.is_own.push_back(std::binary_search(chosen.own.begin(), chosen.own.end(), image) ? 1 : 0);
+  made.cameras.assign(made.images.size(), 0);
+  made.reasons.assign(made.images.size(), "");
+  if (made.images.size() < 2) {
+    std::fill(made.reasons.begin(), made.reasons.end(), "is alone in its cluster");
+  } else {
+    PipelineOptions how = planned(options).pipeline;
+    if (!options.cache)
+      how.cache_folder.clear();
+    else if (how.cache_folder.empty())
+      how.cache_folder = (std::filesystem::path(folder_) / "cache").string();
+    if (!how.cache_folder.empty()) make_folder(how.cache_folder);
+    std::vector<Input> inputs;
+    const std::vector<Input> all = plan_.inputs();
+    for (const int image : made.images) inputs.push_back(all[at(readable.input_of(image))]);
+    PipelineHooks hooks;
+    hooks.matched = [&, &chosen_pairs = pairs](MatchedImages& matched) {
+      load_cluster(matched, readable, made.images, chosen_pairs, matches, stop);
+    };
+    const PipelineResult result = run_pipeline(inputs, how, progress, stop, hooks);
+    for (const Model& model : result.reconstruction.models) {
+      made.models.push_back(packed(model));
+      for (std::size_t k = 0; k < made.cameras.size(); ++k)
+        made.cameras[k] = model.images[k].camera;
+    }
+    for (std::size_t k = 0; k < made.reasons.size(); ++k)
+      made.reasons[k] = result.reconstruction.outcomes[k].reason;
+    for (const RefusedPair& refused : result.reconstruction.refused)
+      made.refused.emplace_back(made.images[at(refused.first)], made.images[at(refused.second)]);
+    std::sort(made.refused.begin(), made.refused.end());
+    made.refused.erase(std::unique(made.refused.begin(), made.refused.end()), made.refused.end());
+  }
+  ShardInfo info;
+  info.stage = ShardStage::kModel;
+  info.shard = cluster;
+  info.from = from;
+  info.count = static_cast<std::int64_t>(made.images.size());
+  info.sha256 = write_cluster_models(path_of(info.stage, cluster), made);
+  report = finish(std::move(info));
+  describe(made, report);
+  return report;
+}
+
+MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos,
+                                             const MapperInput& input) const {
+  MappedParts parts;
+  parts.reasons.assign(input.images.size(), "");
+  std::map<ImagePair, std::size_t> pairs;
+  for (std::size_t k = 0; k < input.pairs.size(); ++k)
+    pairs[{input.pairs[k].first, input.pairs[k].second}] = k;
+  for (const ShardInfo& info : infos) {
+    const std::string path = path_of(ShardStage::kModel, info.shard);
+    try {
+      const ClusterModels cluster = read_cluster_models(path, info.sha256);
+      std::vector<Image> images;
+      for (std::size_t k = 0; k < cluster.images.size(); ++k) {
+        if (at(cluster.images[k]) >= input.images.size())
+          throw InputError(path, "is damaged: an image that is none");
+        images.push_back(input.images[at(cluster.images[k])]);
+        if (cluster.is_own[k] != 0) parts.reasons[at(cluster.images[k])] = cluster.reasons[k];
+      }
+      for (const ImagePair& pair : cluster.refused)
+        if (const auto found = pairs.find(pair); found != pairs.end())
+          parts.refused_pairs.push_back(found->second);
+      for (std::size_t m = 0; m < cluster.models.size(); ++m) {
+        const PackedModel& packed = cluster.models[m];
+        if (!fits(packed, packed.cameras.size(), images))
+          throw InputError(path, "is damaged: models that do not fit their images");
+        MappedPart& part = parts.parts.emplace_back();
+        part.name = m == 0 ? fmt::format("cluster {}", info.shard)
+                           : fmt::format("cluster {}, model {}", info.shard, m);
+        part.model = model_of(packed, cluster, input);
+      }
+      parts.log.push_back(fmt::format("cluster {}: {} of {} images in {} models", info.shard,
+                                      cluster.registered(), cluster.images.size(),
+                                      cluster.models.size()));
+    } catch (const InputError& error) {
+      fail_with_command(error, command_of(ShardStage::kModel, info.shard));
+    }
+  }
+  return parts;
+}
+
+ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& options,
+                                                Progress& progress, const std::stop_token& stop,
+                                                const ReconstructorHooks& hooks) const {
+  if (plan_.clusters() == 0)
+    throw InputError(folder_,
+                     "its plan has no clusters: `tarsier sfm plan --cluster-size` makes "
+                     "one that has, `tarsier sfm map` maps all images together");
+  const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const auto [pairs, from] = pairs_of(readable);
+  const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
+  const std::vector<ShardInfo> clusters =
+      require_all(ShardStage::kModel, sum_of_matches(from, matches));
+  ReconstructorHooks mapping = hooks;
+  mapping.matched = [&, &chosen = pairs](MatchedImages& matched) {
+    load(matched, readable, chosen, matches, progress, stop);
+  };
+  mapping.map = [&](const MapperInput& input, const MapperOptions& mapper) {
+    return map_joined(input, mapper, load_parts(clusters, input), progress, stop);
+  };
+  return Reconstructor(planned(options)).run_images(plan_.inputs(), progress, stop, mapping);
 }
 
 ReconstructorResult ShardedReconstructor::map(const ReconstructorOptions& options,
@@ -429,16 +712,11 @@ ReconstructorResult ShardedReconstructor::map(const ReconstructorOptions& option
   const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [pairs, from] = pairs_of(readable);
   const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
-  ReconstructorOptions how = options;
-  how.pipeline = plan_.options;
-  how.pipeline.cache_folder = options.pipeline.cache_folder;
-  how.pipeline.memory_gb = options.pipeline.memory_gb;
-  how.pipeline.checkpoint_s = options.pipeline.checkpoint_s;
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&, &chosen = pairs](MatchedImages& matched) {
     load(matched, readable, chosen, matches, progress, stop);
   };
-  return Reconstructor(how).run_images(plan_.inputs(), progress, stop, mapping);
+  return Reconstructor(planned(options)).run_images(plan_.inputs(), progress, stop, mapping);
 }
 
 }  // namespace tarsier::sfm

@@ -4,13 +4,16 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/inputs.h"
+#include "tarsier/sfm/pipelines/model_merger.h"
 #include "tarsier/sfm/pipelines/shard_commands.h"
 #include "tarsier/sfm/pipelines/testing_relief.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -34,8 +37,26 @@ class Sharded : public ReliefFolderTest {
   [[nodiscard]] std::vector<Input> inputs() {
     return find_inputs({path("images")}, {}, "", progress_, {});
   }
-  void plan(int shards) {
-    (void)write_plan(path("work"), inputs(), options_, shards, progress_, {});
+  void plan(int shards, int cluster_size = 0) {
+    (void)write_plan(path("work"), inputs(), options_, shards, progress_, {}, cluster_size);
+  }
+  // A plan of two clusters, mapped.
+  void map_clusters(const ShardedReconstructor& sharded) {
+    find_all(sharded);
+    match_all(sharded);
+    for (int k = sharded.plan().clusters(); k >= 1; --k) (void)map_cluster(sharded, k);
+  }
+  ShardReport map_cluster(const ShardedReconstructor& sharded, int cluster) {
+    ReconstructorOptions options;
+    options.cache = false;
+    return sharded.map_cluster(cluster, options, progress_, {});
+  }
+  [[nodiscard]] ReconstructorResult merge(const ShardedReconstructor& sharded,
+                                          const std::string& folder) {
+    ReconstructorOptions options;
+    options.folder = path(folder);
+    options.cache = false;
+    return sharded.merge(options, progress_, {});
   }
   void find_all(const ShardedReconstructor& sharded) {
     for (int k = sharded.plan().shards; k >= 1; --k) (void)sharded.find_features(k, progress_, {});
@@ -94,6 +115,17 @@ TEST_F(Sharded, AnyNumberOfShardsGivesTheModelOfOneRun) {
     EXPECT_EQ(result.pipeline.compared, kImages * (kImages - 1) / 2);
     expect_same_as_whole(folder);
   }
+}
+
+TEST_F(Sharded, SimulatedViewsArePartOfThePlan) {
+  options_.features.wide = true;
+  options_.features.max_count = 150;
+  plan(2);
+  const ShardedReconstructor sharded(path("work"));
+  find_all(sharded);
+  match_all(sharded);
+  (void)map(sharded, "model");
+  expect_same_as_whole("model");
 }
 
 TEST_F(Sharded, PairsByWhatImagesShowAreChosenOnceForAllShards) {
@@ -212,6 +244,7 @@ TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
   options_.mapper.choice = MapperChoice::kGlobal;
   options_.two_view.threshold_px = 0.1 + 0.2;
   options_.mapper.refine_center = true;
+  options_.features.wide = true;
   options_.seed = 0xFFFFFFFFFFFFFFFFU;
   plan(4);
   const std::string text = contents(path("work/plan.json"));
@@ -220,6 +253,7 @@ TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
   EXPECT_EQ(read.options.mapper.choice, MapperChoice::kGlobal);
   EXPECT_EQ(read.options.two_view.threshold_px, 0.1 + 0.2);
   EXPECT_TRUE(read.options.mapper.refine_center);
+  EXPECT_TRUE(read.options.features.wide);
   EXPECT_EQ(read.options.seed, options_.seed);
   ASSERT_TRUE(read.options.camera);
   EXPECT_EQ(read.options.camera->fx, scene_->camera().fx);
@@ -228,7 +262,7 @@ TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
   for (const auto& [key, value] :
        std::vector<std::pair<std::string, nlohmann::json>>{{"shards", 0},
                                                            {"shards", "two"},
-                                                           {"version", 2},
+                                                           {"version", 1},
                                                            {"written_by", "someone"},
                                                            {"images", nlohmann::json::array()},
                                                            {"options", nullptr}}) {
@@ -256,6 +290,107 @@ TEST_F(Sharded, ThePlanKeepsWhereImagesWereTaken) {
     write_file_atomically(path("work/plan.json"), json.dump());
     expect_error([&] { (void)read_plan(path("work")); }, "'place'");
   }
+}
+
+TEST_F(Sharded, ClustersAreMappedApartAndMerged) {
+  plan(2, 4);
+  const ShardedReconstructor sharded(path("work"));
+  ASSERT_EQ(sharded.plan().clusters(), 2);
+  map_clusters(sharded);
+  const ReconstructorResult result = merge(sharded, "model");
+  ASSERT_EQ(result.models().size(), 1U);
+  EXPECT_EQ(statistics_of(result.models()[0]).registered, kImages);
+  EXPECT_LT(statistics_of(result.models()[0]).reprojection_px, 0.6);
+  const nlohmann::ordered_json report = to_json(result);
+  EXPECT_EQ(report["parts"], (nlohmann::json{"cluster 1", "cluster 2"}));
+  ASSERT_EQ(report["joins"].size(), 1U);
+  EXPECT_EQ(report["joins"][0]["joined"], true);
+  EXPECT_GE(report["joins"][0]["images"], 3);
+  // Again, of other shards: the same to the byte.
+  const std::string points = contents(path("model/points3D.txt"));
+  (void)merge(sharded, "again");
+  EXPECT_EQ(contents(path("again/points3D.txt")), points);
+  // All images together is possible with such a plan, too.
+  (void)map(sharded, "together");
+  expect_same_as_whole("together");
+}
+
+TEST_F(Sharded, AClusterIsDoneOnceAndAgainWhereItsFileIsNotWhole) {
+  plan(1, 4);
+  const ShardedReconstructor sharded(path("work"));
+  map_clusters(sharded);
+  const ShardReport report = map_cluster(sharded, 1);
+  EXPECT_TRUE(report.was_done);
+  EXPECT_GE(report.count, 3);
+  EXPECT_LE(report.own, 4);
+  EXPECT_EQ(report.registered, report.count);
+  EXPECT_EQ(report.models, 1);
+  const std::string file = path("work/model-1-of-2");
+  const std::string bytes = contents(file);
+  change_byte(file, bytes.size() - 1);
+  expect_error([&] { (void)merge(sharded, "model"); }, "is damaged; run: tarsier sfm map");
+  EXPECT_FALSE(map_cluster(sharded, 1).was_done);
+  EXPECT_EQ(contents(file), bytes);
+  fs::remove(path("work/model-2-of-2.done"));
+  expect_error([&] { (void)merge(sharded, "model"); }, "--cluster 2/2");
+  (void)map_cluster(sharded, 2);
+  // Other matches make other clusters.
+  write_file_atomically(path("work/match-1-of-1.done"), "");
+  expect_error([&] { (void)merge(sharded, "model"); }, "run: tarsier sfm match");
+  match_all(sharded);
+  EXPECT_EQ(merge(sharded, "model").models().size(), 1U);
+  EXPECT_THROW((void)map_cluster(sharded, 3), std::invalid_argument);
+}
+
+TEST_F(Sharded, ClustersAreOfThePlan) {
+  plan(2);
+  expect_error([&] { (void)merge(ShardedReconstructor(path("work")), "model"); }, "no clusters");
+  const std::string without = contents(path("work/plan.json"));
+  plan(2, 5);
+  EXPECT_EQ(read_plan(path("work")).clusters(), 1);
+  EXPECT_NE(contents(path("work/plan.json")), without);
+  EXPECT_THROW(plan(2, 3), std::invalid_argument);
+  EXPECT_THROW(plan(2, -1), std::invalid_argument);
+  for (const nlohmann::json& value : std::vector<nlohmann::json>{-5, 3, "four", 4.5}) {
+    nlohmann::json json = nlohmann::json::parse(without);
+    json["cluster_size"] = value;
+    write_file_atomically(path("work/plan.json"), json.dump());
+    expect_error([&] { (void)read_plan(path("work")); }, "'cluster_size'");
+  }
+}
+
+TEST_F(Sharded, ModelsOfFoldersAreMerged) {
+  const auto model_of = [&](const std::string& folder, std::vector<std::string> names) {
+    ReconstructorOptions options;
+    options.pipeline = options_;
+    options.folder = path(folder);
+    options.cache = false;
+    std::vector<Input> some;
+    for (const Input& input : inputs())
+      if (std::find(names.begin(), names.end(), input.name) != names.end()) some.push_back(input);
+    (void)Reconstructor(options).run_images(some, progress_, {});
+  };
+  model_of("a", {"0.png", "1.png", "2.png", "3.png"});
+  model_of("b", {"1.png", "2.png", "3.png", "4.png"});
+  model_of("c", {"3.png", "4.png"});
+  ReconstructorOptions options;
+  options.folder = path("merged");
+  const ReconstructorResult result = merge_models({path("a"), path("b")}, options, progress_, {});
+  ASSERT_EQ(result.models().size(), 1U);
+  EXPECT_EQ(statistics_of(result.models()[0]).registered, kImages);
+  EXPECT_LT(statistics_of(result.models()[0]).reprojection_px, 0.6);
+  EXPECT_TRUE(fs::exists(path("merged/points.ply")));
+  // With few common images they stay apart, and the report says why.
+  const ReconstructorResult apart = merge_models({path("a"), path("c")}, options, progress_, {});
+  EXPECT_EQ(apart.models().size(), 2U);
+  const nlohmann::ordered_json report = to_json(apart);
+  EXPECT_EQ(report["joins"][0]["joined"], false);
+  EXPECT_EQ(report["joins"][0]["reason"], "1 image in common, 3 are needed");
+  EXPECT_FALSE(report["photographs"][0].contains("trust"));
+  EXPECT_TRUE(fs::exists(path("merged/model-1/points.ply")));
+  EXPECT_THROW((void)merge_models({path("a"), path("nowhere")}, options, progress_, {}),
+               InputError);
+  EXPECT_THROW((void)merge_models({path("a")}, options, progress_, {}), std::invalid_argument);
 }
 
 TEST_F(Sharded, StopsWithNothingHalfWritten) {
@@ -287,6 +422,8 @@ TEST(ShardCommands, QuoteWhatAShellWouldTakeApart) {
   EXPECT_EQ(shell_word("it's $(x)"), "'it'\\''s $(x)'");
   EXPECT_EQ(shell_word(""), "''");
   EXPECT_EQ(shard_command("W", ShardStage::kMatch, 3, 8), "tarsier sfm match W --shard 3/8");
+  EXPECT_EQ(shard_command("my W", ShardStage::kModel, 3, 8),
+            "tarsier sfm map 'my W' --cluster 3/8");
 }
 
 }  // namespace

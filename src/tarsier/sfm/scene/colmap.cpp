@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <limits>
 #include <map>
@@ -37,6 +38,8 @@ constexpr double kMaxPixel = 1e7;                   // px; farther is no place i
 constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
 constexpr std::int64_t kMaxPointId = std::numeric_limits<std::int64_t>::max();
 constexpr int kMaxIndex = std::numeric_limits<int>::max();
+// A comment to COLMAP: how many quarter turns clockwise bring the image of this name upright.
+constexpr std::string_view kTurned = "# TURNED ";
 
 class TextFile : public BufferedFile {
  public:
@@ -75,6 +78,9 @@ void write_images(const std::string& path, const Model& model, const std::vector
   file.add(
       "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
       "# POINTS2D[] as (X, Y, POINT3D_ID)\n");
+  for (const Image& image : model.images)
+    if (image.registered && image.turns != 0)
+      file.add("{}{} {}\n", kTurned, image.turns, image.name);
   int id = 0;
   for (const Image& image : model.images) {
     if (!image.registered) continue;
@@ -160,13 +166,18 @@ class LineReader {
     return true;
   }
 
-  // The next line that is neither blank nor a comment.
-  bool next_content(std::string_view& line) {
+  // The next line that is neither blank nor a comment. `on_comment` is called with the others, long ones cut.
+  template <typename OnComment>
+  bool next_content(std::string_view& line, const OnComment& on_comment) {
     while (next(line)) {
       const std::string_view content = trimmed(line);
       if (!content.empty() && content.front() != '#') return true;
+      on_comment(line);
     }
     return false;
+  }
+  bool next_content(std::string_view& line) {
+    return next_content(line, [](std::string_view /*comment*/) {});
   }
 
   [[nodiscard]] std::int64_t number() const { return number_; }
@@ -249,13 +260,23 @@ class ModelReader {
 
   void read_images(LineReader& reader) {
     std::set<std::string> names;
+    std::map<std::string, int, std::less<>> turns;
+    const auto on_comment = [&](std::string_view comment) {
+      // As write_images() has them; other comments say what they like.
+      if (!comment.starts_with(kTurned) || turns.size() == kMaxItems) return;
+      std::string_view rest = comment.substr(kTurned.size());
+      const auto quarters = to_integer(next_word(rest), 1, 3);
+      if (quarters && !rest.empty()) turns.emplace(rest.substr(1), static_cast<int>(*quarters));
+    };
     std::string_view line;
-    while (reader.next_content(line)) {
+    while (reader.next_content(line, on_comment)) {
       if (model_.images.size() == kMaxItems)
         reader.fail(fmt::format("more than the limit of {} images", kMaxItems));
       Image image = read_image(reader, line);
       if (!names.insert(image.name).second)
         reader.fail(fmt::format("'{}' is there twice", printable(image.name)));
+      if (const auto turned = turns.find(image.name); turned != turns.end())
+        image.turns = turned->second;
       lines_.push_back(reader.number() + 1);
       point_ids_.emplace_back();
       // The line of features may be blank, and at the end of a file be lost.

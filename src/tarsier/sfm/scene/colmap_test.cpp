@@ -130,6 +130,25 @@ TEST_F(ColmapTest, AModelComesBackWithoutWhatIsNotRegistered) {
   }
 }
 
+TEST_F(ColmapTest, ImagesStayTurned) {
+  Model model = synthetic_model();
+  model.images[2].turns = 3;
+  model.images[3].turns = 1;
+  model.images[3].name = "a name with blanks.jpg";
+  write_colmap(folder_, model);
+  const std::string text = contents(path("images.txt"));
+  const Model read = read_colmap(folder_);
+  EXPECT_EQ(read.images[0].turns, 0);
+  EXPECT_EQ(read.images[1].turns, 3);
+  EXPECT_EQ(read.images[2].turns, 1);
+  // What other programs say in a comment is no error.
+  for (const char* comment :
+       {"# TURNED", "# TURNED ", "# TURNED 9 x", "# TURNED 1", "# TURNED 1 y"}) {
+    write_file_atomically(path("images.txt"), std::string(comment) + "\n" + text);
+    EXPECT_EQ(read_colmap(folder_).images[1].turns, 3) << comment;
+  }
+}
+
 TEST_F(ColmapTest, TheFilesHoldWhatColmapExpects) {
   Model model = synthetic_model();
   model.images[0].registered = model.images[1].registered;

@@ -35,6 +35,8 @@ struct Image {
   std::vector<cv::Point2f> features;  // px, pixel centres at integers
   std::vector<float> sizes;           // px, diameter of each feature; empty: all alike
   std::vector<int> points;            // of each feature: index into Model::points, or -1
+  int turns =
+      0;  // quarter turns clockwise that bring its pixels upright, 0..3 (sensor_image.h); 0: not known, too
 };
 
 struct Model {

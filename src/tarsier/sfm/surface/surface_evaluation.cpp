@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/opencv_types.h"
 #include "tarsier/sfm/surface/triangle_tree.h"
@@ -123,7 +124,7 @@ SurfaceScores evaluate_surface(const Workspace& cameras, const SurfaceMesh& trut
   std::vector<float> off = distances(samples_of(scores.errors), true_tree, limit, stop);
   const std::vector<float> missing = distances(wanted, TriangleTree(scores.errors), limit, stop);
   scores.thresholds = score_thresholds(off, missing, scores.extent);
-  scores.distance_median = quantile(off, 0.5);
+  scores.distance_median = lower_quantile(off, 0.5);
   std::vector<cv::Vec3f> vertices;
   for (const Eigen::Vector3f& vertex : scores.errors.vertices)
     vertices.emplace_back(vertex[0], vertex[1], vertex[2]);

@@ -2,8 +2,8 @@
 #include "tarsier/sfm/surface/surface_files.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/file_ending.h"
 #include "tarsier/core/require.h"
-#include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/render/obj_io.h"
@@ -216,7 +216,7 @@ SurfaceMesh mesh_of_ply(const std::string& path) {
 }  // namespace
 
 SurfaceFormat surface_format_of(const std::string& path) {
-  const std::string ending = lower_case(fs::path(path).extension().string());
+  const std::string ending = lower_ending(path);
   if (ending == ".ply") return SurfaceFormat::kPly;
   if (ending == ".obj") return SurfaceFormat::kObj;
   if (ending == ".glb") return SurfaceFormat::kGlb;

@@ -81,7 +81,7 @@ cv::Mat1f draw_surface(const SurfaceMesh& mesh, const std::vector<Eigen::Vector3
 }
 
 // A view with the surface's depth in it.
-struct Sight {
+struct DepthView {
   geometry::Camera camera;
   geometry::Camera small;  // of `depth`
   cv::Mat1f depth;
@@ -118,7 +118,8 @@ float cosine_of(const Eigen::Vector3f& normal, const Eigen::Vector3f& x) {
   return length > 0 ? -normal.dot(x) / length : 0;
 }
 
-float quality_of(const Face& face, const std::vector<Eigen::Vector3f>& points, const Sight& sight) {
+float quality_of(const Face& face, const std::vector<Eigen::Vector3f>& points,
+                 const DepthView& depth_view) {
   const Eigen::Vector3f& a = points[at(face[0])];
   const Eigen::Vector3f& b = points[at(face[1])];
   const Eigen::Vector3f& c = points[at(face[2])];
@@ -126,9 +127,9 @@ float quality_of(const Face& face, const std::vector<Eigen::Vector3f>& points, c
   const float cosine = cosine_of((b - a).cross(c - a), middle);
   if (!(cosine > kMinCosine)) return 0;
   for (const Eigen::Vector3f& x : {a, b, c, middle})
-    if (!sight.shows(x)) return 0;
-  const cv::Point2d p = sight.pixel(a);
-  const double px = 0.5 * std::abs((sight.pixel(b) - p).cross(sight.pixel(c) - p));
+    if (!depth_view.shows(x)) return 0;
+  const cv::Point2d p = depth_view.pixel(a);
+  const double px = 0.5 * std::abs((depth_view.pixel(b) - p).cross(depth_view.pixel(c) - p));
   return static_cast<float>(px) * cosine;
 }
 
@@ -198,24 +199,26 @@ ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh, double 
   for (int view = 0; view < workspace.count(); ++view) {
     throw_if_stopped(stop);
     const std::vector<Eigen::Vector3f> points = in_camera(mesh, workspace.pose(view));
-    Sight sight;
-    sight.camera = workspace.camera(view);
-    const double pixels = static_cast<double>(sight.camera.width) * sight.camera.height;
+    DepthView depth_view;
+    depth_view.camera = workspace.camera(view);
+    const double pixels = static_cast<double>(depth_view.camera.width) * depth_view.camera.height;
     const double scale = std::min(1.0, std::sqrt(kMaxPixels / pixels));
-    sight.small = camera_of_map(
-        sight.camera, {std::max(1, static_cast<int>(std::lround(sight.camera.width * scale))),
-                       std::max(1, static_cast<int>(std::lround(sight.camera.height * scale)))});
-    sight.depth = draw_surface(mesh, points, sight.small);
-    sight.tolerance = static_cast<float>(tolerance);
-    sight.background = dark_background(workspace, view, dark_level);
-    if (!sight.background.empty())
-      cv::dilate(sight.background, sight.background, cv::Mat(), {-1, -1}, kBesideBackground);
+    depth_view.small = camera_of_map(
+        depth_view.camera,
+        {std::max(1, static_cast<int>(std::lround(depth_view.camera.width * scale))),
+         std::max(1, static_cast<int>(std::lround(depth_view.camera.height * scale)))});
+    depth_view.depth = draw_surface(mesh, points, depth_view.small);
+    depth_view.tolerance = static_cast<float>(tolerance);
+    depth_view.background = dark_background(workspace, view, dark_level);
+    if (!depth_view.background.empty())
+      cv::dilate(depth_view.background, depth_view.background, cv::Mat(), {-1, -1},
+                 kBesideBackground);
     cv::Mat image = workspace.read_image(view);
     cv::blur(image, image, {3, 3});
     cv::parallel_for_(cv::Range(0, static_cast<int>(mesh.faces.size())),
                       [&](const cv::Range& range) {
                         for (int f = range.start; f < range.end; ++f) {
-                          const float quality = quality_of(mesh.faces[at(f)], points, sight);
+                          const float quality = quality_of(mesh.faces[at(f)], points, depth_view);
                           if (quality > 0) keep_best(scan.faces[at(f)], {view, quality});
                         }
                       });
@@ -225,10 +228,10 @@ ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh, double 
                         for (int v = range.start; v < range.end; ++v) {
                           const Eigen::Vector3f& x = points[at(v)];
                           const float cosine = cosine_of(rotation * normals[at(v)], x);
-                          if (!(cosine > kMinCosine) || !sight.shows(x)) continue;
-                          const float finer = static_cast<float>(sight.camera.fx) / x[2];
+                          if (!(cosine > kMinCosine) || !depth_view.shows(x)) continue;
+                          const float finer = static_cast<float>(depth_view.camera.fx) / x[2];
                           const float quality = cosine * finer * finer;
-                          const cv::Vec3f color = color_at(image, sight.pixel(x));
+                          const cv::Vec3f color = color_at(image, depth_view.pixel(x));
                           const float weight = quality * quality;
                           sums[at(v)] += cv::Vec4f(color[0], color[1], color[2], 1) * weight;
                         }

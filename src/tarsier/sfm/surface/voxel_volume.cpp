@@ -26,7 +26,7 @@ std::size_t slot_of(VoxelVolume::Key key, std::size_t mask) {
 }
 
 // What integrate() needs in its inner loop.
-struct Sight {
+struct VoxelView {
   Eigen::Matrix3f rotation;  // camera from voxels
   Eigen::Vector3f translation;
   float fx, fy, cx, cy;
@@ -78,43 +78,43 @@ void add(Voxel& voxel, float distance, float weight) {
 }
 
 // `start`: voxel (0, y, z) of a block in the camera's frame, `step`: to the next along x.
-void add_row(const Sight& sight, const TangentMap& map, Eigen::Vector3f at,
+void add_row(const VoxelView& view, const TangentMap& map, Eigen::Vector3f at,
              const Eigen::Vector3f& step, Voxel* row) {
   for (int x = 0; x < VoxelVolume::kSide; ++x, at += step) {
     if (!(at[2] > 0)) continue;
-    const float u = sight.fx * at[0] / at[2] + sight.cx;
-    const float v = sight.fy * at[1] / at[2] + sight.cy;
-    if (!(u >= -0.5F && v >= -0.5F && u < static_cast<float>(sight.width) - 0.5F &&
-          v < static_cast<float>(sight.height) - 0.5F))
+    const float u = view.fx * at[0] / at[2] + view.cx;
+    const float v = view.fy * at[1] / at[2] + view.cy;
+    if (!(u >= -0.5F && v >= -0.5F && u < static_cast<float>(view.width) - 0.5F &&
+          v < static_cast<float>(view.height) - 0.5F))
       continue;
     const int column = static_cast<int>(u + 0.5F);
     const int line = static_cast<int>(v + 0.5F);
     float weight = map.weights.ptr<float>(line)[column];
     if (!(weight > 0)) {
       if (!map.empty.empty() && map.empty(line, column) != 0)
-        add(row[x], sight.truncation, sight.carving * sight.factor);
+        add(row[x], view.truncation, view.carving * view.factor);
       continue;
     }
     const cv::Vec4f& plane = map.planes.ptr<cv::Vec4f>(line)[column];
     const float from_nearest = distance_to(plane, at);
-    float distance = from_nearest * sight.per_unit;
-    const float truncation = std::clamp(at[2] * sight.per_depth, sight.truncation,
-                                        static_cast<float>(kMaxWider) * sight.truncation);
+    float distance = from_nearest * view.per_unit;
+    const float truncation = std::clamp(at[2] * view.per_depth, view.truncation,
+                                        static_cast<float>(kMaxWider) * view.truncation);
     if (distance < -truncation) continue;
     if (distance < truncation)
-      distance = sight.per_unit *
-                 mean_distance(map, at, u, v, plane, from_nearest, truncation / sight.per_unit);
-    weight *= sight.factor;
+      distance = view.per_unit *
+                 mean_distance(map, at, u, v, plane, from_nearest, truncation / view.per_unit);
+    weight *= view.factor;
     if (distance < 0) {
       // The ray meets the plane at `share` of the voxel's depth.
       const float n_dot_x = from_nearest + plane[3];
       const float share = n_dot_x < 0 ? plane[3] / n_dot_x : 1;
-      if ((1 - share) * at[2] * sight.per_unit > static_cast<float>(kMaxBehind) * truncation)
+      if ((1 - share) * at[2] * view.per_unit > static_cast<float>(kMaxBehind) * truncation)
         continue;
       weight *= std::min(1.0F, std::max(0.0F, truncation + distance) / (truncation - 1));
     } else if (distance > truncation) {
       distance = truncation;
-      weight *= sight.carving;
+      weight *= view.carving;
     }
     if (!(weight > 0)) continue;
     add(row[x], distance, weight);
@@ -133,18 +133,18 @@ cv::Mat1b inner_pixels(const cv::Mat& depth, int trim) {
 }
 
 // Whether the sphere around a block may be in the image.
-bool may_see(const Sight& sight, const Eigen::Vector3f& center, float radius) {
+bool may_see(const VoxelView& view, const Eigen::Vector3f& center, float radius) {
   if (center[2] < -radius) return false;
   if (center[2] < 2 * radius) return true;
   const float inverse = 1 / (center[2] - radius);
-  const float reach = 1.5F * std::max(sight.fx, sight.fy) * radius * inverse;
-  const float u = sight.fx * center[0] / center[2] + sight.cx;
-  const float v = sight.fy * center[1] / center[2] + sight.cy;
+  const float reach = 1.5F * std::max(view.fx, view.fy) * radius * inverse;
+  const float u = view.fx * center[0] / center[2] + view.cx;
+  const float v = view.fy * center[1] / center[2] + view.cy;
   // A sphere off the axis spreads more.
   const float slant = 1 + std::hypot(center[0], center[1]) / center[2];
   return u > -slant * reach && v > -slant * reach &&
-         u < static_cast<float>(sight.width) + slant * reach &&
-         v < static_cast<float>(sight.height) + slant * reach;
+         u < static_cast<float>(view.width) + slant * reach &&
+         v < static_cast<float>(view.height) + slant * reach;
 }
 
 }  // namespace
@@ -281,25 +281,25 @@ std::vector<VoxelVolume::Key> blocks_near(const TangentMap& map, double voxel, d
 
 void integrate(VoxelVolume& volume, const TangentMap& map, const Integration& options) {
   if (!(map.footprint > 0)) return;
-  Sight sight{};
-  sight.rotation = (map.pose.rotation * volume.size()).cast<float>();
-  sight.translation = map.pose.translation.cast<float>();
-  sight.fx = static_cast<float>(map.camera.fx);
-  sight.fy = static_cast<float>(map.camera.fy);
-  sight.cx = static_cast<float>(map.camera.cx);
-  sight.cy = static_cast<float>(map.camera.cy);
-  sight.width = map.weights.cols;
-  sight.height = map.weights.rows;
-  sight.per_unit = static_cast<float>(1 / volume.size());
-  sight.truncation = static_cast<float>(options.truncation);
-  sight.per_depth =
+  VoxelView view{};
+  view.rotation = (map.pose.rotation * volume.size()).cast<float>();
+  view.translation = map.pose.translation.cast<float>();
+  view.fx = static_cast<float>(map.camera.fx);
+  view.fy = static_cast<float>(map.camera.fy);
+  view.cx = static_cast<float>(map.camera.cx);
+  view.cy = static_cast<float>(map.camera.cy);
+  view.width = map.weights.cols;
+  view.height = map.weights.rows;
+  view.per_unit = static_cast<float>(1 / volume.size());
+  view.truncation = static_cast<float>(options.truncation);
+  view.per_depth =
       static_cast<float>(options.truncation * kPixels / (map.camera.fx * volume.size()));
-  sight.carving = static_cast<float>(options.carving);
+  view.carving = static_cast<float>(options.carving);
   const double finer = volume.size() / map.footprint;
-  sight.factor = static_cast<float>(std::clamp(finer * finer, 0.1, 4.0));
+  view.factor = static_cast<float>(std::clamp(finer * finer, 0.1, 4.0));
   const float radius =
       static_cast<float>(volume.size() * 0.5 * VoxelVolume::kSide * std::sqrt(3.0));
-  const Eigen::Vector3f step = sight.rotation.col(0);
+  const Eigen::Vector3f step = view.rotation.col(0);
   cv::parallel_for_(cv::Range(0, volume.blocks()), [&](const cv::Range& range) {
     for (int b = range.start; b < range.end; ++b) {
       // Far from the origin floats of the world would not do.
@@ -308,14 +308,14 @@ void integrate(VoxelVolume& volume, const TangentMap& map, const Integration& op
           Eigen::Vector3d(volume.index(b).cast<double>() * (VoxelVolume::kSide * volume.size()));
       const Eigen::Vector3f corner = first.cast<float>();
       const float half = 0.5F * (VoxelVolume::kSide - 1);
-      if (!may_see(sight, corner + sight.rotation * Eigen::Vector3f(half, half, half), radius))
+      if (!may_see(view, corner + view.rotation * Eigen::Vector3f(half, half, half), radius))
         continue;
       Voxel* voxels = volume.voxels(b).data();
       for (int z = 0; z < VoxelVolume::kSide; ++z) {
         for (int y = 0; y < VoxelVolume::kSide; ++y) {
-          const Eigen::Vector3f start = corner + sight.rotation.col(1) * static_cast<float>(y) +
-                                        sight.rotation.col(2) * static_cast<float>(z);
-          add_row(sight, map, start, step,
+          const Eigen::Vector3f start = corner + view.rotation.col(1) * static_cast<float>(y) +
+                                        view.rotation.col(2) * static_cast<float>(z);
+          add_row(view, map, start, step,
                   voxels + VoxelVolume::kSide * (y + VoxelVolume::kSide * z));
         }
       }

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "framing.h"
 
+#include "tarsier/core/statistics.h"
+#include "tarsier/sfm/scene/sensor_image.h"
+
 #include <Eigen/Geometry>
 
 #include <algorithm>
@@ -19,21 +22,12 @@ bool finite(const geometry::Rigid3& pose) {
   return pose.rotation.allFinite() && pose.translation.allFinite();
 }
 
-// Changes the order of `values`. 0 where there are none.
-double quantile(std::vector<double>& values, double share) {
-  if (values.empty()) return 0;
-  const auto at =
-      static_cast<std::ptrdiff_t>(std::lround(share * static_cast<double>(values.size() - 1)));
-  std::nth_element(values.begin(), values.begin() + at, values.end());
-  return values[static_cast<std::size_t>(at)];
-}
-
 Eigen::Vector3d median_of(const std::vector<Eigen::Vector3d>& all) {
   Eigen::Vector3d result = Eigen::Vector3d::Zero();
   std::vector<double> values(all.size());
   for (int k = 0; k < 3; ++k) {
     std::transform(all.begin(), all.end(), values.begin(), [k](const auto& x) { return x[k]; });
-    result[k] = quantile(values, 0.5);
+    result[k] = nearest_quantile(values, 0.5);
   }
   return result;
 }
@@ -54,9 +48,9 @@ Extent extent_of(const std::vector<Eigen::Vector3d>& all, const Framing& framing
     upright.push_back(framed[1]);
   }
   Extent result;
-  result.across = quantile(across, share);
-  const double low = quantile(upright, 1 - share);
-  const double high = quantile(upright, share);
+  result.across = nearest_quantile(across, share);
+  const double low = nearest_quantile(upright, 1 - share);
+  const double high = nearest_quantile(upright, share);
   result.upright = std::max(std::abs(low), std::abs(high));
   return result;
 }
@@ -67,7 +61,7 @@ double camera_size_of(const std::vector<Eigen::Vector3d>& centers, double scale)
   std::vector<double> steps;
   for (std::size_t i = 1; i < centers.size(); ++i)
     steps.push_back((centers[i] - centers[i - 1]).norm());
-  const double step = steps.empty() ? scale : quantile(steps, 0.5);
+  const double step = steps.empty() ? scale : nearest_quantile(steps, 0.5);
   return std::clamp(0.4 * step, 0.03 * scale, 0.1 * scale);
 }
 
@@ -87,7 +81,7 @@ Framing frame_model(const Model& model, bool with_cameras) {
     const Eigen::Matrix3d axes = image.pose.rotation.transpose();
     if (centers.empty()) first_ahead = axes.col(2);
     centers.push_back(image.pose.center());
-    down += axes.col(1);
+    down += axes * down_of(image.turns);
     ahead += axes.col(2);
   }
 

@@ -100,6 +100,21 @@ TEST(Render, ViewStartsWhereTheCamerasStoodAndUpIsUp) {
   EXPECT_GT(viewpoint_of(model, options).pose.center()[0], 0.5);
 }
 
+TEST(Render, UpIsUpOfTurnedImages) {
+  // The camera was held upright: its pixels lie on their side, down is to the right in them.
+  Model model = model_with_camera();
+  add_plate(model, 0, kRed);
+  model.images[0].turns = 1;
+  ViewOptions options;
+  options.pitch_deg = 0;
+  const Viewpoint view = viewpoint_of(model, options);
+  const auto low = view.camera.project(view.pose * Eigen::Vector3d(1, 0, 0));
+  const auto right = view.camera.project(view.pose * Eigen::Vector3d(0, -1, 0));
+  ASSERT_TRUE(low && right);
+  EXPECT_GT(low->y, view.camera.cy + 50);
+  EXPECT_GT(right->x, view.camera.cx + 50);
+}
+
 TEST(Render, NearerPointsHideFartherOnes) {
   Model model = model_with_camera();
   add_plate(model, -1, kRed);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "viewer.h"
 
+#include "tarsier/core/base64.h"
 #include "tarsier/core/markup.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
@@ -41,22 +42,6 @@ std::string json_in_script(const nlohmann::json& json) {
   return result;
 }
 
-std::string base64(const void* data, std::size_t size) {
-  constexpr std::string_view kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  const auto* bytes = static_cast<const std::uint8_t*>(data);
-  std::string result;
-  result.reserve((size + 2) / 3 * 4);
-  for (std::size_t i = 0; i < size; i += 3) {
-    const std::size_t have = std::min<std::size_t>(3, size - i);
-    std::uint32_t word = 0;
-    for (std::size_t k = 0; k < 3; ++k) word = word << 8 | (k < have ? bytes[i + k] : 0U);
-    for (std::size_t k = 0; k < 4; ++k)
-      result += k <= have ? kDigits[word >> (18 - 6 * k) & 63U] : '=';
-  }
-  return result;
-}
-
 // 12345 -> 12,345
 std::string grouped(std::size_t number) {
   std::string text = fmt::format("{}", number);
@@ -79,7 +64,8 @@ struct Frame {
 
 template <typename T>
 std::string base64_of(const std::vector<T>& values) {
-  return base64(values.data(), values.size() * sizeof(T));
+  return to_base64(
+      std::span(reinterpret_cast<const std::uint8_t*>(values.data()), values.size() * sizeof(T)));
 }
 
 // Points in 16 bits a coordinate; at most `max_points`, spread evenly. `position(i)`: world,
@@ -158,7 +144,7 @@ nlohmann::json surface_json(const ViewerSurface& surface, const Frame& frame) {
     std::vector<float> uvs;
     for (const cv::Vec2f& uv : surface.uvs) uvs.insert(uvs.end(), {uv[0], uv[1]});
     json["uvs"] = base64_of(uvs);
-    json["texture"] = base64(surface.texture.data(), surface.texture.size());
+    json["texture"] = to_base64(surface.texture);
   }
   return json;
 }

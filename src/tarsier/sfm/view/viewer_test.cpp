@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "viewer.h"
 
+#include "tarsier/core/base64.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -41,20 +43,9 @@ nlohmann::json data_of(const std::string& page) {
 }
 
 std::string bytes_of(const std::string& base64) {
-  const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string result;
-  unsigned word = 0;
-  int bits = 0;
-  for (const char c : base64) {
-    if (c == '=') break;
-    word = (word << 6 | static_cast<unsigned>(digits.find(c))) & 0xFFFFFFU;
-    bits += 6;
-    if (bits >= 8) {
-      bits -= 8;
-      result += static_cast<char>(word >> bits & 255U);
-    }
-  }
-  return result;
+  const auto bytes = from_base64(base64);
+  EXPECT_TRUE(bytes.has_value());
+  return bytes ? std::string(bytes->begin(), bytes->end()) : std::string();
 }
 
 TEST(Viewer, IsOnePageThatNeedsNoNetwork) {

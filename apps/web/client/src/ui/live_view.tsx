@@ -161,7 +161,7 @@ export function LiveView(props: LiveViewProps) {
     const one = canvas.current;
     if (!one || !has) return;
     const { x, y } = imagePoint(event, one.getBoundingClientRect(), one);
-    // The size is told too: one of another size may be on its way.
+    // The size goes along: an image of another size may be on its way.
     const out: SessionEvent = { mouse: kind, x, y, width: one.width };
     if (event.shiftKey) out.shift = true;
     if (event.ctrlKey) out.control = true;

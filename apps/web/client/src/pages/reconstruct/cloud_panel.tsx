@@ -155,7 +155,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
           ref={canvas}
           role="application"
           aria-roledescription="cloud of points"
-          aria-label={`${shape.surface ? `Surface of ${shape.surface.faces.length / 3} triangles` : `Cloud of ${cloud.count} points`} and ${model.photographs.size} cameras. Arrow keys turn it, plus and minus zoom, Shift with arrows moves it, 0 is the first view.${box ? ' x, y and z choose a face of the cut box, point and comma move it.' : ''}`}
+          aria-label={`${shape.surface ? `Surface of ${shape.surface.faces.length / 3} triangles` : `Cloud of ${cloud.count} points`} and ${model.images.size} cameras. Arrow keys turn it, plus and minus zoom, Shift with arrows moves it, 0 is the first view.${box ? ' x, y and z choose a face of the cut box, point and comma move it.' : ''}`}
           tabIndex={0}
         />
         {noCanvas && <p class="live-wait">{noCanvas}</p>}
@@ -295,7 +295,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
                   ['Corners', String(cloud.count)],
                 ]
               : [['Points', String(cloud.count)]]),
-            ['Cameras', String(model.photographs.size)],
+            ['Cameras', String(model.images.size)],
             ['Size, units of the model', boxText(cloud.positions)],
             ...(model.skipped > 0 ? [['Lines left out', String(model.skipped)]] : []),
           ]}

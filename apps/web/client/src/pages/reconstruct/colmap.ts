@@ -9,7 +9,7 @@ export interface Camera {
   params: number[];
 }
 
-export interface Photograph {
+export interface PosedImage {
   id: number;
   name: string;
   camera: number;
@@ -72,8 +72,8 @@ export function parseCameras(text: string): Parsed<Map<number, Camera>> {
   return { value, skipped };
 }
 
-export function parseImages(text: string): Parsed<Map<number, Photograph>> {
-  const value = new Map<number, Photograph>();
+export function parseImages(text: string): Parsed<Map<number, PosedImage>> {
+  const value = new Map<number, PosedImage>();
   let skipped = 0;
   let head: string | null = null;
   eachLine(
@@ -83,8 +83,8 @@ export function parseImages(text: string): Parsed<Map<number, Photograph>> {
         if (line.trim() !== '') head = line;
         return;
       }
-      const photograph = photographOf(head, line);
-      if (photograph) value.set(photograph.id, photograph);
+      const image = imageOf(head, line);
+      if (image) value.set(image.id, image);
       else skipped++;
       head = null;
     },
@@ -92,14 +92,14 @@ export function parseImages(text: string): Parsed<Map<number, Photograph>> {
   );
   if (head !== null) {
     // The last image has no features, and no line for them.
-    const photograph = photographOf(head, '');
-    if (photograph) value.set(photograph.id, photograph);
+    const image = imageOf(head, '');
+    if (image) value.set(image.id, image);
     else skipped++;
   }
   return { value, skipped };
 }
 
-function photographOf(head: string, features: string): Photograph | null {
+function imageOf(head: string, features: string): PosedImage | null {
   const words = head.trim().split(/\s+/);
   if (words.length < 10) return null;
   const n = words.slice(0, 9).map(Number);
@@ -197,9 +197,9 @@ export function rotationOf(q: readonly [number, number, number, number]): number
 }
 
 /** Where the camera stood: -Rᵀ t. */
-export function centreOf(photograph: Photograph): [number, number, number] {
-  const r = rotationOf(photograph.q);
-  const [x, y, z] = photograph.t;
+export function centreOf(image: PosedImage): [number, number, number] {
+  const r = rotationOf(image.q);
+  const [x, y, z] = image.t;
   const along = (c: number) => -(r[c]! * x + r[3 + c]! * y + r[6 + c]! * z);
   return [along(0), along(1), along(2)];
 }
@@ -228,14 +228,14 @@ function lensOf(camera: Camera): { fx: number; fy: number; cx: number; cy: numbe
 /** The pixel of a point of the world; null behind the camera or for a lens that is not known. */
 export function project(
   camera: Camera,
-  photograph: Photograph,
+  image: PosedImage,
   point: readonly [number, number, number],
 ): [number, number] | null {
   const lens = lensOf(camera);
   if (!lens) return null;
-  const r = rotationOf(photograph.q);
+  const r = rotationOf(image.q);
   const [X, Y, Z] = point;
-  const [tx, ty, tz] = photograph.t;
+  const [tx, ty, tz] = image.t;
   const depth = r[6]! * X + r[7]! * Y + r[8]! * Z + tz;
   if (depth <= 1e-9) return null;
   const x = (r[0]! * X + r[1]! * Y + r[2]! * Z + tx) / depth;
@@ -251,7 +251,7 @@ export function project(
 }
 
 export interface Observation {
-  photograph: Photograph;
+  image: PosedImage;
   seen: [number, number];
   projected: [number, number] | null;
   /** Distance of the two, px. */
@@ -262,7 +262,7 @@ export interface Observation {
 export function observationsOf(
   index: number,
   cloud: Cloud,
-  photographs: ReadonlyMap<number, Photograph>,
+  images: ReadonlyMap<number, PosedImage>,
   cameras: ReadonlyMap<number, Camera>,
 ): Observation[] {
   const point: [number, number, number] = [
@@ -272,14 +272,14 @@ export function observationsOf(
   ];
   const result: Observation[] = [];
   for (let i = cloud.trackStart[index]!; i + 1 < cloud.trackStart[index + 1]!; i += 2) {
-    const photograph = photographs.get(cloud.tracks[i]!);
+    const image = images.get(cloud.tracks[i]!);
     const feature = cloud.tracks[i + 1]!;
-    if (!photograph || 2 * feature + 1 >= photograph.xy.length) continue;
-    const seen: [number, number] = [photograph.xy[2 * feature]!, photograph.xy[2 * feature + 1]!];
-    const camera = cameras.get(photograph.camera);
-    const projected = camera ? project(camera, photograph, point) : null;
+    if (!image || 2 * feature + 1 >= image.xy.length) continue;
+    const seen: [number, number] = [image.xy[2 * feature]!, image.xy[2 * feature + 1]!];
+    const camera = cameras.get(image.camera);
+    const projected = camera ? project(camera, image, point) : null;
     const error = projected ? Math.hypot(projected[0] - seen[0], projected[1] - seen[1]) : null;
-    result.push({ photograph, seen, projected, error });
+    result.push({ image, seen, projected, error });
   }
   return result.sort((a, b) => (b.error ?? 0) - (a.error ?? 0));
 }

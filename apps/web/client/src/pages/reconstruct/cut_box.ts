@@ -17,7 +17,7 @@ export const axes = [
 
 // The positions of a cloud, turned so that up is up, as the model's cameras have it.
 export function uprightPositions(model: Model, { positions, count }: Cloud): Float32Array<ArrayBuffer> {
-  const rotation = upright(upOf(model.photographs.values()));
+  const rotation = upright(upOf(model.images.values()));
   const result = new Float32Array(3 * count);
   for (let i = 0; i < count; i++)
     result.set(rotate(rotation, [positions[3 * i]!, positions[3 * i + 1]!, positions[3 * i + 2]!]), 3 * i);

@@ -7,12 +7,12 @@ import {
   rotationOf,
   type Camera,
   type Cloud,
-  type Photograph,
+  type PosedImage,
 } from './colmap';
 
 export interface Model {
   cameras: Map<number, Camera>;
-  photographs: Map<number, Photograph>;
+  images: Map<number, PosedImage>;
   cloud: Cloud;
   skipped: number;
 }
@@ -23,17 +23,17 @@ export function modelOf(cameras: string, images: string, points: string): Model 
   const p = parsePoints(points);
   return {
     cameras: c.value,
-    photographs: i.value,
+    images: i.value,
     cloud: p.value,
     skipped: c.skipped + i.skipped + p.skipped,
   };
 }
 
 // Upwards, as most of the cameras were held.
-export function upOf(photographs: Iterable<Photograph>): [number, number, number] {
+export function upOf(images: Iterable<PosedImage>): [number, number, number] {
   const sum: [number, number, number] = [0, 0, 0];
-  for (const photograph of photographs) {
-    const r = rotationOf(photograph.q);
+  for (const image of images) {
+    const r = rotationOf(image.q);
     for (let i = 0; i < 3; i++) sum[i]! -= r[3 + i]!;
   }
   return sum;
@@ -43,22 +43,22 @@ export function upOf(photographs: Iterable<Photograph>): [number, number, number
 export function frusta(model: Model, size: number): { lines: Float32Array; names: string[] } {
   const all: number[] = [];
   const names: string[] = [];
-  for (const photograph of model.photographs.values()) {
-    const camera = model.cameras.get(photograph.camera);
+  for (const image of model.images.values()) {
+    const camera = model.cameras.get(image.camera);
     const focal = camera?.params[0] ?? 1;
     const w = camera ? (0.5 * camera.width) / focal : 0.5;
     const h = camera ? (0.5 * camera.height) / focal : 0.4;
-    const r = rotationOf(photograph.q);
-    const c = centreOf(photograph);
+    const r = rotationOf(image.q);
+    const c = centreOf(image);
     const at = (x: number, y: number) =>
       [0, 1, 2].map((i) => c[i]! + size * (r[i]! * x + r[3 + i]! * y + r[6 + i]!));
     const corners = [at(-w, -h), at(w, -h), at(w, h), at(-w, h)];
     corners.forEach((corner, i) => {
       all.push(...c, ...corner, ...corner, ...corners[(i + 1) % 4]!);
     });
-    // A mark at the upper edge, so that up and down can be told.
+    // A mark at the upper edge, so that up and down differ.
     all.push(...at(-0.3 * w, -h), ...at(0, -1.35 * h), ...at(0, -1.35 * h), ...at(0.3 * w, -h));
-    names.push(photograph.name);
+    names.push(image.name);
   }
   return { lines: new Float32Array(all), names };
 }

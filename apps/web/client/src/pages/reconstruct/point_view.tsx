@@ -20,7 +20,7 @@ function imageAddress(job: Job, name: string): string | null {
 const half = 36; // px of the image around the point
 
 export function PointView({ job, model, index }: { job: Job; model: Model; index: number }) {
-  const seen = observationsOf(index, model.cloud, model.photographs, model.cameras);
+  const seen = observationsOf(index, model.cloud, model.images, model.cameras);
   const [x, y, z] = [0, 1, 2].map((axis) => model.cloud.positions[3 * index + axis]!.toPrecision(4));
   return (
     <section class="point-view stack" aria-live="polite" aria-label="The point in the images">
@@ -30,11 +30,10 @@ export function PointView({ job, model, index }: { job: Job; model: Model; index
       <p class="field-help">The cross is where it was seen, the circle where the model puts it.</p>
       <ul class="thumbs">
         {seen.slice(0, 12).map((one) => (
-          <li key={one.photograph.id}>
+          <li key={one.image.id}>
             <Crop job={job} model={model} one={one} />
             <span>
-              {one.photograph.name}:{' '}
-              {one.error === null ? 'no error known' : `${one.error.toFixed(2)} px off`}
+              {one.image.name}: {one.error === null ? 'no error known' : `${one.error.toFixed(2)} px off`}
             </span>
           </li>
         ))}
@@ -42,7 +41,7 @@ export function PointView({ job, model, index }: { job: Job; model: Model; index
       <Table
         caption="Observations, largest error first"
         columns={[
-          { name: 'Image', show: (one: Observation) => one.photograph.name },
+          { name: 'Image', show: (one: Observation) => one.image.name },
           { name: 'Seen at, px', show: (one) => one.seen.map((v) => v.toFixed(1)).join(', '), number: true },
           {
             name: 'Model at, px',
@@ -52,15 +51,15 @@ export function PointView({ job, model, index }: { job: Job; model: Model; index
           { name: 'Error, px', show: (one) => one.error?.toFixed(2) ?? '', number: true },
         ]}
         rows={seen}
-        keyOf={(one) => one.photograph.id}
+        keyOf={(one) => one.image.id}
       />
     </section>
   );
 }
 
 function Crop({ job, model, one }: { job: Job; model: Model; one: Observation }) {
-  const address = imageAddress(job, one.photograph.name);
-  const camera = model.cameras.get(one.photograph.camera);
+  const address = imageAddress(job, one.image.name);
+  const camera = model.cameras.get(one.image.camera);
   const [x, y] = one.seen;
   if (!address || !camera) return <p class="faint">no image</p>;
   return (
@@ -68,9 +67,17 @@ function Crop({ job, model, one }: { job: Job; model: Model; one: Observation })
       class="crop"
       viewBox={`${x - half} ${y - half} ${2 * half} ${2 * half}`}
       role="img"
-      aria-label={`The point in ${one.photograph.name}`}
+      aria-label={`The point in ${one.image.name}`}
     >
-      <image href={address} x={0} y={0} width={camera.width} height={camera.height} />
+      {/* Pixels are those of the sensor: not turned as EXIF asks. */}
+      <image
+        href={address}
+        x={0}
+        y={0}
+        width={camera.width}
+        height={camera.height}
+        style="image-orientation: none"
+      />
       <path class="crop-seen" d={`M${x - 6} ${y}h4m4 0h4M${x} ${y - 6}v4m0 4v4`} />
       {one.projected && <circle class="crop-model" cx={one.projected[0]} cy={one.projected[1]} r={5} />}
     </svg>

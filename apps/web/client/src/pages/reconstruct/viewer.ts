@@ -169,7 +169,7 @@ export class CloudViewer {
   ): void {
     const first = this.cameras === undefined;
     this.clear();
-    this.rotation = upright(upOf(model.photographs.values()));
+    this.rotation = upright(upOf(model.images.values()));
     this.positions = positions;
     if (surface) this.addSurface(surface);
     else this.addPoints(cloud, pointSize);

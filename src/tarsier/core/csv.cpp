@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/plate/text/csv.h"
+#include "tarsier/core/csv.h"
 
 #include <algorithm>
 #include <charconv>
 #include <cstddef>
 #include <system_error>
 
-namespace tarsier::plate {
+namespace tarsier {
 namespace {
 
-bool is_number(const std::string& text) {
+bool is_number(std::string_view text) {
   double value = 0;
   const char* end = text.data() + text.size();
   const auto [after, error] = std::from_chars(text.data(), end, value);
   return error == std::errc() && after == end;
 }
 
-bool looks_like_formula(const std::string& text) {
+bool looks_like_formula(std::string_view text) {
   return !text.empty() && std::string_view("=+-@").find(text.front()) != std::string_view::npos &&
          !is_number(text);
 }
@@ -55,28 +55,30 @@ std::optional<std::vector<std::string>> csv_fields(std::string_view line) {
   return fields;
 }
 
+std::string csv_field(std::string_view text) {
+  std::string field = looks_like_formula(text) ? "'" : "";
+  field += text;
+  std::replace_if(
+      field.begin(), field.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
+  const bool plain = std::none_of(field.begin(), field.end(), [](char c) {
+    return c == ',' || c == '"' || static_cast<unsigned char>(c) < 32;
+  });
+  if (plain) return field;
+  std::string quoted = "\"";
+  for (const char c : field) {
+    if (c == '"') quoted += '"';
+    quoted += c;
+  }
+  return quoted + '"';
+}
+
 std::string csv_line(const std::vector<std::string>& fields) {
   std::string line;
-  for (const std::string& given : fields) {
-    if (&given != &fields.front()) line += ',';
-    std::string field = looks_like_formula(given) ? "'" + given : given;
-    std::replace_if(
-        field.begin(), field.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
-    const bool plain = std::none_of(field.begin(), field.end(), [](char c) {
-      return c == ',' || c == '"' || static_cast<unsigned char>(c) < 32;
-    });
-    if (plain) {
-      line += field;
-      continue;
-    }
-    line += '"';
-    for (const char c : field) {
-      if (c == '"') line += '"';
-      line += c;
-    }
-    line += '"';
+  for (const std::string& field : fields) {
+    if (&field != &fields.front()) line += ',';
+    line += csv_field(field);
   }
   return line + '\n';
 }
 
-}  // namespace tarsier::plate
+}  // namespace tarsier

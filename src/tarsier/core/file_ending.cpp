@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/file_ending.h"
+
+#include "tarsier/core/words.h"
+
+#include <filesystem>
+
+namespace tarsier {
+
+std::string lower_ending(std::string_view path) {
+  return lower_case(std::filesystem::path(path).extension().string());
+}
+
+}  // namespace tarsier

@@ -1,0 +1,323 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/global/view_graph_clusters.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/linalg/sparse_cholesky.h"
+#include "tarsier/sfm/global/view_graph.h"
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kShift = 1e-9;   // of the eigenvalues, so that the matrix can be inverted
+constexpr int kIterations = 200;  // of inverse iteration, at most
+constexpr double kSettled = 1e-7;
+constexpr double kUneven = 0.25;  // by how much a side may differ from its even share
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+struct Neighbour {
+  int node = 0;
+  double weight = 0;
+};
+using Graph = std::vector<std::vector<Neighbour>>;
+
+Graph graph_of(int nodes, const std::vector<WeightedEdge>& edges) {
+  Graph graph(at(nodes));
+  for (const WeightedEdge& edge : edges) {
+    TARSIER_REQUIRE(edge.first >= 0 && edge.first < nodes && edge.second >= 0 &&
+                        edge.second < nodes && edge.first != edge.second,
+                    "the edge {} {} of {} nodes", edge.first, edge.second, nodes);
+    TARSIER_REQUIRE(edge.weight > 0 && std::isfinite(edge.weight), "the weight {}", edge.weight);
+    graph[at(edge.first)].push_back({edge.second, edge.weight});
+    graph[at(edge.second)].push_back({edge.first, edge.weight});
+  }
+  return graph;
+}
+
+// Recursive bisection; `of` becomes the cluster of each node.
+class Bisection {
+ public:
+  Bisection(const Graph& graph, const ClusterOptions& options, const std::stop_token& stop)
+      : graph_(graph), options_(options), stop_(stop), place_(graph.size(), -1) {}
+
+  std::vector<int> run() {
+    std::vector<int> nodes(graph_.size());
+    std::iota(nodes.begin(), nodes.end(), 0);
+    of_.assign(graph_.size(), 0);
+    divide(std::move(nodes), 0, options_.clusters);
+    return std::move(of_);
+  }
+
+ private:
+  void divide(std::vector<int> nodes, int first, int clusters) {
+    if (clusters == 1 || nodes.empty()) {
+      for (const int node : nodes) of_[at(node)] = first;
+      return;
+    }
+    throw_if_stopped(stop_);
+    const int left = clusters / 2;
+    const std::vector<int> order = ordered(nodes);
+    const auto middle = order.begin() + best_cut(order, left, clusters);
+    std::vector<int> a(order.begin(), middle);
+    std::vector<int> b(middle, order.end());
+    std::sort(a.begin(), a.end());
+    std::sort(b.begin(), b.end());
+    nodes.clear();
+    divide(std::move(a), first, left);
+    divide(std::move(b), first + left, clusters - left);
+  }
+
+  // How many of the nodes in this order go to the first `left` of the clusters.
+  std::ptrdiff_t best_cut(const std::vector<int>& order, int left, int clusters) {
+    const auto count = static_cast<double>(order.size());
+    const double even = count * left / clusters;
+    const double low = std::max(count - static_cast<double>(clusters - left) * options_.max_size,
+                                std::floor(even * (1 - kUneven)));
+    const double high =
+        std::min(static_cast<double>(left) * options_.max_size, std::ceil(even * (1 + kUneven)));
+    for (const int node : order) place_[at(node)] = 0;
+    double all = 0;
+    for (const int node : order) all += degree(node);
+    double cut = 0;
+    double volume = 0;
+    double best = std::numeric_limits<double>::infinity();
+    double best_off = 0;
+    std::ptrdiff_t result = 0;
+    for (std::size_t k = 0; k <= order.size(); ++k) {
+      const auto size = static_cast<double>(k);
+      if (size >= low && size <= high) {
+        const double cost = cut_cost(cut, volume, all - volume);
+        const double off = std::abs(size - even);
+        if (cost < best || (cost == best && off < best_off)) {
+          best = cost;
+          best_off = off;
+          result = static_cast<std::ptrdiff_t>(k);
+        }
+      }
+      if (k == order.size()) break;
+      const int node = order[k];
+      for (const Neighbour& other : graph_[at(node)]) {
+        if (place_[at(other.node)] < 0) continue;
+        cut += place_[at(other.node)] == 1 ? -other.weight : other.weight;
+      }
+      place_[at(node)] = 1;
+      volume += degree(node);
+    }
+    for (const int node : order) place_[at(node)] = -1;
+    return result;
+  }
+
+  // What rounding leaves of a cut between components is none.
+  static double cut_cost(double cut, double a, double b) {
+    if (cut <= 1e-12 * (a + b)) return 0;
+    return cut / a + cut / b;
+  }
+
+  // Within the nodes that are being divided.
+  [[nodiscard]] double degree(int node) const {
+    double sum = 0;
+    for (const Neighbour& other : graph_[at(node)])
+      if (place_[at(other.node)] >= 0) sum += other.weight;
+    return sum;
+  }
+
+  std::vector<int> ordered(const std::vector<int>& nodes) {
+    for (const int node : nodes) place_[at(node)] = 0;
+    std::vector<std::vector<int>> components;
+    for (const int start : nodes) {
+      if (place_[at(start)] != 0) continue;
+      std::vector<int>& component = components.emplace_back(1, start);
+      place_[at(start)] = 1;
+      for (std::size_t k = 0; k < component.size(); ++k) {
+        for (const Neighbour& other : graph_[at(component[k])]) {
+          if (place_[at(other.node)] != 0) continue;
+          place_[at(other.node)] = 1;
+          component.push_back(other.node);
+        }
+      }
+      std::sort(component.begin(), component.end());
+    }
+    for (const int node : nodes) place_[at(node)] = -1;
+    std::stable_sort(components.begin(), components.end(),
+                     [](const auto& a, const auto& b) { return a.size() > b.size(); });
+    std::vector<int> order;
+    for (const std::vector<int>& component : components) {
+      const std::vector<int> part = ordered_component(component);
+      order.insert(order.end(), part.begin(), part.end());
+    }
+    return order;
+  }
+
+  std::vector<int> ordered_component(const std::vector<int>& nodes) {
+    if (nodes.size() < 3) return nodes;
+    const Eigen::VectorXd values = second_eigenvector(nodes);
+    std::vector<int> order(nodes.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](int a, int b) { return values[a] < values[b]; });
+    for (int& k : order) k = nodes[at(k)];
+    return order;
+  }
+
+  Eigen::VectorXd second_eigenvector(const std::vector<int>& nodes) {
+    const auto count = static_cast<Eigen::Index>(nodes.size());
+    for (std::size_t k = 0; k < nodes.size(); ++k) place_[at(nodes[k])] = static_cast<int>(k);
+    Eigen::VectorXd degrees(count);
+    std::vector<Eigen::Triplet<double>> elements;
+    for (std::size_t k = 0; k < nodes.size(); ++k) {
+      const int row = static_cast<int>(k);
+      degrees[row] = degree(nodes[k]);
+      elements.emplace_back(row, row, degrees[row] * (1 + kShift));
+      for (const Neighbour& other : graph_[at(nodes[k])])
+        if (const int column = place_[at(other.node)]; column > row)
+          elements.emplace_back(row, column, -other.weight);
+    }
+    for (const int node : nodes) place_[at(node)] = -1;
+    Eigen::SparseMatrix<double> matrix(count, count);
+    matrix.setFromTriplets(elements.begin(), elements.end());
+    linalg::SparseCholesky cholesky;
+    cholesky.analyze(matrix);
+    Rng rng(options_.seed);
+    Eigen::VectorXd vector(count);
+    for (double& value : vector) value = rng.uniform(-1, 1);
+    // Weights that differ by more than doubles can hold: as the images lie.
+    if (!cholesky.factorize(matrix)) {
+      std::iota(vector.begin(), vector.end(), 0.0);
+      return vector;
+    }
+    const double total = degrees.sum();
+    const auto without_constant = [&](const Eigen::VectorXd& v) -> Eigen::VectorXd {
+      Eigen::VectorXd rest = v.array() - v.dot(degrees) / total;
+      return rest / std::sqrt(rest.cwiseAbs2().dot(degrees));
+    };
+    vector = without_constant(vector);
+    for (int k = 0; k < kIterations; ++k) {
+      throw_if_stopped(stop_);
+      const Eigen::VectorXd next = without_constant(cholesky.solve(degrees.cwiseProduct(vector)));
+      const double change = std::sqrt((next - vector).cwiseAbs2().dot(degrees));
+      vector = next;
+      if (change < kSettled) break;
+    }
+    if (vector[0] > 0) vector = -vector;
+    return vector;
+  }
+
+  const Graph& graph_;
+  const ClusterOptions& options_;
+  const std::stop_token& stop_;
+  std::vector<int> place_;  // of each node; -1: it is not looked at
+  std::vector<int> of_;
+};
+
+// The weights that are cut between clusters, of (first, second), first < second.
+using Borders = std::map<std::pair<int, int>, double>;
+
+Borders borders_of(const std::vector<WeightedEdge>& edges, const std::vector<int>& of) {
+  Borders borders;
+  for (const WeightedEdge& edge : edges) {
+    const auto [a, b] = std::minmax(of[at(edge.first)], of[at(edge.second)]);
+    if (a != b) borders[{a, b}] += edge.weight;
+  }
+  return borders;
+}
+
+struct NextCluster {
+  int cluster = 0;
+  bool in_tree = false;
+};
+
+// Of each cluster its neighbours, those of the maximum spanning tree first.
+std::vector<std::vector<NextCluster>> neighbours_of(int clusters, const Borders& borders) {
+  std::vector<std::pair<double, std::pair<int, int>>> order;
+  for (const auto& [pair, weight] : borders) order.emplace_back(-weight, pair);
+  std::sort(order.begin(), order.end());
+  Components joined(at(clusters));
+  std::vector<std::vector<NextCluster>> result(at(clusters));
+  std::vector<std::pair<int, int>> others;
+  const auto add = [&](const std::pair<int, int>& pair, bool in_tree) {
+    result[at(pair.first)].push_back({pair.second, in_tree});
+    result[at(pair.second)].push_back({pair.first, in_tree});
+  };
+  for (const auto& [weight, pair] : order) {
+    if (joined.join(pair.first, pair.second))
+      add(pair, true);
+    else
+      others.push_back(pair);
+  }
+  for (const auto& pair : others) add(pair, false);
+  return result;
+}
+
+void grow(const Graph& graph, const std::vector<ViewCluster>& before,
+          const std::vector<NextCluster>& neighbours, int overlap, ViewCluster& cluster) {
+  std::map<int, double> gain;  // of nodes beside the cluster: their weight to it
+  std::vector<char> is_in(graph.size(), 0);
+  const auto take = [&](int node) {
+    is_in[at(node)] = 1;
+    gain.erase(node);
+    for (const Neighbour& other : graph[at(node)])
+      if (is_in[at(other.node)] == 0) gain[other.node] += other.weight;
+  };
+  for (const int node : cluster.own) take(node);
+  const std::size_t most = std::max(at(overlap), cluster.own.size() / 2);
+  for (const NextCluster& next : neighbours) {
+    for (int k = 0; k < overlap; ++k) {
+      if (!next.in_tree && cluster.shared.size() >= most) return;
+      int best = -1;
+      for (const int node : before[at(next.cluster)].own) {
+        const auto found = gain.find(node);
+        if (found != gain.end() && (best < 0 || found->second > gain.at(best))) best = node;
+      }
+      if (best < 0) break;
+      cluster.shared.push_back(best);
+      take(best);
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<int> ViewCluster::images() const {
+  std::vector<int> all;
+  std::merge(own.begin(), own.end(), shared.begin(), shared.end(), std::back_inserter(all));
+  return all;
+}
+
+std::vector<ViewCluster> cluster_view_graph(int nodes, const std::vector<WeightedEdge>& edges,
+                                            const ClusterOptions& options,
+                                            const std::stop_token& stop) {
+  TARSIER_REQUIRE(
+      nodes >= 0 && options.clusters >= 1 && options.max_size >= 1 && options.overlap >= 0,
+      "{} clusters of {} nodes, at most {} each, {} shared", options.clusters, nodes,
+      options.max_size, options.overlap);
+  TARSIER_REQUIRE(static_cast<std::int64_t>(options.clusters) * options.max_size >= nodes,
+                  "{} nodes in {} clusters of {}", nodes, options.clusters, options.max_size);
+  const Graph graph = graph_of(nodes, edges);
+  const std::vector<int> of = Bisection(graph, options, stop).run();
+  std::vector<ViewCluster> clusters(at(options.clusters));
+  for (int node = 0; node < nodes; ++node) clusters[at(of[at(node)])].own.push_back(node);
+  const auto neighbours = neighbours_of(options.clusters, borders_of(edges, of));
+  std::vector<ViewCluster> grown = clusters;
+  for (std::size_t c = 0; c < grown.size(); ++c) {
+    throw_if_stopped(stop);
+    grow(graph, clusters, neighbours[c], options.overlap, grown[c]);
+    std::sort(grown[c].shared.begin(), grown[c].shared.end());
+  }
+  return grown;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/image_features.h"
+
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/scene/testing_exif.h"
+
+#include <gtest/gtest.h>
+
+#include <span>
+#include <string>
+
+namespace tarsier::sfm {
+namespace {
+
+const cv::Size kSize(64, 48);
+
+geometry::Camera landscape() {
+  geometry::Camera camera;
+  camera.width = kSize.width;
+  camera.height = kSize.height;
+  camera.fx = 70;
+  camera.fy = 72;
+  camera.cx = 30.2;
+  camera.cy = 25.9;
+  camera.distortion = {0.05, -0.02, 0.003, -0.004, 0.001};
+  return camera;
+}
+
+class InputImage : public FolderTest {
+ protected:
+  ImageFeatures read(cv::Size size, int orientation, const PipelineOptions& options) {
+    cv::Mat pixels(size, CV_8UC3, cv::Scalar::all(90));
+    const std::string file = path("image.jpg");
+    const auto bytes = with_orientation(encode_image(".jpg", pixels, file), orientation);
+    write_file_atomically(file, std::span<const std::uint8_t>(bytes));
+    ImageFeatures features;
+    const cv::Mat image = read_input_image({"image.jpg", file}, options, features);
+    EXPECT_EQ(image.size(), features.size);
+    return features;
+  }
+};
+
+TEST_F(InputImage, OfAnyOrientationHasTheLensOfItsCamera) {
+  PipelineOptions options;
+  options.camera = landscape();
+  PipelineOptions guessed;
+  ImageSet given_set(options);
+  ImageSet guessed_set(guessed);
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    SCOPED_TRACE(orientation);
+    const ImageFeatures image = read(kSize, orientation, options);
+    EXPECT_EQ(image.size, kSize);
+    EXPECT_STREQ(image.lens.from, "given");
+    EXPECT_EQ(image.lens.camera.cx, landscape().cx);
+    EXPECT_EQ(image.lens.camera.distortion, landscape().distortion);
+    given_set.add(image, std::to_string(orientation));
+    guessed_set.add(read(kSize, orientation, guessed), std::to_string(orientation));
+    EXPECT_EQ(given_set.images().back().turns, image.turns);
+  }
+  EXPECT_EQ(given_set.cameras().size(), 1U);
+  EXPECT_EQ(guessed_set.cameras().size(), 1U);
+}
+
+// A camera that was calibrated with images that were shown upright.
+TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
+  geometry::Camera upright = landscape();
+  std::swap(upright.width, upright.height);
+  std::swap(upright.cx, upright.cy);
+  PipelineOptions options;
+  options.camera = upright;
+  for (const int orientation : {5, 6, 7, 8}) {
+    SCOPED_TRACE(orientation);
+    const ImageFeatures image = read(kSize, orientation, options);
+    ASSERT_STREQ(image.lens.from, "given");
+    EXPECT_EQ(image.lens.camera.width, kSize.width);
+    // A point in the frame of the camera, and in that of the upright one.
+    const Eigen::Vector3d point(0.2, -0.13, 1);
+    Eigen::Vector3d turned = point;
+    cv::Point2d pixel = *image.lens.camera.project(point);
+    int height = image.size.height;
+    for (int k = 0; k < image.turns; ++k) {
+      turned = Eigen::Vector3d(-turned.y(), turned.x(), turned.z());
+      pixel = cv::Point2d(height - 1 - pixel.y, pixel.x);
+      height = image.size.width + image.size.height - height;
+    }
+    const cv::Point2d expected = *upright.project(turned);
+    EXPECT_NEAR(pixel.x, expected.x, 1e-9);
+    EXPECT_NEAR(pixel.y, expected.y, 1e-9);
+  }
+}
+
+TEST_F(InputImage, ThatWasTurnedWithoutASignHasItsLensInTheMiddle) {
+  PipelineOptions options;
+  options.camera = landscape();
+  const cv::Size turned(2 * kSize.height, 2 * kSize.width);  // and of twice the size
+  const ImageFeatures image = read(turned, 1, options);
+  ASSERT_STREQ(image.lens.from, "given");
+  const geometry::Camera& camera = image.lens.camera;
+  EXPECT_EQ(cv::Size(camera.width, camera.height), turned);
+  EXPECT_DOUBLE_EQ(camera.fx, 2 * landscape().fy);
+  EXPECT_DOUBLE_EQ(camera.fy, 2 * landscape().fx);
+  EXPECT_DOUBLE_EQ(camera.cx, (turned.width - 1) / 2.0);
+  EXPECT_DOUBLE_EQ(camera.cy, (turned.height - 1) / 2.0);
+  EXPECT_EQ(camera.distortion[0], landscape().distortion[0]);
+  EXPECT_EQ(camera.distortion[2], 0);
+
+  // Of another form it is not used.
+  EXPECT_STREQ(read({60, 60}, 1, options).lens.from, "guess");
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

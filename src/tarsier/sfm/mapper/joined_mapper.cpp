@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/joined_mapper.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/sfm/mapper/growth.h"
+#include "tarsier/sfm/mapper/incremental_mapper.h"
+#include "tarsier/sfm/mapper/model_parts.h"
+#include "tarsier/sfm/mapper/outcomes.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <memory>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+class JoinedMapping {
+ public:
+  JoinedMapping(const MapperInput& input, const MapperOptions& options, const MappedParts& mapped,
+                Progress& progress, const std::stop_token& stop)
+      : input_(input), options_(options), mapped_(mapped), progress_(progress), stop_(stop) {}
+
+  Reconstruction run() {
+    check();
+    made_.log = mapped_.log;
+    made_.outcomes.resize(input_.images.size());
+    for (std::size_t i = 0; i < mapped_.reasons.size(); ++i)
+      made_.outcomes[i].reason = mapped_.reasons[i];
+    std::vector<Model> models;
+    for (const MappedPart& part : mapped_.parts) {
+      models.push_back(part.model);
+      made_.parts.push_back(part.name);
+    }
+    progress_.begin("join", static_cast<std::int64_t>(input_.images.size()), "images");
+    JoinOptions how;
+    how.seed = options_.seed;
+    JoinedModels joined = join_models(models, made_.parts, how, options_, stop_);
+    models.clear();
+    made_.joins = std::move(joined.joins);
+    for (const auto& [image, reason] : joined.left_out) made_.outcomes[at(image)].reason = reason;
+    made_.log.insert(made_.log.end(), joined.log.begin(), joined.log.end());
+    if (input_.pairs.empty()) {
+      made_.models = std::move(joined.models);
+      finish_without_pairs();
+    } else {
+      evidence_ = check_evidence(input_.cameras, input_.images, input_.pairs);
+      doubts_.assign(input_.pairs.size(), Doubt::kNone);
+      for (std::size_t k = 0; k < doubts_.size(); ++k)
+        if (evidence_[k].is_refused()) doubts_[k] = Doubt::kEvidence;
+      for (const std::size_t k : mapped_.refused_pairs)
+        if (!is_refused(doubts_[k])) doubts_[k] = Doubt::kModel;
+      for (std::size_t m = 0; m < joined.models.size(); ++m) grow_further(joined.models, m);
+      made_.models = std::move(joined.models);
+      const std::size_t count = made_.models.size();
+      add_outcomes(input_, options_, evidence_, doubts_, false,
+                   std::vector<std::shared_ptr<const ModelConflicts>>(count), made_);
+    }
+    progress_.end();
+    return std::move(made_);
+  }
+
+ private:
+  void check() const {
+    for (const MappedPart& part : mapped_.parts) {
+      TARSIER_REQUIRE(part.model.images.size() == input_.images.size() &&
+                          part.model.cameras.size() == input_.cameras.size(),
+                      "{}: {} images, {} are expected", part.name, part.model.images.size(),
+                      input_.images.size());
+    }
+    TARSIER_REQUIRE(mapped_.reasons.empty() || mapped_.reasons.size() == input_.images.size(),
+                    "{} reasons of {} images", mapped_.reasons.size(), input_.images.size());
+    for (const std::size_t k : mapped_.refused_pairs)
+      TARSIER_REQUIRE(k < input_.pairs.size(), "the pair {} of {}", k, input_.pairs.size());
+  }
+
+  // Images that another model has.
+  [[nodiscard]] std::vector<bool> taken(const std::vector<Model>& models, std::size_t model) const {
+    std::vector<bool> is_taken(input_.images.size(), false);
+    for (std::size_t m = 0; m < models.size(); ++m)
+      for (std::size_t i = 0; i < is_taken.size() && m != model; ++i)
+        if (models[m].images[i].registered && !models[model].images[i].registered)
+          is_taken[i] = true;
+    return is_taken;
+  }
+
+  // Makes the model's points of all pairs, and lets it grow to its end.
+  void grow_further(std::vector<Model>& models, std::size_t m) {
+    const std::vector<bool> is_taken = taken(models, m);
+    Model& model = models[m];
+    Model begin;
+    begin.cameras = input_.cameras;
+    begin.images.resize(input_.images.size());
+    std::vector<int> features(input_.images.size(), 0);
+    for (std::size_t i = 0; i < begin.images.size(); ++i) {
+      Image& image = begin.images[i];
+      if (!is_taken[i]) {
+        image = input_.images[i];
+        features[i] = static_cast<int>(image.features.size());
+      } else {
+        image.name = input_.images[i].name;
+        image.camera = input_.images[i].camera;
+      }
+    }
+    std::vector<const Pair*> pairs;
+    for (std::size_t k = 0; k < input_.pairs.size(); ++k) {
+      const Pair& pair = input_.pairs[k];
+      if (!pair.view.inliers.empty() && !is_refused(doubts_[k]) && !is_taken[at(pair.first)] &&
+          !is_taken[at(pair.second)])
+        pairs.push_back(&pair);
+    }
+    IncrementalMapper mapper(std::move(begin), make_tracks(pairs, features), input_.descriptors,
+                             input_.kind, options_);
+    mapper.resume(model);
+    progress_.advance(mapper.registered());
+    Growth growth;
+    growth.adjusted_at = mapper.registered();
+    GrowthHooks hooks;
+    hooks.step = [&] {
+      if (input_.release_memory) input_.release_memory();
+    };
+    hooks.tried = [&](int image, bool added, const std::string& why) {
+      if (added) made_.log.push_back(fmt::format("add {}", input_.images[at(image)].name));
+      made_.outcomes[at(image)].reason = why;
+    };
+    hooks.trouble = [&](std::string line) { made_.log.push_back(std::move(line)); };
+    grow(mapper, is_taken, growth, hooks, stop_);
+    model = mapper.finished(input_.colors);
+    if (const int left_out = keep_largest_part(model); left_out > 0)
+      made_.log.push_back(fmt::format(
+          "{} images are left out of a joined model: too few points that two others show say where "
+          "they are",
+          left_out));
+  }
+
+  // Nothing is known but the models.
+  void finish_without_pairs() {
+    std::erase_if(made_.models, [&](const Model& model) {
+      return statistics_of(model).registered < options_.min_images;
+    });
+    for (std::size_t m = 0; m < made_.models.size(); ++m) {
+      for (std::size_t i = 0; i < input_.images.size(); ++i) {
+        Outcome& outcome = made_.outcomes[i];
+        if (outcome.registered || !made_.models[m].images[i].registered) continue;
+        outcome.registered = true;
+        outcome.model = static_cast<int>(m);
+        outcome.reason.clear();
+      }
+    }
+    if (made_.models.empty()) made_.no_model = "no part has a model";
+  }
+
+  const MapperInput& input_;
+  const MapperOptions& options_;
+  const MappedParts& mapped_;
+  Progress& progress_;
+  const std::stop_token& stop_;
+  Reconstruction made_;
+  std::vector<PairEvidence> evidence_;
+  std::vector<Doubt> doubts_;
+};
+
+}  // namespace
+
+Reconstruction map_joined(const MapperInput& input, const MapperOptions& options,
+                          const MappedParts& mapped, Progress& progress,
+                          const std::stop_token& stop) {
+  options.check();
+  return JoinedMapping(input, options, mapped, progress, stop).run();
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/simulated_views.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/sfm/mapper/features.h"
+#include "tarsier/sfm/mapper/matching.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+
+namespace tarsier::sfm {
+namespace {
+
+// With the views of both images a plane is matched that one shows from the front and the other under 70 degrees. Further tilts cost
+// as much again each, and registered no more images of drawn rings.
+constexpr std::array kTilts{2.0};
+constexpr double kStep = 72 * std::numbers::pi / 180;  // of the angle, at tilt 1
+constexpr double kBlur = 0.8;
+constexpr double kMore = 3;          // times max_count: features of all views together
+constexpr double kReach = 3;         // sigmas around a feature that must lie in the image
+constexpr double kSamePx = 0.5;      // one place: so near ..
+constexpr double kSameSigmas = 0.1;  // .. or this times the feature's sigma
+constexpr double kCell = 4;  // px, of the grid of places; at most so far apart are two of one place
+constexpr double kAlike = 0.95;  // cosine of two descriptors of which one is enough
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+cv::Point2d mapped(const cv::Matx23d& map, const cv::Point2f& p) {
+  const cv::Vec2d q = map * cv::Vec3d(static_cast<double>(p.x), static_cast<double>(p.y), 1);
+  return {q[0], q[1]};
+}
+
+// Points by place.
+class Places {
+ public:
+  explicit Places(cv::Size size)
+      : columns_(static_cast<int>(size.width / kCell) + 1),
+        rows_(static_cast<int>(size.height / kCell) + 1),
+        cells_(at(columns_) * at(rows_)) {}
+
+  void add(const cv::Point2f& place, int point) {
+    cells_[at(row(static_cast<double>(place.y)) * columns_ + column(static_cast<double>(place.x)))]
+        .push_back({place, point});
+  }
+
+  // The nearest point within `radius` <= kCell, of equal ones the first; -1: none.
+  [[nodiscard]] int nearest(const cv::Point2d& place, double radius) const {
+    int found = -1;
+    double least = radius * radius;
+    for (int r = row(place.y - radius); r <= row(place.y + radius); ++r) {
+      for (int c = column(place.x - radius); c <= column(place.x + radius); ++c) {
+        for (const Entry& entry : cells_[at(r * columns_ + c)]) {
+          const cv::Point2d apart = cv::Point2d(entry.place) - place;
+          const double distance = apart.dot(apart);
+          if (distance > least || (distance == least && found >= 0 && entry.point > found))
+            continue;
+          least = distance;
+          found = entry.point;
+        }
+      }
+    }
+    return found;
+  }
+
+ private:
+  struct Entry {
+    cv::Point2f place;
+    int point;
+  };
+  [[nodiscard]] int column(double x) const {
+    return std::clamp(static_cast<int>(x / kCell), 0, columns_ - 1);
+  }
+  [[nodiscard]] int row(double y) const {
+    return std::clamp(static_cast<int>(y / kCell), 0, rows_ - 1);
+  }
+  int columns_;
+  int rows_;
+  std::vector<std::vector<Entry>> cells_;
+};
+
+// Whether all that a feature is made of lies in the image: a circle of the view is an ellipse there.
+bool is_inside(const cv::Point2d& place, double radius, const cv::Matx23d& map, cv::Size size) {
+  const double x = radius * std::hypot(map(0, 0), map(0, 1));
+  const double y = radius * std::hypot(map(1, 0), map(1, 1));
+  return place.x >= x && place.y >= y && place.x <= size.width - 1 - x &&
+         place.y <= size.height - 1 - y;
+}
+
+}  // namespace
+
+std::vector<SimulatedView> simulated_views() {
+  std::vector<SimulatedView> views;
+  for (const double tilt : kTilts) {
+    const double step = kStep / tilt;
+    for (int k = 0; k * step < std::numbers::pi - 1e-9; ++k) views.push_back({tilt, k * step});
+  }
+  return views;
+}
+
+ViewImage simulate_view(const cv::Mat& gray, const SimulatedView& view) {
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
+  TARSIER_REQUIRE(view.tilt >= 1 && view.tilt <= 16, "a tilt of {}", view.tilt);
+  const double c = std::cos(view.angle);
+  const double s = std::sin(view.angle);
+  // Turned, with all of the image in it: the corners of its pixels.
+  cv::Point2d low(1e300, 1e300);
+  cv::Point2d high(-1e300, -1e300);
+  for (const double x : {-0.5, gray.cols - 0.5}) {
+    for (const double y : {-0.5, gray.rows - 0.5}) {
+      low = {std::min(low.x, c * x - s * y), std::min(low.y, s * x + c * y)};
+      high = {std::max(high.x, c * x - s * y), std::max(high.y, s * x + c * y)};
+    }
+  }
+  const cv::Matx23d turn(c, -s, -0.5 - low.x, s, c, -0.5 - low.y);
+  const cv::Size size(static_cast<int>(std::ceil(high.x - low.x - 1e-6)),
+                      static_cast<int>(std::ceil(high.y - low.y - 1e-6)));
+  cv::Mat turned = gray;
+  if (view.angle != 0)
+    cv::warpAffine(gray, turned, turn, size, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
+  ViewImage result;
+  cv::Matx23d whole = turn;
+  if (view.tilt > 1) {
+    const double sigma = kBlur * std::sqrt(view.tilt * view.tilt - 1);
+    const int width = 2 * static_cast<int>(std::ceil(3 * sigma)) + 1;
+    cv::Mat blurred;
+    cv::GaussianBlur(turned, blurred, {width, 1}, sigma, 1, cv::BORDER_REPLICATE);
+    const cv::Matx23d shrink(1 / view.tilt, 0, 0.5 / view.tilt - 0.5, 0, 1, 0);
+    const cv::Size narrow(std::max(1, static_cast<int>(size.width / view.tilt)), size.height);
+    cv::warpAffine(blurred, result.pixels, shrink, narrow, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+    whole = cv::Matx23d(turn(0, 0) / view.tilt, turn(0, 1) / view.tilt,
+                        (turn(0, 2) + 0.5) / view.tilt - 0.5, turn(1, 0), turn(1, 1), turn(1, 2));
+  } else {
+    result.pixels = turned;
+  }
+  cv::invertAffineTransform(whole, result.image_from_view);
+  return result;
+}
+
+std::vector<std::int32_t> add_simulated_views(const cv::Mat& gray, const SiftOptions& options,
+                                              SiftFeatures& features) {
+  const std::vector<SimulatedView> views = simulated_views();
+  double area = 0;
+  for (const SimulatedView& view : views) area += 1 / view.tilt;
+  Places places(gray.size());
+  std::vector<std::vector<cv::Mat>> described(
+      features.points.size());  // of the first point of a place
+  for (std::size_t i = 0, first = 0; i < features.points.size(); ++i) {
+    if (i == 0 || features.points[i] != features.points[first]) {
+      first = i;
+      places.add(features.points[i], static_cast<int>(i));
+    }
+    described[first].push_back(features.descriptors.row(static_cast<int>(i)));
+  }
+  cv::Mat rows = features.descriptors;
+  cv::Mat further;
+  std::vector<std::int32_t> owners;
+  for (const SimulatedView& view : views) {
+    SiftOptions how = options;
+    how.max_count = std::max(1, cvRound(kMore * options.max_count / view.tilt / area));
+    how.min_count = cvRound(options.min_count / view.tilt);
+    const ViewImage image = simulate_view(gray, view);
+    const SiftFeatures found = find_sift(image.pixels, how);
+    for (std::size_t k = 0; k < found.points.size(); ++k) {
+      const double sigma = static_cast<double>(found.sizes[k]) / 2;
+      const cv::Point2d place = mapped(image.image_from_view, found.points[k]);
+      if (!is_inside(place, kReach * sigma, image.image_from_view, gray.size())) continue;
+      const double wide = sigma * std::sqrt(view.tilt);  // of a circle of the ellipse's area
+      const double radius = std::min(kCell, std::max(kSamePx, kSameSigmas * wide));
+      const cv::Mat descriptor = found.descriptors.row(static_cast<int>(k));
+      const int point = places.nearest(place, radius);
+      if (point < 0) {
+        const cv::Point2f exact(place);
+        places.add(exact, static_cast<int>(features.points.size()));
+        features.points.push_back(exact);
+        features.sizes.push_back(static_cast<float>(2 * wide));
+        described.push_back({descriptor});
+        rows.push_back(descriptor);
+        continue;
+      }
+      std::vector<cv::Mat>& known = described[at(point)];
+      if (std::any_of(known.begin(), known.end(), [&](const cv::Mat& one) {
+            return similarity(one, 0, descriptor, 0, FeatureKind::kSift) > kAlike;
+          }))
+        continue;
+      known.push_back(descriptor);
+      further.push_back(descriptor);
+      owners.push_back(point);
+    }
+  }
+  if (!further.empty()) rows.push_back(further);
+  features.descriptors = rows;
+  return owners;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,292 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/start_model.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/sfm/mapper/pair_agreement.h"
+#include "tarsier/sfm/scene/colmap.h"
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <set>
+#include <string_view>
+#include <tuple>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kMinShare = 0.3;  // of the matches of an image, in pairs that agree with its pose
+constexpr std::size_t kMinMatches = 16;
+constexpr double kMinCrossing = 1e-6;  // squared sine of rays that tell a depth
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+Eigen::Vector3d ray_of(const geometry::Camera& camera, const cv::Point2f& pixel, bool& is_seen) {
+  const auto normalized = camera.normalized_of(cv::Point2d(pixel));
+  is_seen = is_seen && normalized.has_value();
+  return normalized ? Eigen::Vector3d(normalized->x, normalized->y, 1) : Eigen::Vector3d::Zero();
+}
+
+// Whether the point of two rays lies in front of both cameras: x2 b = x1 R a + t.
+bool is_in_front(const geometry::Rigid3& motion, const Eigen::Vector3d& first,
+                 const Eigen::Vector3d& second) {
+  const Eigen::Vector3d turned = motion.rotation * first;
+  const Eigen::Vector3d across = turned.cross(second);
+  if (across.squaredNorm() < kMinCrossing * turned.squaredNorm() * second.squaredNorm())
+    return turned.dot(second) > 0;  // far away
+  return motion.translation.cross(second).dot(across) < 0 &&
+         motion.translation.cross(turned).dot(across) < 0;
+}
+
+// Of the matches of a pair those that the poses explain: Sampson's distance (Hartley and Zisserman,
+// Multiple view geometry, 2nd edition, 11.4.3) within the threshold.
+std::size_t near_matches(const Model& model, const Pair& pair, double threshold_px) {
+  const Image& first = model.images[at(pair.first)];
+  const Image& second = model.images[at(pair.second)];
+  const geometry::Camera& camera = model.cameras[at(first.camera)];
+  const geometry::Camera& other = model.cameras[at(second.camera)];
+  const geometry::Rigid3 motion = second.pose * first.pose.inverse();
+  Eigen::Matrix3d cross;
+  const Eigen::Vector3d& t = motion.translation;
+  cross << 0, -t[2], t[1], t[2], 0, -t[0], -t[1], t[0], 0;
+  const Eigen::Matrix3d essential = cross * motion.rotation;
+  const double threshold = threshold_px * 4 / (camera.fx + camera.fy + other.fx + other.fy);
+  std::size_t count = 0;
+  for (const Match& match : pair.view.inliers) {
+    bool is_seen = true;
+    const Eigen::Vector3d a = ray_of(camera, first.features[at(match.first)], is_seen);
+    const Eigen::Vector3d b = ray_of(other, second.features[at(match.second)], is_seen);
+    if (!is_seen) continue;
+    const Eigen::Vector3d line = essential * a;
+    const Eigen::Vector3d back = essential.transpose() * b;
+    const double slope = line.head<2>().squaredNorm() + back.head<2>().squaredNorm();
+    const double error = b.dot(line);
+    if (slope > 0 && error * error <= threshold * threshold * slope && is_in_front(motion, a, b))
+      ++count;
+  }
+  return count;
+}
+
+// The images as a model, at the start poses.
+Model model_of(const StartPoses& start, const MapperInput& input) {
+  Model model;
+  model.cameras = input.cameras;
+  model.images = input.images;
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    model.images[i].registered = start.poses[i].has_value();
+    if (start.poses[i]) model.images[i].pose = *start.poses[i];
+  }
+  return model;
+}
+
+// The matches of an image with images that fit, and of these those in pairs that agree.
+struct Support {
+  std::size_t matches = 0;
+  std::size_t agreeing = 0;
+  [[nodiscard]] double share() const {
+    return matches == 0 ? 0 : static_cast<double>(agreeing) / static_cast<double>(matches);
+  }
+  [[nodiscard]] bool fits() const { return agreeing >= kMinMatches && share() >= kMinShare; }
+};
+
+struct JudgedPair {
+  const Pair* pair = nullptr;
+  std::size_t near = 0;
+  bool agrees = false;
+};
+
+std::vector<Support> supports(const std::vector<JudgedPair>& pairs, const std::vector<char>& fits) {
+  std::vector<Support> result(fits.size());
+  for (const JudgedPair& judged : pairs) {
+    if (fits[at(judged.pair->first)] == 0 || fits[at(judged.pair->second)] == 0) continue;
+    for (const int image : {judged.pair->first, judged.pair->second}) {
+      result[at(image)].matches += judged.pair->view.inliers.size();
+      if (judged.agrees) result[at(image)].agreeing += judged.pair->view.inliers.size();
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+StartModel::StartModel(const std::string& folder, const std::vector<Input>& inputs)
+    : folder_(folder), model_(read_colmap_poses(folder)) {
+  std::map<std::string_view, int> known;
+  for (std::size_t i = 0; i < model_.images.size(); ++i)
+    known[model_.images[i].name] = static_cast<int>(i);
+  for (const Input& input : inputs) {
+    const auto found = known.find(input.name);
+    if (found != known.end()) index_[input.name] = found->second;
+  }
+  summary_.folder = folder;
+  summary_.images = static_cast<int>(model_.images.size());
+  summary_.here = static_cast<int>(index_.size());
+  if (summary_.here < 2) {
+    const std::string names =
+        model_.images.empty() || inputs.empty()
+            ? ""
+            : fmt::format(" (a name there: '{}'; here: '{}')", printable(model_.images[0].name),
+                          printable(inputs[0].name));
+    throw InputError(folder, fmt::format("of the {} images of this model {} {} among the inputs by "
+                                         "name, two or more are needed{}",
+                                         summary_.images, summary_.here,
+                                         summary_.here == 1 ? "is" : "are", names));
+  }
+  for (const auto& [name, i] : index_) {
+    const geometry::Camera& camera = model_.cameras[at(model_.images[at(i)].camera)];
+    if (camera.lens != geometry::Lens::kPinhole) {
+      throw InputError(folder, fmt::format("'{}' has a {} lens: reconstruction takes pinhole ones",
+                                           printable(name), geometry::name_of(camera.lens)));
+    }
+  }
+  if (summary_.here < summary_.images) {
+    const auto missing =
+        std::find_if(model_.images.begin(), model_.images.end(),
+                     [&](const Image& image) { return !index_.contains(image.name); });
+    log_warning("{}: {} of {} images of this model are not among the inputs, as '{}' (left out)",
+                folder, summary_.images - summary_.here, summary_.images, printable(missing->name));
+  }
+}
+
+const Image* StartModel::find(const std::string& name) const {
+  const auto found = index_.find(name);
+  return found == index_.end() ? nullptr : &model_.images[at(found->second)];
+}
+
+void StartModel::check_size(const Input& input, cv::Size size) const {
+  const Image* image = find(input.name);
+  if (image == nullptr) return;
+  const geometry::Camera& camera = model_.cameras[at(image->camera)];
+  if (camera.width == size.width && camera.height == size.height) return;
+  throw InputError(input.path.empty() ? input.name : input.path,
+                   fmt::format("{}x{} px, but in {} it has {}x{}", size.width, size.height, folder_,
+                               camera.width, camera.height));
+}
+
+std::vector<char> StartModel::set_lenses(const std::vector<Input>& inputs,
+                                         std::vector<ImageFeatures>& images) const {
+  // Of images of one size, make and first guess: their camera in the model, or -1: several.
+  using Kind = std::tuple<int, int, double, double, double, std::string, std::string>;
+  const auto kind_of = [](const ImageFeatures& image) {
+    const geometry::Camera& camera = image.lens.camera;
+    return Kind(image.size.width, image.size.height, camera.fx, camera.fy, camera.distortion[0],
+                image.lens.from, image.body);
+  };
+  std::map<Kind, int> cameras;
+  std::vector<int> camera_of(images.size(), -1);
+  for (std::size_t k = 0; k < images.size(); ++k) {
+    const Image* image = find(inputs[at(images[k].input)].name);
+    if (image == nullptr) continue;
+    camera_of[k] = image->camera;
+    const auto [entry, is_new] = cameras.try_emplace(kind_of(images[k]), image->camera);
+    if (!is_new && entry->second != image->camera) entry->second = -1;
+  }
+  for (std::size_t k = 0; k < images.size(); ++k) {
+    if (camera_of[k] < 0 && std::string_view(images[k].lens.from) != "given") {
+      const auto found = cameras.find(kind_of(images[k]));
+      if (found != cameras.end()) camera_of[k] = found->second;
+    }
+  }
+  std::vector<char> is_set(images.size(), 0);
+  for (std::size_t k = 0; k < images.size(); ++k) {
+    if (camera_of[k] < 0) continue;
+    is_set[k] = 1;
+    images[k].lens = {model_.cameras[at(camera_of[k])], "given"};
+    // Images share a camera where they do in the model.
+    images[k].body = fmt::format("camera {} of {}", camera_of[k], folder_);
+  }
+  return is_set;
+}
+
+StartPoses StartModel::poses(const std::vector<Input>& inputs,
+                             const std::vector<ImageFeatures>& images,
+                             const std::vector<int>& cameras, bool fixed,
+                             bool refines_lenses) const {
+  StartPoses start;
+  start.fixed = fixed;
+  std::set<int> of_model;
+  for (std::size_t k = 0; k < images.size(); ++k) {
+    const Image* image = find(inputs[at(images[k].input)].name);
+    start.poses.emplace_back();
+    if (image == nullptr) continue;
+    start.poses.back() = image->pose;
+    of_model.insert(cameras[k]);
+  }
+  if (!refines_lenses) start.fixed_cameras.assign(of_model.begin(), of_model.end());
+  return start;
+}
+
+StartCheck check_start(const StartPoses& start, const MapperInput& input,
+                       const std::vector<char>& is_refused, double reprojection_px,
+                       const std::stop_token& stop) {
+  const std::size_t count = input.images.size();
+  TARSIER_REQUIRE(start.poses.size() == count, "{} poses of {} images", start.poses.size(), count);
+  StartCheck check;
+  check.fits.assign(count, 0);
+  check.reasons.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    check.fits[i] = start.poses[i] ? 1 : 0;
+    check.given += check.fits[i];
+  }
+  const Model model = model_of(start, input);
+  std::vector<JudgedPair> pairs;
+  for (std::size_t k = 0; k < input.pairs.size(); ++k) {
+    const Pair& pair = input.pairs[k];
+    if (pair.view.inliers.empty() || is_refused[k] != 0 || check.fits[at(pair.first)] == 0 ||
+        check.fits[at(pair.second)] == 0)
+      continue;
+    throw_if_stopped(stop);
+    const JudgedPair judged{&pair, near_matches(model, pair, reprojection_px), agrees(model, pair)};
+    pairs.push_back(judged);
+  }
+  int with_pairs = 0;
+  for (const Support& support : supports(pairs, check.fits))
+    with_pairs += support.matches > 0 ? 1 : 0;
+  for (;;) {
+    const std::vector<Support> all = supports(pairs, check.fits);
+    int worst = -1;
+    for (std::size_t i = 0; i < count; ++i) {
+      if (check.fits[i] == 0 || all[i].fits()) continue;
+      if (worst < 0 || all[i].share() < all[at(worst)].share()) worst = static_cast<int>(i);
+    }
+    if (worst < 0) break;
+    check.fits[at(worst)] = 0;
+    const Support& support = all[at(worst)];
+    check.reasons[at(worst)] =
+        support.matches == 0
+            ? "has no matches with other images of the start model"
+            : fmt::format(
+                  "its pose in the start model contradicts its matches: {} of {} are of "
+                  "pairs that agree with it",
+                  support.agreeing, support.matches);
+  }
+  for (const char fits : check.fits) check.kept += fits;
+  std::size_t near = 0;
+  for (const JudgedPair& judged : pairs) {
+    if (!judged.agrees || check.fits[at(judged.pair->first)] == 0 ||
+        check.fits[at(judged.pair->second)] == 0)
+      continue;
+    check.matches += judged.pair->view.inliers.size();
+    near += judged.near;
+  }
+  if (check.matches > 0)
+    check.near_share = static_cast<double>(near) / static_cast<double>(check.matches);
+  if (with_pairs < 2) {
+    check.refusal = fmt::format("no two of its {} images have matches that verify", check.given);
+  } else if (check.kept < 2 || 2 * check.kept < with_pairs) {
+    check.refusal = fmt::format(
+        "it contradicts the matches: the poses of {} of its {} images agree with those of the "
+        "others",
+        check.kept, check.given);
+  }
+  return check;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,379 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/start_model.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/mapper/testing_centers.h"
+#include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/synth/relief.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+using testing::HasSubstr;
+
+// Cameras on an arc and their features, matched by which point they show.
+class Starts : public testing::Test {
+ protected:
+  void make(double noise_px = 0.3, int images = 10) {
+    truth_ = synth::make_point_problem(5, images, 400, noise_px, 0);
+    cameras_ = {truth_.camera};
+    images_.assign(truth_.poses.size(), {});
+    std::vector<std::map<int, int>> feature_of(images_.size());
+    for (const auto& seen : truth_.seen) {
+      const auto i = static_cast<std::size_t>(seen.image);
+      feature_of[i][seen.point] = static_cast<int>(images_[i].features.size());
+      images_[i].features.emplace_back(seen.pixel);
+    }
+    colors_.clear();
+    for (std::size_t i = 0; i < images_.size(); ++i) {
+      images_[i].name = std::to_string(i);
+      colors_.emplace_back(images_[i].features.size(), cv::Vec3b(1, 2, 3));
+    }
+    pairs_.clear();
+    for (std::size_t a = 0; a < images_.size(); ++a) {
+      for (std::size_t b = a + 1; b < images_.size(); ++b) {
+        std::vector<Match> matches;
+        for (const auto& [point, feature] : feature_of[a])
+          if (feature_of[b].contains(point)) matches.push_back({feature, feature_of[b][point]});
+        Pair pair;
+        pair.first = static_cast<int>(a);
+        pair.second = static_cast<int>(b);
+        pair.matches = static_cast<int>(matches.size());
+        pair.view = verify_pair(images_[a].features, images_[b].features, matches, truth_.camera,
+                                truth_.camera, {});
+        pairs_.push_back(std::move(pair));
+      }
+    }
+  }
+
+  // The true poses of the first images.
+  [[nodiscard]] StartPoses first(int count) const {
+    StartPoses start;
+    start.poses.resize(truth_.poses.size());
+    for (int i = 0; i < count; ++i)
+      start.poses[static_cast<std::size_t>(i)] = truth_.poses[static_cast<std::size_t>(i)];
+    return start;
+  }
+
+  [[nodiscard]] MapperInput input(const StartPoses& start) const {
+    return {.cameras = cameras_,
+            .images = images_,
+            .colors = colors_,
+            .descriptors = no_descriptors_,
+            .kind = FeatureKind::kSift,
+            .pairs = pairs_,
+            .start = start};
+  }
+
+  [[nodiscard]] Reconstruction run(const StartPoses& start, const MapperOptions& options = {},
+                                   const MapperHooks& hooks = {}) const {
+    NoProgress progress;
+    return reconstruct(input(start), options, progress, {}, hooks);
+  }
+
+  [[nodiscard]] StartCheck check(const StartPoses& start) const {
+    return check_start(start, input(start), std::vector<char>(pairs_.size(), 0), 1.5, {});
+  }
+
+  // Turned by so many degrees and moved by so many units, by chance.
+  static geometry::Rigid3 moved(const geometry::Rigid3& pose, double degrees, double units,
+                                Rng& rng) {
+    Eigen::Vector3d turn;
+    Eigen::Vector3d step;
+    for (int k = 0; k < 3; ++k) turn[k] = rng.normal();
+    for (int k = 0; k < 3; ++k) step[k] = rng.normal();
+    turn *= degrees * CV_PI / 180 / turn.norm();
+    step *= units / step.norm();
+    const Eigen::Matrix3d rotation = geometry::rotation_by(turn) * pose.rotation;
+    return {rotation, -(rotation * (pose.center() + step))};
+  }
+
+  // Largest distance of a centre from the truth, without any alignment.
+  [[nodiscard]] double worst(const Model& model) const {
+    double result = 0;
+    for (std::size_t i = 0; i < model.images.size(); ++i)
+      if (model.images[i].registered)
+        result =
+            std::max(result, (model.images[i].pose.center() - truth_.poses[i].center()).norm());
+    return result;
+  }
+
+  static int registered(const Model& model) {
+    return static_cast<int>(std::count_if(model.images.begin(), model.images.end(),
+                                          [](const Image& image) { return image.registered; }));
+  }
+
+  synth::PointProblem truth_;
+  std::vector<geometry::Camera> cameras_;
+  std::vector<Image> images_;
+  std::vector<std::vector<cv::Vec3b>> colors_;
+  const std::vector<cv::Mat> no_descriptors_;
+  std::vector<Pair> pairs_;
+};
+
+TEST_F(Starts, GrowToAllImagesInTheFrameOfTheirPoses) {
+  make();
+  const Reconstruction made = run(first(6));
+  ASSERT_EQ(made.models.size(), 1U);
+  EXPECT_EQ(made.start_images, 6);
+  EXPECT_EQ(registered(made.models[0]), 10);
+  EXPECT_LT(worst(made.models[0]), 0.02);  // of an arc of some 10 units
+  EXPECT_GT(made.models[0].points.size(), 300U);
+  EXPECT_THAT(made.log.front(), HasSubstr("6 of 6 images have poses that agree"));
+  for (const Outcome& outcome : made.outcomes) EXPECT_TRUE(outcome.registered) << outcome.reason;
+}
+
+TEST_F(Starts, ThatAreFixedStayAndOthersMove) {
+  make();
+  StartPoses start = first(6);
+  start.fixed = true;
+  const Reconstruction made = run(start);
+  ASSERT_EQ(made.models.size(), 1U);
+  const Model& model = made.models[0];
+  EXPECT_EQ(registered(model), 10);
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(model.images[i].pose.rotation, truth_.poses[i].rotation) << i;
+    EXPECT_EQ(model.images[i].pose.translation, truth_.poses[i].translation) << i;
+  }
+  EXPECT_LT(worst(model), 0.02);
+  // Without noise points are exact.
+  make(0);
+  start = first(10);
+  start.fixed = true;
+  const Reconstruction exact = run(start);
+  ASSERT_EQ(exact.models.size(), 1U);
+  ASSERT_GT(exact.models[0].points.size(), 300U);
+  for (const Point& point : exact.models[0].points) EXPECT_LT(point.error, 1e-3);
+}
+
+TEST_F(Starts, AreRefinedWhereTheyAreRough) {
+  make();
+  StartPoses start = first(10);
+  Rng rng(3);
+  for (auto& pose : start.poses) pose = moved(*pose, 0.8, 0.05, rng);
+  const StartCheck checked = check(start);
+  EXPECT_EQ(checked.kept, 10);
+  EXPECT_LT(checked.near_share, 0.6);
+  const Reconstruction made = run(start);
+  ASSERT_EQ(made.models.size(), 1U) << made.no_model;
+  EXPECT_EQ(registered(made.models[0]), 10);
+  EXPECT_LT(worst_center(made.models[0], truth_.poses), 0.002);
+  // They cannot stay as they are: what does not meet is no point.
+  start.fixed = true;
+  const Reconstruction fixed = run(start);
+  const std::size_t points = fixed.models.empty() ? 0 : fixed.models[0].points.size();
+  EXPECT_LT(points, made.models[0].points.size() / 2);
+}
+
+TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
+  make();
+  StartPoses start = first(8);
+  Rng rng(4);
+  start.poses[3] = moved(*start.poses[3], 40, 2, rng);
+  const StartCheck checked = check(start);
+  EXPECT_EQ(checked.kept, 7);
+  EXPECT_EQ(checked.fits[3], 0);
+  EXPECT_THAT(checked.reasons[3], HasSubstr("contradicts its matches"));
+  EXPECT_EQ(checked.refusal, "");
+  const Reconstruction made = run(start);
+  ASSERT_EQ(made.models.size(), 1U);
+  EXPECT_EQ(made.start_images, 7);
+  EXPECT_EQ(registered(made.models[0]), 10);
+  EXPECT_LT(worst(made.models[0]), 0.02);
+  // One whose pose is to stay is not given another one.
+  start.fixed = true;
+  const Reconstruction fixed = run(start);
+  ASSERT_EQ(fixed.models.size(), 1U);
+  EXPECT_FALSE(fixed.models[0].images[3].registered);
+  EXPECT_THAT(fixed.outcomes[3].reason, HasSubstr("contradicts its matches"));
+  EXPECT_EQ(registered(fixed.models[0]), 9);
+}
+
+TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
+  make();
+  // Mirrored at the plane x = 0 of the world, as by another handedness.
+  StartPoses mirrored = first(8);
+  const Eigen::Matrix3d mirror = Eigen::Vector3d(-1, 1, 1).asDiagonal();
+  for (int i = 0; i < 8; ++i) {
+    auto& pose = *mirrored.poses[static_cast<std::size_t>(i)];
+    pose.rotation = mirror * pose.rotation * mirror;
+    pose.translation = mirror * pose.translation;
+  }
+  // Those of other images.
+  StartPoses mixed = first(8);
+  std::reverse(mixed.poses.begin(), mixed.poses.begin() + 8);
+  StartPoses random = first(8);
+  Rng rng(9);
+  for (int i = 0; i < 8; ++i) {
+    auto& pose = random.poses[static_cast<std::size_t>(i)];
+    pose = moved(*pose, 60, 3, rng);
+  }
+  for (const StartPoses& start : {mirrored, mixed, random}) {
+    const Reconstruction made = run(start);
+    EXPECT_TRUE(made.models.empty());
+    EXPECT_THAT(made.no_model, HasSubstr("the start model is refused: it contradicts the matches"));
+    EXPECT_EQ(made.start_images, check(start).kept);
+  }
+}
+
+TEST_F(Starts, WithoutMatchesAreRefused) {
+  make();
+  for (Pair& pair : pairs_)
+    if (pair.first < 4 && pair.second < 4) pair.view.inliers = {};
+  const Reconstruction made = run(first(4));
+  EXPECT_TRUE(made.models.empty());
+  EXPECT_THAT(made.no_model, HasSubstr("no two of its 4 images have matches"));
+}
+
+TEST_F(Starts, GoOnFromACheckpoint) {
+  make();
+  StartPoses start = first(6);
+  start.fixed = true;
+  Rng rng(4);
+  start.poses[2] = moved(*start.poses[2], 40, 2, rng);
+  std::vector<MapperState> states;
+  MapperHooks keep;
+  keep.keep = [&](const MapperState& state) { states.push_back(state); };
+  keep.keep_every_s = 0;
+  const Reconstruction whole = run(start, {}, keep);
+  ASSERT_EQ(whole.models.size(), 1U);
+  ASSERT_GT(states.size(), 5U);
+  for (std::size_t k = 0; k < states.size(); k += 2) {
+    MapperHooks from;
+    from.from = states[k];
+    const Reconstruction again = run(start, {}, from);
+    ASSERT_EQ(again.models.size(), 1U) << k;
+    EXPECT_EQ(again.log, whole.log) << k;
+    EXPECT_EQ(again.start_images, whole.start_images);
+    for (std::size_t i = 0; i < images_.size(); ++i) {
+      EXPECT_EQ(again.models[0].images[i].pose.translation,
+                whole.models[0].images[i].pose.translation)
+          << k << ' ' << i;
+      EXPECT_EQ(again.outcomes[i].reason, whole.outcomes[i].reason) << k << ' ' << i;
+    }
+  }
+}
+
+TEST_F(Starts, KeepTheirLensWhileThatOfOthersIsRefined) {
+  make(0.2);
+  cameras_.push_back(truth_.camera);
+  cameras_[1].fx *= 1.05;
+  cameras_[1].fy *= 1.05;
+  for (std::size_t i = 6; i < images_.size(); ++i) images_[i].camera = 1;
+  StartPoses start = first(6);
+  start.fixed_cameras = {0};
+  MapperOptions options;
+  options.refine_focal = true;
+  const Reconstruction made = run(start, options);
+  ASSERT_EQ(made.models.size(), 1U);
+  const Model& model = made.models[0];
+  EXPECT_EQ(registered(model), 10);
+  EXPECT_EQ(model.cameras[0].fx, truth_.camera.fx);
+  EXPECT_NEAR(model.cameras[1].fx / truth_.camera.fx, 1, 0.01);
+}
+
+class StartFolders : public FolderTest {
+ protected:
+  // Two cameras, four images.
+  [[nodiscard]] Model model() const {
+    Model model;
+    geometry::Camera camera;
+    camera.width = 640;
+    camera.height = 480;
+    camera.fx = camera.fy = 700;
+    camera.cx = 320;
+    camera.cy = 240;
+    model.cameras = {camera, camera};
+    model.cameras[1].fx = model.cameras[1].fy = 900;
+    for (int i = 0; i < 4; ++i) {
+      Image image;
+      image.name = i == 0 ? "left/0.jpg" : std::to_string(i) + ".jpg";
+      image.camera = i == 3 ? 1 : 0;
+      image.registered = true;
+      image.pose.translation = {static_cast<double>(i), 0, 0};
+      model.images.push_back(image);
+    }
+    return model;
+  }
+
+  static ImageFeatures found(int input, const char* from, const std::string& body) {
+    ImageFeatures image;
+    image.input = input;
+    image.size = {640, 480};
+    image.lens.camera.width = 640;
+    image.lens.camera.height = 480;
+    image.lens.camera.fx = image.lens.camera.fy = 768;
+    image.lens.from = from;
+    image.body = body;
+    return image;
+  }
+};
+
+TEST_F(StartFolders, GiveTheirCamerasByName) {
+  write_colmap(path("model"), model());
+  const std::vector<Input> inputs{{"left/0.jpg", "a"}, {"1.jpg", "b"}, {"3.jpg", "c"},
+                                  {"9.jpg", "d"},      {"8.jpg", "e"}, {"7.jpg", "f"}};
+  const StartModel start(path("model"), inputs);
+  EXPECT_EQ(start.summary().images, 4);
+  EXPECT_EQ(start.summary().here, 3);
+  EXPECT_TRUE(start.has("left/0.jpg"));
+  EXPECT_FALSE(start.has("2.jpg"));
+  EXPECT_NO_THROW(start.check_size(inputs[0], {640, 480}));
+  EXPECT_NO_THROW(start.check_size(inputs[3], {64, 48}));
+  EXPECT_THROW(start.check_size(inputs[0], {640, 400}), InputError);
+
+  // The fourth was taken by the make of the first two; the fifth's lens is given; the sixth is of another make.
+  std::vector<ImageFeatures> images{found(0, "guess", "A"), found(1, "guess", "A"),
+                                    found(2, "guess", "B"), found(3, "guess", "A"),
+                                    found(4, "given", "A"), found(5, "guess", "C")};
+  EXPECT_EQ(start.set_lenses(inputs, images), (std::vector<char>{1, 1, 1, 1, 0, 0}));
+  EXPECT_EQ(images[0].lens.camera.fx, 700);
+  EXPECT_EQ(images[1].body, images[0].body);
+  EXPECT_EQ(images[2].lens.camera.fx, 900);
+  EXPECT_NE(images[2].body, images[0].body);
+  EXPECT_EQ(images[3].lens.camera.fx, 700);
+  EXPECT_EQ(images[3].body, images[0].body);
+  EXPECT_EQ(images[4].lens.camera.fx, 768);
+  EXPECT_STREQ(images[5].lens.from, "guess");
+  const StartPoses poses = start.poses(inputs, images, {0, 0, 1, 0, 2, 3}, true, false);
+  EXPECT_EQ(poses.poses[2]->translation, Eigen::Vector3d(3, 0, 0));
+  EXPECT_FALSE(poses.poses[3]);
+  EXPECT_EQ(poses.fixed_cameras, (std::vector<int>{0, 1}));
+  EXPECT_TRUE(start.poses(inputs, images, {0, 0, 1, 0, 2, 3}, true, true).fixed_cameras.empty());
+}
+
+TEST_F(StartFolders, ThatCannotBeGoneOnFromAreNamed) {
+  const auto message = [&](const std::string& folder, const std::vector<Input>& inputs) {
+    try {
+      const StartModel start(folder, inputs);
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("none");
+  };
+  EXPECT_THAT(message(path("nothing"), {{"1.jpg", "b"}, {"2.jpg", "c"}}), HasSubstr("cameras.txt"));
+  write_colmap(path("model"), model());
+  EXPECT_THAT(message(path("model"), {{"1.jpg", "b"}, {"x.jpg", "c"}}),
+              HasSubstr("of the 4 images of this model 1 is among the inputs by name"));
+  Model fisheye = model();
+  fisheye.cameras[1].lens = geometry::Lens::kFisheye;
+  write_colmap(path("fisheye"), fisheye);
+  EXPECT_EQ(message(path("fisheye"), {{"1.jpg", "b"}, {"2.jpg", "c"}}), "none") << "is not used";
+  EXPECT_THAT(message(path("fisheye"), {{"1.jpg", "b"}, {"3.jpg", "c"}}),
+              HasSubstr("'3.jpg' has a fisheye lens"));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,95 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""paths.py ROOT: fails where a comment or a page names a file of the project that does not exist, or links to a heading that does not.
+
+Looked at are the comments of headers and sources, of scripts and CMake files, and all pages but the changelog. A name counts
+where it ends like one of the project's own kinds of files (.h, .cpp, .py, .md ..) or begins with one of its top folders. It
+may leave out the first folders of its path ("text/decode.h", "decode.h"), or be relative to the file that names it.
+"""
+import os
+import re
+import subprocess
+import sys
+
+CODE = re.compile(r"^(src|apps|examples|fuzz|bench|tests)/.*\.(h|inl|cpp)$")
+SCRIPT = re.compile(r"\.(py|sh|cmake)$|(^|/)CMakeLists\.txt$|^(demo|test|\.ci/run)$")
+PAGE = re.compile(r"^(README|CONTRIBUTING)\.md$|^(docs|models|bench)/.*\.md$")
+
+NAME = re.compile(r"(?<![\w/.<$*{}~@%:>-])((?:[\w.-]+/)*[\w-][\w.-]*\.(?:h|inl|cpp|py|sh|cmake|md|ts|tsx|mjs))(?![\w/*({])")
+FOLDER = re.compile(r"`((?:src|apps|tests|scripts|docs|bench|fuzz|cmake|packaging|examples|models)/[\w./-]*)`")
+
+# What is no file of the project: placeholders (NAME.md), headers of libraries, files of an example, a tool beside the
+# development data, names of tests.
+ALLOWED = re.compile(r"^(NAME\.\w+|jpeglib\.h|stays\.py|eval_ar\.py|fuzz/replay)$")
+
+
+def files_of(root):
+    listed = subprocess.run(["git", "-C", root, "ls-files", "--cached", "--others", "--exclude-standard"],
+                            capture_output=True, text=True, check=False).stdout.split("\n")
+    if listed == [""]:  # not a clone
+        listed = [os.path.relpath(os.path.join(folder, name), root) for folder, _, names in os.walk(root) for name in names]
+        listed = [name for name in listed if not name.startswith("build/") and "node_modules/" not in name]
+    return {name for name in listed if name and os.path.exists(os.path.join(root, name))}
+
+
+def endings_of(files):
+    """Each path without its first folders: all of what a text may call it; and those of the folders."""
+    endings = set()
+    for name in files:
+        parts = name.split("/")
+        for last in range(1, len(parts) + 1):
+            endings.update("/".join(parts[first:last]) for first in range(last))
+    return endings
+
+
+def headings_of(path):
+    """The anchors of a page's headings, as GitHub names them."""
+    with open(path, encoding="utf-8") as file:
+        found = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", file.read(), flags=re.M | re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in found}
+
+
+def lost_links(root, name, line):
+    """What a page's links name that is not there: a heading of this page or another."""
+    for path, heading in re.findall(r"\]\(([\w./-]*\.md)?#([^)]+)\)", line):
+        page = os.path.join(root, os.path.normpath(os.path.join(os.path.dirname(name), path)) if path else name)
+        if os.path.isfile(page) and heading not in headings_of(page):
+            yield f"{path}#{heading}"
+
+
+def comment_of(name, line):
+    if PAGE.search(name):
+        return line
+    mark = r"(?<![:\w])//(.*)" if CODE.search(name) else r"(?:^|\s)#\s(.*)"
+    found = re.search(mark, line)
+    return found[1] if found else ""
+
+
+def main():
+    root = sys.argv[1] if len(sys.argv) > 1 else "."
+    files = files_of(root)
+    endings = endings_of(files)
+    found = looked_at = 0
+    for name in sorted(files):
+        if not (CODE.search(name) or SCRIPT.search(name) or PAGE.search(name)):
+            continue
+        with open(os.path.join(root, name), encoding="utf-8") as file:
+            for number, line in enumerate(file, 1):
+                text = comment_of(name, line)
+                for link in lost_links(root, name, line) if PAGE.search(name) else ():
+                    print(f"{name}:{number}: there is no heading {link}")
+                    found += 1
+                for called in NAME.findall(text) + FOLDER.findall(text):
+                    looked_at += 1
+                    path = os.path.normpath(called)
+                    beside = os.path.normpath(os.path.join(os.path.dirname(name), called))
+                    if path not in endings and beside not in endings and not ALLOWED.search(called):
+                        print(f"{name}:{number}: there is no {called}: {line.strip()[:100]}")
+                        found += 1
+    if found:
+        sys.exit(f"{found} names of files that do not exist")
+    if looked_at < 200:
+        sys.exit(f"only {looked_at} names of files were found: what does this test read?")
+
+
+main()
