@@ -11,13 +11,15 @@
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <utility>
 
 namespace tarsier::linalg {
 namespace {
 
-constexpr std::size_t kManyTimes = 4;  // as many neighbours as most variables have
+// A variable with more than so many times the neighbours of most others is a hub, whichever takes fewer operations.
+constexpr std::array<std::size_t, 2> kManyTimes{4, 2};
 
 using Eigen::Index;
 using Eigen::SparseMatrix;
@@ -65,7 +67,7 @@ struct Order {
 
 // The order of Cuthill and McKee, reversed. Variables that nearly all are tied to, as a lens is, are hubs: they would make
 // neighbours of all others.
-Order narrow_order(const std::vector<std::vector<int>>& neighbours) {
+Order narrow_order(const std::vector<std::vector<int>>& neighbours, std::size_t many_times) {
   std::vector<std::size_t> degrees;
   for (const std::vector<int>& of_one : neighbours) degrees.push_back(of_one.size());
   const auto middle = degrees.begin() + static_cast<std::ptrdiff_t>(degrees.size() / 2);
@@ -73,7 +75,7 @@ Order narrow_order(const std::vector<std::vector<int>>& neighbours) {
   std::vector<char> done(neighbours.size(), 0);
   std::vector<int> last;
   for (std::size_t i = 0; i < neighbours.size(); ++i) {
-    if (neighbours[i].size() <= kManyTimes * *middle) continue;
+    if (neighbours[i].size() <= many_times * *middle) continue;
     done[i] = 1;
     last.push_back(static_cast<int>(i));
   }
@@ -95,15 +97,26 @@ void TileCholesky::analyze(BlockPattern pattern) {
   pattern_ = std::move(pattern);
   TARSIER_REQUIRE(!pattern_.first.empty(), "a pattern without an end");
   const std::vector<std::vector<int>> neighbours = neighbours_of(pattern_);
-  const Order narrow = narrow_order(neighbours);
-  const auto analyze_by = [&](std::vector<int> variables) {
-    variables.insert(variables.end(), narrow.hubs.begin(), narrow.hubs.end());
+  std::vector<int> best;
+  double min_operations = 0;
+  bool is_last = false;  // whether `best` was analyzed last
+  const auto look_at = [&](std::vector<int> variables, const std::vector<int>& hubs) {
+    variables.insert(variables.end(), hubs.begin(), hubs.end());
     analyze_in_order(variables);
+    is_last = best.empty() || operations() < min_operations;
+    if (!is_last) return;
+    min_operations = operations();
+    best = std::move(variables);
   };
-  analyze_by(narrow.variables);
-  const double operations_of_narrow = operations();
-  analyze_by(dissection_order(neighbours, narrow.variables));
-  if (operations_of_narrow <= operations()) analyze_by(narrow.variables);
+  std::size_t hubs = 0;
+  for (const std::size_t many_times : kManyTimes) {
+    const Order narrow = narrow_order(neighbours, many_times);
+    if (many_times != kManyTimes.front() && narrow.hubs.size() == hubs) continue;
+    hubs = narrow.hubs.size();
+    look_at(narrow.variables, narrow.hubs);
+    look_at(dissection_order(neighbours, narrow.variables), narrow.hubs);
+  }
+  if (!is_last) analyze_in_order(best);
 }
 
 void TileCholesky::analyze_in_order(const std::vector<int>& variables) {

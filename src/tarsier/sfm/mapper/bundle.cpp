@@ -135,7 +135,7 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
                             static_cast<double>(pixel.x), static_cast<double>(pixel.y),
                             weight_of(image, seen.feature)});
   };
-  const std::vector<ImageRole> roles = roles_of(model, movers);
+  const std::vector<ImageRole> roles = roles_of(model, movers, options.max_observations);
   std::vector<Observation> chosen;
   std::size_t observations = 0;
   const auto choose = [&](int p) {

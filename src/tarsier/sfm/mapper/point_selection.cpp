@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <utility>
 
 namespace tarsier::sfm {
 namespace {
 
+constexpr double kMinKept = 0.5;             // of the observations, where there are anchors
 constexpr std::uint32_t kMix = 2654435769U;  // 2^32 / golden ratio: multiples are spread evenly
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
@@ -34,63 +36,81 @@ class EvenShare {
 
 }  // namespace
 
-std::vector<ImageRole> roles_of(const Model& model, const std::vector<int>& images) {
+std::vector<ImageRole> roles_of(const Model& model, const std::vector<int>& images, int limit) {
   std::vector<ImageRole> roles(model.images.size(), ImageRole::kStays);
+  for (const int image : images) roles[at(image)] = ImageRole::kMoves;
   const std::size_t step = (images.size() + at(kMaxAnchors) - 1) / at(kMaxAnchors);
+  if (limit <= 0 || step < 2) return roles;
+  std::vector<ImageRole> sparse = roles;
   for (std::size_t k = 0; k < images.size(); ++k)
-    roles[at(images[k])] = step > 1 && k % step == 0 ? ImageRole::kAnchor : ImageRole::kMoves;
-  return roles;
+    sparse[at(images[k])] = k % step == 0 ? ImageRole::kAnchor : ImageRole::kNear;
+  std::size_t all = 0;
+  std::size_t kept = 0;
+  std::vector<Observation> chosen;
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    choose_observations(model.points[p], static_cast<int>(p), sparse, limit, chosen);
+    kept += chosen.size();
+    all += std::min(model.points[p].track.size(), at(limit));
+  }
+  return static_cast<double>(kept) < kMinKept * static_cast<double>(all) ? roles : sparse;
 }
 
 void choose_observations(const Point& point, int index, const std::vector<ImageRole>& roles,
                          int limit, std::vector<Observation>& chosen) {
   const std::vector<Observation>& track = point.track;
-  if (limit <= 0 || track.size() <= at(limit)) {
-    chosen = track;
-    return;
-  }
   const auto role_of = [&](const Observation& seen) { return roles[at(seen.image)]; };
   const auto count = [&](ImageRole role) {
     return static_cast<std::size_t>(
         std::count_if(track.begin(), track.end(),
                       [&](const Observation& seen) { return role_of(seen) == role; }));
   };
+  const std::size_t near = limit > 0 ? count(ImageRole::kNear) : 0;
+  if (limit <= 0 || (near == 0 && track.size() <= at(limit))) {
+    chosen = track;
+    return;
+  }
   const std::size_t movers = count(ImageRole::kMoves);
   const std::size_t anchors = count(ImageRole::kAnchor);
-  const std::size_t fixed = track.size() - movers - anchors;
+  const std::size_t fixed = track.size() - movers - anchors - near;
   const std::uint32_t phase = static_cast<std::uint32_t>(index) * kMix;
-  const std::size_t of_anchors = std::min(anchors, at(limit) / 2);
+  const std::size_t of_anchors = std::min(anchors, near > 0 ? at(limit) / 2 : at(limit));
   const std::size_t of_movers =
       std::min(movers, at(limit) - of_anchors - std::min(fixed, at(limit / 4)));
   const std::size_t of_fixed = std::min(fixed, at(limit) - of_anchors - of_movers);
   EvenShare takes_anchor(anchors, of_anchors, phase);
   EvenShare takes_mover(movers, of_movers, phase);
   EvenShare takes_fixed(fixed, of_fixed, phase);
-  const std::size_t window = phase % (movers - of_movers + 1);  // where movers beside anchors begin
-  std::size_t mover = 0;
-  const auto takes = [&](const Observation& seen) {
-    switch (role_of(seen)) {
-      case ImageRole::kAnchor:
-        return takes_anchor.next();
-      case ImageRole::kMoves: {
-        if (anchors == 0) return takes_mover.next();
-        const std::size_t k = mover++;
-        return k >= window && k < window + of_movers;
-      }
-      default:
-        return takes_fixed.next();
-    }
+  // Tracks are in no order of images.
+  int middle = 0;
+  std::size_t skipped = near > 0 ? phase % near : 0;
+  for (const Observation& seen : track) {
+    if (role_of(seen) != ImageRole::kNear) continue;
+    middle = seen.image;
+    if (skipped-- == 0) break;
+  }
+  const auto is_around = [&](const Observation& seen) {
+    return role_of(seen) == ImageRole::kNear && std::abs(seen.image - middle) <= kMaxSpan / 2;
   };
+  const auto around =
+      near > 0 ? static_cast<std::size_t>(std::count_if(track.begin(), track.end(), is_around)) : 0;
+  EvenShare takes_near(around, std::min(around, at(limit) - of_anchors), phase);
   chosen.clear();
-  for (const Observation& seen : track)
-    if (takes(seen)) chosen.push_back(seen);
+  for (const Observation& seen : track) {
+    const ImageRole role = role_of(seen);
+    const bool is_taken = role == ImageRole::kAnchor  ? takes_anchor.next()
+                          : role == ImageRole::kMoves ? takes_mover.next()
+                          : role == ImageRole::kNear  ? is_around(seen) && takes_near.next()
+                                                      : takes_fixed.next();
+    if (is_taken) chosen.push_back(seen);
+  }
+  if (chosen.size() < 3 && chosen.size() < track.size()) chosen.clear();
 }
 
 std::vector<int> select_points(const Model& model, const std::vector<int>& points,
                                const std::vector<int>& images, int per_image, int limit) {
   std::vector<int> missing(model.images.size(), 0);  // points of each image
   for (const int image : images) missing[at(image)] = per_image;
-  const std::vector<ImageRole> roles = roles_of(model, images);
+  const std::vector<ImageRole> roles = roles_of(model, images, limit);
   std::vector<std::pair<std::uint32_t, int>> order;
   order.reserve(points.size());
   for (const int point : points)
@@ -100,8 +120,9 @@ std::vector<int> select_points(const Model& model, const std::vector<int>& point
   std::vector<Observation> track;
   for (const auto& [place, point] : order) {
     choose_observations(model.points[at(point)], point, roles, limit, track);
-    if (std::none_of(track.begin(), track.end(),
-                     [&](const Observation& seen) { return missing[at(seen.image)] > 0; })) {
+    if (track.size() < 2 || std::none_of(track.begin(), track.end(), [&](const Observation& seen) {
+          return missing[at(seen.image)] > 0;
+        })) {
       continue;
     }
     for (const Observation& seen : track) --missing[at(seen.image)];
