@@ -610,11 +610,11 @@ class Bench:
                     found[os.path.realpath(line["image"])] = np.array([points[a] for a, _ in pairs])
             for image, points in truth.items():
                 unit = np.linalg.norm(points[16] - points[24])
-                right, got = points[[b for _, b in pairs]], found.get(image)
-                if got is None or np.linalg.norm(got.mean(0) - right.mean(0)) > unit:
+                expected, got = points[[b for _, b in pairs]], found.get(image)
+                if got is None or np.linalg.norm(got.mean(0) - expected.mean(0)) > unit:
                     missed += 1
                     continue
-                offsets.append(100 * (got - right) / unit)
+                offsets.append(100 * (got - expected) / unit)
             if not offsets:
                 raise Skip("it finds no face in any image")
             offsets = np.array(offsets)

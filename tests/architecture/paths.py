@@ -18,7 +18,7 @@ PAGE = re.compile(r"^(README|CONTRIBUTING)\.md$|^(docs|models|bench)/.*\.md$")
 NAME = re.compile(r"(?<![\w/.<$*{}~@%:>-])((?:[\w.-]+/)*[\w-][\w.-]*\.(?:h|inl|cpp|py|sh|cmake|md|ts|tsx|mjs))(?![\w/*({])")
 FOLDER = re.compile(r"`((?:src|apps|tests|scripts|docs|bench|fuzz|cmake|packaging|examples|models)/[\w./-]*)`")
 
-# What is no file of the project: placeholders (NAME.md), headers of libraries, files of an example, a tool beside the
+# Names that are not files of the project: placeholders (NAME.md), headers of libraries, files of an example, a tool beside the
 # development data, names of tests.
 ALLOWED = re.compile(r"^(NAME\.\w+|jpeglib\.h|stays\.py|eval_ar\.py|fuzz/replay)$")
 

@@ -121,7 +121,7 @@ class Bisection {
     return result;
   }
 
-  // What rounding leaves of a cut between components is none.
+  // 0 between components that no edge joins: rounding leaves a little of it.
   static double cut_cost(double cut, double a, double b) {
     if (cut <= 1e-12 * (a + b)) return 0;
     return cut / a + cut / b;

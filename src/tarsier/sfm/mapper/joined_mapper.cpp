@@ -92,20 +92,10 @@ class JoinedMapping {
   void grow_further(std::vector<Model>& models, std::size_t m) {
     const std::vector<bool> is_taken = taken(models, m);
     Model& model = models[m];
-    Model begin;
-    begin.cameras = input_.cameras;
-    begin.images.resize(input_.images.size());
-    std::vector<int> features(input_.images.size(), 0);
-    for (std::size_t i = 0; i < begin.images.size(); ++i) {
-      Image& image = begin.images[i];
-      if (!is_taken[i]) {
-        image = input_.images[i];
-        features[i] = static_cast<int>(image.features.size());
-      } else {
-        image.name = input_.images[i].name;
-        image.camera = input_.images[i].camera;
-      }
-    }
+    std::vector<char> keep(input_.images.size());
+    for (std::size_t i = 0; i < keep.size(); ++i) keep[i] = is_taken[i] ? 0 : 1;
+    Model begin = model_of_some(input_.cameras, input_.images, keep);
+    const std::vector<int> features = feature_counts(begin);
     std::vector<const Pair*> pairs;
     for (std::size_t k = 0; k < input_.pairs.size(); ++k) {
       const Pair& pair = input_.pairs[k];

@@ -148,20 +148,11 @@ class Mapping {
   // scenes does not cost each of them the features of all.
   void make_mapper(Components& components, int root) {
     mapper_.reset();
-    Model model;
-    model.cameras = input_.cameras;
-    model.images.resize(input_.images.size());
-    std::vector<int> features(input_.images.size(), 0);
-    for (std::size_t i = 0; i < input_.images.size(); ++i) {
-      Image& image = model.images[i];
-      if (components.root(static_cast<int>(i)) == root) {
-        image = input_.images[i];
-        features[i] = static_cast<int>(image.features.size());
-      } else {
-        image.name = input_.images[i].name;
-        image.camera = input_.images[i].camera;
-      }
-    }
+    std::vector<char> keep(input_.images.size());
+    for (std::size_t i = 0; i < keep.size(); ++i)
+      keep[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
+    Model model = model_of_some(input_.cameras, input_.images, keep);
+    const std::vector<int> features = feature_counts(model);
     std::vector<const Pair*> left;
     for (const Pair& pair : input_.pairs)
       if (is_left(pair) && components.root(pair.first) == root) left.push_back(&pair);

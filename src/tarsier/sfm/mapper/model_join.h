@@ -31,6 +31,9 @@ struct JoinOptions {
   std::uint64_t seed = 1;
 };
 
+// Whether two images have the same features at the same places, within 0.01 px.
+[[nodiscard]] bool has_same_features(const Image& a, const Image& b);
+
 // What two models say about each other.
 struct ModelJoin {
   int first = 0;  // models

@@ -66,6 +66,29 @@ class Parts {
 
 }  // namespace
 
+Model model_of_some(const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
+                    const std::vector<char>& keep) {
+  Model model;
+  model.cameras = cameras;
+  model.images.resize(images.size());
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    Image& image = model.images[i];
+    if (keep[i] != 0) {
+      image = images[i];
+    } else {
+      image.name = images[i].name;
+      image.camera = images[i].camera;
+    }
+  }
+  return model;
+}
+
+std::vector<int> feature_counts(const Model& model) {
+  std::vector<int> counts;
+  for (const Image& image : model.images) counts.push_back(static_cast<int>(image.features.size()));
+  return counts;
+}
+
 int keep_largest_part(Model& model, int min_common) {
   const Parts parts(model, min_common);
   std::vector<char> is_covered(model.images.size(), 0);

@@ -3,7 +3,15 @@
 
 #include "tarsier/sfm/scene/model.h"
 
+#include <vector>
+
 namespace tarsier::sfm {
+
+// A model without points, of the cameras and images; only images with `keep` have their features.
+[[nodiscard]] Model model_of_some(const std::vector<geometry::Camera>& cameras,
+                                  const std::vector<Image>& images, const std::vector<char>& keep);
+// Of each image, as make_tracks() has it.
+[[nodiscard]] std::vector<int> feature_counts(const Model& model);
 
 // A part of a model is what one could register one by one: it begins with two images, and an image joins it that shows
 // `min_common` points or more which two of its images show. These measure how large everything is. Two parts with one

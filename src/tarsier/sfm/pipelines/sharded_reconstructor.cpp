@@ -658,7 +658,7 @@ MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos
       std::vector<Image> images;
       for (std::size_t k = 0; k < cluster.images.size(); ++k) {
         if (at(cluster.images[k]) >= input.images.size())
-          throw InputError(path, "is damaged: an image that is none");
+          throw InputError(path, "is damaged: it names an image that the plan does not have");
         images.push_back(input.images[at(cluster.images[k])]);
         if (cluster.is_own[k] != 0) parts.reasons[at(cluster.images[k])] = cluster.reasons[k];
       }
