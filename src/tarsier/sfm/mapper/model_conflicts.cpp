@@ -30,8 +30,10 @@ constexpr double kMinCommon = 5;  // other points, by which the rate of two imag
 constexpr double kMinExpected = 8;        // of two images that contradict each other
 constexpr std::size_t kMinPairs = 3;      // that contradict each other
 constexpr double kMinShare = 0.005;       // .. of those that are judged
+constexpr double kMany = 0.1;             // .. or this, where places are not known to be different
 constexpr double kMinOfImage = 3;         // that contradict one image, at least one in a model
 constexpr double kMinShareOfImage = 0.2;  // .. of those that are judged
+constexpr int kFew = 200;                 // images, of which one that is misplaced counts
 constexpr double kNeighbour = 1;          // .. one of them is no farther, by distance()
 constexpr double kContradiction = 0.15;   // of what is expected
 constexpr double kUnusual = 0.25;         // .. and of the share that is usual
@@ -319,11 +321,24 @@ ModelConflicts::ModelConflicts(const Model& model)
                                       contradicted >= kMinShareOfImage * all);
   }
   find_places();
+  std::vector<double> different(near_.size(), 0);
+  for (const auto& [first, second] : pairs_) {
+    if (!are_different(first, second)) continue;
+    different[at(first)] += 1;
+    different[at(second)] += 1;
+  }
+  const auto images = std::count_if(different.begin(), different.end(),
+                                    [](double pairs) { return pairs >= kMinOfImage; });
+  const auto compared = std::count_if(near_.begin(), near_.end(),
+                                      [](const std::vector<Near>& others) { return !others.empty(); });
+  has_different_places_ = images >= (compared < kFew ? 1 : 2);
 }
 
 bool ModelConflicts::any(bool repeats) const {
-  return (repeats || is_clustered_) && pairs_.size() >= kMinPairs &&
-         static_cast<double>(pairs_.size()) >= kMinShare * static_cast<double>(judged_);
+  const auto pairs = static_cast<double>(pairs_.size());
+  const auto judged = static_cast<double>(judged_);
+  if (pairs_.size() < kMinPairs || pairs < kMinShare * judged) return false;
+  return repeats || (is_clustered_ && (has_different_places_ || pairs >= kMany * judged));
 }
 
 const ModelConflicts::Evidence* ModelConflicts::find(int first, int second) const {

@@ -36,12 +36,16 @@ class ModelConflicts {
   // Near images that contradict each other: of 8 points or more, less than 0.15 are shared, and less than a quarter of
   // what is usual so far apart. By first, then second; first < second.
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
-  // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence; and,
-  // but where the scene is known to repeat, three or more of them contradict one and the same image, a fifth of those with
-  // as much evidence, and one of these has nearly its view: the angle of their rays in units of 12 degrees plus the logarithm
-  // of the ratio of their distances in units of that of 1.3 is less than 1. Of many images a few lack by chance what one other
-  // should share, here and there, and images of a slanted surface from afar more; an image in a wrong place contradicts most
-  // around it, and the nearest too.
+  // Whether these are more than chance gives: three or more, and one in 200 of the near images with as much evidence. But
+  // where the scene is known to repeat, two more conditions hold.
+  // Three or more contradict one and the same image, a fifth of those with as much evidence, and one of these has nearly
+  // its view: the angle of their rays in units of 12 degrees plus the logarithm of the ratio of their distances in units of
+  // that of 1.3 is less than 1. Of many images a few lack by chance what one other should share, here and there, and images
+  // of a slanted surface from afar more; an image in a wrong place contradicts most around it, and the nearest too.
+  // And an image, two where 200 or more are compared, is contradicted by three or more that are of different places as a
+  // whole (are_different()), or one in ten of those with as much evidence contradict each other. Of thousands of images
+  // that are as near as those of a video, each point is a feature in few, so that what two images share scatters; what all
+  // images of two places share does not, but that of an image that has few features of its neighbours.
   [[nodiscard]] bool any(bool repeats = false) const;
   // Sums up what is known of two images: of them, and of the images that are of one place with either.
   [[nodiscard]] Evidence between(int first, int second) const;
@@ -63,8 +67,9 @@ class ModelConflicts {
   [[nodiscard]] bool is_little(const Evidence& evidence) const;
   std::vector<std::vector<Near>> near_;  // of each image, by image
   std::vector<std::pair<int, int>> pairs_;
-  std::size_t judged_ = 0;     // near images with as much evidence
-  bool is_clustered_ = false;  // some image is contradicted by several
+  std::size_t judged_ = 0;             // near images with as much evidence
+  bool is_clustered_ = false;          // some image is contradicted by several
+  bool has_different_places_ = false;  // .. also as all images of their places are compared
   std::vector<double> shares_;
   std::vector<int> place_;  // of each image: one of the images of its place
   std::map<std::pair<int, int>, Evidence> between_places_;  // lower number first

@@ -104,24 +104,33 @@ TEST(ModelConflicts, AnImageThatContradictsOnlyWhatIsFarFromItIsInItsPlace) {
   EXPECT_FALSE(conflicts.any());
 }
 
-// A row of images, each before its own part of a wall, whose points are found at random: most of them in two images of three,
-// the others in one of three.
-Model row_of_chance() {
-  constexpr int kRow = 500;
-  Model model = registered_images(kRow);
-  for (int i = 0; i < kRow; ++i) {
-    model.images[at(i)].pose.translation = {-0.5 * i, 0, 5};
+// A row of images before a wall, whose points are found at random: most of them in two images of three, the others at a
+// lower rate.
+struct RowOfChance {
+  int images = 500;
+  double step = 0.5;  // between images, at a distance of 5
+  int points = 10000;
+  double weak_rate = 0.33;
+  int unsharp_every = 1000;  // such images have half the weak points
+};
+
+Model row_of_chance(const RowOfChance& row) {
+  Model model = registered_images(row.images);
+  for (int i = 0; i < row.images; ++i) {
+    model.images[at(i)].pose.translation = {-row.step * i, 0, 5};
   }
   Rng rng(2);
-  for (int p = 0; p < 20 * kRow; ++p) {
+  for (int p = 0; p < row.points; ++p) {
     Point point;
-    point.position.x() = rng.uniform(0, 0.5 * kRow);
+    point.position.x() = rng.uniform(0, row.step * row.images);
     point.position.y() = rng.uniform(-1.5, 1.5);
-    const double rate = p % 3 == 0 ? 0.33 : 0.66;
-    for (int i = 0; i < kRow; ++i) {
+    const bool is_weak = p % 3 == 0;
+    for (int i = 0; i < row.images; ++i) {
       Image& image = model.images[at(i)];
-      if (std::abs(point.position.x() - 0.5 * i) > 3) continue;
+      if (std::abs(point.position.x() - row.step * i) > 3) continue;
       const auto pixel = model.cameras[0].project(image.pose * point.position);
+      const bool is_unsharp = i % row.unsharp_every == row.unsharp_every - 1;
+      const double rate = is_weak ? row.weak_rate * (is_unsharp ? 0.5 : 1) : 0.66;
       if (!pixel || std::abs(pixel->x - 320) > 320 || rng.uniform(0, 1) > rate) continue;
       observe(*pixel, i, p, image, point);
     }
@@ -131,10 +140,18 @@ Model row_of_chance() {
 }
 
 TEST(ModelConflicts, ContradictionsHereAndThereAreChance) {
-  const ModelConflicts conflicts(row_of_chance());
+  const ModelConflicts conflicts(row_of_chance({}));
   EXPECT_GE(conflicts.pairs().size(), 20U);
   EXPECT_FALSE(conflicts.any());
   EXPECT_TRUE(conflicts.any(true));  // but where places are known to look alike
+}
+
+// Some contradict many of those around them, but all images of two places never do.
+TEST(ModelConflicts, ContradictionsOfADenseRowAreChance) {
+  const ModelConflicts conflicts(row_of_chance(
+      {.images = 400, .step = 0.02, .points = 700, .weak_rate = 0.2, .unsharp_every = 20}));
+  EXPECT_GE(conflicts.pairs().size(), 20U);
+  EXPECT_FALSE(conflicts.any());
 }
 
 TEST(ModelConflicts, SidesThatLieOverEachOtherContradict) {
