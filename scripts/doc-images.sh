@@ -37,6 +37,30 @@ sheet cartoon-alien 3 "$(stage alien skin):the skin found" "$(stage alien colour
 "$tarsier" demo --only pose -o "$work/demo" --quiet
 size=600x360 sheet pose 2 "$work/demo/img/pose-cube.png:a cube of known size and its pose" "$work/demo/img/pose-head.png:the head that was learnt from flat images"
 
+# People: heads that nobody has. Two are enrolled, the third is a stranger; the stages of a crop; strangers in groups.
+"$tarsier" pose synth -o "$work/door" --count 24 --people 3 --spread 1.5 --near 450 --far 520 --yaw 14 --roll 10 --pitch 8 --size 320x240 --seed 9 --quiet
+door() { # door NUMBER..: images of the heads
+  local number
+  for number in "$@"; do printf '%s/door/images/00%02d.png\n' "$work" "$number"; done
+}
+enroll() { # enroll NAME NUMBER..
+  local name=$1 images=()
+  shift
+  mapfile -t images < <(door "$@")
+  "$tarsier" people enroll "$name" "${images[@]}" --gallery "$work/people.db" --quiet >/dev/null
+}
+enroll Ann 1 4 7 10 13
+enroll Bob 2 5 8 11 14
+mapfile -t asked < <(door 18 19 20)
+"$tarsier" people identify "${asked[@]}" --gallery "$work/people.db" -o "$work/named/" --quiet >/dev/null
+convert "$work/named/0019.png" "$work/named/0020.png" "$work/named/0018.png" +append -quality 88 docs/img/people-named.jpg
+"$tarsier" people show --stages "$work/door/images/0016.png" -o "$work/people-stages.png" --quiet
+convert "$work/people-stages.png" -resize 50% -quality 88 docs/img/people-stages.jpg
+"$tarsier" people identify "$work/door/images" --keep 3650d --gallery "$work/seen.db" --quiet >/dev/null || [ $? -eq 1 ] # nobody is known
+"$tarsier" people group "$work/seen.db" --quiet >/dev/null
+"$tarsier" people groups --gallery "$work/seen.db" --draw "$work/people-groups.png" --quiet >/dev/null
+convert "$work/people-groups.png" -quality 88 docs/img/people-groups.jpg
+
 # Appearance models: the modes, and a fit, of faces that nobody has.
 "$tarsier" aam explore --grid docs/img/aam-grid.png --modes 3 --cell 110 --quiet
 "$tarsier" demo --only aam -o "$work/demo" --quiet
@@ -92,6 +116,30 @@ size=300x169 sheet plate-classic 3 "$(car_stage classic blurred):grey, blurred" 
 size=430x260 sheet sfm-stages 2 "$work/scene/images/0002.jpg:1 one of the images" \
   "$work/model/matches/0002-0004.jpg:2 matches: kept green, removed red" "$work/model/view.png:3 cloud and cameras" \
   "$work/scene/images/0006.jpg:another image"
+
+# .. All images at once, what repeats itself, models that share images, and what can be drawn.
+"$tarsier" sfm synth -o "$work/flight" --trajectory grid --images 49 --size 400x300 --seed 5 --quiet
+"$tarsier" sfm reconstruct "$work/flight/images" --camera-file "$work/flight/camera.yaml" -o "$work/flight-model" --mapper global --max-features 1000 \
+  --debug-dir "$work/flight-stages" --quiet >/dev/null
+size=320x240 sheet sfm-global 3 "$work/flight/images/0000.jpg:one of 49 images" "$work/flight-stages/grown-001-before.png:all positions, from the images' rays" \
+  "$work/flight-stages/model-0.png:adjusted, with all points"
+"$tarsier" sfm synth -o "$work/box" --content symmetric --details 0.1 --trajectory ring --images 36 --size 800x600 --focal 1400 --seed 2 --quiet
+"$tarsier" sfm reconstruct "$work/box/images" --camera-file "$work/box/camera.yaml" -o "$work/box-model" --mapper global --debug-dir "$work/box-stages" --quiet >/dev/null
+size=300x225 sheet sfm-repeats 4 "$work/box/images/0000.jpg:one side" "$work/box/images/0009.jpg:the next one" \
+  "$work/box-stages/grown-013-after.png:the first model: folded" "$work/box-stages/model-0.png:the result: a box"
+"$tarsier" sfm synth -o "$work/ring" --trajectory ring --images 60 --size 320x240 --seed 4 --quiet
+images=("$work"/ring/images/*.jpg)
+ring=(sfm reconstruct --camera-file "$work/ring/camera.yaml" --max-features 500 --quiet)
+"$tarsier" "${ring[@]}" "${images[@]:0:33}" -o "$work/first" >/dev/null
+"$tarsier" "${ring[@]}" "${images[@]:27:33}" "${images[@]:0:4}" -o "$work/second" >/dev/null
+"$tarsier" sfm merge "$work/first" "$work/second" -o "$work/merged" --quiet >/dev/null
+size=320x240 sheet sfm-merge 3 "$work/first/view.png:images 0 to 32" "$work/second/view.png:images 27 to 59 and 0 to 3" "$work/merged/view.png:merged: all 60"
+for scene in walk city grid; do
+  "$tarsier" sfm synth -o "$work/$scene" --trajectory "$scene" --images 20 --size 640x480 --quiet
+done
+"$tarsier" sfm synth -o "$work/temple" --trajectory ring --content temple --focal 1100 --images 60 --size 640x480 --quiet
+size=300x225 sheet sfm-scenes 4 "$work/walk/images/0005.jpg:walk" "$work/city/images/0000.jpg:city" "$work/grid/images/0000.jpg:grid" \
+  "$work/temple/images/0010.jpg:temple"
 
 # Dense reconstruction: the stages of one image, and the cloud.
 "$tarsier" sfm synth -o "$work/dense-scene" --size 1200x800 --depth --quiet

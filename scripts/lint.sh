@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # scripts/lint.sh: checks what needs no build: the format of all C++ files (clang-format 14, as Debian 12 has it), the shell
-# scripts (shellcheck), the words (tests/architecture/glossary.py), names of files (tests/architecture/paths.py), and, where
-# npm is there, the types, rules and format of the studio's pages (apps/web/client). Exit status 1 where something is to be changed.
+# scripts (shellcheck), the words (tests/architecture/glossary.py), flags in texts of the library (tests/architecture/flags.py),
+# names of files (tests/architecture/paths.py), and, where npm is there, the types, rules and format of the studio's pages (apps/web/client). Exit status 1 where something is to be changed.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/setup.sh
@@ -25,6 +25,10 @@ phase_done
 
 phase "glossary"
 tests/architecture/glossary.py . || failed=1
+phase_done
+
+phase "flags in the library's texts"
+tests/architecture/flags.py . || failed=1
 phase_done
 
 phase "names of files"

@@ -8,6 +8,7 @@
 #include "tarsier/face/detect/detector.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/detect/face_training.h"
+#include "tarsier/face/head/blink.h"
 #include "tarsier/face/head/head_pose.h"
 #include "tarsier/face/head/liveness.h"
 #include "tarsier/face/head/posit.h"
@@ -26,6 +27,7 @@
 #include "tarsier/face/people/collector.h"
 #include "tarsier/face/people/eyes.h"
 #include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/people/group_merging.h"
 #include "tarsier/face/people/quality.h"
 #include "tarsier/face/people/sighting_groups.h"
 #include "tarsier/face/pipelines/annotator.h"
@@ -54,6 +56,7 @@ std::vector<OptionsCase> face_options() {
       options_case<face::FaceDetectorOptions>("face::FaceDetectorOptions"),
       options_case<face::FaceSearchOptions>("face::FaceSearchOptions"),
       options_case<face::FaceTrainingOptions>("face::FaceTrainingOptions"),
+      options_case<face::head::BlinkOptions>("face::head::BlinkOptions"),
       options_case<face::head::HeadPoseOptions>("face::head::HeadPoseOptions"),
       options_case<face::head::LivenessOptions>("face::head::LivenessOptions"),
       options_case<face::head::PositOptions>("face::head::PositOptions"),
@@ -76,6 +79,7 @@ std::vector<OptionsCase> face_options() {
       options_case<face::people::CollectOptions>("face::people::CollectOptions"),
       options_case<face::people::CutOptions>("face::people::CutOptions"),
       options_case<face::people::FaceReaderOptions>("face::people::FaceReaderOptions"),
+      options_case<face::people::GroupMergingOptions>("face::people::GroupMergingOptions"),
       options_case<face::people::GroupingOptions>("face::people::GroupingOptions"),
       options_case<face::people::QualityGate>("face::people::QualityGate"),
       options_case<face::AnnotatorOptions>("face::AnnotatorOptions"),

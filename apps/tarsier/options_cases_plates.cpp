@@ -5,6 +5,7 @@
 #include "tarsier/media/event_command.h"
 #include "tarsier/media/frame_sink.h"
 #include "tarsier/media/frame_source.h"
+#include "tarsier/media/video_encoder.h"
 #include "tarsier/mqtt/publisher.h"
 #include "tarsier/plate/classic/candidates.h"
 #include "tarsier/plate/classic/character_reader.h"
@@ -23,6 +24,7 @@
 #include "tarsier/plate/tracking/tracker.h"
 #include "tarsier/plate/tracking/vote.h"
 #include "tarsier/plate/train/training.h"
+#include "tarsier/plate/train/training_views.h"
 
 #include "options_cases.h"
 #include "ui/face/annotate_session.h"
@@ -43,6 +45,7 @@ std::vector<OptionsCase> plate_options() {
       options_case<EventCommandOptions>("EventCommandOptions"),
       options_case<SinkOptions>("SinkOptions"),
       options_case<SourceOptions>("SourceOptions"),
+      options_case<VideoEncoderOptions>("VideoEncoderOptions"),
       options_case<mqtt::PublisherOptions>("mqtt::PublisherOptions"),
       options_case<plate::CandidateOptions>("plate::CandidateOptions"),
       options_case<plate::CharacterReaderOptions>("plate::CharacterReaderOptions"),
@@ -60,6 +63,7 @@ std::vector<OptionsCase> plate_options() {
       options_case<plate::EvaluationOptions>("plate::EvaluationOptions"),
       options_case<plate::RecorderOptions>("plate::RecorderOptions"),
       options_case<plate::TrackerOptions>("plate::TrackerOptions"),
+      options_case<plate::ViewOptions>("plate::ViewOptions"),
       options_case<plate::VoteOptions>("plate::VoteOptions"),
       options_case<plate::TrainingOptions>("plate::TrainingOptions"),
       options_case<AnnotateOptions>("AnnotateOptions"),

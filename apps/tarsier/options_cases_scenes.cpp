@@ -48,6 +48,10 @@ std::vector<OptionsCase> scene_options() {
       options_case<planar::calibration::CalibrateOptions>("planar::calibration::CalibrateOptions"),
       options_case<planar::calibration::CollectorOptions>("planar::calibration::CollectorOptions"),
       options_case<planar::calibration::FindOptions>("planar::calibration::FindOptions"),
+      options_case<planar::image_targets::AlignOptions>("planar::image_targets::AlignOptions"),
+      options_case<planar::image_targets::HomographyFitOptions>(
+          "planar::image_targets::HomographyFitOptions"),
+      options_case<planar::image_targets::MatchOptions>("planar::image_targets::MatchOptions"),
       options_case<planar::image_targets::DetectOptions>("planar::image_targets::DetectOptions"),
       options_case<planar::image_targets::FeatureOptions>("planar::image_targets::FeatureOptions"),
       options_case<planar::image_targets::TrackOptions>("planar::image_targets::TrackOptions"),

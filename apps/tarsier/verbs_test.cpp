@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The whole command line of the program, without running it.
+#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/face/landmarks/tracker.h"
 #include "tarsier/face/pipelines/template_error.h"
@@ -16,6 +17,7 @@
 #include "framework/manual.h"
 #include "framework/parse.h"
 #include "framework/run_session.h"
+#include "verbs/people/recognition_events.h"
 #include <algorithm>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -238,7 +240,61 @@ TEST(RunFlags, WithoutAnOutputAVerbIsHeadless) {
   EXPECT_EQ(file.output, "a.png");
 }
 
+TEST(FrameCells, NameImagesAloneAndQuoteThem) {
+  Frame frame;
+  frame.index = 3;
+  frame.time = 1.25;
+  frame.name = "street.mp4";
+  EXPECT_EQ(frame_cells(frame), "3,1.250,");
+  frame.still = true;
+  frame.name = "a,b.jpg";
+  EXPECT_EQ(frame_cells(frame), "3,1.250,\"a,b.jpg\"");
+}
+
+TEST(FaceRows, AreOneAFaceWithAsManyCellsAsColumns) {
+  const auto cells = [](const std::string& line) { return csv_fields(line).value().size(); };
+  std::vector<face::NamedFace> faces(2);
+  faces[0].face.id = 7;
+  faces[0].face.box = {10.4, 20.6, 30, 40};
+  faces[0].name.label = "=Ann, B";
+  faces[0].name.confidence = 0.75;
+  faces[0].name.known = true;
+  const std::vector<std::string> rows = face_rows({}, faces);
+  ASSERT_EQ(rows.size(), 2U);
+  EXPECT_EQ(rows[0], "0,0.000,,7,\"'=Ann, B\",0.7500,1,10,21,30,40");
+  EXPECT_EQ(rows[1], "0,0.000,,0,,0.0000,0,0,0,0,0");
+  for (const std::string& row : rows) EXPECT_EQ(cells(row), cells(kFaceColumns)) << row;
+  EXPECT_TRUE(face_rows({}, {}).empty());
+}
+
+TEST(ExitStatus, FollowsTheKindOfAnError) {
+  const std::string path = "a.txt";
+  EXPECT_EQ(exit_status(UsageError("no").kind()), ExitStatus::kUsage);
+  EXPECT_EQ(exit_status(InputError(path, "no").kind()), ExitStatus::kBadInput);
+  EXPECT_EQ(exit_status(SourceLostError(path, "no").kind()), ExitStatus::kSourceLost);
+  EXPECT_EQ(exit_status(ModelError(path, "no").kind()), ExitStatus::kBadModel);
+  EXPECT_EQ(exit_status(OutputError(path, "no").kind()), ExitStatus::kBadOutput);
+  EXPECT_EQ(exit_status(Interrupted().kind()), ExitStatus::kInterrupted);
+}
+
 // What is named behind an error of the library exists.
+TEST(ErrorHelp, NamesTheVerbThatListsWhatThereIs) {
+  const auto verbs = all_verbs();
+  for (const char* entry :
+       {"correction", "face", "group", "member of a group", "person", "plate", "sighting"}) {
+    const std::string help = error_help(MissingEntryError("people.db", entry, "no"));
+    ASSERT_THAT(help, testing::StartsWith(": `")) << entry;
+    const std::string command = help.substr(3, help.find('`', 3) - 3);
+    const std::size_t flag = command.find(" --");
+    const std::string verb = command.substr(0, flag);
+    ASSERT_TRUE(verbs.contains(verb)) << verb;
+    if (flag == std::string::npos) continue;
+    const std::string name = command.substr(flag + 1, command.find(' ', flag + 1) - flag - 1);
+    EXPECT_NO_THROW(static_cast<void>(flag_of(verbs.at(verb), name))) << command;
+  }
+  EXPECT_EQ(error_help(MissingEntryError("a.db", "thing", "no")), "");
+}
+
 TEST(ErrorHelp, NamesVerbsAndFlagsOfTheProgram) {
   const auto verbs = all_verbs();
   using face::TemplateProblem;

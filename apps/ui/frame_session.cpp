@@ -44,6 +44,8 @@ View FrameSession::on_event(const Event& event) {
 
 std::vector<Action> FrameSession::actions() const { return controls_.after(own_actions()); }
 
+View FrameSession::redrawn() { return view(draw_again()); }
+
 bool FrameSession::draw_again() {
   if (frame().empty()) return false;
   frame().copyTo(output_);
@@ -64,9 +66,8 @@ View FrameSession::view(bool fresh) {
     const std::string said = message();
     if (!draws_status() && !said.empty()) result.status = said;
     if (draws_status()) {
-      image::draw::status_bar(shown_, said.empty() ? result.status : said,
-                              timer_.words(still()) + "   h: help");
-      if (controls_.help()) draw_help(shown_, title_, actions());
+      image::draw::status_bar(shown_, said.empty() ? result.status : said, note());
+      if (controls_.help()) draw_help(shown_, title_, actions(), help_lines());
     }
     result.image = shown_;
   }

@@ -33,7 +33,8 @@ class FrameSession : public Session {
 
  protected:
   // `title` is that of the panel of keys.
-  explicit FrameSession(std::string title) : title_(std::move(title)) {}
+  explicit FrameSession(std::string title, int pause_key = key::kSpace)
+      : title_(std::move(title)), controls_(true, pause_key) {}
 
   // The work on a frame, whose time is measured.
   virtual void process(const Frame& frame) = 0;
@@ -42,7 +43,7 @@ class FrameSession : public Session {
   virtual void restart() {}
   // Behind process() and before draw(); not measured.
   virtual void processed() {}
-  // On a copy of the frame (CV_8UC3).
+  // On a copy of the frame (CV_8UC3); may replace it by an image of another size.
   virtual void draw(cv::Mat& image) = 0;
   // An object with steady key names; "paused" is added to it.
   [[nodiscard]] virtual nlohmann::json state() const = 0;
@@ -67,6 +68,14 @@ class FrameSession : public Session {
   // What the bar says in place of the status; empty: nothing.
   [[nodiscard]] virtual std::string message() const { return ""; }
 
+  // What the bar says at its right.
+  [[nodiscard]] virtual std::string note() const { return timer_.words(still()) + "   h: help"; }
+  // Of the panel of keys, before those of the actions.
+  [[nodiscard]] virtual std::vector<image::draw::HelpLine> help_lines() const { return {}; }
+
+  // Draws the latest frame again, for the sink too. Before the first frame nothing is drawn.
+  View redrawn();
+
   // The latest frame; its image is empty before the first.
   [[nodiscard]] const Frame& latest() const { return latest_; }
   [[nodiscard]] const cv::Mat& frame() const { return latest_.image; }
@@ -80,7 +89,7 @@ class FrameSession : public Session {
   View view(bool fresh);
 
   std::string title_;
-  SessionControls controls_{true};
+  SessionControls controls_;
   FrameTimer timer_;
   std::string trouble_;  // of the source
   Frame latest_;

@@ -117,6 +117,52 @@ TEST(FrameSession, DrawsOnACopyAndPutsTheBarOnWhatIsShownAlone) {
   EXPECT_FALSE(view.finished);
 }
 
+// Draws the frame beside something of its own.
+class Beside final : public FrameSession {
+ public:
+  Beside() : FrameSession("Beside", 'p') {}
+  View finish() { return redrawn(); }
+  std::string right = "";
+
+ private:
+  void process(const Frame& /*frame*/) override {}
+  void draw(cv::Mat& image) override {
+    image.create(120, 320, CV_8UC3);
+    image.setTo(cv::Scalar::all(20));
+    frame().copyTo(image(cv::Rect(0, 0, 160, 120)));
+  }
+  [[nodiscard]] nlohmann::json state() const override { return nlohmann::json::object(); }
+  [[nodiscard]] std::string status() const override { return "beside"; }
+  [[nodiscard]] std::string note() const override { return right; }
+  [[nodiscard]] std::vector<image::draw::HelpLine> help_lines() const override {
+    return {{"arrows", "turn it"}};
+  }
+};
+
+TEST(FrameSession, MayDrawAnImageOfAnotherSize) {
+  Beside session;
+  EXPECT_TRUE(session.finish().output.empty()) << "no frame came";
+  const Frame frame = frame_of("video", false);
+  const cv::Mat first = session.on_frame(frame, live()).output.clone();
+  EXPECT_EQ(first.size(), cv::Size(320, 120));
+  EXPECT_EQ(first.at<cv::Vec3b>(60, 80), cv::Vec3b::all(90));
+  EXPECT_EQ(first.at<cv::Vec3b>(60, 200), cv::Vec3b::all(20));
+  EXPECT_EQ(cv::norm(session.on_frame(frame, live()).output, first, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(session.finish().output, first, cv::NORM_INF), 0);
+}
+
+TEST(FrameSession, HasItsOwnPauseKeyNoteAndLinesOfHelp) {
+  Beside session;
+  const cv::Mat without = session.on_frame(frame_of("video", false), live()).image.clone();
+  session.right = "a note";
+  const cv::Mat with = session.on_frame(frame_of("video", false), live()).image.clone();
+  EXPECT_GT(cv::norm(with, without, cv::NORM_INF), 0);
+  EXPECT_FALSE(session.on_event(key_event(key::kSpace)).state["paused"]);
+  EXPECT_TRUE(session.on_event(key_event('p')).state["paused"]);
+  const cv::Mat help = session.on_event(key_event('h')).image;
+  EXPECT_GT(cv::norm(help, with, cv::NORM_INF), 0);
+}
+
 TEST(FrameSession, BeforeTheFirstFrameThereIsNothingToShow) {
   Marks session;
   EXPECT_TRUE(session.on_idle(live()).image.empty());

@@ -6,6 +6,7 @@
 #include <opencv2/core/version.hpp>
 #include <opencv2/highgui.hpp>
 
+#include "framework/exit_status.h"
 #include "letterbox.h"
 #include "module.h"
 #include "x11_window.h"
@@ -26,7 +27,7 @@ namespace {
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
-[[noreturn]] void fail(const std::string& message) { throw Error(ExitStatus::kBadInput, message); }
+[[noreturn]] void fail(const std::string& message) { throw Error(ErrorKind::kInput, message); }
 
 [[noreturn]] void fail_gone() { fail("the display went away; the window is closed"); }
 

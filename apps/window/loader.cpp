@@ -24,7 +24,7 @@ struct Module {
   decltype(&tarsier_window_open) open = nullptr;
 };
 
-[[noreturn]] void fail(const std::string& message) { throw Error(ExitStatus::kBadInput, message); }
+[[noreturn]] void fail(const std::string& message) { throw Error(ErrorKind::kInput, message); }
 
 bool is_set(const char* variable) {
   const char* value = std::getenv(variable);

@@ -459,7 +459,7 @@ class PipeWindow final : public Window {
 
 PipeEnds parse_pipe_ends(std::string_view text) {
   const auto fail = [&](std::string_view reason) -> PipeEnds {
-    throw Error(ExitStatus::kBadInput, fmt::format("{}={}: {}", kPipeVariable, text, reason));
+    throw Error(ErrorKind::kInput, fmt::format("{}={}: {}", kPipeVariable, text, reason));
   };
   std::string_view rest = text;
   if (!rest.starts_with("pipe:")) return fail("expected pipe:IN:OUT");

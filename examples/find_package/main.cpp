@@ -9,10 +9,16 @@
 #include <cstdio>
 #include <exception>
 
+namespace {
+constexpr int kFailed = 1;
+constexpr int kUsage = 2;
+constexpr int kBadInput = 3;
+}  // namespace
+
 int main(int argc, char** argv) {
   if (argc != 3) {
     std::fprintf(stderr, "usage: ink IN OUT\n");
-    return static_cast<int>(tarsier::ExitStatus::kUsage);
+    return kUsage;
   }
   try {
     tarsier::cartoon::CartoonOptions options;
@@ -23,11 +29,11 @@ int main(int argc, char** argv) {
     frame.image = tarsier::read_image(argv[1]);
     tarsier::write_image(argv[2], cartoonizer.process(frame, state).image);
     return 0;
-  } catch (const tarsier::Error& error) {  // files: its status is that of the program `tarsier`
+  } catch (const tarsier::Error& error) {
     std::fprintf(stderr, "ink: %s\n", error.what());
-    return static_cast<int>(error.status());
+    return error.kind() == tarsier::ErrorKind::kInput ? kBadInput : kFailed;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "ink: %s\n", error.what());
-    return static_cast<int>(tarsier::ExitStatus::kUsage);
+    return kFailed;
   }
 }

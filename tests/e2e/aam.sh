@@ -54,8 +54,11 @@ expect_out '"faces":\[\{"box":' '"status":"' '"shape":\[' '"texture":\['
 run aam fit heads/images/0000.png --method project-out --json
 expect_status 0
 run pose synth -o video --video --count 10 --size 320x240 --yaw 12 --pitch 5 --roll 5 --quiet
-run aam fit video/images --sequence --json -o none
+run aam fit video/images --sequence --json -o none --csv fits-of-video.csv
 expect_status 0
+[ "$(wc -l <fits-of-video.csv)" -eq 11 ] || fail "fits-of-video.csv has $(wc -l <fits-of-video.csv) lines"
+head -1 fits-of-video.csv | grep -q '^frame,time,image,face,error,iterations,status,x0,y0,x1' || fail "heading of fits-of-video.csv"
+sed -n 2p fits-of-video.csv | grep -qE '^0,0\.000,,1,0\.[0-9]+,[0-9]+,[a-z ]+,[0-9.]+,' || fail "row: $(sed -n 2p fits-of-video.csv)"
 [ "$(grep -c '"faces":\[{"id":1,' stdout.txt)" -eq 10 ] || fail "not one face with one id in ten frames: $(cut -c1-60 stdout.txt)"
 # The pose of its points.
 run pose track video/images --sequence --fit aam --smooth none --json -o none

@@ -20,7 +20,7 @@ expect_status 0
 expect_out '"many-1.png","many-2.png"'
 run ar marker-sheet --size 300mm -o x.pdf
 expect_status 2
-expect_error 'does not fit' '--size up to 138 mm'
+expect_error 'does not fit' 'a side of up to 138 mm'
 run ar marker-sheet --family 9x9 -o x.pdf
 expect_status 2
 expect_error '9x9' 'aruco-original'

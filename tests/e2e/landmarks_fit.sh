@@ -111,4 +111,22 @@ END
 run landmarks eval set.yaml --eyes 0,2 --results r.jsonl --json
 expect_status 0
 expect_out '"nme_mean":10' '"failures":1' '"bias_x":10'
+
+# Rolled faces: looked for where no face is found upright, in any case, or not at all; an upright face is found the same.
+run pose synth -o rolled --count 10 --roll 60 --yaw 10 --pitch 5 --size 320x240 --near 450 --far 500 --seed 3 --quiet
+expect_status 0
+for search in never auto always; do
+  run landmarks fit rolled/images --rolled $search --json
+  grep -c '"score"' stdout.txt >"$search.count" || true
+  sed -n 's/"ms":[0-9.]*//; /0002.png/p' stdout.txt >"$search.upright"
+done
+[ "$(cat auto.count)" -ge $(($(cat never.count) + 2)) ] || fail "no more rolled faces: $(cat never.count auto.count)"
+[ "$(cat always.count)" -ge "$(cat auto.count)" ] || fail "fewer faces with --rolled always"
+cmp -s never.upright auto.upright || fail "the search of rolled faces changes an upright one"
+run landmarks fit rolled/images/0000.png --rolled often
+expect_status 2
+run people enroll Ann rolled/images/0000.png --any-quality --template classic --rolled never
+expect_status 1
+run people enroll Ann rolled/images/0000.png --any-quality --template classic
+expect_status 0
 finish

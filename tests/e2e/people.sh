@@ -98,8 +98,25 @@ run people forget Five --yes
 expect_status 0
 
 # Events and sightings.
-run people identify "$leo" "$lena" --on-event 'cat >>events.jsonl' --keep 30d --json
+run people identify "$leo" "$lena" --on-event 'cat >>events.jsonl' --keep 30d --json --csv named.csv
 expect_status 0
+[ "$(head -1 named.csv)" = frame,time,image,face,label,confidence,known,x,y,width,height ] || fail "heading of named.csv"
+$python - "$name" <<'END' || fail "named.csv is not what --json says: $(cat named.csv)"
+import csv, json, sys
+rows = list(csv.DictReader(open("named.csv")))
+lines = [json.loads(line) for line in open("stdout.txt") if '"faces"' in line]
+faces = [(line["image"], face) for line in lines for face in line["faces"]]
+assert len(rows) == len(faces) >= 2
+for row, (image, face) in zip(rows, faces):
+    assert row["image"] == image and row["label"] == face["label"] and (row["known"] == "1") == face["known"]
+    assert [int(row[k]) for k in ("x", "y", "width", "height")] == face["box"]
+    assert float(row["confidence"]) == face["confidence"]
+assert rows[0]["label"] == sys.argv[1]
+END
+run people live "$leo" -o none --csv live.csv --json
+expect_status 0
+[ "$(wc -l <live.csv)" -eq 2 ] || fail "live.csv: $(cat live.csv)"
+cut -d, -f3- live.csv | cmp -s - <(head -2 named.csv | cut -d, -f3-) || fail "live.csv: $(cat live.csv)"
 [ "$(wc -l <events.jsonl)" -eq 2 ] || fail "two events expected: $(cat events.jsonl)"
 $python -c 'import json; [json.loads(l)["label"] for l in open("events.jsonl")]' || fail "events are no JSON"
 run people list --sightings --json

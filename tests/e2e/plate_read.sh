@@ -14,9 +14,19 @@ run plate synth -o again --count 6 --size 1024x768 --seed 4
 cmp -s cars/truth.csv again/truth.csv || fail "the same seed draws other cars"
 
 # --- images ---
-run plate read cars/images --json
+run plate read cars/images --json --csv read.csv
 expect_status 0
 cp stdout.txt read.jsonl
+python3 - <<'PY' || fail "read.csv is not what --json says: $(head -3 read.csv)"
+import csv, json
+rows = list(csv.DictReader(open("read.csv")))
+plates = [(line["image"], plate) for line in map(json.loads, open("read.jsonl")) for plate in line["plates"]]
+assert len(rows) == len(plates) >= 5
+assert list(rows[0]) == ["frame", "time", "image", "text", "confidence", "country", "x", "y", "width", "height"]
+for row, (image, plate) in zip(rows, plates):
+    assert row["image"] == image and row["text"] == plate["text"] and abs(float(row["confidence"]) - plate["confidence"]) < 1e-3
+    assert [int(row[k]) for k in ("x", "y", "width", "height")] == plate["box"]
+PY
 [ "$(wc -l <read.jsonl)" -eq 6 ] || fail "6 lines expected, not $(wc -l <read.jsonl)"
 expect_out '"image":"cars/images/car-00000.jpg"' '"plates":\[\{"text":"[A-Z0-9]+"' '"candidates":' '"corners":' '"ms":'
 run plate eval read.jsonl --truth cars/truth.csv --json

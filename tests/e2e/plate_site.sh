@@ -47,6 +47,10 @@ expect_status 2
 expect_error 'several cameras are read without images'
 run plate read "${two[@]}" --window
 expect_status 2
+run plate read "${two[@]}" --csv read.csv
+expect_status 2
+expect_error 'csv goes with one source; of several cameras --log'
+[ ! -e read.csv ] || fail "a table was begun"
 run plate read a=photo.jpg b=photo.jpg
 expect_status 3
 run plate read "${two[@]}" --camera-roi 'gate=0,0,1,1'

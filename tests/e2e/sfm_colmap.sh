@@ -83,7 +83,7 @@ import json
 report = json.load(open("on-of-eight/report.json"))
 start = report["start_model"]
 assert start["images"] == start["here"] == start["registered"] == 8 and not start["fixed_poses"], start
-assert {image["focal_from"] for image in report["photographs"]} == {"start model"}
+assert {image["focal_from"] for image in report["images"]} == {"start model"}
 assert report["models"][0]["cameras"][0]["distortion"] == [0, 0, 0, 0, 0]
 PY
 # same_poses FOLDER OTHER: those of the images that both have, to the last digits.

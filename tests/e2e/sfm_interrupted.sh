@@ -75,6 +75,50 @@ expect_status 0
 [ "$(field stopped partial)" = "" ] || fail "continued: still partial"
 same_as_whole stopped "interrupted and continued"
 
+# --- the same of all images at once: killed, and Ctrl-C, between its steps ---
+run sfm synth -o ring --images 40 --size 240x180 --seed 4
+expect_status 0
+mapping_ring() { # mapping_ring FOLDER
+  words=(sfm reconstruct ring/images --camera-file ring/camera.yaml --max-features 400 -o "$1" --mapper global --checkpoint 0
+    --threads 1 --quiet)
+}
+same_as_ring() { # same_as_ring FOLDER WHAT
+  for file in cameras images points3D; do
+    cmp -s "$1/$file.txt" "ring-whole/$file.txt" || fail "$2: another $file.txt"
+  done
+}
+mapping_ring ring-whole
+run "${words[@]}"
+expect_status 0
+partial=0
+for signal in KILL INT INT INT; do # until an interruption comes after the positions and before the end
+  rm -rf ring-stopped
+  mapping_ring ring-stopped
+  "$TARSIER" "${words[@]}" >/dev/null 2>stderr.txt </dev/null &
+  program=$!
+  wait_for_mapping ring-stopped
+  until grep -qs 'global: positions' ring-stopped/cache/*.mapper || ! kill -0 $program 2>/dev/null; do :; done
+  kill -$signal $program 2>/dev/null
+  status=0
+  wait $program 2>/dev/null || status=$?
+  if [ "$signal" = INT ] && [ -e ring-stopped/report.json ] && [ "$(field ring-stopped partial)" = True ]; then
+    partial=1
+    [ "$status" -eq 130 ] || fail "global, interrupted: exit status $status"
+    for file in cameras.txt images.txt points3D.txt points.ply; do
+      [ -s "ring-stopped/$file" ] || fail "global, interrupted: no $file"
+    done
+    run sfm eval ring-stopped --truth ring/truth.jsonl --json
+    [ "$status" -eq 0 ] || [ "$status" -eq 3 ] || fail "global, interrupted: the model cannot be read: $err"
+  elif [ "$signal" = INT ] && [ "$status" -ne 0 ] && [ "$status" -ne 130 ]; then
+    fail "global, interrupted: exit status $status: $(cat stderr.txt)"
+  fi
+  run "${words[@]}"
+  expect_status 0
+  same_as_ring ring-stopped "global, $signal and continued"
+  [ $partial -eq 0 ] || break
+done
+[ $partial -gt 0 ] || printf 'note: no Ctrl-C came between positions and the end\n'
+
 # --- what can be checked is checked before the work ---
 refused() { # refused STATUS PATTERN ARGUMENTS..: without a look at an image's features
   local expected=$1 pattern=$2

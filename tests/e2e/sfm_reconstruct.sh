@@ -10,7 +10,7 @@ expect_status 0
 scene=(sfm reconstruct scene/images --camera-file scene/camera.yaml --max-features 1000)
 run "${scene[@]}" -o model --json
 expect_status 0
-expect_out '"photographs":6' '"reprojection_px":0\.'
+expect_out '"images":6' '"reprojection_px":0\.'
 for file in cameras.txt images.txt points3D.txt points.ply cameras.ply report.json view.png view.html; do
   [ -s "model/$file" ] || fail "model/$file is missing"
 done
@@ -167,6 +167,30 @@ run sfm reconstruct 97 -o none --online
 expect_status 3
 run sfm eval model --truth scene/camera.yaml
 expect_status 3
+
+# Drawn streets, a flight and objects; what does not go together is refused.
+for scene in walk city grid; do
+  run sfm synth --trajectory "$scene" --images 3 --size 160x120 -o "drawn-$scene" --quiet
+  expect_status 0
+  [ "$(wc -l <"drawn-$scene/truth.jsonl")" -eq 3 ] || fail "truth of $scene"
+done
+for content in temple toy; do
+  run sfm synth --trajectory ring --content "$content" --images 2 --size 160x120 -o "drawn-$content" --quiet
+  expect_status 0
+done
+run sfm synth --trajectory walk --content relief -o refused
+expect_status 2
+expect_error 'has houses'
+run sfm synth --trajectory ring --content houses -o refused
+expect_status 2
+expect_error 'walk or city'
+run sfm synth --trajectory grid --content room -o refused
+expect_status 2
+expect_error 'relief, boxes or plane'
+run sfm synth --trajectory city --depth -o refused
+expect_status 2
+expect_error 'not of --trajectory city'
+[ ! -e refused ] || fail 'a folder was made before the flags were checked'
 
 # Features and matches without images: what is kept of one pair is not taken for another's.
 run sfm synth --observations --trajectory walk --images 16 -o observed --quiet

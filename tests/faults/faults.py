@@ -41,7 +41,7 @@ OLD = b"the old file\n"
 MORE = {
     "cartoon run": ["many/images -o video.mp4 --mode sketch --sequence", "many/images -o video.avi --mode sketch --sequence",
                     "markers/images -o drawn --mode sketch", "scene.png -o drawn.png --debug-dir stages"],
-    "plate read": ["cars/images -o none --log new.db", "cars/images -o none --log plates.db", "cars/images -o read.avi --sequence"],
+    "plate read": ["cars/images -o none --csv plates.csv --log new.db", "cars/images -o none --log plates.db", "cars/images -o read.avi --sequence"],
     "plate log": ["plates.db --keep 30d", "plates.db --csv log.csv --crops cut", "plates.db --correct 1 1234BCD",
                   "plates.db --corrections learnt"],
     "sfm reconstruct": ["views/images -o model"],
@@ -55,7 +55,7 @@ MORE = {
 READS_OUTPUT = {"landmarks annotate", "sfm reconstruct", "people export"}
 # Tables that grow line by line while a video or a camera is followed, so that what was measured is there whatever happens: the
 # old one is gone with the first line, and a disturbed one is a beginning of the whole one.
-STREAMED = {"points.csv", "poses.csv", "markers.csv"}
+STREAMED = {"points.csv", "poses.csv", "markers.csv", "plates.csv"}
 # The second run finds nothing left to do.
 STATUS_AGAIN = {"people forget": {0, 1}, "plate log": {0, 1}, "people train": {0, 1}, "people enroll": {0, 1, 3}, "people export": {0, 6},
                 "people name": {0, 3}, "people correct not": {0, 3}, "people correct move": {0, 3}, "people correct merge": {0, 3},

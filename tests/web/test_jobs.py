@@ -202,7 +202,7 @@ class JobsTest(unittest.TestCase):
         left = [file["name"] for file in job["files"]]
         self.assertIn("model/points3D.txt", left)
         self.assertFalse([file for file in left if "growing" in file])
-        self.assertEqual({one["registered"] for one in job["lines"][-1]["photographs"]}, {True})
+        self.assertEqual({one["registered"] for one in job["lines"][-1]["images"]}, {True})
 
     def test_a_curve_of_training(self):
         plates = self.start({"verb": "plate synth", "flags": {"--output": "out:plates", "--count": 6}})

@@ -194,7 +194,7 @@ int run_program(const CommandLine& program, const std::vector<std::string>& word
   try {
     return run_checked(program, words, flags);
   } catch (const Error& error) {
-    return fail(error.status(), message_of(error));
+    return fail(exit_status(error.kind()), message_of(error));
   } catch (const std::invalid_argument& error) {
     return fail(ExitStatus::kUsage, message_of(error));
   } catch (const cv::Exception& error) {

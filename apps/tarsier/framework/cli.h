@@ -5,6 +5,7 @@
 #include "tarsier/core/progress.h"
 
 #include "framework/command.h"
+#include "framework/exit_status.h"
 #include "framework/output.h"
 #include <cstdint>
 #include <functional>

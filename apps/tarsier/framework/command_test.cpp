@@ -481,6 +481,12 @@ TEST(OptionNames, BecomeTheFlagsOfTheVerb) {
   EXPECT_EQ(with_flag_names("option 'start' must be search", flags), "--start must be search");
 }
 
+TEST(OptionNames, MayHaveAUnitThatTheFlagHasNot) {
+  EXPECT_EQ(with_flag_names("more (option 'memory_gb')", {"--memory"}), "more (--memory)");
+  EXPECT_EQ(with_flag_names("option 'memory_gb'", {"--memory", "--memory-gb"}), "--memory-gb");
+  EXPECT_EQ(with_flag_names("option 'memory_used'", {"--memory"}), "option 'memory_used'");
+}
+
 TEST(OptionNames, OfOtherVerbsStay) {
   for (const char* message :
        {"", "no such word", "option 'window', 80 px", "option 'start", "option ''", "option 'o'",

@@ -23,6 +23,7 @@ OnEvent::OnEvent(const OnEventFlags& flags, const Context& context, const Publis
   if (flags.command.empty()) return;
   EventCommandOptions options = flags.options;
   options.finish_s = options.timeout_s;
+  options.name = "--on-event";
   command_.emplace(flags.command, options, context.stop);
 }
 

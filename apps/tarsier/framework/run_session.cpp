@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "framework/run_session.h"
 
+#include "tarsier/core/csv.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
@@ -479,6 +480,11 @@ class Run {
 };
 
 }  // namespace
+
+std::string frame_cells(const Frame& frame) {
+  return fmt::format("{},{:.3f},{}", frame.index, frame.time,
+                     csv_field(frame.still ? frame.name : ""));
+}
 
 ExitStatus run_session(Session& session, const RunFlags& flags, Context& context,
                        const RunHooks& hooks) {

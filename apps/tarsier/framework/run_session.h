@@ -78,6 +78,10 @@ class DebugFolder final : public DebugSink {
   std::vector<window::Stage> stages_;
 };
 
+// The first cells of a row of --csv, of the columns "frame,time,image": the frame's number, its time
+// (s), and the name of an image by itself; of frames of a video that cell is empty.
+[[nodiscard]] std::string frame_cells(const Frame& frame);
+
 // What an area adds to the loop. All may be empty.
 struct RunHooks {
   std::string title;                               // of the window and the progress bar: "cartoon"

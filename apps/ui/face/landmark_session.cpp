@@ -25,6 +25,10 @@ bool LandmarkSession::act(const std::string& name) {
     tracking.smoothing = !tracking.smoothing;
     tracker_.set_tracking(tracking);
   }
+  if (name == "sigma") {
+    sigmas_ = !sigmas_;
+    return true;
+  }
   if (name != "numbers") return false;
   numbers_ = !numbers_;
   return true;
@@ -33,6 +37,7 @@ bool LandmarkSession::act(const std::string& name) {
 std::vector<Action> LandmarkSession::own_actions() const {
   return {{"redetect", "look for faces again", 'd'},
           {"numbers", "numbers of the points", 'n'},
+          {"sigma", "how certain the points are: circles of one deviation", 'u'},
           {"smooth", "smoothing on and off", 's'}};
 }
 
@@ -43,6 +48,8 @@ void LandmarkSession::draw(cv::Mat& image) {
   for (const face::landmarks::TrackedFace& face : result_.faces) {
     style.radius_px = std::clamp(face.box.width / 90, 0.7, 6.0);
     style.hidden = face.visibility.hidden();
+    style.sigma_px = face.visibility.sigma_px;
+    style.all_sigmas = sigmas_;
     face::shape::draw_landmarks(image, face.points, shape.connections, shape.mirror, style);
     if (!result_.tracked) continue;
     image::draw::TextStyle text;

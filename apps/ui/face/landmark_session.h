@@ -33,6 +33,7 @@ class LandmarkSession final : public FrameSession {
   face::LandmarkState state_;
   face::LandmarkResult result_;
   bool numbers_ = false;
+  bool sigmas_ = false;
 };
 
 }  // namespace tarsier

@@ -11,7 +11,6 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "ui/overlay.h"
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -50,7 +49,7 @@ std::string words_of(Verdict verdict) {
 }  // namespace
 
 CalibrateSession::CalibrateSession(planar::Calibrator calibrator)
-    : calibrator_(std::move(calibrator)) {
+    : FrameSession("Calibrate", 'p'), calibrator_(std::move(calibrator)) {  // space takes a view
   TARSIER_REQUIRE(calibrator_.options().live, "a session needs a live calibrator");
 }
 
@@ -58,14 +57,9 @@ const planar::calibration::Coverage* CalibrateSession::coverage() const {
   return state_.collector ? &state_.collector->coverage() : nullptr;
 }
 
-View CalibrateSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  source_ = trouble_of(source);
-  if (controls_.paused() && !frame_.image.empty()) return view(false);
-  frame_ = frame;
+void CalibrateSession::process(const Frame& frame) {
   if (flash_ > 0) --flash_;
   apply(calibrator_.process(frame, state_));
-  draw();
-  return view(true);
 }
 
 void CalibrateSession::apply(const planar::CalibratorAnswer& answer) {
@@ -87,37 +81,26 @@ void CalibrateSession::forget(bool all) {
 
 void CalibrateSession::calibrate_now() {
   std::optional<geometry::Camera> start;
-  if (ok()) start = result_->calibration.camera;
+  if (found() != nullptr) start = found()->camera;
   result_ = calibrator_.calibrate(state_, start);
   straightener_.reset();
-  if (!ok()) straight_ = false;
+  if (found() == nullptr) straight_ = false;
 }
 
-View CalibrateSession::on_idle(const SourceStatus& source) {
-  source_ = trouble_of(source);
-  return view(false);
-}
-
-View CalibrateSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  controls_.act(name);
+bool CalibrateSession::act(const std::string& name) {
   if (name == "take") apply(calibrator_.take(state_));
   if (name == "undo") forget(false);
   if (name == "restart") forget(true);
   if (name == "calibrate" && coverage() != nullptr) calibrate_now();
-  if (name == "straight") straight_ = !straight_ && ok();
+  if (name == "straight") straight_ = !straight_ && found() != nullptr;
   if (name == "coverage") shows_coverage_ = !shows_coverage_;
-  if (!frame_.image.empty()) draw();
-  return view(false);
+  return true;
 }
 
-std::vector<Action> CalibrateSession::actions() const {
-  return controls_.after({{"take", "take this view now", key::kSpace},
-                          {"undo", "forget the last view", 'z'},
-                          {"restart", "forget all views", 'x'},
-                          {"calibrate", "calibrate now", 'c'},
-                          {"straight", "the straightened image", 'u'},
-                          {"coverage", "what is covered", 'm'}});
+std::vector<Action> CalibrateSession::own_actions() const {
+  return {{"take", "take this view now", key::kSpace}, {"undo", "forget the last view", 'z'},
+          {"restart", "forget all views", 'x'},        {"calibrate", "calibrate now", 'c'},
+          {"straight", "the straightened image", 'u'}, {"coverage", "what is covered", 'm'}};
 }
 
 // What to do next, in a line.
@@ -128,33 +111,29 @@ std::string CalibrateSession::advice() const {
   return "enough: q ends";
 }
 
-void CalibrateSession::draw() {
-  frame_.image.copyTo(output_);
-  if (straight_ && ok() && frame_.image.size() == state_.size) {
+void CalibrateSession::draw(cv::Mat& image) {
+  if (straight_ && found() != nullptr && frame().size() == state_.size) {
     try {
       if (!straightener_) {
-        const geometry::Camera& from = result_->calibration.camera;
+        const geometry::Camera& from = found()->camera;
         straightener_.emplace(from, geometry::undistorted_camera(from));
       }
-      output_ = (*straightener_)(frame_.image);
+      image = (*straightener_)(frame());
     } catch (const Error&) {  // a distortion that cannot be undone at the border
       straight_ = false;
       verdict_ = "cannot be straightened";
     }
   } else {
-    if (shows_coverage_ && coverage() != nullptr)
-      draw_coverage(output_, *coverage(), kCoverageTint);
-    if (!state_.board.empty()) draw_view(output_, state_.board, calibrator_.options().board);
+    if (shows_coverage_ && coverage() != nullptr) draw_coverage(image, *coverage(), kCoverageTint);
+    if (!state_.board.empty()) draw_view(image, state_.board, calibrator_.options().board);
   }
-  output_.copyTo(shown_);
-  draw_text();
 }
 
-void CalibrateSession::draw_text() {
+void CalibrateSession::draw_shown(cv::Mat& image) {
   const bool took = flash_ > 0;
   if (took && !straight_) {
-    cv::rectangle(shown_, cv::Rect(0, 0, shown_.cols, shown_.rows), kGood,
-                  std::max(2, shown_.cols / 160));
+    cv::rectangle(image, cv::Rect(0, 0, image.cols, image.rows), kGood,
+                  std::max(2, image.cols / 160));
   }
   if (!draws_status()) return;
   std::string line = straight_ ? "straightened: lines of the world are straight" : verdict_;
@@ -170,39 +149,30 @@ void CalibrateSession::draw_text() {
   image::draw::TextStyle style;
   style.color = straight_ ? kPlain : took ? kGood : state_.board.empty() ? kPlain : kWait;
   style.backing = image::draw::Backing::kBox;
-  const int margin = std::max(4, shown_.cols / 100);
-  const cv::Rect box = image::draw::put_text(shown_, line, {margin, margin}, style);
-  style.height_px = std::max(8.0, 0.75 * image::draw::fitting_text_height(shown_.size()));
+  const int margin = std::max(4, image.cols / 100);
+  const cv::Rect box = image::draw::put_text(image, line, {margin, margin}, style);
+  style.height_px = std::max(8.0, 0.75 * image::draw::fitting_text_height(image.size()));
   style.color = kPlain;
-  image::draw::put_text(shown_, advice(), {margin, box.y + box.height + margin / 2}, style);
-  std::string right;
-  if (ok()) {
-    const planar::calibration::Calibration& found = result_->calibration;
-    // Short: the bar gives its right half at most.
-    right = fmt::format("fx {:.1f}+-{:.1f} rms {:.2f}", found.camera.fx, found.deviations.fx,
-                        found.camera.rms);
-  } else if (!state_.views.empty()) {
-    right = "not yet calibrated";
-  }
-  const double share = coverage() != nullptr ? coverage()->share() : 0;
-  image::draw::status_bar(shown_,
-                          fmt::format("{} {}, {:.0f} % covered", state_.views.size(),
-                                      state_.views.size() == 1 ? "view" : "views", 100 * share),
-                          right);
-  if (controls_.help()) draw_help(shown_, "Calibrate", actions());
+  image::draw::put_text(image, advice(), {margin, box.y + box.height + margin / 2}, style);
 }
 
-View CalibrateSession::view(bool fresh) {
-  View view;
-  view.image = shown_;
-  if (fresh) view.output = output_;
-  const double share = coverage() != nullptr ? coverage()->share() : 0;
-  view.status =
-      fmt::format("{} views, {:.0f} % covered, {}{}{}", state_.views.size(), 100 * share, verdict_,
-                  controls_.paused() ? ", paused" : "", source_.empty() ? "" : ", " + source_);
-  nlohmann::json& state = view.state;
+// Short: the bar gives its right half at most.
+std::string CalibrateSession::note() const {
+  const planar::calibration::Calibration* const now = found();
+  if (now == nullptr) return state_.views.empty() ? "" : "not yet calibrated";
+  return fmt::format("fx {:.1f}+-{:.1f} rms {:.2f}", now->camera.fx, now->deviations.fx,
+                     now->camera.rms);
+}
+
+std::string CalibrateSession::status() const {
+  return fmt::format("{}, {:.0f} % covered, {}", counted(state_.views.size(), "view"),
+                     100 * (coverage() != nullptr ? coverage()->share() : 0), verdict_);
+}
+
+nlohmann::json CalibrateSession::state() const {
+  nlohmann::json state;
   state["views"] = state_.views.size();
-  state["coverage"] = std::round(share * 1e3) / 1e3;
+  state["coverage"] = coverage() != nullptr ? std::round(coverage()->share() * 1e3) / 1e3 : 0.0;
   state["verdict"] = verdict_;
   state["missing"] = coverage() != nullptr ? coverage()->missing() : std::vector<std::string>();
   state["cells"] = nlohmann::json::array();
@@ -221,14 +191,13 @@ View CalibrateSession::view(bool fresh) {
     }
     state["per_view"].push_back(std::move(line));
   }
-  state["calibrated"] = ok();
-  state["rms"] = ok() ? std::round(result_->calibration.camera.rms * 1e4) / 1e4 : 0.0;
-  state["fx"] = ok() ? std::round(result_->calibration.camera.fx * 1e3) / 1e3 : 0.0;
+  const planar::calibration::Calibration* const now = found();
+  state["calibrated"] = now != nullptr;
+  state["rms"] = now != nullptr ? std::round(now->camera.rms * 1e4) / 1e4 : 0.0;
+  state["fx"] = now != nullptr ? std::round(now->camera.fx * 1e3) / 1e3 : 0.0;
   state["refusal"] = result_ ? result_->calibration.refusal : "";
   state["straight"] = straight_;
-  state["paused"] = controls_.paused();
-  view.finished = controls_.finished();
-  return view;
+  return state;
 }
 
 }  // namespace tarsier

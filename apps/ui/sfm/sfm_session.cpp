@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "ui/overlay.h"
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -34,85 +33,84 @@ int panel_height(cv::Size frame) {
 
 }  // namespace
 
-SfmSession::SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop,
-                       DebugSink* debug)
-    : online_(online), stop_(stop), debug_(debug) {}
+SfmSession::SfmSession(sfm::OnlineReconstructor& online, std::stop_token stop, DebugSink* debug)
+    : FrameSession("Structure from motion"),
+      online_(online),
+      stop_(std::move(stop)),
+      debug_(debug) {}
 
-View SfmSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  source_ = trouble_of(source);
-  if (controls_.paused()) return view(false);  // a camera goes on while nobody looks
-  latest_ = frame;
+void SfmSession::process(const Frame& frame) {
   update(online_.process(frame, stop_, watched(debug_)));
-  latest_.image = online_.image();
-  draw();
-  return view(true);
+  image_ = online_.image();
 }
 
-View SfmSession::on_idle(const SourceStatus& source) {
-  source_ = trouble_of(source);
-  return view(false);
-}
-
-View SfmSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  controls_.act(name);
-  if (name == "left") turn(-kTurnDeg, 0);
-  if (name == "right") turn(kTurnDeg, 0);
-  if (name == "up") turn(0, kTurnDeg);
-  if (name == "down") turn(0, -kTurnDeg);
-  if (name == "nearer") zoom(kZoom);
-  if (name == "farther") zoom(1 / kZoom);
-  if (name == "reset") {
+bool SfmSession::act(const std::string& name) {
+  if (name == "left") {
+    turn(-kTurnDeg, 0);
+  } else if (name == "right") {
+    turn(kTurnDeg, 0);
+  } else if (name == "up") {
+    turn(0, kTurnDeg);
+  } else if (name == "down") {
+    turn(0, -kTurnDeg);
+  } else if (name == "nearer") {
+    zoom(kZoom);
+  } else if (name == "farther") {
+    zoom(1 / kZoom);
+  } else if (name == "reset") {
     yaw_ = 0;
     pitch_ = 15;
     zoom_ = 1;
     cloud_is_old_ = true;
+  } else if (name == "adjust") {
+    if (!image_.empty()) update(online_.refine(stop_));
+  } else {
+    return false;
   }
-  if (name == "adjust" && !latest_.image.empty()) update(online_.refine(stop_));
-  if (event.kind == Event::Kind::kMouse) {
-    const cv::Point2d where(event.x, event.y);
-    switch (event.mouse) {
-      case Event::Mouse::kLeftDown:
-        drag_ = where;
-        break;
-      case Event::Mouse::kLeftUp:
-        drag_.reset();
-        break;
-      case Event::Mouse::kMove:
-        if (drag_) {
-          turn(-kDragDeg * (where.x - drag_->x), kDragDeg * (where.y - drag_->y));
-          drag_ = where;
-        }
-        break;
-      case Event::Mouse::kWheel:
-        zoom(std::pow(kZoom, event.wheel));
-        break;
-      case Event::Mouse::kDouble:
-        drag_.reset();
-        break;
-      default:
-        break;
-    }
-  }
-  if (!latest_.image.empty()) draw();
-  return view(false);
+  return true;
 }
 
-std::vector<Action> SfmSession::actions() const {
-  return controls_.after({{"left", "turn left", key::kLeft},
-                          {"right", "turn right", key::kRight},
-                          {"up", "look from higher", key::kUp},
-                          {"down", "look from lower", key::kDown},
-                          {"nearer", "nearer", '+'},
-                          {"farther", "farther", '-'},
-                          {"reset", "the first view", '0'},
-                          {"adjust", "adjust all of the model", 'r'}});
+bool SfmSession::mouse(const Event& event) {
+  const cv::Point2d where(event.x, event.y);
+  switch (event.mouse) {
+    case Event::Mouse::kLeftDown:
+      drag_ = where;
+      return false;
+    case Event::Mouse::kLeftUp:
+    case Event::Mouse::kDouble:
+      drag_.reset();
+      return false;
+    case Event::Mouse::kMove:
+      if (!drag_) return false;
+      turn(-kDragDeg * (where.x - drag_->x), kDragDeg * (where.y - drag_->y));
+      drag_ = where;
+      return true;
+    case Event::Mouse::kWheel:
+      zoom(std::pow(kZoom, event.wheel));
+      return true;
+    default:
+      return false;
+  }
+}
+
+std::vector<Action> SfmSession::own_actions() const {
+  return {{"left", "turn left", key::kLeft},
+          {"right", "turn right", key::kRight},
+          {"up", "look from higher", key::kUp},
+          {"down", "look from lower", key::kDown},
+          {"nearer", "nearer", '+'},
+          {"farther", "farther", '-'},
+          {"reset", "the first view", '0'},
+          {"adjust", "adjust all of the model", 'r'}};
+}
+
+std::vector<image::draw::HelpLine> SfmSession::help_lines() const {
+  return {{"arrows", "turn the cloud, as a dragged mouse does"}};
 }
 
 View SfmSession::finish() {
   update(online_.finish(stop_));
-  if (!latest_.image.empty()) draw();
-  return view(!latest_.image.empty());
+  return redrawn();
 }
 
 void SfmSession::update(sfm::OnlineResult result) {
@@ -136,15 +134,20 @@ std::string SfmSession::counts() const {
                      result_.key_frames == 1 ? "" : "s", result_.registered, result_.points);
 }
 
-void SfmSession::draw() {
-  const int height = panel_height(latest_.image.size());
-  const double scale = static_cast<double>(height) / latest_.image.rows;
-  const int left = std::max(2, cvRound(latest_.image.cols * scale) / 2 * 2);
+nlohmann::json SfmSession::state() const { return sfm::to_json(result_); }
+
+std::string SfmSession::status() const {
+  return fmt::format("{}, {:.0f} ms", counts(), result_.growth_ms);
+}
+
+void SfmSession::draw(cv::Mat& image) {
+  const int height = panel_height(image_.size());
+  const double scale = static_cast<double>(height) / image_.rows;
+  const int left = std::max(2, cvRound(image_.cols * scale) / 2 * 2);
   const int right = height * 4 / 3 / 2 * 2;
-  output_.create(height, left + right, CV_8UC3);
-  cv::Mat shown = output_(cv::Rect(0, 0, left, height));
-  cv::resize(latest_.image, shown, shown.size(), 0, 0,
-             scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  image.create(height, left + right, CV_8UC3);
+  cv::Mat shown = image(cv::Rect(0, 0, left, height));
+  cv::resize(image_, shown, shown.size(), 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   const int radius = std::max(2, height / 200);
   for (const cv::Point2f& tracked : result_.tracked) {
     const cv::Point2d p = cv::Point2d(tracked) * scale;
@@ -165,7 +168,7 @@ void SfmSession::draw() {
     cloud_ = sfm::render_model(model, view);
     cloud_is_old_ = false;
   }
-  cv::Mat panel = output_(cv::Rect(left, 0, right, height));
+  cv::Mat panel = image(cv::Rect(left, 0, right, height));
   cloud_.copyTo(panel);
   image::draw::TextStyle style;
   style.height_px = std::max(8.0, height / 45.0);
@@ -177,26 +180,6 @@ void SfmSession::draw() {
     image::draw::put_text(panel, "no model yet: move the camera sideways", {right / 2, height / 2},
                           style, image::draw::Anchor::kCenter);
   }
-}
-
-View SfmSession::view(bool fresh) {
-  View result;
-  result.state = sfm::to_json(result_);
-  result.state["paused"] = controls_.paused();
-  result.status = fmt::format("{}, {:.0f} ms{}", counts(), result_.growth_ms,
-                              controls_.paused() ? ", paused" : "");
-  result.finished = controls_.finished();
-  if (output_.empty()) return result;
-  output_.copyTo(shown_);
-  if (draws_status())
-    image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
-  if (draws_status() && controls_.help()) {
-    draw_help(shown_, "Structure from motion", actions(),
-              {{"arrows", "turn the cloud, as a dragged mouse does"}});
-  }
-  result.image = shown_;
-  if (fresh) result.output = output_;
-  return result;
 }
 
 }  // namespace tarsier

@@ -6,8 +6,7 @@
 
 #include <opencv2/core.hpp>
 
-#include "ui/controls.h"
-#include "ui/session.h"
+#include "ui/frame_session.h"
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -22,47 +21,43 @@ namespace tarsier {
 // first view again, r adjusts all of the model, h help, q or Esc ends.
 // State: {"key_frames", "registered", "points", "followed": points of the model in the frame,
 // "paused"}.
-class SfmSession final : public Session {
+class SfmSession final : public FrameSession {
  public:
   // `online` must outlive the session. When `stop` fires, growing ends early. on_frame throws what
   // OnlineReconstructor::process() throws. `debug`, which may be null and must outlive the session,
   // takes the stages of each frame.
-  explicit SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop = {},
+  explicit SfmSession(sfm::OnlineReconstructor& online, std::stop_token stop = {},
                       DebugSink* debug = nullptr);
-
-  View on_frame(const Frame& frame, const SourceStatus& source) override;
-  View on_idle(const SourceStatus& source) override;
-  View on_event(const Event& event) override;
-  [[nodiscard]] std::vector<Action> actions() const override;
-  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // No more frames: the video's last key frame; the model grows by what is waiting.
   View finish();
 
  private:
+  void process(const Frame& frame) override;
+  void draw(cv::Mat& image) override;
+  bool act(const std::string& name) override;
+  bool mouse(const Event& event) override;
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  [[nodiscard]] std::vector<image::draw::HelpLine> help_lines() const override;
+
   void turn(double yaw, double pitch);
   void zoom(double factor);
-  void draw();
-  View view(bool fresh);
-  [[nodiscard]] std::string counts() const;
-
   void update(sfm::OnlineResult result);
+  [[nodiscard]] std::string counts() const;
 
   sfm::OnlineReconstructor& online_;
   std::stop_token stop_;
   DebugSink* debug_;
   sfm::OnlineResult result_;  // of the latest call
-  Frame latest_;
+  cv::Mat image_;             // the latest frame, as the model has it
   cv::Mat cloud_;
   bool cloud_is_old_ = true;
   double yaw_ = 0;
   double pitch_ = 15;
   double zoom_ = 1;
   std::optional<cv::Point2d> drag_;  // where the mouse was
-  cv::Mat output_;
-  cv::Mat shown_;
-  std::string source_;
-  SessionControls controls_{true};
 };
 
 }  // namespace tarsier

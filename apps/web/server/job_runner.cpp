@@ -3,6 +3,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 
+#include "framework/exit_status.h"
 #include "job.h"
 #include "job_feed.h"
 #include "router.h"

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/exit_status.h"
 #include "multipart.h"
 #include "router.h"
 #include <algorithm>

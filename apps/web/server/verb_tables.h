@@ -226,6 +226,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--robust",
     "--roi",
     "--roll",
+    "--rolled",
     "--scale",
     "--scan-steps",
     "--scatter",

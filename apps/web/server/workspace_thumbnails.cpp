@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "child_process.h"
+#include "framework/exit_status.h"
 #include "router.h"
 #include "workspace.h"
 #include "workspace_paths.h"
@@ -47,7 +48,7 @@ int make_thumbnail(const std::string& file, const std::string& out, int width) {
     return 0;
   } catch (const Error& error) {
     log_error("{}", error.what());
-    return static_cast<int>(error.status());
+    return static_cast<int>(exit_status(error.kind()));
   }
 }
 

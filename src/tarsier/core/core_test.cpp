@@ -84,13 +84,20 @@ TEST(Rng, NormalHasMeanAndDeviationAskedFor) {
   EXPECT_NEAR(std::sqrt(squares / kCount - mean * mean), 2, 0.03);
 }
 
-TEST(Errors, CarryTheExitStatusAndNameThePath) {
+TEST(Errors, HaveAKindAndNameThePath) {
   try {
     throw ModelError("plate.svm", "cut short");
   } catch (const Error& error) {
-    EXPECT_EQ(error.status(), ExitStatus::kBadModel);
+    EXPECT_EQ(error.kind(), ErrorKind::kModel);
     EXPECT_STREQ(error.what(), "plate.svm: cut short");
   }
+}
+
+TEST(Errors, OfAMissingEntrySayOfWhatKindItIs) {
+  const MissingEntryError error("people.db", "face", "there is no face 7");
+  EXPECT_EQ(error.entry(), "face");
+  EXPECT_EQ(error.kind(), ErrorKind::kInput);
+  EXPECT_STREQ(error.what(), "people.db: there is no face 7");
 }
 
 TEST(Require, NamesTheExpressionAndTheValue) {

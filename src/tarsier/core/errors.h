@@ -6,35 +6,34 @@
 
 namespace tarsier {
 
-// What the program exits with; the same for every verb.
-enum class ExitStatus : int {
-  kDone = 0,
-  kNothingFound = 1,  // ran to the end, and found nothing
-  kUsage = 2,
-  kBadInput = 3,    // also a source that never opens, no display
-  kSourceLost = 4,  // after its first frame
-  kBadModel = 5,    // broken or missing
-  kBadOutput = 6,   // cannot be written
-  kInterrupted = 130,
+// What an error is about. A program decides by it what to do: `tarsier` what it exits with
+// (apps/tarsier/framework/exit_status.h).
+enum class ErrorKind {
+  kUsage,       // what was asked for fits no rule
+  kInput,       // a file, image or device that cannot be used; also a source that never opens
+  kSourceLost,  // a source that ended after its first frame, when it should not have
+  kModel,       // a model that is missing or broken
+  kOutput,      // what cannot be written
+  kInterrupted  // a stop was requested
 };
 
 // Base of all errors that are not a caller's mistake (those are std::invalid_argument, see
-// require.h). what() is one line that names what, where, and where it helps what to do.
+// require.h). what() is one line that names what, where, and where it helps what to do. It names an
+// option as "option 'ca_file'", by the field that sets it, and knows no flags of a command line.
 class Error : public std::runtime_error {
  public:
-  Error(ExitStatus status, const std::string& message)
-      : std::runtime_error(message), status_(status) {}
-  [[nodiscard]] ExitStatus status() const { return status_; }
+  Error(ErrorKind kind, const std::string& message) : std::runtime_error(message), kind_(kind) {}
+  [[nodiscard]] ErrorKind kind() const { return kind_; }
 
  private:
-  ExitStatus status_;
+  ErrorKind kind_;
 };
 
 // Trouble with a file, device or address. what() is "<path>: <reason>".
 class IoError : public Error {
  public:
-  IoError(ExitStatus status, std::string path, const std::string& reason)
-      : Error(status, path + ": " + reason), path_(std::move(path)) {}
+  IoError(ErrorKind kind, std::string path, const std::string& reason)
+      : Error(kind, path + ": " + reason), path_(std::move(path)) {}
   [[nodiscard]] const std::string& path() const { return path_; }
 
  private:
@@ -43,27 +42,39 @@ class IoError : public Error {
 
 struct InputError : IoError {
   InputError(std::string path, const std::string& reason)
-      : IoError(ExitStatus::kBadInput, std::move(path), reason) {}
+      : IoError(ErrorKind::kInput, std::move(path), reason) {}
+};
+// A file or database has no such entry.
+class MissingEntryError : public InputError {
+ public:
+  // `entry`: "face", "person" ..: what kind of entries the file has. A program says by it how they
+  // are listed.
+  MissingEntryError(std::string path, std::string entry, const std::string& reason)
+      : InputError(std::move(path), reason), entry_(std::move(entry)) {}
+  [[nodiscard]] const std::string& entry() const { return entry_; }
+
+ private:
+  std::string entry_;
 };
 struct SourceLostError : IoError {
   SourceLostError(std::string path, const std::string& reason)
-      : IoError(ExitStatus::kSourceLost, std::move(path), reason) {}
+      : IoError(ErrorKind::kSourceLost, std::move(path), reason) {}
 };
 struct ModelError : IoError {
   ModelError(std::string path, const std::string& reason)
-      : IoError(ExitStatus::kBadModel, std::move(path), reason) {}
+      : IoError(ErrorKind::kModel, std::move(path), reason) {}
 };
 struct OutputError : IoError {
   OutputError(std::string path, const std::string& reason)
-      : IoError(ExitStatus::kBadOutput, std::move(path), reason) {}
+      : IoError(ErrorKind::kOutput, std::move(path), reason) {}
 };
-// Words on the command line that fit no verb, value or rule.
+// Words, of a command line or of an option, that fit no verb, value or rule.
 struct UsageError : Error {
-  explicit UsageError(const std::string& message) : Error(ExitStatus::kUsage, message) {}
+  explicit UsageError(const std::string& message) : Error(ErrorKind::kUsage, message) {}
 };
 // Thrown by long work when its stop token fires.
 struct Interrupted : Error {
-  Interrupted() : Error(ExitStatus::kInterrupted, "interrupted") {}
+  Interrupted() : Error(ErrorKind::kInterrupted, "interrupted") {}
 };
 
 }  // namespace tarsier

@@ -24,7 +24,7 @@ cv::Point2d ray_of_border(const Camera& camera, double x, double y) {
     return {std::clamp(ray.x, -kWidest, kWidest), std::clamp(ray.y, -kWidest, kWidest)};
   }
   if (!point) {
-    throw Error(ExitStatus::kBadInput,
+    throw Error(ErrorKind::kInput,
                 fmt::format("the distortion of a camera ({}x{} px, k1 {:.4g}) cannot be undone at "
                             "the border of its image",
                             camera.width, camera.height, camera.distortion[0]));
@@ -56,7 +56,7 @@ Camera undistorted_camera(const Camera& camera) {
     right = std::min(right, ray_of_border(camera, right_px, y).x);
   }
   if (!(right > left && bottom > top)) {
-    throw Error(ExitStatus::kBadInput,
+    throw Error(ErrorKind::kInput,
                 fmt::format("nothing remains of an image of {}x{} px when its distortion (k1 "
                             "{:.4g}) is undone",
                             camera.width, camera.height, camera.distortion[0]));

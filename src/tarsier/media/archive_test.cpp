@@ -88,7 +88,7 @@ TEST_F(ArchiveTest, MissingOrOtherFilesAreModelErrors) {
     FAIL();
   } catch (const ModelError& error) {
     EXPECT_EQ(error.what(), path() + ": no such file");
-    EXPECT_EQ(error.status(), ExitStatus::kBadModel);
+    EXPECT_EQ(error.kind(), ErrorKind::kModel);
   }
   EXPECT_THAT(refusal(""), HasSubstr("empty"));
   EXPECT_THAT(refusal("{"), HasSubstr("ends too early"));

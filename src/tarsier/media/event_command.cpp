@@ -143,7 +143,7 @@ class EventCommand::Runner {
     }
     thread_.join();
     if (counts_.dropped > 0) {
-      log_warning("{}: {} {} dropped in all", options_.flag, counts_.dropped,
+      log_warning("{}: {} {} dropped in all", options_.name, counts_.dropped,
                   counts_.dropped == 1 ? "event was" : "events were");
     }
   }
@@ -165,7 +165,7 @@ class EventCommand::Runner {
   void drop() {
     ++counts_.dropped;
     if ((counts_.dropped & (counts_.dropped - 1)) != 0) return;
-    log_warning("{}: '{}' is slower than events come: {} dropped so far, the oldest", options_.flag,
+    log_warning("{}: '{}' is slower than events come: {} dropped so far, the oldest", options_.name,
                 command_, counts_.dropped);
   }
 
@@ -205,7 +205,7 @@ class EventCommand::Runner {
     std::optional<Child> child = start(command_);
     if (!child) {
       count(&Counts::failed);
-      log_warning("{}: '{}' could not be started", options_.flag, command_);
+      log_warning("{}: '{}' could not be started", options_.name, command_);
       return;
     }
     const Clock::time_point began = Clock::now();
@@ -229,7 +229,7 @@ class EventCommand::Runner {
       count(&Counts::ended);
     } else {
       count(&Counts::failed);
-      log_warning("{}: '{}' failed", options_.flag, command_);
+      log_warning("{}: '{}' failed", options_.name, command_);
     }
   }
 
@@ -256,9 +256,9 @@ class EventCommand::Runner {
       std::this_thread::sleep_for(milliseconds(1));
     count(&Counts::killed);
     if (in_time) {
-      log_warning("{}: '{}' was ended with the program", options_.flag, command_);
+      log_warning("{}: '{}' was ended with the program", options_.name, command_);
     } else {
-      log_warning("{}: '{}' took longer than {:g} s and was ended", options_.flag, command_,
+      log_warning("{}: '{}' took longer than {:g} s and was ended", options_.name, command_,
                   options_.timeout_s);
     }
   }

@@ -18,7 +18,7 @@ struct EventCommandOptions {
   // finish() gives the events that wait so long in all; after an interruption, `interrupted_s`.
   double finish_s = 10;
   double interrupted_s = 1;
-  std::string flag = "--on-event";  // how warnings call it
+  std::string name = "event command";  // how warnings call it
 
   [[nodiscard]] OptionFields fields() {
     return {{"timeout_s", timeout_s, range(0.01, 3600), "--on-event-timeout",

@@ -115,9 +115,10 @@ class HttpService::Daemon {
       }
     }
     if (!address_.loopback && !access_.listen_all) {
-      throw UsageError(url +
-                       ": other machines could watch: add --listen-all and a token (openssl rand "
-                       "-hex 16), or use 127.0.0.1");
+      throw UsageError(
+          url +
+          ": other machines could watch: add option 'listen_all' and a token (openssl rand "
+          "-hex 16), or use 127.0.0.1");
     }
     if (access_.listen_all && access_.token.empty()) {
       throw UsageError(url +

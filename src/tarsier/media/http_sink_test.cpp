@@ -462,8 +462,8 @@ TEST(HttpSink, OtherInterfacesNeedListenAllAndAToken) {
     }
   };
   const std::string token(32, 't');
-  EXPECT_THAT(reason("http://0.0.0.0:0/", false, ""), HasSubstr("--listen-all"));
-  EXPECT_THAT(reason("http://0.0.0.0:0/", false, token), HasSubstr("--listen-all"));
+  EXPECT_THAT(reason("http://0.0.0.0:0/", false, ""), HasSubstr("option 'listen_all'"));
+  EXPECT_THAT(reason("http://0.0.0.0:0/", false, token), HasSubstr("option 'listen_all'"));
   EXPECT_THAT(reason("http://0.0.0.0:0/", true, ""), HasSubstr("openssl rand -hex 16"));
   EXPECT_THAT(reason("http://127.0.0.1:0/", true, ""), HasSubstr("openssl rand -hex 16"));
   EXPECT_THAT(reason("http://127.0.0.1:0/", true, "short"), HasSubstr("openssl rand -hex 16"));

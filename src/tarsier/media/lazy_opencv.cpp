@@ -29,8 +29,8 @@ void* load(const char* library) {
   void* handle = dlopen(library, RTLD_LAZY | RTLD_LOCAL);
   if (handle == nullptr) {
     const char* reason = dlerror();
-    throw Error(ExitStatus::kBadInput, fmt::format("cannot load OpenCV's {}; install it",
-                                                   reason == nullptr ? library : reason));
+    throw Error(ErrorKind::kInput, fmt::format("cannot load OpenCV's {}; install it",
+                                               reason == nullptr ? library : reason));
   }
   return handle;
 }
@@ -40,7 +40,7 @@ template <typename Function>
 Function* find(void* library, const char* name) {
   void* address = dlsym(library, name);
   if (address == nullptr)
-    throw Error(ExitStatus::kBadInput, fmt::format("OpenCV's libraries lack {}", name));
+    throw Error(ErrorKind::kInput, fmt::format("OpenCV's libraries lack {}", name));
   return reinterpret_cast<Function*>(address);
 }
 

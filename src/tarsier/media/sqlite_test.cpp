@@ -35,8 +35,8 @@ class SqliteTest : public FolderTest {
     try {
       const Database database(path("notes.db"), kind, access, 20);
     } catch (const IoError& error) {
-      EXPECT_EQ(error.status(),
-                access == DatabaseAccess::kRead ? ExitStatus::kBadInput : ExitStatus::kBadOutput);
+      EXPECT_EQ(error.kind(),
+                access == DatabaseAccess::kRead ? ErrorKind::kInput : ErrorKind::kOutput);
       EXPECT_THAT(error.what(), AllOf(HasSubstr("notes.db: "), Not(HasSubstr("\n"))));
       return error.what();
     }

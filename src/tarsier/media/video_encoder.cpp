@@ -38,8 +38,8 @@ class Ffmpeg {
     void* handle = dlopen(library, RTLD_LAZY | RTLD_LOCAL);
     if (handle == nullptr) {
       const char* reason = dlerror();
-      throw Error(ExitStatus::kBadOutput, fmt::format("cannot load FFmpeg's {}; install it",
-                                                      reason == nullptr ? library : reason));
+      throw Error(ErrorKind::kOutput, fmt::format("cannot load FFmpeg's {}; install it",
+                                                  reason == nullptr ? library : reason));
     }
     return handle;
   }
@@ -47,7 +47,7 @@ class Ffmpeg {
   static Function find(void* library, const char* name) {
     void* address = dlsym(library, name);
     if (address == nullptr)
-      throw Error(ExitStatus::kBadOutput, fmt::format("FFmpeg's libraries lack {}", name));
+      throw Error(ErrorKind::kOutput, fmt::format("FFmpeg's libraries lack {}", name));
     return reinterpret_cast<Function>(address);
   }
 
@@ -235,14 +235,17 @@ void VideoEncoder::Impl::encode(const AVFrame* image) {
   check_file();
 }
 
+void VideoEncoderOptions::check() const {
+  check_fields(*this);
+  TARSIER_REQUIRE(ending == ".mp4" || ending == ".avi" || ending == ".mkv", "ending '{}'", ending);
+}
+
 VideoEncoder::VideoEncoder(const std::string& path, const std::string& shown, cv::Size size,
                            const VideoEncoderOptions& options)
     : impl_(std::make_unique<Impl>(shown)) {
   TARSIER_REQUIRE(size.width > 0 && size.height > 0 && size.width % 2 == 0 && size.height % 2 == 0,
                   "{}x{} px", size.width, size.height);
-  TARSIER_REQUIRE(options.fps > 0 && options.fps <= 1000, "fps {}", options.fps);
-  TARSIER_REQUIRE(options.ending == ".mp4" || options.ending == ".avi" || options.ending == ".mkv",
-                  "ending '{}'", options.ending);
+  options.check();
   ffmpeg().av_log_set_level(AV_LOG_QUIET);  // what is wrong is returned, and said once
   impl_->open(path, size, options);
 }

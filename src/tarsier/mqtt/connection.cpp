@@ -97,7 +97,7 @@ struct Library {
 
   static const Library& get() {
     const Library& library = any();
-    if (!library.missing.empty()) throw Error(ExitStatus::kBadInput, library.missing);
+    if (!library.missing.empty()) throw Error(ErrorKind::kInput, library.missing);
     return library;
   }
 };
@@ -143,7 +143,7 @@ class Connection::Client {
     check_readable(options_.login.key);
     const std::string password = password_of(options_);
     handle_ = library_.create(options_.client.c_str(), !options_.keeps_session, this);
-    if (handle_ == nullptr) throw Error(ExitStatus::kBadInput, "libmosquitto: no client");
+    if (handle_ == nullptr) throw Error(ErrorKind::kInput, "libmosquitto: no client");
     const std::string& user =
         options_.address.user.empty() ? options_.login.user : options_.address.user;
     if (!user.empty())
@@ -311,7 +311,7 @@ class Connection::Client {
   explicit Client(const ConnectionOptions&) {
     std::string reason;
     (void)library_version(reason);
-    throw Error(ExitStatus::kBadInput, reason);
+    throw Error(ErrorKind::kInput, reason);
   }
   bool open(const std::stop_token&) { return false; }
   void step(int, int) {}

@@ -126,7 +126,7 @@ class Server {
  public:
   Server(std::string address, bool writes) : address_(std::move(address)), writes_(writes) {
     if (!library().missing.empty())
-      throw Error(ExitStatus::kBadInput, fmt::format("{}: {}", name(), library().missing));
+      throw Error(ErrorKind::kInput, fmt::format("{}: {}", name(), library().missing));
     handle_ = library().connect(address_.c_str());
     if (!begin()) {
       const std::string reason = problem();

@@ -47,7 +47,7 @@ class Publisher::Sender {
         outbox_(options_.outbox),
         sent_box_(options_.outbox),
         wake_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
-    if (wake_ < 0) throw Error(ExitStatus::kBadInput, "no eventfd for the sender");
+    if (wake_ < 0) throw Error(ErrorKind::kInput, "no eventfd for the sender");
     last_ = outbox_.last();
     {
       const Connection tried(connection_options());
@@ -287,7 +287,7 @@ std::string default_outbox(const std::string& topic) {
   if (state != nullptr && *state == '/') return fmt::format("{}/tarsier/outbox-{}.db", state, name);
   const char* home = std::getenv("HOME");
   if (home == nullptr || *home != '/')
-    throw UsageError("--outbox: give a file, as neither XDG_STATE_HOME nor HOME is set");
+    throw UsageError("option 'outbox': give a file, as neither XDG_STATE_HOME nor HOME is set");
   return fmt::format("{}/.local/state/tarsier/outbox-{}.db", home, name);
 }
 

@@ -47,11 +47,12 @@ struct SiteOptions {
              "probability that a visible point is no feature, of --observations"},
             {"wrong_share", wrong_share, range(0, 0.9)},
             {"repeats", repeats, range(0, 1), "--repeats",
-             "share of the facades that look like others, of --observations"},
+             "share of the facades that look like others, of --observations; of the houses, of "
+             "--trajectory walk and city"},
             {"sides", sides, range(2, 12), "--sides", "of the prism of --trajectory symmetric"},
             {"details", details, range(0, 1), "--details",
              "share of points that no other side has, of --trajectory symmetric; of the area, of "
-             "--content symmetric"}};
+             "--content symmetric, temple and toy"}};
   }
   void check() const { check_fields(*this); }
 };

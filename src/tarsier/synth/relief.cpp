@@ -6,6 +6,10 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/synth/height_field.h"
 #include "tarsier/synth/noise.h"
+#include "tarsier/synth/relief_objects.h"
+#include "tarsier/synth/relief_paths.h"
+#include "tarsier/synth/relief_solids.h"
+#include "tarsier/synth/relief_streets.h"
 #include "tarsier/synth/relief_surface.h"
 #include "tarsier/synth/relief_texture.h"
 
@@ -13,23 +17,16 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
+#include <utility>
+#include <vector>
 
 namespace tarsier::synth {
 namespace {
 
-constexpr double kDistance = 10;  // of the cameras from what they look at
-constexpr double kFar = 100;      // nothing is drawn beyond
 constexpr double kRadians = std::numbers::pi / 180;
-constexpr double kStepDeg = 7;
-constexpr double kSpanDeg = 60;
-constexpr double kRingDeg = 42;  // above the ground
-constexpr double kLineStep = 0.9;
-constexpr double kLineSpan = 12;
 
-const Eigen::Vector3d kMiddle{0, 0, 0.8};  // what arc and ring look at
 const Eigen::Vector3d kSun{-0.46, 0.55, 0.697};
 constexpr double kAmbient = 0.45;
 constexpr double kDirect = 0.75;
@@ -43,11 +40,11 @@ constexpr int kFaceCells = 8;
 constexpr double kTile = 1.6;  // units, of Content::kRepeated
 constexpr double kMaxTexels = 120;
 constexpr int kBoxes = 12;
-const cv::Vec3f kWhite{250, 250, 250};    // around Content::kSymmetric
-const cv::Vec3f kTop{170, 170, 170};      // of its box
-constexpr double kSymmetricHalf = 1.5;    // units, of its sides
-constexpr double kSymmetricHeight = 2.4;  //
-constexpr double kSymmetricDeg = 20;      // of a ring around it, above the ground
+const cv::Vec3f kWhite{250, 250, 250};  // around symmetric objects
+constexpr double kSymmetricDeg = 20;    // of a ring around them, above the ground
+constexpr double kTallerBy = 0.7;       // units that temple and toy are looked at higher up
+constexpr double kParcel = 12.8;        // units of the ground of one look, where cameras go far
+constexpr double kVillageMargin = 6;    // units of the village beyond the cameras of a grid
 
 enum Stream : std::uint64_t {
   kWallStream = 1,
@@ -57,42 +54,6 @@ enum Stream : std::uint64_t {
   kPoseStream,
   kDetailStream
 };
-
-struct Hit {
-  double t = kFar;
-  int box = -1;  // -1: the wall
-  int face = 0;  // 0..3: -x, +x, -y, +y, 4: top
-  bool is_any = false;
-};
-
-// Moves `hit` to the box if it is met earlier. Origin and direction are in the box's own axes.
-void meet_box(const Box& box, int number, const Eigen::Vector3d& origin,
-              const Eigen::Vector3d& direction, Hit& hit) {
-  const double low[3] = {-box.half[0], -box.half[1], 0};
-  const double high[3] = {box.half[0], box.half[1], box.top};
-  double enter = 0;
-  double leave = hit.t;
-  int face = -1;
-  for (int axis = 0; axis < 3; ++axis) {
-    const double inverse = 1 / direction[axis];  // infinite when parallel: the comparisons hold
-    double first = (low[axis] - origin[axis]) * inverse;
-    double last = (high[axis] - origin[axis]) * inverse;
-    int side = 2 * axis;
-    if (first > last) {
-      std::swap(first, last);
-      side = axis == 2 ? 4 : side + 1;
-    }
-    if (first > enter) {
-      enter = first;
-      face = side;
-    }
-    leave = std::min(leave, last);
-    if (!(enter < leave)) return;
-  }
-  if (face >= 0) hit = {enter, number, face, true};
-}
-
-// ---- Cameras ------------------------------------------------------------------------------------
 
 geometry::Camera make_camera(const cv::Size& size, double focal) {
   geometry::Camera camera;
@@ -104,65 +65,6 @@ geometry::Camera make_camera(const cv::Size& size, double focal) {
   return camera;
 }
 
-// A camera at `center`, `up` above in its image but for `roll` degrees.
-geometry::Rigid3 look_along(const Eigen::Vector3d& center, const Eigen::Vector3d& direction,
-                            const Eigen::Vector3d& up, double roll) {
-  const Eigen::Vector3d forward = direction.normalized();
-  const Eigen::Vector3d level = forward.cross(up).normalized();
-  const Eigen::Vector3d plumb = forward.cross(level);
-  const Eigen::Vector3d right =
-      std::cos(roll * kRadians) * level + std::sin(roll * kRadians) * plumb;
-  const Eigen::Vector3d down = forward.cross(right);
-  Eigen::Matrix3d rotation;
-  rotation << right.transpose(), down.transpose(), forward.transpose();
-  return {rotation, -(rotation * center)};
-}
-
-// Steps of `step` with all of them no longer than `span`, even about 0.
-double spread(int index, int count, double step, double span) {
-  const double stride = count > 1 ? std::min(step, span / (count - 1)) : step;
-  return (index - (count - 1) / 2.0) * stride;
-}
-
-// Held by hand: each camera is a little off its place and aim.
-geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double ring_deg, int index,
-                           int count, const Rng& base) {
-  Rng rng = base.fork(static_cast<std::uint64_t>(index));
-  const Eigen::Vector3d y_up{0, 1, 0};
-  const Eigen::Vector3d shake{rng.uniform(-0.08, 0.08), rng.uniform(-0.35, 0.35),
-                              rng.uniform(-0.15, 0.15)};
-  const Eigen::Vector3d aim{rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0};
-  const double roll = rng.uniform(-2, 2);
-  if (pure_rotation) {
-    const double yaw = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
-    const double pitch = rng.uniform(-5, 5) * kRadians;
-    return look_along(
-        {0, 0, kDistance},
-        {std::sin(yaw) * std::cos(pitch), std::sin(pitch), -std::cos(yaw) * std::cos(pitch)}, y_up,
-        roll);
-  }
-  switch (trajectory) {
-    case Trajectory::kArc: {
-      const double angle = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
-      const Eigen::Vector3d center =
-          kMiddle + kDistance * Eigen::Vector3d(std::sin(angle), 0, std::cos(angle)) + shake;
-      return look_along(center, kMiddle + aim - center, y_up, roll);
-    }
-    case Trajectory::kRing: {
-      const double angle = 360.0 * index / count * kRadians;
-      const double rise = (ring_deg + rng.uniform(-2, 2)) * kRadians;
-      const Eigen::Vector3d center =
-          kMiddle + kDistance * Eigen::Vector3d(std::cos(rise) * std::cos(angle),
-                                                std::cos(rise) * std::sin(angle), std::sin(rise));
-      return look_along(center, kMiddle + aim - center, {0, 0, 1}, roll);
-    }
-    case Trajectory::kLine:
-      break;
-  }
-  const Eigen::Vector3d center{spread(index, count, kLineStep, kLineSpan), 0, kDistance};
-  return look_along(center + shake, Eigen::Vector3d(0, 0, -kDistance) + aim, y_up, roll);
-}
-
 }  // namespace
 
 void SceneOptions::check() const {
@@ -171,10 +73,19 @@ void SceneOptions::check() const {
   TARSIER_REQUIRE(focal_px == 0 || (focal_px >= 0.5 * side && focal_px <= 20.0 * side),
                   "focal length {} px of an image of {} px", focal_px, side);
   TARSIER_REQUIRE(details >= 0 && details <= 0.5, "details {} of a side: expected 0..0.5", details);
-  TARSIER_REQUIRE(trajectory >= Trajectory::kArc && trajectory <= Trajectory::kLine,
+  TARSIER_REQUIRE(repeats >= 0 && repeats <= 1, "repeats {}: expected 0..1", repeats);
+  TARSIER_REQUIRE(trajectory >= Trajectory::kArc && trajectory <= Trajectory::kCity,
                   "trajectory {}", static_cast<int>(trajectory));
-  TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kSymmetric, "content {}",
+  TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kToy, "content {}",
                   static_cast<int>(content));
+  const bool in_streets = trajectory == Trajectory::kWalk || trajectory == Trajectory::kCity;
+  TARSIER_REQUIRE(in_streets == (content == Content::kHouses),
+                  "streets and houses: each needs the other");
+  TARSIER_REQUIRE(trajectory != Trajectory::kGrid || content == Content::kRelief ||
+                      content == Content::kBoxes || content == Content::kPlane,
+                  "a grid is flown over relief, boxes or a plane");
+  TARSIER_REQUIRE(!in_streets || (images >= 2 && !pure_rotation),
+                  "a street needs two images or more, and a camera that moves");
 }
 
 struct ReliefScene::Parts {
@@ -182,37 +93,51 @@ struct ReliefScene::Parts {
   geometry::Camera camera;
   std::vector<geometry::Rigid3> poses;
   HeightField field;
-  std::vector<Box> boxes;
-  Texture wall;   // not for kNothing
-  Texture faces;  // for boxes
-  std::array<std::vector<cv::Rect2d>, 4>
-      details;  // of kSymmetric, on each side, units from its middle
+  std::vector<Solid> solids;
+  std::vector<House> houses;  // what solids look like, in streets and of a village
+  SymmetricObject object;     // of kSymmetric, kTemple and kToy
+  Texture wall;               // not for kNothing
+  Texture faces;              // for boxes
 
   explicit Parts(const SceneOptions& wanted) : options(wanted) {
     const int side = std::max(options.size.width, options.size.height);
     const double focal = options.focal_px > 0 ? options.focal_px : side;
     camera = make_camera(options.size, focal);
     const Rng base(options.seed);
-    for (int i = 0; i < options.images; ++i) {
-      poses.push_back(make_pose(options.trajectory, options.pure_rotation,
-                                options.content == Content::kSymmetric ? kSymmetricDeg : kRingDeg,
-                                i, options.images, base.fork(kPoseStream)));
-    }
     const Content content = options.content;
     // A little finer than the pixels of a camera at its usual distance.
-    const double texels = std::clamp(1.25 * focal / kDistance, 10.0, kMaxTexels);
+    const double texels = std::clamp(1.25 * focal / kCameraDistance, 10.0, kMaxTexels);
+    if (content == Content::kHouses) {
+      build_streets(base);
+    } else {
+      for (int i = 0; i < options.images; ++i) {
+        geometry::Rigid3 pose = make_pose(options.trajectory, options.pure_rotation,
+                                          is_symmetric() ? kSymmetricDeg : kRingDeg, i,
+                                          options.images, base.fork(kPoseStream));
+        if (content == Content::kTemple || content == Content::kToy)
+          pose.translation -= pose.rotation * Eigen::Vector3d(0, 0, kTallerBy);
+        poses.push_back(pose);
+      }
+    }
     if (content == Content::kRelief || content == Content::kRepeated ||
         content == Content::kPatchy || content == Content::kShiny) {
       field = HeightField(base.fork(kHeightStream));
     }
-    if (content == Content::kRepeated) {
+    if (is_symmetric()) {
+      const auto kind = content == Content::kTemple ? SymmetricObject::Kind::kTemple
+                        : content == Content::kToy  ? SymmetricObject::Kind::kToy
+                                                    : SymmetricObject::Kind::kBox;
+      object = SymmetricObject(kind, options.details, texels, base.fork(kDetailStream),
+                               base.fork(kFaceStream));
+      solids = object.solids();
+    } else if (content == Content::kRepeated) {
       wall = Texture(kTile, kTile, texels, base.fork(kWallStream));
-    } else if (content != Content::kNothing && content != Content::kSymmetric) {
+    } else if (content != Content::kNothing) {
       wall = Texture(kWallWidth, kWallHeight, texels, base.fork(kWallStream));
     }
-    if (content == Content::kSymmetric) {
-      place_symmetric_box(base.fork(kDetailStream));
-      faces = Texture(kFaceCell * kFaceCells, kFaceCell, texels, base.fork(kFaceStream));
+    if (options.trajectory == Trajectory::kGrid) {
+      if (content != Content::kPlane) build_village(base.fork(kBoxStream));
+      return;
     }
     const bool has_fins = content == Content::kThin;
     if (content == Content::kRelief || content == Content::kBoxes || content == Content::kRoom ||
@@ -224,31 +149,37 @@ struct ReliefScene::Parts {
     }
   }
 
-  // A box, and for each of its sides rectangles until they cover the wanted share of it, or as much as fits.
-  void place_symmetric_box(Rng rng) {
-    Box box;
-    box.half[0] = box.half[1] = kSymmetricHalf;
-    box.top = kSymmetricHeight;
-    box.tint = {1, 1, 1};
-    boxes.push_back(box);
-    const double wanted = options.details * 2 * kSymmetricHalf * kSymmetricHeight;
-    constexpr int kTries = 1000;
-    for (std::vector<cv::Rect2d>& side : details) {
-      double covered = 0;
-      for (int i = 0; i < kTries && covered < wanted; ++i) {
-        const double left = std::min(0.6, std::sqrt(wanted - covered));
-        cv::Rect2d detail;
-        detail.width = std::min(left, rng.uniform(0.3, 0.6));
-        detail.height = std::min(left, rng.uniform(0.3, 0.6));
-        detail.x = rng.uniform(-kSymmetricHalf, kSymmetricHalf - detail.width);
-        detail.y = rng.uniform(-kSymmetricHeight / 2, kSymmetricHeight / 2 - detail.height);
-        if (std::any_of(side.begin(), side.end(),
-                        [&](const cv::Rect2d& other) { return (other & detail).area() > 0; }))
-          continue;
-        side.push_back(detail);
-        covered += detail.area();
-      }
+  [[nodiscard]] bool is_symmetric() const {
+    return options.content == Content::kSymmetric || options.content == Content::kTemple ||
+           options.content == Content::kToy;
+  }
+
+  // Cameras see more than one width of the texture there.
+  [[nodiscard]] bool goes_far() const {
+    return options.trajectory == Trajectory::kGrid || options.content == Content::kHouses;
+  }
+
+  void build_streets(const Rng& base) {
+    Streets streets = options.trajectory == Trajectory::kWalk
+                          ? make_walk(options.images, options.repeats, base.fork(kBoxStream))
+                          : make_city(options.images, options.repeats, base.fork(kBoxStream));
+    solids = std::move(streets.solids);
+    houses = std::move(streets.houses);
+    poses = poses_along(streets.way, options.images, base.fork(kPoseStream));
+  }
+
+  void build_village(const Rng& rng) {
+    Eigen::Array2d low(1e9, 1e9);
+    Eigen::Array2d high(-1e9, -1e9);
+    for (const geometry::Rigid3& pose : poses) {
+      const Eigen::Array2d at = pose.center().head<2>().array();
+      low = low.min(at - kVillageMargin);
+      high = high.max(at + kVillageMargin);
     }
+    Streets village = make_village({low[0], low[1], high[0] - low[0], high[1] - low[1]}, rng);
+    solids = std::move(village.solids);
+    houses = std::move(village.houses);
+    for (Solid& solid : solids) solid.top += field.height(solid.x, solid.y);
   }
 
   // One in each field of a 4 x 3 board, so that they spread and hardly touch.
@@ -257,7 +188,7 @@ struct ReliefScene::Parts {
     const double pitch_x = on_plane ? 2.1 : 2.7;
     const double pitch_y = on_plane ? 2.1 : 2.5;
     for (int i = 0; i < kBoxes; ++i) {
-      Box box;
+      Solid box;
       box.x = (i % 4 - 1.5 + rng.uniform(-0.2, 0.2)) * pitch_x;
       box.y = (i / 4 - 1.0 + rng.uniform(-0.2, 0.2)) * pitch_y;
       for (double& half : box.half) half = rng.uniform(0.35, 0.8);
@@ -268,21 +199,21 @@ struct ReliefScene::Parts {
       box.cosine = std::cos(turn);
       box.sine = std::sin(turn);
       for (int c = 0; c < 3; ++c) box.tint[c] = static_cast<float>(rng.uniform(0.72, 1.08));
-      boxes.push_back(box);
+      solids.push_back(box);
     }
   }
 
   // Walls to the left and the right, a floor below.
   void build_room() {
     const auto add = [&](double x, double y, double half_x, double half_y, double top) {
-      Box box;
+      Solid box;
       box.x = x;
       box.y = y;
       box.half[0] = half_x;
       box.half[1] = half_y;
       box.top = top;
       box.tint = {1, 1, 1};
-      boxes.push_back(box);
+      solids.push_back(box);
     };
     add(-4.8, 0, 0.6, 5, 3.5);
     add(4.8, 0, 0.6, 5, 3.5);
@@ -296,30 +227,36 @@ struct ReliefScene::Parts {
 
   // What one camera needs for its rays.
   struct View {
+    struct Shown {
+      std::size_t solid = 0;
+      Eigen::Vector3d from = Eigen::Vector3d::Zero();  // the centre, in the solid's own axes
+      cv::Rect2d around;                               // in the image, px
+    };
     Eigen::Matrix3d to_world = Eigen::Matrix3d::Zero();
     Eigen::Vector3d center = Eigen::Vector3d::Zero();
-    std::vector<Eigen::Vector3d> in_box;  // the centre, in each box's own axes
-    std::vector<cv::Rect2d> around;       // each box in the image, px
+    std::vector<Shown> shown;  // solids that are not out of view
   };
 
   [[nodiscard]] View view_of(const geometry::Rigid3& pose) const {
-    View view{pose.rotation.transpose(), pose.center(), {}, {}};
-    for (const Box& box : boxes) {
-      view.in_box.push_back(box.to_own(view.center - Eigen::Vector3d(box.x, box.y, 0)));
+    View view{pose.rotation.transpose(), pose.center(), {}};
+    for (std::size_t i = 0; i < solids.size(); ++i) {
+      const Solid& solid = solids[i];
+      const Eigen::Vector3d place(solid.x, solid.y, 0);
       double left = 1e9;
       double right = -1e9;
       double upper = 1e9;
       double lower = -1e9;
+      double nearest = 1e9;
+      double farthest = -1e9;
       for (unsigned k = 0; k < 8; ++k) {
-        const Eigen::Vector3d corner{(k & 1U) != 0 ? box.half[0] : -box.half[0],
-                                     (k & 2U) != 0 ? box.half[1] : -box.half[1],
-                                     (k & 4U) != 0 ? box.top : 0};
-        const Eigen::Vector3d at = pose * (box.from_own(corner) + Eigen::Vector3d(box.x, box.y, 0));
-        if (at[2] < 0.1) {  // beside or behind the camera: look everywhere
-          left = upper = -1e9;
-          right = lower = 1e9;
-          break;
-        }
+        const bool is_round = solid.form == Solid::Form::kColumn;
+        const double half_y = is_round ? solid.half[0] : solid.half[1];
+        const Eigen::Vector3d corner{(k & 1U) != 0 ? solid.half[0] : -solid.half[0],
+                                     (k & 2U) != 0 ? half_y : -half_y,
+                                     (k & 4U) != 0 ? solid.top : solid.bottom};
+        const Eigen::Vector3d at = pose * (solid.from_own(corner) + place);
+        nearest = std::min(nearest, at[2]);
+        farthest = std::max(farthest, at[2]);
         const double u = camera.fx * at[0] / at[2] + camera.cx;
         const double v = camera.fy * at[1] / at[2] + camera.cy;
         left = std::min(left, u - 1);
@@ -327,7 +264,13 @@ struct ReliefScene::Parts {
         upper = std::min(upper, v - 1);
         lower = std::max(lower, v + 1);
       }
-      view.around.emplace_back(left, upper, right - left, lower - upper);
+      if (farthest <= 0 || nearest >= kFarthest) continue;
+      if (nearest < 0.1) {  // beside the camera: look everywhere
+        left = upper = -1e9;
+        right = lower = 1e9;
+      }
+      view.shown.push_back({i, solid.to_own(view.center - place),
+                            cv::Rect2d(left, upper, right - left, lower - upper)});
     }
     return view;
   }
@@ -342,9 +285,10 @@ struct ReliefScene::Parts {
   [[nodiscard]] Hit trace(const View& view, const Eigen::Vector3d& direction, double u, double v,
                           double clear = 0) const {
     Hit hit;
-    for (std::size_t i = 0; i < boxes.size(); ++i) {
-      if (!view.around[i].contains(cv::Point2d(u, v))) continue;
-      meet_box(boxes[i], static_cast<int>(i), view.in_box[i], boxes[i].to_own(direction), hit);
+    for (const View::Shown& shown : view.shown) {
+      if (!shown.around.contains(cv::Point2d(u, v))) continue;
+      const Solid& solid = solids[shown.solid];
+      meet(solid, static_cast<int>(shown.solid), shown.from, solid.to_own(direction), hit);
     }
     const double t = field.first_hit(view.center, direction, hit.t, clear);
     if (t < hit.t) hit = {t, -1, 0, true};
@@ -362,8 +306,8 @@ struct ReliefScene::Parts {
         const double u = static_cast<double>(k % (kRays + 1)) / kRays * (camera.width - 1);
         const double v = static_cast<double>(k / (kRays + 1)) / kRays * (camera.height - 1);
         const Eigen::Vector3d direction = ray(view, u, v);
-        const double t = field.first_hit(view.center, direction, kFar);
-        if (!(t < kFar)) continue;
+        const double t = field.first_hit(view.center, direction, kFarthest);
+        if (!(t < kFarthest)) continue;
         const Eigen::Array2d at = (view.center + t * direction).head<2>().array();
         low = low.min(at);
         high = high.max(at);
@@ -375,18 +319,13 @@ struct ReliefScene::Parts {
             high[1] - low[1] + 2 * margin};
   }
 
-  // A side of the symmetric box as it is seen from outside: u to the right and v upwards, units from its middle.
-  [[nodiscard]] cv::Vec3f symmetric_colour(const Eigen::Vector3d& at, int face,
-                                           double footprint) const {
-    if (face == 4) return kTop;
-    const double u = face == 0 ? -at[1] : face == 1 ? at[1] : face == 2 ? at[0] : -at[0];
-    const double v = at[2] - kSymmetricHeight / 2;
-    const std::vector<cv::Rect2d>& side = details[static_cast<std::size_t>(face)];
-    const bool is_detail = std::any_of(side.begin(), side.end(), [&](const cv::Rect2d& detail) {
-      return detail.contains(cv::Point2d(u, v));
-    });
-    const int cell = is_detail ? 1 + face : 0;
-    return faces.at(u + kFaceCell * (cell + 0.5), v + kFaceCell * 0.5, footprint);
+  // Of the ground at (x, y).
+  [[nodiscard]] cv::Vec3f ground(double x, double y, double footprint) const {
+    if (!goes_far()) return wall.at(x + kWallWidth / 2, y + kWallHeight / 2, footprint);
+    const auto column = static_cast<std::uint32_t>(floor_of(x / kParcel));
+    const auto row = static_cast<std::uint32_t>(floor_of(y / kParcel));
+    const std::uint64_t key = (std::uint64_t{1} << 62U) + (std::uint64_t{column} << 31U) + row;
+    return patchwork(wall, kWallWidth, kWallHeight, key, x, y, footprint);
   }
 
   // Squares of 1.5 units without texture, of kPatchy.
@@ -408,7 +347,7 @@ struct ReliefScene::Parts {
 
   [[nodiscard]] cv::Vec3f colour(const View& view, const Eigen::Vector3d& direction,
                                  const Hit& hit) const {
-    if (options.content == Content::kSymmetric && hit.box < 0) return kWhite;
+    if (hit.solid < 0 && is_symmetric()) return kWhite;
     if (!hit.is_any) return kSky;
     // Two samples in a pixel's width.
     const double reach = std::sqrt(direction.dot(direction));
@@ -419,28 +358,31 @@ struct ReliefScene::Parts {
     const auto light = [](const Eigen::Vector3d& normal) {
       return static_cast<float>(kAmbient + kDirect * std::max(0.0, normal.dot(kSun)));
     };
-    if (hit.box < 0) {
+    if (hit.solid < 0) {
       const Eigen::Vector3d at = view.center + hit.t * direction;
       const cv::Vec2d slope = field.slope(at[0], at[1]);
       const Eigen::Vector3d normal = Eigen::Vector3d(-slope[0], -slope[1], 1).normalized();
       if (options.content == Content::kNothing || is_bare(at)) return light(normal) * kBare;
-      const cv::Vec3f matt = light(normal) * wall.at(at[0] + kWallWidth / 2,
-                                                     at[1] + kWallHeight / 2, footprint(normal));
+      const cv::Vec3f matt = light(normal) * ground(at[0], at[1], footprint(normal));
       return options.content == Content::kShiny ? matt + highlight(normal, direction) : matt;
     }
-    const auto number = static_cast<std::size_t>(hit.box);
-    const Box& box = boxes[number];
-    const Eigen::Vector3d at = view.in_box[number] + hit.t * box.to_own(direction);
-    Eigen::Vector3d own{0, 0, 0};
-    own[hit.face / 2] = hit.face == 4 || hit.face % 2 == 1 ? 1 : -1;
-    const Eigen::Vector3d normal = box.from_own(own);
-    if (options.content == Content::kSymmetric)
-      return light(normal) * symmetric_colour(at, hit.face, footprint(normal));
-    const int cell = hit.box * 5 + hit.face;
+    const auto number = static_cast<std::size_t>(hit.solid);
+    const Solid& solid = solids[number];
+    const Eigen::Vector3d place(solid.x, solid.y, 0);
+    const Eigen::Vector3d at = solid.to_own(view.center - place) + hit.t * solid.to_own(direction);
+    const Eigen::Vector3d normal = solid.from_own(solid.normal(hit.face, at));
+    if (is_symmetric())
+      return light(normal) * object.colour(hit.solid, hit.face, at, footprint(normal));
+    if (!houses.empty()) {
+      return light(normal) * house_colour(houses[number], solid, hit.face, at, wall, kWallWidth,
+                                          kWallHeight, footprint(normal))
+                                 .mul(solid.tint);
+    }
+    const int cell = hit.solid * 5 + hit.face;
     const double u = (hit.face < 2 ? at[1] : at[0]) + kFaceCell * (cell % kFaceCells + 0.5);
-    const double v =
-        (hit.face == 4 ? at[1] : at[2] - box.top / 2) + kFaceCell * (cell / kFaceCells + 0.5);
-    return light(normal) * faces.at(u, v, footprint(normal)).mul(box.tint);
+    const double v = (hit.face == kTopFace ? at[1] : at[2] - solid.top / 2) +
+                     kFaceCell * (cell / kFaceCells + 0.5);
+    return light(normal) * faces.at(u, v, footprint(normal)).mul(solid.tint);
   }
 };
 
@@ -506,7 +448,7 @@ std::optional<double> ReliefScene::depth(int index, cv::Point2d pixel) const {
 SceneSurface ReliefScene::surface(double step, const std::stop_token& stop) const {
   TARSIER_REQUIRE(step >= 0.005 && step <= 1, "steps of {} units", step);
   const Parts& parts = *parts_;
-  return triangulate(parts.field, parts.boxes, parts.camera, parts.poses, parts.region_in_view(),
+  return triangulate(parts.field, parts.solids, parts.camera, parts.poses, parts.region_in_view(),
                      step, stop);
 }
 
@@ -525,7 +467,7 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
   for (int i = 0; i < points; ++i) {
     const double x = places.uniform(-3, 3);
     const double y = places.uniform(-2, 2);
-    problem.points.push_back(kMiddle + Eigen::Vector3d(x, y, places.uniform(-1.5, 1.5)));
+    problem.points.push_back(kSceneMiddle + Eigen::Vector3d(x, y, places.uniform(-1.5, 1.5)));
   }
   const cv::Rect2d image(-0.5, -0.5, size.width, size.height);
   for (int i = 0; i < images; ++i) {

@@ -18,13 +18,18 @@
 // Scenes with known cameras and exact depth, drawn as images, to test structure from motion.
 //
 // The world: a surface near z = 0 seen from z > 0, x right and y up for who looks at it straight.
-// Its unit is free; cameras stand 10 units off. On a ring z is up and the surface is the ground.
+// Its unit is free; cameras stand 10 units off, in streets 7 or more. On a ring, in streets and below a
+// grid, z is up and the surface is the ground. A grid needs the content relief, boxes or plane, and
+// has houses all over the first two.
 namespace tarsier::synth {
 
 enum class Trajectory {
   kArc,   // up to 60 degrees around the middle, 7 degrees apart (closer from 10 images on)
   kRing,  // all around, 42 degrees above the ground
   kLine,  // steps of 0.9 units to the right (shorter from 15 images on), looking straight ahead
+  kGrid,  // from above, straight down, in rows 2 units apart, 2.4 units from image to image
+  kWalk,  // along a winding street of 1.8 units an image, looking ahead and to the left; no loop
+  kCity,  // through all streets of square blocks, looking ahead and to the left; many loops
 };
 
 enum class Content {
@@ -38,6 +43,9 @@ enum class Content {
   kPatchy,     // the bumpy wall, a third of it in squares of one colour
   kShiny,      // the bumpy wall with highlights that move with the camera
   kSymmetric,  // on white a box of 3 x 3 x 2.4 units whose four sides are alike but for some details
+  kHouses,     // houses along streets, with windows that are alike; of kWalk and kCity alone
+  kTemple,     // on white a temple of 16 columns alike, the same after half a turn but for details
+  kToy,        // on white a figure whose front and back are alike but for details
 };
 
 struct SceneOptions {
@@ -49,7 +57,8 @@ struct SceneOptions {
   Content content = Content::kRelief;
   double noise = 2;            // grey levels, standard deviation
   bool pure_rotation = false;  // all from one place, turned by steps of 7 degrees; no trajectory
-  double details = 0.2;  // share of a side's area that no other side has, 0..0.5; of kSymmetric
+  double details = 0.2;  // share of a face's area that no other has, 0..0.5; of symmetric objects
+  double repeats = 0;    // share of the houses that look like others, 0..1; of kHouses
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(32, 8192)},
@@ -86,8 +95,8 @@ class ReliefScene {
   // image. Empty where nothing is within 100 units.
   [[nodiscard]] std::optional<double> depth(int index, cv::Point2d pixel) const;
   // The exact surface at points `step` units apart or less (0.005..1), in triangles: what lies in
-  // the view of a camera, hidden or not, without the ground below boxes and what of boxes is below
-  // the ground; patches of ground, sides and tops share no vertices. Throws
+  // the view of a camera, hidden or not, without the ground below solids and what of these is below
+  // the ground; patches of ground and faces share no vertices. Throws
   // std::invalid_argument, Interrupted.
   [[nodiscard]] SceneSurface surface(double step, const std::stop_token& stop = {}) const;
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <vector>
 
 namespace tarsier::synth {
@@ -15,10 +16,10 @@ constexpr double kTouch = 1e-6;  // units: closer is the same place
 
 class Triangulation {
  public:
-  Triangulation(const HeightField& field, std::span<const Box> boxes,
+  Triangulation(const HeightField& field, std::span<const Solid> solids,
                 const geometry::Camera& camera, std::span<const geometry::Rigid3> poses,
                 double step, const std::stop_token& stop)
-      : field_(field), boxes_(boxes), camera_(camera), poses_(poses), step_(step), stop_(stop) {}
+      : field_(field), solids_(solids), camera_(camera), poses_(poses), step_(step), stop_(stop) {}
 
   void add_field(cv::Rect2d region) {
     const auto place = [&](double u, double v) {
@@ -29,29 +30,73 @@ class Triangulation {
     add_patch(place, steps_of(region.width), steps_of(region.height), nullptr);
   }
 
-  // Four sides and the top: outside lies where du x dv points.
-  void add_box(const Box& box) {
-    const double a = box.half[0];
-    const double b = box.half[1];
+  // Its faces: outside lies where du x dv points. The bottom of what stands on the ground has none.
+  void add_solid(const Solid& solid) {
+    const double a = solid.half[0];
+    const double b = solid.half[1];
+    const double low = solid.bottom;
+    const double high = solid.top;
+    if (solid.form == Solid::Form::kColumn) {
+      add_column(solid);
+      return;
+    }
     const auto add = [&](const Eigen::Vector3d& corner, const Eigen::Vector3d& along,
                          const Eigen::Vector3d& up) {
-      const Eigen::Vector3d origin(box.x, box.y, 0);
-      const auto place = [&](double u, double v) {
-        return Eigen::Vector3d(origin + box.from_own(corner + u * along + v * up));
-      };
-      add_patch(place, steps_of(along.norm()), steps_of(up.norm()), &box);
+      add_face(solid, steps_of(along.norm()), steps_of(up.norm()),
+               [&](double u, double v) { return Eigen::Vector3d(corner + u * along + v * up); });
     };
-    const Eigen::Vector3d up(0, 0, box.top);
-    add({-a, -b, 0}, {2 * a, 0, 0}, up);
-    add({a, -b, 0}, {0, 2 * b, 0}, up);
-    add({a, b, 0}, {-2 * a, 0, 0}, up);
-    add({-a, b, 0}, {0, -2 * b, 0}, up);
-    add({-a, -b, box.top}, {2 * a, 0, 0}, {0, 2 * b, 0});
+    const Eigen::Vector3d up(0, 0, high - low);
+    if (solid.form == Solid::Form::kGable) {
+      // The ends are triangles: they narrow to the ridge.
+      for (const double side : {-1.0, 1.0}) {
+        add_face(solid, steps_of(2 * b), steps_of(high - low), [&](double u, double v) {
+          return Eigen::Vector3d(side * a, side * (2 * u - 1) * (1 - v) * b,
+                                 low + v * (high - low));
+        });
+      }
+      add({-a, -b, low}, {2 * a, 0, 0}, {0, b, high - low});
+      add({a, b, low}, {-2 * a, 0, 0}, {0, -b, high - low});
+    } else {
+      add({-a, -b, low}, {2 * a, 0, 0}, up);
+      add({a, -b, low}, {0, 2 * b, 0}, up);
+      add({a, b, low}, {-2 * a, 0, 0}, up);
+      add({-a, b, low}, {0, -2 * b, 0}, up);
+      add({-a, -b, high}, {2 * a, 0, 0}, {0, 2 * b, 0});
+    }
+    if (low > 0) add({-a, b, low}, {2 * a, 0, 0}, {0, -2 * b, 0});
   }
 
   SceneSurface take() { return std::move(surface_); }
 
  private:
+  // place(u, v) is in the axes of the solid.
+  template <typename Place>
+  void add_face(const Solid& solid, int across, int up, const Place& place) {
+    const Eigen::Vector3d origin(solid.x, solid.y, 0);
+    add_patch(
+        [&](double u, double v) { return Eigen::Vector3d(origin + solid.from_own(place(u, v))); },
+        across, up, &solid);
+  }
+
+  void add_column(const Solid& solid) {
+    constexpr double kTurn = 2 * std::numbers::pi;
+    constexpr int kMinSides = 24;
+    const double radius = solid.half[0];
+    const int around = std::max(kMinSides, steps_of(kTurn * radius));
+    const auto on_circle = [&](double part, double r, double z) {
+      return Eigen::Vector3d(r * std::cos(kTurn * part), r * std::sin(kTurn * part), z);
+    };
+    add_face(solid, around, steps_of(solid.top - solid.bottom), [&](double u, double v) {
+      return on_circle(u, radius, solid.bottom + v * (solid.top - solid.bottom));
+    });
+    add_face(solid, around, steps_of(radius),
+             [&](double u, double v) { return on_circle(u, radius * (1 - v), solid.top); });
+    if (solid.bottom > 0) {
+      add_face(solid, around, steps_of(radius),
+               [&](double u, double v) { return on_circle(u, radius * v, solid.bottom); });
+    }
+  }
+
   [[nodiscard]] int steps_of(double length) const {
     return std::max(1, static_cast<int>(std::ceil(length / step_)));
   }
@@ -59,23 +104,23 @@ class Triangulation {
   [[nodiscard]] bool is_in_view(const Eigen::Vector3d& at) const {
     return std::any_of(poses_.begin(), poses_.end(), [&](const geometry::Rigid3& pose) {
       const Eigen::Vector3d there = pose * at;
-      if (!(there[2] > 0)) return false;
+      if (!(there[2] > 0 && there[2] < kFarthest)) return false;
       const double u = camera_.fx * there[0] / there[2] + camera_.cx;
       const double v = camera_.fy * there[1] / there[2] + camera_.cy;
       return u > -0.5 && v > -0.5 && u < camera_.width - 0.5 && v < camera_.height - 0.5;
     });
   }
 
-  // Below the field, or in a box other than `own`.
-  [[nodiscard]] bool is_buried(const Eigen::Vector3d& at, const Box* own) const {
+  // Below the field, or in a solid other than `own`.
+  [[nodiscard]] bool is_buried(const Eigen::Vector3d& at, const Solid* own) const {
     if (own != nullptr && at[2] < field_.height(at[0], at[1]) - kTouch) return true;
-    return std::any_of(boxes_.begin(), boxes_.end(),
-                       [&](const Box& box) { return &box != own && box.contains(at); });
+    return std::any_of(solids_.begin(), solids_.end(),
+                       [&](const Solid& solid) { return &solid != own && solid.contains(at); });
   }
 
   // place(u, v), u and v from 0 to 1, in cells; without cells that are out of view or buried as a whole.
   template <typename Place>
-  void add_patch(const Place& place, int across, int down, const Box* own) {
+  void add_patch(const Place& place, int across, int down, const Solid* own) {
     const int stride = across + 1;
     std::vector<Eigen::Vector3d> points;
     std::vector<std::uint8_t> in_view;
@@ -117,7 +162,7 @@ class Triangulation {
   }
 
   const HeightField& field_;
-  std::span<const Box> boxes_;
+  std::span<const Solid> solids_;
   const geometry::Camera& camera_;
   std::span<const geometry::Rigid3> poses_;
   double step_;
@@ -127,12 +172,12 @@ class Triangulation {
 
 }  // namespace
 
-SceneSurface triangulate(const HeightField& field, std::span<const Box> boxes,
+SceneSurface triangulate(const HeightField& field, std::span<const Solid> solids,
                          const geometry::Camera& camera, std::span<const geometry::Rigid3> poses,
                          cv::Rect2d region, double step, const std::stop_token& stop) {
-  Triangulation triangulation(field, boxes, camera, poses, step, stop);
+  Triangulation triangulation(field, solids, camera, poses, step, stop);
   triangulation.add_field(region);
-  for (const Box& box : boxes) triangulation.add_box(box);
+  for (const Solid& solid : solids) triangulation.add_solid(solid);
   return triangulation.take();
 }
 

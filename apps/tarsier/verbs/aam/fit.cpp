@@ -21,7 +21,25 @@ struct FitFlags {
   AamFlags aam;
   std::string draw = "mesh";
   bool parameters = false;
+  std::string csv;
 };
+
+// Of --csv: one row a face and frame.
+std::string columns(int points) {
+  std::string names = "frame,time,image,face,error,iterations,status";
+  for (int p = 0; p < points; ++p) names += fmt::format(",x{0},y{0}", p);
+  return names;
+}
+
+std::string row_of(const Frame& frame, const face::appearance::TrackedObject& object) {
+  const Eigen::Matrix2Xd& points = object.fit.points;
+  std::string row =
+      fmt::format("{},{},{:.4f},{},{}", frame_cells(frame), object.id, object.fit.error,
+                  object.fit.iterations, face::appearance::name_of(object.fit.status));
+  for (Eigen::Index p = 0; p < points.cols(); ++p)
+    row += fmt::format(",{:.3f},{:.3f}", points(0, p), points(1, p));
+  return row;
+}
 
 nlohmann::ordered_json json_of(const face::appearance::TrackedObject& object, bool with_id,
                                bool with_parameters) {
@@ -71,6 +89,13 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   RunHooks hooks;
   hooks.title = "appearance";
   hooks.debug = &debug;
+  hooks.table = {flags.csv, columns(tracker.model().points())};
+  hooks.rows = [&](const Frame& frame) {
+    std::vector<std::string> rows;
+    for (const face::appearance::TrackedObject& object : session.objects())
+      rows.push_back(row_of(frame, object));
+    return rows;
+  };
   hooks.after_frame = [&](const Frame& frame) {
     found = found || !session.objects().empty();
     if (!frame.still || context.json || context.quiet) return;
@@ -101,6 +126,8 @@ void add_flags(Command& verb, FitFlags& flags) {
       .show_default();
   verb.add_flag("--parameters", flags.parameters,
                 "--json: the parameters of shape and texture as well");
+  verb.add_option("--csv", flags.csv,
+                  "table to write: frame, time, image, face, error, iterations, status, points");
   bind_all(verb, flags.aam.track, "Videos and cameras");
 }
 

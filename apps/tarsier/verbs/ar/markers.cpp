@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
@@ -50,8 +49,7 @@ constexpr const char* kColumns =
     "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3";
 
 std::string row_of(const Frame& frame, const planar::TrackedMarker& posed) {
-  std::string row = fmt::format("{},{:.3f},{},{}", frame.index, frame.time,
-                                csv_field(frame.still ? frame.name : ""), posed.marker.id);
+  std::string row = fmt::format("{},{}", frame_cells(frame), posed.marker.id);
   if (posed.pose) {
     const geometry::Rigid3& pose = posed.pose->camera_from_marker;
     const Eigen::Vector3d r = geometry::rotation_vector(pose.rotation);

@@ -71,13 +71,12 @@ ExitStatus run_live(CalibrateFlags& flags, const planar::Calibrator& calibrator,
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   if (status != ExitStatus::kDone) return status;
-  if (session.state().views.empty()) {
+  if (session.seen().views.empty()) {
     log_warning("no view of the board {} was taken: no camera is written",
                 calibrator.options().board.text());
     return ExitStatus::kNothingFound;
   }
-  return finish_calibration(flags, calibrator.calibrate(session.state(), {}, context.stop),
-                            context);
+  return finish_calibration(flags, calibrator.calibrate(session.seen(), {}, context.stop), context);
 }
 
 // --- the verb ---

@@ -20,6 +20,7 @@ void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
                   "that scripts/get-model.sh face-detector installs]");
   verb.add_flag("!--strict", flags.thorough,
                 "only faces that the frontal detector is sure of: faster where there are none");
+  add_rolled_flag(verb, flags.rolled);
 }
 
 Flag& add_min_face_flag(Command& verb, double& min_face) {
@@ -30,6 +31,15 @@ Flag& add_min_face_flag(Command& verb, double& min_face) {
       .check(range(16, 4096));
 }
 
+Flag& add_rolled_flag(Command& verb, std::string& rolled) {
+  return verb
+      .add_option("--rolled", rolled,
+                  "when faces rolled by 20 to 60 degrees are looked for: auto (where no face is "
+                  "found upright), always, never")
+      .check(one_of({"auto", "always", "never"}))
+      .show_default();
+}
+
 face::LandmarkTrackerOptions landmark_options(const LandmarkFlags& flags,
                                               const face::landmarks::TrackerOptions& tracking) {
   face::LandmarkTrackerOptions options;
@@ -37,6 +47,7 @@ face::LandmarkTrackerOptions landmark_options(const LandmarkFlags& flags,
   options.detector = flags.detector;
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
+  options.finder.rolled = face::landmarks::parse_rolled_search(flags.rolled);
   options.fit = flags.fit;
   if (!flags.method.empty()) options.fit.method = face::landmarks::parse_fit_method(flags.method);
   options.tracker = tracking;

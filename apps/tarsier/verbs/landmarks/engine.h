@@ -16,10 +16,14 @@ struct LandmarkFlags {
   face::landmarks::FitOptions fit;
   double min_face = 0;  // px, smallest face that is looked for; 0: the usual
   bool thorough = true;
+  std::string rolled = "auto";  // see face::landmarks::RolledSearch
 };
 
 // --min-face: px; 0 in `min_face` is the usual size.
 Flag& add_min_face_flag(Command& verb, double& min_face);
+
+// --rolled: when faces that are rolled are looked for.
+Flag& add_rolled_flag(Command& verb, std::string& rolled);
 
 void add_landmark_flags(Command& verb, LandmarkFlags& flags);
 

@@ -39,6 +39,7 @@ void add_face_flags(Command& verb, PeopleFlags& flags) {
   group(add_min_face_flag(verb, flags.min_face));
   group(verb.add_flag("!--strict", flags.thorough,
                       "only faces that the frontal detector is sure of: faster"));
+  group(add_rolled_flag(verb, flags.rolled));
   group(verb.add_option("--detector-model", flags.detector_model,
                         "ONNX file of the YuNet family that finds faces, in place of ours"));
   add_template_flags(verb, flags);
@@ -90,6 +91,7 @@ face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
   options.eyes = face::people::parse_eye_method(flags.eyes);
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
+  options.finder.rolled = face::landmarks::parse_rolled_search(flags.rolled);
   if (!flags.detector_model.empty())
     options.finder.own = face::onnx::load_box_detector(flags.detector_model);
   return options;

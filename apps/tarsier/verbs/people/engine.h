@@ -29,6 +29,7 @@ struct PeopleFlags {
   std::string detector_model;      // ONNX file that finds faces; or empty
   double min_face = 0;             // px, smallest face that is looked for; 0: the usual
   bool thorough = true;
+  std::string rolled = "auto";  // see face::landmarks::RolledSearch
 };
 
 void add_gallery_flag(Command& verb, PeopleFlags& flags);

@@ -28,6 +28,7 @@ struct IdentifyFlags {
   OnEventFlags on_event;
   PublishFlags publish;
   std::string keep;
+  std::string csv;
 };
 
 ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
@@ -56,6 +57,8 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   RunHooks hooks;
   hooks.title = "people";
   hooks.debug = &debug;
+  hooks.table = {flags.csv, kFaceColumns};
+  hooks.rows = [&](const Frame& frame) { return face_rows(frame, session.faces()); };
   hooks.after_frame = [&](const Frame& frame) {
     events.frame(frame, session.faces());
     if (sightings) sightings->frame(frame, session.faces(), now_ms());
@@ -87,6 +90,9 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
   verb.add_option("--model", flags.model, "model of `people train -o` in place of the gallery");
   verb.add_flag("--raw", flags.raw, "images are cut faces already");
   bind_field(verb, flags.naming, flags.naming.false_accepts);
+  verb.add_option("--csv", flags.csv,
+                  "table to write: frame, time, image, face, nearest person, confidence, known, "
+                  "box (px)");
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
   add_publish_flags(verb, flags.publish, "person");
   verb.add_option("--keep", flags.keep,

@@ -25,6 +25,7 @@ struct LiveFlags {
   PeopleSessionOptions session;
   std::string algorithm;
   std::string keep;
+  std::string csv;
   OnEventFlags on_event;
   PublishFlags publish;
 };
@@ -54,6 +55,8 @@ ExitStatus live(LiveFlags& flags, Context& context) {
   RunHooks hooks;
   hooks.title = "people";
   hooks.debug = &debug;
+  hooks.table = {flags.csv, kFaceColumns};
+  hooks.rows = [&](const Frame& frame) { return face_rows(frame, session.faces()); };
   hooks.after_frame = [&](const Frame& frame) {
     // While faces are collected or learned nobody is named yet.
     if (session.mode() != PeopleMode::kRecognize) return;
@@ -88,6 +91,9 @@ void add_flags(Command& verb, LiveFlags& flags) {
   verb.add_option("--keep", flags.keep,
                   "write into the gallery who was seen, known or not, with the faces, and delete "
                   "what is older: 30d, 12h ..");
+  verb.add_option("--csv", flags.csv,
+                  "table to write: frame, time, image, face, nearest person, confidence, known, "
+                  "box (px)");
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
   add_publish_flags(verb, flags.publish, "person");
   verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher, lbph or deep");

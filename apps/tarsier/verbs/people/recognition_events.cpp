@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "verbs/people/recognition_events.h"
 
+#include "tarsier/core/csv.h"
 #include "tarsier/media/frame_source.h"
 #include "tarsier/media/still_source.h"
 
+#include <fmt/format.h>
+
+#include "framework/run_session.h"
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -21,6 +26,18 @@ cv::Mat crop_of(const cv::Mat& image, const cv::Rect2d& box) {
 }
 
 }  // namespace
+
+std::vector<std::string> face_rows(const Frame& frame, const std::vector<face::NamedFace>& faces) {
+  std::vector<std::string> rows;
+  for (const face::NamedFace& face : faces) {
+    const cv::Rect2d& box = face.face.box;
+    rows.push_back(fmt::format("{},{},{},{:.4f},{:d},{},{},{},{}", frame_cells(frame), face.face.id,
+                               csv_field(face.name.label), face.name.confidence, face.name.known,
+                               std::lround(box.x), std::lround(box.y), std::lround(box.width),
+                               std::lround(box.height)));
+  }
+  return rows;
+}
 
 void RecognitionEvents::frame(const Frame& frame, const std::vector<face::NamedFace>& faces) {
   const std::string source = source_of(frame);

@@ -11,6 +11,12 @@
 
 namespace tarsier::cli {
 
+// Of --csv: one row a face and frame; the box in px.
+inline constexpr const char* kFaceColumns =
+    "frame,time,image,face,label,confidence,known,x,y,width,height";
+[[nodiscard]] std::vector<std::string> face_rows(const Frame& frame,
+                                                 const std::vector<face::NamedFace>& faces);
+
 // Tells each new recognition once: of stills every known face, of videos a face when it is first
 // known, or known as somebody else. {"event":"person", ..}.
 class RecognitionEvents {

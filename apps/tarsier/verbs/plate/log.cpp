@@ -53,7 +53,7 @@ struct LogFlags {
 plate::LogFilter filter_of(const LogFlags& flags) {
   plate::LogFilter filter;
   const Moment now = plate::moment_now();
-  if (!flags.text.empty()) filter.text = plate::plate_pattern(flags.text);
+  if (!flags.text.empty()) filter.text = plate::plate_pattern(flags.text, "--text");
   if (flags.near && flags.text.empty()) throw UsageError("--near needs --text");
   filter.near = flags.near;
   if (!flags.since.empty()) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/csv.h"
 #include "tarsier/core/log.h"
 #include "tarsier/plate/reader/video_reader.h"
 
@@ -30,7 +31,17 @@ struct ReadFlags {
   ReportFlags reports;
   SiteFlags site;
   bool events_only = false;
+  std::string csv;
 };
+
+// Of --csv: one row a plate and frame.
+constexpr const char* kColumns = "frame,time,image,text,confidence,country,x,y,width,height";
+
+std::string row_of(const Frame& frame, const plate::Reading& reading) {
+  return fmt::format("{},{},{:.4f},{},{},{},{},{}", frame_cells(frame), csv_field(reading.text),
+                     reading.confidence, csv_field(reading.country), reading.box.x, reading.box.y,
+                     reading.box.width, reading.box.height);
+}
 
 // Plates of other countries than those asked for.
 class Unfit {
@@ -62,6 +73,8 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   flags.tracker.check();
   const std::vector<NamedSource> cameras = site_cameras(flags.run);
   if (!cameras.empty()) {
+    if (!flags.csv.empty())
+      throw UsageError("--csv goes with one source; of several cameras --log keeps the vehicles");
     return read_site(cameras, flags.site, flags.run, flags.plate, flags.tracker, flags.reports,
                      context);
   }
@@ -91,6 +104,12 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
     line.update(to_json(session.result()));
   };
   hooks.quiet_frames = flags.events_only;
+  hooks.table = {flags.csv, kColumns};
+  hooks.rows = [&](const Frame& frame) {
+    std::vector<std::string> rows;
+    for (const plate::Reading& reading : session.readings()) rows.push_back(row_of(frame, reading));
+    return rows;
+  };
   ExitStatus status = ExitStatus::kDone;
   try {
     status = run_session(session, flags.run, context, hooks);
@@ -109,6 +128,8 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
 void add_flags(Command& verb, ReadFlags& flags) {
   add_run_flags(verb, flags.run);
   add_plate_flags(verb, flags.plate);
+  verb.add_option("--csv", flags.csv,
+                  "table to write: frame, time, image, text, confidence, country, box (px)");
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
   video(verb.add_option("--roi", flags.region,
                         "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "

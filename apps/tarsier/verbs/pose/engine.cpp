@@ -3,15 +3,10 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/face/head/point_file.h"
-#include "tarsier/face/head/train_head.h"
 #include "tarsier/geometry/camera_file.h"
 
-#include <fmt/format.h>
-
 #include <filesystem>
-#include <numeric>
-#include <vector>
+#include <string>
 
 namespace tarsier::cli {
 
@@ -82,22 +77,6 @@ face::PoseModels load_pose_models(const face::PoseTrackerOptions& options) {
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
   return face::load_pose_models(ModelStore::find(), options);
-}
-
-HeadComparison compare_head(const face::head::HeadModel& head, const std::string& path) {
-  const Eigen::Matrix3Xd truth = face::head::read_landmarks3d(path);
-  if (truth.cols() != head.points()) {
-    throw InputError(path, fmt::format("has {} points, the head {}", truth.cols(), head.points()));
-  }
-  // In the head's mm: the truth may be in cm.
-  HeadComparison comparison;
-  comparison.all_mm = face::head::aligned_error(truth, head.mean);
-  if (head.points() == 68) {
-    std::vector<int> inner(51);
-    std::iota(inner.begin(), inner.end(), 17);
-    comparison.inner_mm = face::head::aligned_error(truth, head.mean, inner);
-  }
-  return comparison;
 }
 
 }  // namespace tarsier::cli

@@ -9,8 +9,6 @@
 #include "verbs/landmarks/engine.h"
 #include <nlohmann/json_fwd.hpp>
 #include <string>
-#include <utility>
-#include <vector>
 
 namespace tarsier::cli {
 
@@ -36,15 +34,6 @@ void add_pose_flags(Command& verb, PoseFlags& flags);
 
 [[nodiscard]] face::head::HeadModel read_head(
     const std::string& path);  // empty: the one that ships
-// Images in and below a folder of Pointing'04 with |pan| and |tilt| up to these limits, sorted by
-// path. Throws InputError for a folder without such images.
-[[nodiscard]] std::vector<std::pair<std::string, face::head::PointingName>> pointing_images(
-    const std::string& folder, double max_pan_deg = 45, double max_tilt_deg = 30);
-// The first face with a pose whose box has its middle inside the annotated head's.
-[[nodiscard]] const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
-                                                      const std::string& image, cv::Size size);
-// The image of a truth's line, from the current folder or from that of the file.
-[[nodiscard]] std::string image_of_truth(const std::string& truth, const std::string& image);
 void print_pointing(const face::head::PointingScore& score, const Context& context,
                     const std::string& title);
 
@@ -56,22 +45,8 @@ void print_pointing(const face::head::PointingScore& score, const Context& conte
                                         const std::string& of = "");
 void add_coverage(const face::head::AngleCoverage& coverage, nlohmann::ordered_json& line,
                   const std::string& of = "");
-// Those of a pose: yaw, pitch, roll.
-[[nodiscard]] inline Eigen::Vector3d sigmas_of(const face::head::HeadPose& pose) {
-  return {pose.yaw_sigma_deg, pose.pitch_sigma_deg, pose.roll_sigma_deg};
-}
 
 // A file, or "fx,fy,cx,cy[,..]".
 [[nodiscard]] geometry::Camera camera_of(const std::string& text);
-
-// How far the mean head is from a file of 3D landmarks, after the best similarity: in the head's
-// mm.
-struct HeadComparison {
-  double all_mm = 0;
-  double inner_mm = 0;  // points 17..67 of the 68; 0 for other markups
-};
-// Throws InputError where the numbers of points differ.
-[[nodiscard]] HeadComparison compare_head(const face::head::HeadModel& head,
-                                          const std::string& path);
 
 }  // namespace tarsier::cli

@@ -2,20 +2,13 @@
 #include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/core/rng.h"
-#include "tarsier/core/stop.h"
 #include "tarsier/face/head/evaluation.h"
-#include "tarsier/face/landmarks/occlusion.h"
+#include "tarsier/face/pipelines/pose_evaluation.h"
 #include "tarsier/media/atomic_file.h"
-#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
-#include <opencv2/imgproc.hpp>
 
 #include "verbs/pose/pose.h"
-#include <algorithm>
-#include <filesystem>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -23,8 +16,6 @@
 
 namespace tarsier::cli {
 namespace {
-
-namespace fs = std::filesystem;
 
 struct EvalFlags {
   PoseFlags pose;
@@ -36,67 +27,6 @@ struct EvalFlags {
   std::string csv;
   bool occlude = false;
 };
-
-// Poses of the faces of one image, each as `pose track` finds them in stills.
-struct Finder {
-  face::PoseTracker tracker;
-  face::PoseState state;
-  face::landmarks::FaceFinder faces_only;
-  std::string lines;  // what was found, as `pose track --json` writes it
-  cv::Mat gray;
-
-  explicit Finder(const face::PoseTrackerOptions& options)
-      : tracker(load_pose_models(options), options),
-        faces_only(tracker.landmarks().detector().make_finder()) {}
-
-  // The image in grey levels with something drawn before each face that is found in it, by `rng`; a
-  // part of `texture`, or of one tone.
-  cv::Mat occluded(const cv::Mat& image, const cv::Mat& texture, Rng rng) {
-    Frame frame;
-    frame.image = face::gray_of(image, gray).clone();
-    frame.still = true;
-    cv::Mat result = frame.image.clone();
-    for (const face::PosedFace& face : tracker.process(frame, state).faces)
-      (void)face::landmarks::draw_occlusion(result, face.face.points, texture, rng);
-    return result;
-  }
-
-  std::vector<face::PosedFace> faces(const std::string& name, const cv::Mat& image) {
-    Frame frame;
-    frame.image = image;
-    frame.name = name;
-    frame.still = true;
-    face::PoseResult result = tracker.process(frame, state);
-    nlohmann::ordered_json line{{"image", name}};
-    line.update(to_json(result));
-    lines += line.dump() + "\n";
-    return std::move(result.faces);
-  }
-};
-
-// --- Pointing'04 ---
-
-face::head::PointingOutcome judge(Finder& finder, const std::string& path,
-                                  const face::head::PointingName& truth) {
-  face::head::PointingOutcome outcome;
-  outcome.image = path;
-  outcome.truth = truth;
-  const cv::Mat image = read_image(path);
-  const cv::Rect2d head_box =
-      face::head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
-  const std::vector<face::PosedFace> faces = finder.faces(path, image);
-  if (const face::PosedFace* face = face_in_head_box(faces, path, image.size())) {
-    outcome.rotation = face->pose->camera_from_head.rotation;
-    outcome.sigma_deg = sigmas_of(*face->pose);
-  }
-  cv::Mat gray;
-  for (const face::landmarks::Candidate& candidate :
-       finder.faces_only.find_sure(face::gray_of(image, gray))) {
-    outcome.face_seen =
-        outcome.face_seen || head_box.contains((candidate.box.tl() + candidate.box.br()) / 2);
-  }
-  return outcome;
-}
 
 std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
   std::string table =
@@ -113,53 +43,13 @@ std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
   return table;
 }
 
-bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context) {
-  const auto images = pointing_images(flags.pointing);
-  std::vector<face::head::PointingOutcome> outcomes;
-  context.progress->begin("poses", static_cast<std::int64_t>(images.size()), "images");
-  for (const auto& [path, name] : images) {
-    throw_if_stopped(context.stop);
-    context.progress->advance();
-    outcomes.push_back(judge(finder, path, name));
-  }
-  context.progress->end();
+bool evaluate_pointing(const EvalFlags& flags, face::PoseEvaluator& evaluator, Context& context) {
+  const std::vector<face::head::PointingOutcome> outcomes =
+      evaluator.pointing(face::pointing_images(flags.pointing), *context.progress, context.stop);
   if (!flags.csv.empty()) write_file_atomically(flags.csv, table_of(outcomes));
   const face::head::PointingScore score = face::head::score_pointing(outcomes);
   print_pointing(score, context, "");
   return score.found > 0;
-}
-
-// --- exact truth ---
-
-std::vector<face::head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
-                                         const std::vector<face::head::PoseLine>& truth,
-                                         Context& context) {
-  std::vector<face::head::PoseLine> found;
-  const Rng root(context.seed);
-  context.progress->begin("poses", static_cast<std::int64_t>(truth.size()), "images");
-  for (const face::head::PoseLine& line : truth) {
-    throw_if_stopped(context.stop);
-    context.progress->advance();
-    cv::Mat image = read_image(image_of_truth(flags.truth, line.image));
-    if (flags.occlude) {
-      const auto index = static_cast<std::size_t>(&line - truth.data());
-      const face::head::PoseLine& other = truth[(index + truth.size() / 2) % truth.size()];
-      image = finder.occluded(image, read_gray_image(image_of_truth(flags.truth, other.image)),
-                              root.fork(index));
-    }
-    const std::vector<face::PosedFace> faces = finder.faces(line.image, image);
-    face::head::PoseLine result;
-    result.image = line.image;
-    if (!faces.empty() && faces.front().pose) {
-      result.rotation = faces.front().pose->camera_from_head.rotation;
-      result.translation = faces.front().pose->camera_from_head.translation;
-      result.sigma_deg = sigmas_of(*faces.front().pose);
-      result.sigma_floor_deg = faces.front().pose->sigma_floor_deg;
-    }
-    found.push_back(result);
-  }
-  context.progress->end();
-  return found;
 }
 
 void print_score(const face::head::PoseScore& score, const Context& context) {
@@ -211,7 +101,8 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   }
   bool any = false;
   if (!flags.compare.empty()) {
-    const HeadComparison comparison = compare_head(read_head(flags.pose.head), flags.compare);
+    const face::head::HeadComparison comparison =
+        face::head::compare_head(read_head(flags.pose.head), flags.compare);
     any = true;
     if (context.json) {
       nlohmann::ordered_json line{{"set", "compare"}, {"all_mm", rounded(comparison.all_mm, 3)}};
@@ -226,22 +117,24 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
       print_text("\n");
     }
   }
-  std::optional<Finder> finder;
+  std::optional<face::PoseEvaluator> evaluator;
   if (!flags.pointing.empty() || (!flags.truth.empty() && flags.results.empty())) {
-    finder.emplace(pose_options(flags.pose));
+    const face::PoseTrackerOptions options = pose_options(flags.pose);
+    evaluator.emplace(load_pose_models(options), options);
   }
-  if (!flags.pointing.empty()) any = evaluate_pointing(flags, *finder, context) || any;
+  if (!flags.pointing.empty()) any = evaluate_pointing(flags, *evaluator, context) || any;
   if (!flags.truth.empty()) {
     const std::vector<face::head::PoseLine> truth = face::head::read_pose_lines(flags.truth);
     const std::vector<face::head::PoseLine> found =
-        flags.results.empty() ? run_on(flags, *finder, truth, context)
+        flags.results.empty() ? evaluator->poses(flags.truth, truth, {flags.occlude, context.seed},
+                                                 *context.progress, context.stop)
                               : face::head::read_pose_lines(flags.results);
     const face::head::PoseScore score = face::head::score_poses(
         face::head::match_poses(found, truth), static_cast<int>(truth.size()));
     print_score(score, context);
     any = any || score.answered > 0;
   }
-  if (finder && !flags.output.empty()) write_file_atomically(flags.output, finder->lines);
+  if (evaluator && !flags.output.empty()) write_file_atomically(flags.output, evaluator->lines());
   return any ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 

@@ -1,38 +1,17 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/errors.h"
 #include "tarsier/core/statistics.h"
-#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
 #include "verbs/pose/engine.h"
 #include <algorithm>
-#include <cmath>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
-#include <vector>
 
-// Images of known poses, for `pose eval` and `pose train-view`.
+// Scores of poses, for `pose eval` and `pose train-view`.
 namespace tarsier::cli {
 namespace {
-
-namespace fs = std::filesystem;
-
-std::vector<std::string> images_below(const std::string& folder) {
-  std::error_code error;
-  if (!fs::is_directory(folder, error)) throw InputError(folder, "no such folder");
-  std::vector<std::string> paths;
-  for (const auto& entry :
-       fs::recursive_directory_iterator(folder, fs::directory_options::skip_permission_denied)) {
-    if (entry.is_regular_file() && is_image_path(entry.path().string())) {
-      paths.push_back(entry.path().string());
-    }
-  }
-  std::sort(paths.begin(), paths.end());
-  return paths;
-}
 
 std::string text_of(const face::head::PointingScore& score) {
   std::string text = fmt::format(
@@ -82,31 +61,6 @@ nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
 
 }  // namespace
 
-std::vector<std::pair<std::string, face::head::PointingName>> pointing_images(
-    const std::string& folder, double max_pan_deg, double max_tilt_deg) {
-  std::vector<std::pair<std::string, face::head::PointingName>> images;
-  for (const std::string& path : images_below(folder)) {
-    const auto name = face::head::parse_pointing_name(path);
-    if (name && std::abs(name->pan_deg) <= max_pan_deg &&
-        std::abs(name->tilt_deg) <= max_tilt_deg) {
-      images.emplace_back(path, *name);
-    }
-  }
-  if (images.empty()) throw InputError(folder, "has no image named as in Pointing'04");
-  return images;
-}
-
-const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
-                                        const std::string& image, cv::Size size) {
-  const cv::Rect2d head_box =
-      face::head::pointing_box(image).value_or(cv::Rect2d(0, 0, size.width, size.height));
-  for (const face::PosedFace& face : faces) {
-    const cv::Rect2d& box = face.face.box;
-    if (face.pose && head_box.contains((box.tl() + box.br()) / 2)) return &face;
-  }
-  return nullptr;
-}
-
 std::string coverage_text(const face::head::AngleCoverage& coverage, const std::string& of) {
   const auto share = [](int within, int count) {
     const Interval interval = wilson_interval(within, count);
@@ -134,12 +88,6 @@ void add_coverage(const face::head::AngleCoverage& coverage, nlohmann::ordered_j
     line[fmt::format("{}{}_within_sigma", name, of)] = rounded(1.0 * axis.within / axis.count, 4);
     line[fmt::format("{}{}_within_2sigma", name, of)] = rounded(1.0 * axis.within2 / axis.count, 4);
   }
-}
-
-std::string image_of_truth(const std::string& truth, const std::string& image) {
-  std::error_code error;
-  if (fs::exists(image, error)) return image;
-  return (fs::path(truth).parent_path() / image).string();
 }
 
 void print_pointing(const face::head::PointingScore& score, const Context& context,

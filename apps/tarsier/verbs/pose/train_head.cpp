@@ -103,7 +103,8 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
   line["modes"] = trained.model.mode_count();
   line["rms_mm"] = rounded(trained.rms_mm, 3);
   if (!flags.compare.empty()) {
-    const HeadComparison comparison = compare_head(trained.model, flags.compare);
+    const face::head::HeadComparison comparison =
+        face::head::compare_head(trained.model, flags.compare);
     line["compared_mm"] = rounded(comparison.all_mm, 3);
     if (comparison.inner_mm > 0) {
       line["compared_inner51_mm"] = rounded(comparison.inner_mm, 3);

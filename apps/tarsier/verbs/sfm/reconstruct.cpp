@@ -176,7 +176,7 @@ void print_models(const sfm::ReconstructorResult& result, const std::string& fol
 }
 
 ExitStatus status_of(const sfm::ReconstructorResult& result) {
-  if (!result.not_placed.empty()) throw Error(ExitStatus::kBadInput, result.not_placed);
+  if (!result.not_placed.empty()) throw Error(ErrorKind::kInput, result.not_placed);
   if (result.interrupted()) return ExitStatus::kInterrupted;
   return result.models().empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }

@@ -29,22 +29,25 @@ struct SynthFlags {
   std::string output;
   std::string size = "1024x768";
   std::string trajectory = "arc";
-  std::string content = "relief";
+  std::string content;
   bool depth = false;
   bool observations = false;
   synth::SiteOptions site;
   synth::SceneOptions scene;
 };
 
-const std::map<std::string, synth::Trajectory> kTrajectories{{"arc", synth::Trajectory::kArc},
-                                                             {"ring", synth::Trajectory::kRing},
-                                                             {"line", synth::Trajectory::kLine}};
+const std::map<std::string, synth::Trajectory> kTrajectories{
+    {"arc", synth::Trajectory::kArc},   {"ring", synth::Trajectory::kRing},
+    {"line", synth::Trajectory::kLine}, {"grid", synth::Trajectory::kGrid},
+    {"walk", synth::Trajectory::kWalk}, {"city", synth::Trajectory::kCity}};
 const std::map<std::string, synth::Content> kContents{
     {"relief", synth::Content::kRelief},   {"boxes", synth::Content::kBoxes},
     {"plane", synth::Content::kPlane},     {"repeated", synth::Content::kRepeated},
     {"nothing", synth::Content::kNothing}, {"room", synth::Content::kRoom},
     {"thin", synth::Content::kThin},       {"patchy", synth::Content::kPatchy},
-    {"shiny", synth::Content::kShiny},     {"symmetric", synth::Content::kSymmetric}};
+    {"shiny", synth::Content::kShiny},     {"symmetric", synth::Content::kSymmetric},
+    {"houses", synth::Content::kHouses},   {"temple", synth::Content::kTemple},
+    {"toy", synth::Content::kToy}};
 
 // Of scenes that are observed and not drawn.
 const std::map<std::string, synth::SiteKind> kSites{{"ring", synth::SiteKind::kRing},
@@ -110,16 +113,42 @@ ExitStatus make_observations(SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
+bool is_symmetric(const std::string& content) {
+  return content == "symmetric" || content == "temple" || content == "toy";
+}
+
+// Chooses the content where none is given, and refuses what does not go with the trajectory.
+void check_content(SynthFlags& flags) {
+  const bool in_streets = flags.trajectory == "walk" || flags.trajectory == "city";
+  if (flags.content.empty()) flags.content = in_streets ? "houses" : "relief";
+  if (in_streets != (flags.content == "houses")) {
+    throw UsageError(in_streets ? fmt::format("--trajectory {}: has houses, not --content {}",
+                                              flags.trajectory, flags.content)
+                                : "--content houses: of --trajectory walk or city");
+  }
+  if (flags.trajectory == "grid" && flags.content != "relief" && flags.content != "boxes" &&
+      flags.content != "plane")
+    throw UsageError("--trajectory grid: of --content relief, boxes or plane");
+  if (in_streets && flags.scene.pure_rotation)
+    throw UsageError(fmt::format("--pure-rotation: not of --trajectory {}", flags.trajectory));
+  if (in_streets && flags.scene.images < 2)
+    throw UsageError(fmt::format("--trajectory {}: needs 2 images or more", flags.trajectory));
+  if (in_streets && flags.depth)
+    throw UsageError(fmt::format("--depth: not of --trajectory {}", flags.trajectory));
+}
+
 // Images of a drawn scene, camera.yaml, and truth.jsonl for `sfm eval`.
 ExitStatus make_scene(SynthFlags& flags, Context& context) {
   if (flags.observations) return make_observations(flags, context);
   if (!kTrajectories.contains(flags.trajectory))
     throw UsageError(fmt::format("--trajectory {}: needs --observations", flags.trajectory));
+  check_content(flags);
   flags.scene.size = parse_size(flags.size, 32, 8192);
   flags.scene.seed = context.seed;
   flags.scene.trajectory = kTrajectories.at(flags.trajectory);
   flags.scene.content = kContents.at(flags.content);
-  if (flags.scene.content == synth::Content::kSymmetric) flags.scene.details = flags.site.details;
+  if (is_symmetric(flags.content)) flags.scene.details = flags.site.details;
+  flags.scene.repeats = flags.site.repeats;
   flags.scene.check();
   const auto scene = [&] {
     const EndOnSignals at_once;
@@ -152,9 +181,9 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--trajectory", flags.trajectory, "of the camera")
       .check(one_of({"arc", "ring", "line", "grid", "walk", "city", "symmetric"}))
       .show_default();
-  verb.add_option("--content", flags.content, "what there is to see")
-      .check(one_of(names_of(kContents)))
-      .show_default();
+  verb.add_option("--content", flags.content,
+                  "what there is to see; else relief, and houses of --trajectory walk and city")
+      .check(one_of(names_of(kContents)));
   bind_field(verb, flags.scene, flags.scene.noise);
   verb.add_flag(
       "--depth", flags.depth,
@@ -164,7 +193,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_flag("--observations", flags.observations,
                 "database.db with features and matches instead of images, for sfm reconstruct "
                 "--database; of --trajectory ring, grid, walk, city, symmetric");
-  bind_all(verb, flags.site, "Observations");
+  bind_all(verb, flags.site, "Observations, symmetric objects and streets");
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
@@ -37,11 +39,19 @@ struct BlinkOptions {
   double min_closing = 0.05;
   double min_change = 0.06;
   double longest_s = 1.5;  // from b to a
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_closing", min_closing, range(0, 1)},
+            {"min_change", min_change, range(0, 2)},
+            {"longest_s", longest_s, range(0.05, 10)}};
+  }
+  void check() const { check_fields(*this); }  // throws std::invalid_argument
 };
 
 class BlinkDetector {
  public:
-  explicit BlinkDetector(const BlinkOptions& options) : options_(options) {}
+  // Throws std::invalid_argument for bad options.
+  explicit BlinkDetector(const BlinkOptions& options) : options_(options) { options_.check(); }
   // The next frame of the same face, of which `lids` (o above) and `eyes` are known, at `time` (s,
   // rising). True where it ends a blink; the detector begins again then.
   bool step(double time, double lids, EyePatches eyes);

@@ -4,6 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/words.h"
+#include "tarsier/face/head/point_file.h"
+#include "tarsier/face/head/train_head.h"
 #include "tarsier/geometry/rigid3.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
@@ -14,6 +16,7 @@
 #include <cmath>
 #include <filesystem>
 #include <numbers>
+#include <numeric>
 #include <sstream>
 #include <string_view>
 
@@ -330,6 +333,22 @@ std::optional<cv::Rect2d> pointing_box(const std::string& image) {
     throw InputError(path, "no face as centre x, centre y, width, height");
   }
   return cv::Rect2d(values[0] - values[2] / 2, values[1] - values[3] / 2, values[2], values[3]);
+}
+
+HeadComparison compare_head(const HeadModel& head, const std::string& path) {
+  const Eigen::Matrix3Xd truth = read_landmarks3d(path);
+  if (truth.cols() != head.points()) {
+    throw InputError(path, fmt::format("has {} points, the head {}", truth.cols(), head.points()));
+  }
+  // In the head's mm: the truth may be in cm.
+  HeadComparison comparison;
+  comparison.all_mm = aligned_error(truth, head.mean);
+  if (head.points() == 68) {
+    std::vector<int> inner(51);
+    std::iota(inner.begin(), inner.end(), 17);
+    comparison.inner_mm = aligned_error(truth, head.mean, inner);
+  }
+  return comparison;
 }
 
 }  // namespace tarsier::face::head

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/face/head/angles.h"
+#include "tarsier/face/head/head_model.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/types.hpp>
@@ -27,6 +28,15 @@ struct AngleCoverage {
   SigmaCoverage pitch;
   SigmaCoverage roll;
 };
+
+// How far the mean head is from a file of 3D landmarks (point_file.h), after the best similarity: in
+// the head's mm.
+struct HeadComparison {
+  double all_mm = 0;
+  double inner_mm = 0;  // points 17..67 of the 68; 0 for other markups
+};
+// Throws InputError where the numbers of points differ, and as read_landmarks3d().
+[[nodiscard]] HeadComparison compare_head(const HeadModel& head, const std::string& path);
 
 // --- exact truth ---
 

@@ -2,6 +2,7 @@
 #include "tarsier/face/head/evaluation.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/head/testing_head.h"
 #include "tarsier/geometry/rigid3.h"
 #include "tarsier/media/testing_folder.h"
 
@@ -20,6 +21,29 @@ PosePair pair_of(const HeadAngles& found, const HeadAngles& truth) {
   pair.rotation = rotation_of_angles(found);
   pair.truth = rotation_of_angles(truth);
   return pair;
+}
+
+TEST(HeadComparisonTest, IsOfWhatASimilarityDoesNotExplain) {
+  const TemporaryFolder folder;
+  const HeadModel head = testing_head(1);
+  const auto write = [&](const std::string& name, const Eigen::Matrix3Xd& points) {
+    std::ofstream file(folder / name);
+    file.precision(12);
+    for (Eigen::Index i = 0; i < points.cols(); ++i)
+      file << points(0, i) << ' ' << points(1, i) << ' ' << points(2, i) << '\n';
+    return folder / name;
+  };
+  // In cm, elsewhere and turned: the same head.
+  Eigen::Matrix3Xd points = 0.1 * (rotation_of_angles({30, -10, 5}) * head.mean);
+  points.colwise() += Eigen::Vector3d(7, 8, 9);
+  EXPECT_NEAR(compare_head(head, write("same.txt", points)).all_mm, 0, 1e-6);
+  // One point of 25 is off by 2 mm: nearly all of it is left, in the head's mm.
+  points.col(22) += 0.1 * Eigen::Vector3d(0, 0, 2);
+  const HeadComparison off = compare_head(head, write("off.txt", points));
+  EXPECT_GT(off.all_mm, 0.9 * 2 / 25);
+  EXPECT_LT(off.all_mm, 3.0 * 2 / 25);
+  EXPECT_EQ(off.inner_mm, 0) << "another markup";
+  EXPECT_THROW((void)compare_head(head, write("few.txt", points.leftCols(24))), InputError);
 }
 
 TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {

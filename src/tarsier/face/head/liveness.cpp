@@ -75,7 +75,10 @@ std::string_view name_of(LivenessState state) {
   return "failed";
 }
 
-void LivenessOptions::check() const { check_fields(*this); }
+void LivenessOptions::check() const {
+  check_fields(*this);
+  blink.check();
+}
 
 std::vector<LivenessTask> draw_tasks(int count, std::uint64_t seed) {
   TARSIER_REQUIRE(count >= 1, "{} tasks", count);

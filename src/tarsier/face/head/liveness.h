@@ -47,10 +47,7 @@ struct LivenessOptions {
             {"task_s", task_s, range(1, 60), "--task-time", "s for each task"},
             {"lost_s", lost_s, range(0, 10)},
             {"turn_deg", turn_deg, range(5, 60)},
-            {"min_parallax", min_parallax, range(0, 1)},
-            {"min_closing", blink.min_closing, range(0, 1)},
-            {"min_change", blink.min_change, range(0, 2)},
-            {"longest_blink_s", blink.longest_s, range(0.05, 10)}};
+            {"min_parallax", min_parallax, range(0, 1)}};
   }
   void check() const;  // throws std::invalid_argument
 };

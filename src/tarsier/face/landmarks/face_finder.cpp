@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/face_finder.h"
 
+#include "tarsier/core/boxes.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/image.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/face/detect/cascade.h"
@@ -10,11 +12,14 @@
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/media/archive.h"
 
+#include <Eigen/Geometry>
 #include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <tuple>
 #include <utility>
 
 namespace tarsier::face::landmarks {
@@ -57,10 +62,13 @@ BoxModel train_box_model(const std::vector<Eigen::Matrix2Xd>& shapes,
 }
 
 Eigen::Matrix2Xd start_in_box(const BoxModel& model, const Eigen::Matrix2Xd& mean,
-                              const cv::Rect2d& box) {
-  const Eigen::Vector2d center(box.x + 0.5 * box.width - 0.5 + model.dx * box.width,
-                               box.y + 0.5 * box.height - 0.5 + model.dy * box.width);
-  return (mean * (model.size * box.width)).colwise() + center;
+                              const cv::Rect2d& box, double roll) {
+  const Eigen::Vector2d offset(model.dx * box.width, model.dy * box.width);
+  const Eigen::Vector2d middle(box.x + 0.5 * box.width - 0.5, box.y + 0.5 * box.height - 0.5);
+  const double size = model.size * box.width;
+  if (roll == 0) return (mean * size).colwise() + (middle + offset);
+  const Eigen::Rotation2Dd turn(roll);
+  return (turn.toRotationMatrix() * (mean * size)).colwise() + (middle + turn * offset);
 }
 
 BoxModel cascade_box() {
@@ -80,6 +88,16 @@ cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points) {
 }
 
 namespace {
+
+constexpr NameTable<RolledSearch, 3> kRolledSearches{"search of rolled faces",
+                                                     {{{RolledSearch::kNever, "never"},
+                                                       {RolledSearch::kAuto, "auto"},
+                                                       {RolledSearch::kAlways, "always"}}}};
+
+// Longer side of an image that is turned, px: it grows to twice its area.
+constexpr double kTurnedSide = 2048;
+// Size at which a turned part shows its smallest face, px.
+constexpr double kTurnedFace = 40;
 
 // How far under its threshold a trained detector is still asked, margins of the training.
 constexpr double kBelow = 0.5;
@@ -108,6 +126,10 @@ std::optional<FaceDetector> detector_if_there(const FaceDetectorOptions& options
 }
 
 }  // namespace
+
+std::string_view name_of(RolledSearch search) { return kRolledSearches.name(search); }
+
+RolledSearch parse_rolled_search(std::string_view name) { return kRolledSearches.parse(name); }
 
 struct FaceFinder::Impl {
   FaceFinderOptions options;
@@ -148,6 +170,8 @@ struct FaceFinder::Impl {
   void search_loosely(const cv::Mat& gray, const SearchTile& tile, std::size_t which,
                       std::vector<Scored>& found);
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray, bool thorough);
+  cv::Mat reduced, turned;
+  double turned_min_face = 0;  // px, while a turned image is searched; else 0
 };
 
 void FaceFinder::Impl::load() {
@@ -181,6 +205,7 @@ double FaceFinder::Impl::window() const {
 }
 
 double FaceFinder::Impl::min_face(cv::Size image) const {
+  if (turned_min_face > 0) return turned_min_face;
   if (options.detector.min_face > 0) return options.detector.min_face;
   return trained ? 40 : usual_min_face(image);
 }
@@ -371,6 +396,84 @@ std::vector<Candidate> FaceFinder::find_sure(const cv::Mat& gray) {
 
 std::vector<Candidate> FaceFinder::find(const cv::Mat& gray) {
   return impl_->find(gray, impl_->options.thorough);
+}
+
+RolledSearch FaceFinder::rolled_search() const { return impl_->options.rolled; }
+
+std::vector<Candidate> FaceFinder::find_rolled_in(const cv::Mat& gray, const SearchTile& tile,
+                                                  double roll) {
+  require_gray(gray);
+  TARSIER_REQUIRE(std::abs(roll) <= CV_PI / 2, "a roll of {} radians", roll);
+  Impl& my = *impl_;
+  const cv::Rect area = tile.area & cv::Rect(0, 0, gray.cols, gray.rows);
+  if (area.empty()) return {};
+  cv::Mat part = gray(area);
+  const double scale = std::min({1.0, kTurnedFace / std::max(1.0, tile.min_face),
+                                 kTurnedSide / std::max(area.width, area.height)});
+  if (scale < 1) {
+    cv::resize(part, my.reduced, {}, scale, scale, cv::INTER_AREA);
+    part = my.reduced;
+  }
+  // Turned about its middle, so that what has this roll is upright.
+  const double cosine = std::cos(roll);
+  const double sine = std::sin(roll);
+  const cv::Size size(cvCeil(part.cols * std::abs(cosine) + part.rows * std::abs(sine)),
+                      cvCeil(part.cols * std::abs(sine) + part.rows * std::abs(cosine)));
+  const cv::Point2d from(0.5 * (part.cols - 1), 0.5 * (part.rows - 1));
+  const cv::Point2d to(0.5 * (size.width - 1), 0.5 * (size.height - 1));
+  const cv::Matx23d map(cosine, sine, to.x - cosine * from.x - sine * from.y,  //
+                        -sine, cosine, to.y + sine * from.x - cosine * from.y);
+  cv::warpAffine(part, my.turned, map, size, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  const double ratio_x = static_cast<double>(area.width) / part.cols;
+  const double ratio_y = static_cast<double>(area.height) / part.rows;
+  struct Reset {
+    double& value;
+    ~Reset() { value = 0; }
+  };
+  const Reset reset{my.turned_min_face};
+  my.turned_min_face = std::max(1.0, tile.min_face * scale);
+  std::vector<Candidate> out;
+  for (Candidate candidate : my.find(my.turned, false)) {
+    const double width = candidate.box.width * ratio_x;
+    if (width < tile.min_face || (tile.max_face > 0 && width > tile.max_face)) continue;
+    const cv::Point2d seen(candidate.box.x + 0.5 * candidate.box.width - 0.5 - to.x,
+                           candidate.box.y + 0.5 * candidate.box.height - 0.5 - to.y);
+    const cv::Point2d middle(
+        area.x + (cosine * seen.x - sine * seen.y + from.x + 0.5) * ratio_x - 0.5,
+        area.y + (sine * seen.x + cosine * seen.y + from.y + 0.5) * ratio_y - 0.5);
+    if (middle.x < area.x || middle.y < area.y || middle.x > area.x + area.width - 1 ||
+        middle.y > area.y + area.height - 1)
+      continue;
+    candidate.box = {middle.x + 0.5 - width / 2, middle.y + 0.5 - width / 2, width, width};
+    candidate.roll = roll;
+    out.push_back(candidate);
+  }
+  return out;
+}
+
+std::vector<Candidate> FaceFinder::find_rolled(const cv::Mat& gray) {
+  require_gray(gray);
+  const SearchTile whole{cv::Rect(0, 0, gray.cols, gray.rows), min_face(gray.size()), 0};
+  std::vector<Candidate> all;
+  for (const double roll : {-kSearchRoll, kSearchRoll}) {
+    const std::vector<Candidate> found = find_rolled_in(gray, whole, roll);
+    all.insert(all.end(), found.begin(), found.end());
+  }
+  std::stable_sort(all.begin(), all.end(), [](const Candidate& a, const Candidate& b) {
+    return std::tuple(!a.sure, -a.score) < std::tuple(!b.sure, -b.score);
+  });
+  std::vector<Candidate> kept;
+  for (const Candidate& one : all) {
+    constexpr double kSame = 0.35;  // intersection over union
+    const bool known = std::any_of(kept.begin(), kept.end(), [&](const Candidate& better) {
+      return iou(better.box, one.box) > kSame;
+    });
+    if (!known) kept.push_back(one);
+  }
+  std::stable_sort(kept.begin(), kept.end(), [](const Candidate& a, const Candidate& b) {
+    return a.box.area() > b.box.area();
+  });
+  return kept;
 }
 
 std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile& tile,

@@ -9,6 +9,7 @@
 #include "tarsier/face/landmarks/training_face.h"
 
 #include <Eigen/Core>
+#include <opencv2/core/cvdef.h>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
@@ -17,6 +18,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace tarsier::face::landmarks {
@@ -36,9 +38,9 @@ struct BoxModel {
 [[nodiscard]] BoxModel train_box_model(const std::vector<Eigen::Matrix2Xd>& shapes,
                                        const std::vector<cv::Rect2d>& boxes, double fraction = 0.8);
 
-// `mean` is centred and of size 1.
+// `mean` is centred and of size 1; `roll` as in Candidate.
 [[nodiscard]] Eigen::Matrix2Xd start_in_box(const BoxModel& model, const Eigen::Matrix2Xd& mean,
-                                            const cv::Rect2d& box);
+                                            const cv::Rect2d& box, double roll = 0);
 // Where the 68 points of 300-W lie in the boxes of the frontal cascade, measured on faces68.
 [[nodiscard]] BoxModel cascade_box();
 // The box that a detector would have drawn around a shape of this place and size.
@@ -51,7 +53,24 @@ struct Candidate {
   cv::Rect2d box;    // px, as the frontal cascade, or the trained detector, draws it
   bool sure = true;  // found by the strict search; else only a fit can tell
   double score = 1;  // of the detector, 0..1
+  // Radians, clockwise in the image, of the face within the box, which is that of the face turned
+  // upright about the box's middle. 0: found upright.
+  double roll = 0;
 };
+
+// When faces are looked for in the image turned to the left and to the right, too.
+enum class RolledSearch {
+  kNever,
+  kAuto,    // where no face with a good fit was found upright
+  kAlways,  // in every still image; in videos in each search of the whole image
+};
+[[nodiscard]] std::string_view name_of(RolledSearch search);  // "never", "auto", "always"
+// Throws std::invalid_argument naming the choices.
+[[nodiscard]] RolledSearch parse_rolled_search(std::string_view name);
+
+// Radians by which the image is turned to either side. Detectors find faces whose roll differs by
+// some 25 degrees from upright: with this angle up to 65 degrees.
+inline constexpr double kSearchRoll = 40 * CV_PI / 180;
 
 struct FaceFinderOptions {
   // Of the cascades; of other detectors only the sizes of faces count.
@@ -61,6 +80,8 @@ struct FaceFinderOptions {
   bool thorough = true;
   // In place of all others; or null. What it scores 0.6 and more is sure.
   std::shared_ptr<const BoxDetector> own;
+  // What find_faces() and track_faces() do besides find().
+  RolledSearch rolled = RolledSearch::kAuto;
 };
 
 // Faces of any size in images of any size, by one of four detectors: the networks of
@@ -89,6 +110,14 @@ class FaceFinder {
   // times as long as the networks.
   [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile,
                                                bool cascades = true);
+  // Faces rolled to either side that the strict search is sure of: in the image turned by -kSearchRoll and kSearchRoll, the better
+  // of those that overlap, largest first. Middles of boxes are inside the image.
+  [[nodiscard]] std::vector<Candidate> find_rolled(const cv::Mat& gray);
+  // The same in a part of the image, for faces of about this roll, radians within -pi/2 .. pi/2.
+  // The part is searched at a size at which the tile's smallest face is still found.
+  [[nodiscard]] std::vector<Candidate> find_rolled_in(const cv::Mat& gray, const SearchTile& tile,
+                                                      double roll);
+  [[nodiscard]] RolledSearch rolled_search() const;
   // How the search of images of this size is spread over a video. A tile costs about the
   // same whatever the size is.
   [[nodiscard]] SearchPlan plan(cv::Size image) const;

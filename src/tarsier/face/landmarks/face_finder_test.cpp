@@ -17,6 +17,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <stdexcept>
 #include <string>
 
 namespace tarsier::face::landmarks {
@@ -101,6 +102,83 @@ TEST(FaceFinder, ALargeFaceDoesNotHideTheSmallOnes) {
   EXPECT_EQ(found_of(faces, FaceFinder(shipped(), {}).find(image)), 3);
   if (!has_cascades()) GTEST_SKIP() << "opencv-data is not installed";
   EXPECT_EQ(found_of(faces, FaceFinder().find(image)), 3);
+}
+
+// Sees a face in each image: around what is bright, as wide as `width`.
+struct SeesABrightSpot final : BoxDetector {
+  explicit SeesABrightSpot(double given) : width(given) {}
+  [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
+    const cv::Moments moments = cv::moments(gray > 100, true);
+    if (moments.m00 == 0) return {};
+    const cv::Point2d middle(moments.m10 / moments.m00 + 0.5, moments.m01 / moments.m00 + 0.5);
+    return {{{middle.x - width / 2, middle.y - width / 2, width, width}, 0.9}};
+  }
+  double width;
+};
+
+TEST(FaceFinder, PlacesInATurnedImageAreThoseOfTheImage) {
+  cv::Mat image(400, 620, CV_8UC1, cv::Scalar(20));
+  const cv::Point2d spot(451, 133);
+  cv::circle(image, spot, 12, cv::Scalar(250), cv::FILLED);
+  FaceFinderOptions options;
+  options.own = std::make_shared<SeesABrightSpot>(60);
+  FaceFinder finder(options);
+  const cv::Rect part(300, 40, 300, 250);
+  for (const double degrees : {-90, -40, 0, 17, 45, 90}) {
+    for (const cv::Rect& area : {cv::Rect({}, image.size()), part}) {
+      const double roll = degrees * CV_PI / 180;
+      // At its size; and at half of it, which is enough for faces of 80 px.
+      for (const double smallest : {24.0, 80.0}) {
+        const auto found = finder.find_rolled_in(image, {area, smallest, 0}, roll);
+        ASSERT_EQ(found.size(), 1U) << degrees;
+        const cv::Rect2d& box = found[0].box;
+        EXPECT_NEAR(box.x + box.width / 2, spot.x + 0.5, 0.7) << degrees;
+        EXPECT_NEAR(box.y + box.height / 2, spot.y + 0.5, 0.7) << degrees;
+        EXPECT_NEAR(box.width, smallest > 40 ? 120 : 60, 1);
+        EXPECT_EQ(found[0].roll, roll);
+      }
+    }
+  }
+  // Each face once, though both turned images show it.
+  EXPECT_EQ(finder.find_rolled(image).size(), 1U);
+  EXPECT_TRUE(finder.find_rolled_in(image, {part, 24, 50}, 0.5).empty());  // too large
+  EXPECT_TRUE(finder.find_rolled_in(image, {{700, 0, 20, 20}, 24, 0}, 0.5).empty());
+  EXPECT_THROW((void)finder.find_rolled_in(image, {part, 24, 0}, 2), std::invalid_argument);
+}
+
+// Nothing is found beyond the border, which the turned image shows repeated.
+TEST(FaceFinder, MiddlesOfRolledFacesAreInTheImage) {
+  cv::Mat image(200, 200, CV_8UC1, cv::Scalar(20));
+  image(cv::Rect(196, 90, 4, 20)).setTo(250);
+  FaceFinderOptions options;
+  options.own = std::make_shared<SeesABrightSpot>(60);
+  EXPECT_TRUE(FaceFinder(options).find_rolled(image).empty());
+}
+
+TEST(FaceFinder, StartsAreRolledAsTheirCandidates) {
+  Eigen::Matrix2Xd mean(2, 3);
+  mean << -0.5, 0.5, 0, -0.2, -0.2, 0.4;
+  BoxModel model;
+  model.dx = 0.1;
+  model.dy = 0.2;
+  model.size = 0.5;
+  const cv::Rect2d box(10, 20, 100, 100);
+  const Eigen::Matrix2Xd upright = start_in_box(model, mean, box);
+  const Eigen::Matrix2Xd rolled = start_in_box(model, mean, box, CV_PI / 2);
+  const Eigen::Vector2d middle(59.5, 69.5);
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector2d from = upright.col(i) - middle;
+    EXPECT_NEAR(rolled(0, i), middle.x() - from.y(), 1e-9);  // clockwise, y points down
+    EXPECT_NEAR(rolled(1, i), middle.y() + from.x(), 1e-9);
+  }
+  EXPECT_EQ(start_in_box(model, mean, box, 0), upright);
+}
+
+TEST(FaceFinder, SearchesOfRolledFacesAreNamed) {
+  for (const RolledSearch search :
+       {RolledSearch::kNever, RolledSearch::kAuto, RolledSearch::kAlways})
+    EXPECT_EQ(parse_rolled_search(name_of(search)), search);
+  EXPECT_THROW((void)parse_rolled_search("often"), std::invalid_argument);
 }
 
 TEST(FaceFinder, TheTilesOfAVideoTogetherSeeWhatTheWholeSearchSees) {

@@ -13,6 +13,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <utility>
 
 namespace tarsier::face::landmarks {
 
@@ -56,8 +58,10 @@ Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& g
 constexpr double kRestarts[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1, 0},
                                    {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
                                    {0, 0, 1, 25},   {0, 0, 1, -25}};
-constexpr double kGoodScore = 0.5;  // from which no other start is tried
-constexpr double kMinScore = 0.1;   // of a sure detection; less is rejected as a false one
+constexpr double kSureRolled = 0.95;   // of the detector, for a rolled face,
+constexpr double kRolledScore = 0.25;  // from which its two fits are enough
+constexpr double kGoodScore = 0.5;     // from which no other start is tried
+constexpr double kMinScore = 0.1;      // of a sure detection; less is rejected as a false one
 
 // The points on the part of the image around them, enlarged.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
@@ -244,10 +248,32 @@ Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& poi
 
 Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
                           const Candidate& candidate) {
-  return start_in_box(finder.box_model().value_or(model.box), model.shape.mean, candidate.box);
+  return start_in_box(finder.box_model().value_or(model.box), model.shape.mean, candidate.box,
+                      candidate.roll);
+}
+
+double roll_of(const LandmarkModel& model, const Eigen::Matrix2Xd& points) {
+  const shape::Similarity2d place = shape::fit_similarity(model.shape.mean, points);
+  return std::atan2(place.b, place.a);
+}
+
+std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& options,
+                              const cv::Mat& gray, const FaceFinder& finder,
+                              const Candidate& candidate, FitWorkspace& workspace, double min_score,
+                              DebugSink* debug) {
+  if (!model.quality) return std::nullopt;
+  const bool sure = candidate.sure && candidate.score >= kSureRolled;
+  std::optional<Fit> fit =
+      fit_candidate(model, options, gray, start_at(model, finder, candidate), false,
+                    sure ? kRolledScore : std::max(min_score, kGoodScore), workspace, debug);
+  if (fit && std::abs(roll_of(model, fit->points)) < kMinRoll) fit.reset();
+  return fit;
 }
 
 namespace {
+
+constexpr double kSameFace =
+    0.6;  // share of the smaller box that two fits of one face have in common
 
 // Each face once, by its best fit; largest first.
 std::vector<FoundFace> without_repeats(const LandmarkModel& model, std::vector<FoundFace> fits) {
@@ -258,7 +284,7 @@ std::vector<FoundFace> without_repeats(const LandmarkModel& model, std::vector<F
   for (FoundFace& face : fits) {
     const cv::Rect2d area = box_around(model.box, face.fit.points);
     const bool again = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& other) {
-      return overlap_of_smaller(area, box_around(model.box, other.fit.points)) > 0.6;
+      return overlap_of_smaller(area, box_around(model.box, other.fit.points)) > kSameFace;
     });
     if (!again) faces.push_back(std::move(face));
   }
@@ -329,6 +355,26 @@ std::vector<Candidate> find_filling(const cv::Mat& gray, FaceFinder& finder) {
   return out;
 }
 
+std::vector<FoundFace> filling_faces(const LandmarkModel& model, const FitOptions& options,
+                                     const cv::Mat& gray, FaceFinder& finder,
+                                     FitWorkspace& workspace, double min_score, DebugSink* debug) {
+  const std::vector<Candidate> filling = find_filling(gray, finder);
+  if (filling.empty()) return {};
+  const double border = border_of(gray.size());
+  std::vector<FoundFace> faces =
+      confirmed(model, options, with_border(gray), filling, finder, workspace, min_score, debug);
+  for (FoundFace& face : faces) {
+    face.box -= cv::Point2d(border, border);
+    face.fit.points.array() -= border;
+  }
+  return faces;
+}
+
+bool any_good(const std::vector<FoundFace>& faces) {
+  return std::any_of(faces.begin(), faces.end(),
+                     [](const FoundFace& face) { return face.fit.score >= kGoodScore; });
+}
+
 }  // namespace
 
 std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
@@ -337,18 +383,37 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
   options.check();
   std::vector<FoundFace> faces =
       confirmed(model, options, gray, finder.find(gray), finder, workspace, min_score, debug);
-  if (std::any_of(faces.begin(), faces.end(),
-                  [](const FoundFace& face) { return face.fit.score >= kGoodScore; }))
-    return faces;
-  const std::vector<Candidate> filling = find_filling(gray, finder);
-  if (filling.empty()) return faces;
-  const double border = border_of(gray.size());
-  for (FoundFace& face :
-       confirmed(model, options, with_border(gray), filling, finder, workspace, min_score, debug)) {
-    face.box -= cv::Point2d(border, border);
-    face.fit.points.array() -= border;
-    faces.push_back(std::move(face));
+  if (!any_good(faces)) {
+    if (std::vector<FoundFace> filling =
+            filling_faces(model, options, gray, finder, workspace, min_score, debug);
+        !filling.empty()) {
+      std::move(filling.begin(), filling.end(), std::back_inserter(faces));
+      faces = without_repeats(model, std::move(faces));
+    }
   }
+  const RolledSearch rolled = finder.rolled_search();
+  if (rolled == RolledSearch::kNever || !model.quality) return faces;
+  const auto is_good = [&](const FoundFace& face) { return face.fit.score >= kGoodScore; };
+  if (rolled == RolledSearch::kAuto &&
+      std::any_of(faces.begin(), faces.end(), [&](const FoundFace& face) {
+        return is_good(face) && std::abs(roll_of(model, face.fit.points)) < kMinRoll;
+      }))
+    return faces;
+  std::vector<FoundFace> added;
+  for (const Candidate& candidate : finder.find_rolled(gray)) {
+    std::optional<Fit> fit =
+        fit_rolled(model, options, gray, finder, candidate, workspace, min_score, debug);
+    if (!fit) continue;
+    const cv::Rect2d area = box_around(model.box, fit->points);
+    // What was found well upright stays as it is.
+    const bool known = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& face) {
+      return is_good(face) &&
+             overlap_of_smaller(area, box_around(model.box, face.fit.points)) > kSameFace;
+    });
+    if (!known) added.push_back({candidate.box, *std::move(fit), candidate.score});
+  }
+  if (added.empty()) return faces;
+  std::move(added.begin(), added.end(), std::back_inserter(faces));
   return without_repeats(model, std::move(faces));
 }
 

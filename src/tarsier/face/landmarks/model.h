@@ -98,9 +98,21 @@ struct Fit {
 [[nodiscard]] Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points,
                                        bool turn);
 
+inline constexpr double kMinRoll = 20 * CV_PI / 180;  // radians
+
 // The mean shape where the finder saw something.
 [[nodiscard]] Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
                                         const Candidate& candidate);
+
+// The fit of a face that was found rolled, from a start that is rolled as it is; nothing where no
+// two fits, one from where the other ended, score `min_score` or where the points stand almost
+// upright: such a face is found without turning the image. Needs LandmarkModel::quality.
+[[nodiscard]] std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& options,
+                                            const cv::Mat& gray, const FaceFinder& finder,
+                                            const Candidate& candidate, FitWorkspace& workspace,
+                                            double min_score, DebugSink* debug = nullptr);
+// Radians, clockwise in the image: by how much the points are turned against the mean shape.
+[[nodiscard]] double roll_of(const LandmarkModel& model, const Eigen::Matrix2Xd& points);
 
 struct FoundFace {
   cv::Rect2d box;  // of the detector
@@ -113,7 +125,9 @@ struct FoundFace {
 // `min_score`; where the fit of a sure one is bad, others from places around it are tried, and it is
 // kept from 0.1 on. Each is fitted once more from where its points were found. Where none has a
 // good fit, the image is searched again with its border pixels repeated around it, for a face that fills it (a
-// crop without a margin): its box and points may reach beyond the image.
+// crop without a margin): its box and points may reach beyond the image. Where none has a good fit still, faces
+// rolled by more than kMinRoll are looked for in the image turned to either side and added where both of
+// their fits are good; with RolledSearch::kAlways in any case.
 [[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
                                                 const FitOptions& options, const cv::Mat& gray,
                                                 FaceFinder& finder, FitWorkspace& workspace,

@@ -6,12 +6,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr int kCascadesEvery = 4;  // searches
+constexpr int kCascadesEvery = 4;      // searches
+constexpr double kRolledShare = 0.05;  // of the longer side: width of the smallest rolled face
 
 // Distance of two faces' centres, in sizes of the second.
 double distance(const cv::Rect2d& a, const cv::Rect2d& b) {
@@ -70,15 +72,30 @@ class Step {
     if (!state_.searched) {
       state_.searched = true;
       take_new(finder_.find(gray_));
+      if (looks_for_rolled()) take_rolled(finder_.find_rolled(gray_));
       return;
     }
     // Before new faces take their ids.
-    const std::vector<cv::Rect2d> places = places_of_lost();
-    for (const cv::Rect2d& place : places) take_new(finder_.find_in(gray_, tile_around(place)));
+    const std::vector<Place> places = places_of_lost();
+    for (const Place& place : places) take_new(finder_.find_in(gray_, tile_around(place.box)));
+    for (const Place& place : places) {
+      if (std::abs(place.roll) < kMinRoll || std::abs(place.roll) > CV_PI / 2) continue;
+      if (looks_for_rolled())
+        take_rolled(finder_.find_rolled_in(gray_, tile_around(place.box), place.roll));
+    }
     if (due || !places.empty()) {
       const bool calm = places.empty() && count_followed() > 0;
       const bool cascades = !calm || state_.calm_searches++ % kCascadesEvery == 0;
       take_new(finder_.find_in(gray_, state_.plan.whole, cascades));
+    }
+    if (due && looks_for_rolled()) {
+      state_.to_left = !state_.to_left;
+      // Of a size that costs the same whatever the image's is.
+      const double smallest =
+          std::max(finder_.min_face(gray_.size()), kRolledShare * std::max(gray_.cols, gray_.rows));
+      const SearchTile whole{cv::Rect(0, 0, gray_.cols, gray_.rows), smallest, 0};
+      take_rolled(
+          finder_.find_rolled_in(gray_, whole, state_.to_left ? -kSearchRoll : kSearchRoll));
     }
     if (state_.plan.tiles.empty()) return;
     take_new(finder_.find_in(gray_, state_.plan.tiles[state_.next_tile]));
@@ -105,10 +122,32 @@ class Step {
     }
   }
 
-  [[nodiscard]] std::vector<cv::Rect2d> places_of_lost() const {
-    std::vector<cv::Rect2d> places;
+  void take_rolled(const std::vector<Candidate>& candidates) {
+    for (const Candidate& candidate : candidates) {
+      if (is_followed(candidate.box)) continue;
+      if (count_followed() >= options_.max_faces) break;
+      const std::optional<Fit> fit =
+          fit_rolled(model_, fit_, gray_, finder_, candidate, workspace_, options_.min_new, debug_);
+      if (!fit || fit->score < options_.min_new) continue;
+      const cv::Rect2d box = box_around(model_.box, fit->points);
+      if (!is_followed(box)) begin(*fit, box);
+    }
+  }
+
+  [[nodiscard]] bool looks_for_rolled() const {
+    if (!model_.quality || finder_.rolled_search() == RolledSearch::kNever) return false;
+    return finder_.rolled_search() == RolledSearch::kAlways || count_followed() == 0;
+  }
+
+  struct Place {
+    cv::Rect2d box;
+    double roll = 0;  // radians
+  };
+  [[nodiscard]] std::vector<Place> places_of_lost() const {
+    std::vector<Place> places;
     for (const TrackerState::Track& track : state_.tracks) {
-      if (track.lost && track.face.box.width > 0) places.push_back(track.face.box);
+      if (track.lost && track.face.box.width > 0)
+        places.push_back({track.face.box, roll_of(model_, track.raw)});
     }
     return places;
   }

@@ -55,6 +55,7 @@ struct TrackerState {
   int next_id = 1;
   int until_search = 0;
   int calm_searches = 0;  // of the whole image while a face is followed and none is lost
+  bool to_left = false;   // side to which the image was turned last
   bool searched = false;  // the whole image, for faces of all sizes
   SearchPlan plan;        // how that is spread from then on,
   cv::Size planned;       // for frames of this size
@@ -69,8 +70,10 @@ struct TrackerState {
 // From then on each frame sees one tile of finder.plan(), in turn, and every `search_every` frames
 // (while a face is lost: in each) the whole image for large faces, by OpenCV's cascades only in every
 // fourth such search while a face is followed and none is lost: the cost of a frame does not depend
-// on its size, and a small face is found within as many frames as there are tiles. `debug` gets the
-// stages of each fit.
+// on its size, and a small face is found within as many frames as there are tiles. Rolled faces are
+// looked for (FaceFinderOptions::rolled; by default while no face is followed) in the first frame and
+// with each search that is due, to one side and the other in turn, and around the place of a
+// lost face that was rolled. `debug` gets the stages of each fit.
 [[nodiscard]] std::vector<TrackedFace> track_faces(
     const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
     FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double time,

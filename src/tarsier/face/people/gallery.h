@@ -300,6 +300,10 @@ class Gallery {
   // In one transaction, with the id of the next group. False, and nothing is stored, where groups
   // or sightings are no longer what they were in `generation`.
   bool place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation);
+  // Groups that show one person: the first of each pair becomes part of the second, in this order. In
+  // one transaction, and as above.
+  bool unite(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
+             std::int64_t generation);
 
   // gallery_corrections.cpp. All throw InputError, which says what to do, for ids, names and groups
   // that do not exist or cannot be changed so, and UsageError for new names (check_name); nothing

@@ -50,13 +50,11 @@ std::vector<std::int64_t> each_once(std::span<const std::int64_t> ids) {
 std::string group_name(std::int64_t group) { return fmt::format("group {}", group); }
 
 [[noreturn]] void no_face(const std::string& path, std::int64_t face) {
-  throw InputError(
-      path,
-      fmt::format("there is no face {}: `people list --faces NAME` lists those of a person", face));
+  throw MissingEntryError(path, "face", fmt::format("there is no face {}", face));
 }
 
 [[noreturn]] void no_group(const std::string& path, std::int64_t group) {
-  throw InputError(path, fmt::format("there is no group {}: `people groups` lists them", group));
+  throw MissingEntryError(path, "group", fmt::format("there is no group {}", group));
 }
 
 }  // namespace
@@ -93,8 +91,7 @@ void Gallery::write_change(std::int64_t correction, std::string_view kind, std::
 Person Gallery::require_person(std::string_view name) {
   auto person = find(name);
   if (!person)
-    throw InputError(path(),
-                     fmt::format("nobody is enrolled as '{}': `people list` lists them", name));
+    throw MissingEntryError(path(), "person", fmt::format("nobody is enrolled as '{}'", name));
   return *person;
 }
 
@@ -206,9 +203,7 @@ std::int64_t Gallery::not_this_sighting(std::int64_t sighting, const CorrectionS
                   "seen_face.sighting = sighting.id WHERE sighting.id = ?");
     row.bind(1, sighting);
     if (!row.step())
-      throw InputError(
-          path(),
-          fmt::format("there is no sighting {}: `people list --sightings` lists them", sighting));
+      throw MissingEntryError(path(), "sighting", fmt::format("there is no sighting {}", sighting));
     if (row.is_null(0))
       throw InputError(
           path(), fmt::format("sighting {} is nobody's: there is no name to take back", sighting));
@@ -319,9 +314,8 @@ std::int64_t Gallery::split_person(std::string_view name, std::span<const std::i
     Statement row(database_, "SELECT 1 FROM face WHERE id = ? AND person = ?");
     row.bind(1, face).bind(2, person.id);
     if (!row.step())
-      throw InputError(
-          path(), fmt::format("face {} is not one of '{}': `people list --faces NAME` lists them",
-                              face, name));
+      throw MissingEntryError(path(), "face",
+                              fmt::format("face {} is not one of '{}'", face, name));
   }
   if (static_cast<std::int64_t>(ids.size()) == person.faces)
     throw InputError(path(),
@@ -402,10 +396,8 @@ std::int64_t Gallery::split_group(std::int64_t group, std::span<const std::int64
   for (const std::int64_t sighting : ids)
     if (std::none_of(members.begin(), members.end(),
                      [&](const Sighting& one) { return one.id == sighting; }))
-      throw InputError(
-          path(),
-          fmt::format("sighting {} is not one of group {}: `people groups --group {}` lists them",
-                      sighting, group, group));
+      throw MissingEntryError(path(), "member of a group",
+                              fmt::format("sighting {} is not one of group {}", sighting, group));
   if (ids.size() == members.size())
     throw InputError(
         path(), fmt::format("these are all sightings of group {}: one at least must stay", group));
@@ -475,10 +467,11 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
                            "since, undone FROM correction WHERE undone = 0 AND undoes = 0 AND id > "
                            "? ORDER BY id DESC LIMIT 1");
     row.bind(1, std::max<std::int64_t>(0, id));
-    if (!row.step())
-      throw InputError(
-          path(), id > 0 ? fmt::format("there is no correction {}: `people log` lists them", id)
-                         : std::string("there is nothing to undo"));
+    if (!row.step()) {
+      if (id > 0)
+        throw MissingEntryError(path(), "correction", fmt::format("there is no correction {}", id));
+      throw InputError(path(), "there is nothing to undo");
+    }
     step.id = row.integer(0);
     step.kind = row.text(1);
     step.source = row.integer(2);

@@ -143,6 +143,11 @@ TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
   EXPECT_THAT(message_of([&] { (void)gallery.name_group(1, "Zoe", "", 20, kNow); }),
               HasSubstr("no group 1"));
   EXPECT_THAT(message_of([&] { (void)gallery.undo(7, kNow); }), HasSubstr("no correction 7"));
+  try {
+    (void)gallery.undo(7, kNow);
+  } catch (const MissingEntryError& error) {
+    EXPECT_EQ(error.entry(), "correction");
+  }
   EXPECT_EQ(gallery.generation(), generation);
   EXPECT_THAT(gallery.corrections(), IsEmpty());
   EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Ben:1"));

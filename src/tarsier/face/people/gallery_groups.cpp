@@ -237,6 +237,22 @@ void Gallery::join_groups(std::int64_t from, std::int64_t into) {
   run_statement(database_, "DELETE FROM sighting_group WHERE id = ?1", from);
 }
 
+bool Gallery::unite(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
+                    std::int64_t generation) {
+  Transaction transaction(database_);
+  if (this->generation() != generation) return false;
+  for (const auto& [from, into] : groups) {
+    for (const std::int64_t id : {from, into}) {
+      Statement there(database_, "SELECT 1 FROM sighting_group WHERE id = ?");
+      there.bind(1, id);
+      if (!there.step()) return false;
+    }
+    join_groups(from, into);
+  }
+  transaction.commit();
+  return true;
+}
+
 bool Gallery::place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation) {
   Transaction transaction(database_);
   if (this->generation() != generation) return false;

@@ -125,8 +125,8 @@ void GalleryTraining::Impl::look() {
   const auto count = static_cast<std::int64_t>(refs.size());
   if (!recognition::is_whitened(algorithm) && count > kMaxClassical) {
     throw std::invalid_argument(fmt::format(
-        "'{}' compares each face with each: at most {} faces, there are {} (people train "
-        "--algorithm default)",
+        "'{}' compares each face with each: at most {} faces, there are {}; give option "
+        "'algorithm' default",
         recognition::name_of(algorithm), kMaxClassical, count));
   }
   coordinates = uses_coordinates(algorithm, background, count);

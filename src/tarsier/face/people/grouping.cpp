@@ -2,12 +2,14 @@
 #include "tarsier/face/people/grouping.h"
 
 #include "tarsier/core/stop.h"
+#include "tarsier/face/people/group_merging.h"
 #include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/pair_scores.h"
 
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
+#include <map>
 #include <optional>
 #include <set>
 #include <span>
@@ -105,6 +107,49 @@ SightingGroups stored_groups(Gallery& gallery, const recognition::PairScores& pa
   return groups;
 }
 
+// From so many sightings on what differs within groups can be learned.
+constexpr std::size_t kTwoPasses = 60;
+
+// The first sightings of each group.
+GroupTemplates templates_of_groups(Gallery& gallery, Templates& templates,
+                                   const std::stop_token& stop) {
+  std::map<std::int64_t, std::vector<std::int64_t>> members;
+  gallery.each_grouped([&](std::int64_t sighting, std::int64_t group, double) {
+    std::vector<std::int64_t>& of = members[group];
+    if (of.size() < static_cast<std::size_t>(kMergingSightings)) of.push_back(sighting);
+  });
+  GroupTemplates out;
+  for (const auto& [group, sightings] : members) {
+    throw_if_stopped(stop);
+    const std::vector<NamedNumbers> faces = templates(sightings);
+    if (faces.empty()) continue;
+    recognition::Rows rows(static_cast<Eigen::Index>(faces.size()),
+                           static_cast<Eigen::Index>(faces.front().second.size()));
+    for (std::size_t i = 0; i < faces.size(); ++i)
+      rows.row(static_cast<Eigen::Index>(i)) = Eigen::Map<const Eigen::RowVectorXf>(
+          faces[i].second.data(), static_cast<Eigen::Index>(faces[i].second.size()));
+    out.emplace(group, std::move(rows));
+  }
+  return out;
+}
+
+// Merges groups that show one person, until nothing changes.
+void second_pass(Gallery& gallery, Templates& templates, GroupingReport& report,
+                 std::set<std::int64_t>& made, const std::stop_token& stop) {
+  for (;;) {
+    throw_if_stopped(stop);
+    const std::int64_t generation = gallery.generation();
+    std::set<std::pair<std::int64_t, std::int64_t>> apart;
+    for (const auto& [a, b] : gallery.groups_apart()) apart.emplace(std::min(a, b), std::max(a, b));
+    const std::optional<GroupPairs> merged =
+        alike_groups(templates_of_groups(gallery, templates, stop), apart);
+    if (!merged || merged->empty()) return;
+    if (!gallery.unite(*merged, generation)) continue;  // somebody corrected meanwhile
+    report.merged += static_cast<std::int64_t>(merged->size());
+    for (const auto& [from, into] : *merged) made.erase(from);
+  }
+}
+
 }  // namespace
 
 GroupingReport group_sightings(Gallery& gallery, const recognition::Background& background,
@@ -117,7 +162,13 @@ GroupingReport group_sightings(Gallery& gallery, const recognition::Background& 
   std::set<std::int64_t> made;
   std::int64_t generation = gallery.generation();
   std::vector<std::int64_t> waiting = gallery.ungrouped();
-  SightingGroups groups = stored_groups(gallery, pairs, options, templates, stop);
+  std::size_t sightings = waiting.size();
+  gallery.each_grouped([&](std::int64_t, std::int64_t, double) { ++sightings; });
+  const bool two_passes = options.false_merges == 0 && sightings >= kTwoPasses &&
+                          pairs.model.options.algorithm != recognition::Algorithm::kDeep;
+  GroupingOptions first = options;
+  if (two_passes) first.false_merges = kFirstPassMerges;
+  SightingGroups groups = stored_groups(gallery, pairs, first, templates, stop);
   progress.begin("grouping", static_cast<std::int64_t>(waiting.size()), "faces");
   std::size_t at = 0;
   while (at < waiting.size()) {
@@ -138,7 +189,7 @@ GroupingReport group_sightings(Gallery& gallery, const recognition::Background& 
       // Somebody else corrected, removed or grouped some meanwhile: from what is there now.
       generation = gallery.generation();
       waiting = gallery.ungrouped();
-      groups = stored_groups(gallery, pairs, options, templates, stop);
+      groups = stored_groups(gallery, pairs, first, templates, stop);
       at = 0;
       continue;
     }
@@ -150,9 +201,10 @@ GroupingReport group_sightings(Gallery& gallery, const recognition::Background& 
     at = last;
   }
   progress.end();
+  report.threshold = groups.threshold();
+  if (two_passes) second_pass(gallery, templates, report, made, stop);
   report.made = static_cast<std::int64_t>(made.size());
   report.groups = static_cast<std::int64_t>(gallery.groups().size());
-  report.threshold = groups.threshold();
   return report;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/people/grouping.h"
 
+#include "tarsier/face/people/group_merging.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/testing_folder.h"
@@ -74,6 +75,45 @@ TEST_F(GroupingTest, TheSameGroupsInWhateverBatchesAndThreads) {
   // Images of both galleries differ (their random numbers are of their number in the set), so only
   // who is with whom is compared.
   EXPECT_EQ(placed(one), placed(many));
+}
+
+// Enough sightings for two passes: the groups of the first are merged, and what was split stays apart.
+TEST_F(GroupingTest, ManySightingsGetASecondPass) {
+  Gallery gallery(path("many.db"));
+  see(gallery, 12, 0, 6);
+  GroupingOptions strict;
+  strict.false_merges = kFirstPassMerges;
+  Gallery once(path("once.db"));
+  see(once, 12, 0, 6);
+  const GroupingReport first = group_sightings(once, background(), strict, progress_, {});
+  const GroupingReport report = group(gallery);
+  EXPECT_EQ(report.placed, 72);
+  EXPECT_EQ(report.groups, 12);
+  EXPECT_EQ(report.made, 12);
+  EXPECT_GE(first.groups, report.groups);
+  for (const SightingGroup& of : gallery.groups()) EXPECT_EQ(of.sightings, 6);
+  EXPECT_EQ(group(gallery).merged, 0);  // nothing is left to merge
+  // The second sighting of the first group, and its group: of different people from now on.
+  const std::int64_t taken = gallery.group_sightings(1).at(1).id;
+  (void)gallery.split_group(1, std::vector<std::int64_t>{taken}, {1, "me"});
+  see(gallery, 12, 6, 1);
+  EXPECT_EQ(group(gallery).groups, 13);
+}
+
+TEST_F(GroupingTest, GroupsAreUnitedInOrderAndNotInAGalleryThatChanged) {
+  Gallery gallery(path("p.db"));
+  see(gallery, 3, 0, 2);
+  (void)group(gallery);
+  const std::int64_t generation = gallery.generation();
+  const GroupPairs gone{{9, 1}};
+  EXPECT_FALSE(gallery.unite(gone, generation));
+  const GroupPairs chain{{3, 2}, {2, 1}};
+  EXPECT_FALSE(gallery.unite(chain, generation - 1));
+  ASSERT_THAT(gallery.groups(), SizeIs(3));
+  EXPECT_TRUE(gallery.unite(chain, generation));
+  ASSERT_THAT(gallery.groups(), SizeIs(1));
+  EXPECT_EQ(gallery.groups().front().id, 1);
+  EXPECT_EQ(gallery.groups().front().sightings, 6);
 }
 
 TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {

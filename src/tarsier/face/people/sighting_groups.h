@@ -16,15 +16,17 @@ namespace tarsier::face::people {
 
 inline constexpr double kDeepMerges = 0.005;
 inline constexpr double kClassicMerges = 0.05;
+// Of classic templates before a second pass (group_merging.h): what it begins with must be pure.
+inline constexpr double kFirstPassMerges = 0.005;
 
 struct GroupingOptions {
-  // 0: kDeepMerges or kClassicMerges.
+  // 0: kDeepMerges or kClassicMerges; group_sightings() of many classic templates makes two passes then.
   double false_merges = 0;
 
   [[nodiscard]] OptionFields fields() {
     return {{"false_merges", false_merges, range(0, 0.5), "--false-merges",
              "share of pairs of strangers that may be taken for one person; 0: 0.005 of deep, 0.05 "
-             "of classic templates"}};
+             "of classic templates, and a second pass over these from 60 faces on"}};
   }
   void check() const { check_fields(*this); }
 };

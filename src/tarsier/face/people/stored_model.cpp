@@ -84,8 +84,7 @@ bool uses_coordinates(Algorithm algorithm, const Background* background, std::in
     if (!deep)
       throw std::invalid_argument(
           "its templates are deep, and the network that makes them is not there: "
-          "scripts/get-model.sh face-embedding gets it, `people train --template classic` goes "
-          "without");
+          "scripts/get-model.sh face-embedding gets it, option 'template' classic goes without");
     return true;
   }
   return !deep && algorithm == Algorithm::kDefault && has_directions(background) &&

@@ -220,7 +220,7 @@ TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
       settle_templates(gallery, kind, none, false, own);
     } catch (const TemplateError& error) {
       EXPECT_EQ(error.path(), gallery.path());
-      EXPECT_EQ(error.status(), ExitStatus::kBadInput);
+      EXPECT_EQ(error.kind(), ErrorKind::kInput);
       EXPECT_THAT(error.what(), Not(HasSubstr("--")));
       return error.problem();
     }
@@ -248,7 +248,7 @@ TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
     FAIL() << "a network without a background";
   } catch (const TemplateError& error) {
     EXPECT_EQ(error.problem(), TemplateProblem::kNotCalibrated);
-    EXPECT_EQ(error.status(), ExitStatus::kBadModel);
+    EXPECT_EQ(error.kind(), ErrorKind::kModel);
     EXPECT_EQ(error.path(), "face.onnx");
   }
 }

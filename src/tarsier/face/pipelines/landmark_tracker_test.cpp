@@ -116,6 +116,95 @@ TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
   EXPECT_LT((reduced - points).colwise().norm().mean(), 0.08 * eyes);
 }
 
+// The image turned by `degrees`, clockwise, about the middle of some points, and these.
+cv::Mat turned(const cv::Mat& image, double degrees, Eigen::Matrix2Xd& points) {
+  const Eigen::Vector2d middle = points.rowwise().mean();
+  const cv::Matx23d map = cv::getRotationMatrix2D(
+      cv::Point2f(static_cast<float>(middle.x()), static_cast<float>(middle.y())), -degrees, 1);
+  cv::Mat out;
+  cv::warpAffine(image, out, map, image.size(), cv::INTER_CUBIC, cv::BORDER_REPLICATE);
+  for (Eigen::Index i = 0; i < points.cols(); ++i) {
+    const cv::Vec2d to = map * cv::Vec3d(points(0, i), points(1, i), 1);
+    points.col(i) = Eigen::Vector2d(to[0], to[1]);
+  }
+  return out;
+}
+
+LandmarkTracker tracker_with(landmarks::RolledSearch rolled) {
+  LandmarkTrackerOptions options;
+  options.finder.rolled = rolled;
+  return LandmarkTracker::load(models(), options);
+}
+
+TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
+  LandmarkState state;
+  const LandmarkResult upright = tracker().process(frame(0, true), state);
+  ASSERT_EQ(upright.faces.size(), 1U);
+  const LandmarkTracker never = tracker_with(landmarks::RolledSearch::kNever);
+  const LandmarkTracker always = tracker_with(landmarks::RolledSearch::kAlways);
+  const double eyes = (upright.faces[0].points.col(45) - upright.faces[0].points.col(36)).norm();
+  const cv::Mat image = image_;
+  int missed = 0;
+  for (const double degrees : {-60, -45, 45, 60}) {
+    Eigen::Matrix2Xd points = upright.faces[0].points;
+    image_ = turned(image, degrees, points);
+    const auto is_found = [&](const LandmarkResult& result) {
+      return std::any_of(result.faces.begin(), result.faces.end(), [&](const auto& face) {
+        return (face.points - points).colwise().norm().mean() < 0.08 * eyes;
+      });
+    };
+    EXPECT_TRUE(is_found(tracker().process(frame(0, true), state))) << degrees;
+    LandmarkState of_never;
+    missed += is_found(never.process(frame(0, true), of_never)) ? 0 : 1;
+    // A video: found in the first frame, and again after it was lost.
+    LandmarkState video;
+    const LandmarkResult first = tracker().process(frame(0, false), video);
+    EXPECT_TRUE(is_found(first)) << degrees;
+    ASSERT_EQ(first.faces.size(), 1U);
+    video.tracker.tracks.at(0).lost = true;
+    video.tracker.until_search = 100;
+    const LandmarkResult again = tracker().process(frame(1, false), video);
+    EXPECT_TRUE(is_found(again)) << degrees;
+    EXPECT_EQ(again.faces.at(0).id, first.faces[0].id);
+    // One that comes later is found by one of the next two searches.
+    LandmarkState late;
+    cv::Mat empty(image.size(), CV_8UC3, cv::Scalar(90, 90, 90));
+    std::swap(empty, image_);
+    static_cast<void>(tracker().process(frame(0, false), late));
+    std::swap(empty, image_);
+    bool seen = false;
+    for (int k = 1; k <= 2 * tracker().tracking().search_every + 1 && !seen; ++k)
+      seen = is_found(tracker().process(frame(k, false), late));
+    EXPECT_TRUE(seen) << degrees;
+  }
+  EXPECT_GE(missed, 2);
+  // An upright face is found as it is without that search, to the last bit.
+  image_ = image;
+  LandmarkState other;
+  const LandmarkResult without = never.process(frame(0, true), other);
+  EXPECT_EQ(without.faces.at(0).points, upright.faces[0].points);
+  LandmarkState third;
+  const LandmarkResult both = always.process(frame(0, true), third);
+  ASSERT_EQ(both.faces.size(), 1U);
+  EXPECT_EQ(both.faces[0].points, upright.faces[0].points);
+}
+
+// Two faces, one of them rolled: only asked for is it found, as a good one is there.
+TEST_F(Landmarks, OfARolledFaceBesideAnUprightOneAreFoundWhereAsked) {
+  LandmarkState state;
+  const LandmarkResult upright = tracker().process(frame(0, true), state);
+  ASSERT_EQ(upright.faces.size(), 1U);
+  Eigen::Matrix2Xd points = upright.faces[0].points;
+  const cv::Mat rolled = turned(image_, 50, points);
+  cv::hconcat(image_, rolled, image_);
+  const auto count = [&](landmarks::RolledSearch search) {
+    LandmarkState own;
+    return tracker_with(search).process(frame(0, true), own).faces.size();
+  };
+  EXPECT_EQ(count(landmarks::RolledSearch::kAuto), count(landmarks::RolledSearch::kNever));
+  EXPECT_EQ(count(landmarks::RolledSearch::kAlways), 2U);
+}
+
 TEST_F(Landmarks, GrayAndColourGiveTheSame) {
   LandmarkState state;
   const LandmarkResult of_color = tracker().process(frame(0, true), state);

@@ -37,7 +37,7 @@ std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
   auto view = std::make_shared<const head_view::ViewModel>(head_view::read_view_model(path));
   if (view->landmarks() != landmarks) {
     throw ModelError(path, fmt::format("was learnt with {} landmarks, the head has {}: learn it "
-                                       "again with the same --head and --mapping",
+                                       "again with the same head and mapping",
                                        view->landmarks(), landmarks));
   }
   return view;
@@ -102,12 +102,12 @@ PoseModels load_pose_models(const ModelStore& models, const PoseTrackerOptions& 
     if (landmark >= landmarks) {
       throw UsageError(
           fmt::format("the head's points are of a markup with a landmark {}, the landmark model "
-                      "has {}: give --mapping FILE",
+                      "has {}: give a file (option 'mapping')",
                       landmark, landmarks));
     }
   }
   if (result.mapping.landmarks.size() < kMinPoints) {
-    throw UsageError("--mapping: a head's pose needs at least 6 points");
+    throw UsageError("option 'mapping': a head's pose needs at least 6 points");
   }
   const head::HeadModel chosen = head::select_points(*result.head, result.mapping.model_points);
   result.view = load_view(models, options, static_cast<int>(chosen.mirror.size()));

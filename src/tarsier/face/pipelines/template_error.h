@@ -14,12 +14,11 @@ enum class TemplateProblem {
   kNotClassic,       // the other way round
 };
 
-// Of a network's file (exit status kBadModel) or of a gallery (kBadInput); what() names it and the problem.
+// Of a network's file (ErrorKind::kModel) or of a gallery (kInput); what() names it and the problem.
 class TemplateError : public IoError {
  public:
   TemplateError(TemplateProblem problem, std::string path, const std::string& reason)
-      : IoError(problem == TemplateProblem::kNotCalibrated ? ExitStatus::kBadModel
-                                                           : ExitStatus::kBadInput,
+      : IoError(problem == TemplateProblem::kNotCalibrated ? ErrorKind::kModel : ErrorKind::kInput,
                 std::move(path), reason),
         problem_(problem) {}
   [[nodiscard]] TemplateProblem problem() const { return problem_; }

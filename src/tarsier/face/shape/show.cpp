@@ -290,6 +290,12 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
     draw_lines(image, points, connections, kDark, thickness + 1);
     draw_lines(image, points, connections, kLineColor, thickness);
   }
+  TARSIER_REQUIRE(style.sigma_px.size() == 0 || style.sigma_px.size() == points.cols(),
+                  "{} deviations of {} points", style.sigma_px.size(), points.cols());
+  const auto sigma_of = [&](int i) {
+    const double sigma = style.sigma_px.size() > 0 ? style.sigma_px(i) : 0.0;
+    return std::isfinite(sigma) ? std::clamp(sigma, 0.0, side) : 0.0;
+  };
   const std::vector<int> sides = sides_of(points, mirror);
   image::draw::TextStyle text;
   text.height_px = std::clamp(2 * radius, 5.0, 40.0);
@@ -297,13 +303,15 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
     if (!is_drawable(points, i)) continue;
     if (static_cast<std::size_t>(i) < style.hidden.size() &&
         style.hidden[static_cast<std::size_t>(i)]) {
-      constexpr int kShift = 4;
-      const cv::Point at(cvRound(points(0, i) * (1 << kShift)),
-                         cvRound(points(1, i) * (1 << kShift)));
-      const int ring = cvRound(1.3 * radius * (1 << kShift));
-      cv::circle(image, at, ring, kDark, thickness + 1, cv::LINE_AA, kShift);
-      cv::circle(image, at, ring, kHiddenColor, thickness, cv::LINE_AA, kShift);
+      const int ring = cvRound(std::max(1.3 * radius, sigma_of(i)) * (1 << kFractionBits));
+      cv::circle(image, fixed(points, i), ring, kDark, thickness + 1, cv::LINE_AA, kFractionBits);
+      cv::circle(image, fixed(points, i), ring, kHiddenColor, thickness, cv::LINE_AA,
+                 kFractionBits);
       continue;
+    }
+    if (style.all_sigmas && sigma_of(i) > radius) {
+      cv::circle(image, fixed(points, i), cvRound(sigma_of(i) * (1 << kFractionBits)), kPointColor,
+                 1, cv::LINE_AA, kFractionBits);
     }
     const int place = style.symmetry ? sides[static_cast<std::size_t>(i)] : 0;
     image::draw::point(image, {points(0, i), points(1, i)},

@@ -16,6 +16,9 @@ struct LandmarkStyle {
   bool connections = true;
   bool symmetry = false;     // left and right points (as `mirror` has them) in different colours
   std::vector<bool> hidden;  // points that are drawn as rings; empty: none
+  // px, of each point: the radius of its ring, at least that of a ring of unknown deviation; empty: not known.
+  Eigen::VectorXd sigma_px;
+  bool all_sigmas = false;  // thin circles of this radius around the other points, too
 };
 
 // Points, connections and symmetry drawn on an image (CV_8UC3), anti-aliased, sub-pixel. Missing

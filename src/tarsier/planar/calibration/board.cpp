@@ -90,10 +90,11 @@ std::string BoardSpec::text() const {
 
 BoardSpec parse_board(std::string_view text, double pitch) {
   const auto fail = [&](const std::string& reason) {
-    return UsageError(fmt::format(
-        "--board '{}': {}; expected is chess:9x6 (inner corners), charuco:5x7:6x6_250 (squares), "
-        "circles:4x11 (shifted rows) or circles-grid:7x6",
-        printable(text.substr(0, 60)), reason));
+    return UsageError(
+        fmt::format("option 'board' '{}': {}; expected is chess:9x6 (inner corners), "
+                    "charuco:5x7:6x6_250 (squares), "
+                    "circles:4x11 (shifted rows) or circles-grid:7x6",
+                    printable(text.substr(0, 60)), reason));
   };
   const std::vector<std::string_view> parts = split(text, ':');
   const Form* form = nullptr;

@@ -345,7 +345,7 @@ std::vector<std::string> warnings_of(const Camera& camera) {
     if (camera.normalized_of(corner)) continue;
     warnings.emplace_back(
         "the distortion cannot be undone in the image's corners, where no view reaches: take "
-        "views there, or use fewer numbers (--radial 2)");
+        "views there, or fit fewer radial terms (2)");
     break;
   }
   return warnings;
@@ -424,7 +424,7 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
   if (!start) start = start_camera(views, size, first, stop);
   if (!start) {
     result.refusal =
-        "no camera explains these views: check the board's size (--board) and that the images "
+        "no camera explains these views: check the size of the board and that the images "
         "are of one camera";
     return result;
   }

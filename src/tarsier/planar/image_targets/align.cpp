@@ -301,6 +301,7 @@ void align_on_level(const Target& target, const Level& level, const AlignOptions
 
 Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& start,
                 const AlignOptions& options) {
+  options.check();
   Alignment out;
   out.h = start;
   const cv::Size size = target.size();

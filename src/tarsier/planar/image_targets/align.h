@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/image_targets/homography_fit.h"
 #include "tarsier/planar/image_targets/target.h"
 
@@ -13,12 +14,22 @@ namespace tarsier::planar::image_targets {
 // Lucas-Kanade with gain and offset: Baker and Matthews, IJCV 2004), and the homography is fitted
 // to the shifts, robustly; from coarse to fine levels.
 struct AlignOptions {
-  int coarsest_side = 40;   // px of the target on the coarsest level; 16..1000
-  int finest_level = 0;     // of the frame's whole octaves: 1 stops at half the resolution
-  int coarse_patches = 40;  // 8..200
-  int fine_patches = 90;    // 8..200
-  int rounds = 2;           // of shifting and fitting on each level; 1..10
-  double good_match = 0.6;  // least correlation of a patch that fits
+  int coarsest_side = 40;  // px of the target on the coarsest level
+  int finest_level = 0;    // of the frame's whole octaves: 1 stops at half the resolution
+  int coarse_patches = 40;
+  int fine_patches = 90;
+  int rounds = 2;           // of shifting and fitting on each level
+  double good_match = 0.6;  // min correlation of a patch that fits
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"coarsest_side", coarsest_side, range(16, 1000)},
+            {"finest_level", finest_level, range(0, 8)},
+            {"coarse_patches", coarse_patches, range(8, 200)},
+            {"fine_patches", fine_patches, range(8, 200)},
+            {"rounds", rounds, range(1, 10)},
+            {"good_match", good_match, range(0, 1)}};
+  }
+  void check() const { check_fields(*this); }  // throws std::invalid_argument
 };
 
 struct LevelReport {
@@ -38,7 +49,8 @@ struct Alignment {
   double side_px = 0;               // root of the area of the target in the frame
 };
 
-// `frame`: a pyramid of the frame; of its levels only 0, 2, 4 .. are used.
+// `frame`: a pyramid of the frame; of its levels only 0, 2, 4 .. are used. Throws
+// std::invalid_argument for bad options.
 [[nodiscard]] Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& start,
                               const AlignOptions& options);
 

@@ -54,6 +54,7 @@ void show_sightings(DebugSink& debug, const Target& target, const cv::Mat& frame
 void DetectOptions::check() const {
   check_fields(*this);
   features.check();
+  match.check();
 }
 
 bool is_convincing(const Alignment& alignment, const DetectOptions& options) {

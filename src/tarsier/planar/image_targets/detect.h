@@ -26,8 +26,7 @@ struct DetectOptions {
   double max_deviation = 0.03;  // of the least certain corner, as a part of the target's side
 
   [[nodiscard]] OptionFields fields() {
-    return {{"match.candidates", match.candidates, range(2, 64)},
-            {"tries", tries, range(1, 50)},
+    return {{"tries", tries, range(1, 50)},
             {"min_side_px", min_side_px, range(8, 10000)},
             {"good_part", good_part, range(0, 1)},
             {"good_patches", good_patches, range(4, 100)},

@@ -54,6 +54,7 @@ double error_of(const cv::Matx33d& h, const Sighting& s) {
 
 bool fit_homography(cv::Matx33d& h, cv::Size size, std::span<const Sighting> sightings,
                     const HomographyFitOptions& options) {
+  options.check();
   const cv::Matx33d normal = centering(size);
   cv::Matx33d g = h * normal.inv();
   if (!(std::abs(g(2, 2)) > 1e-12)) return false;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core.hpp>
 
 #include <span>
@@ -26,11 +28,20 @@ struct HomographyFitOptions {
   double perspective = 0.15;  // standard deviation of the change of depth from the image's
                               // middle to its corner, as a part of the depth
   bool affine = false;        // no perspective at all
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"iterations", iterations, range(1, 1000)},
+            {"tolerance_px", tolerance_px, above(0)},
+            {"sigma_px", sigma_px, above(0)},
+            {"perspective", perspective, above(0)}};
+  }
+  void check() const { check_fields(*this); }  // throws std::invalid_argument
 };
 
 // Refines `h` (px of the frame from px of the image, of `size`), by Gauss-Newton, to the least
 // sum of robust squared errors weighted by what each sighting knows, plus the prior on perspective.
 // False, and `h` as it was, where fewer than 3 sightings count or the equations are singular.
+// Throws std::invalid_argument for bad options.
 [[nodiscard]] bool fit_homography(cv::Matx33d& h, cv::Size size,
                                   std::span<const Sighting> sightings,
                                   const HomographyFitOptions& options);

@@ -176,6 +176,7 @@ void optimise(Hypothesis& hypothesis, Support support, const std::vector<Placed>
 
 std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
                                   const MatchOptions& options) {
+  options.check();
   std::vector<Match> matches;
   const std::size_t n = target.descriptions.size();
   if (n < 2) return matches;

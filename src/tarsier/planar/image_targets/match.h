@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/image_targets/features.h"
 #include "tarsier/planar/image_targets/target.h"
 
@@ -17,14 +18,24 @@ struct Match {
 };
 
 struct MatchOptions {
-  int candidates = 12;       // by sketch, that are compared in full; 2..64
+  int candidates = 12;       // by sketch, that are compared in full
   int max_bits = 66;         // that differ of a candidate's sketch's 256
   float ratio = 0.92F;       // matches from here on are left out
   float elsewhere = 0.035F;  // of the image's diagonal: farther away is another place
   std::size_t most = 300;    // the best by ratio
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"candidates", candidates, range(2, 64)},
+            {"max_bits", max_bits, range(0, 256)},
+            {"ratio", ratio, above(0)},
+            {"elsewhere", elsewhere, range(0, 1)},
+            {"most", most, range(1, 1'000'000)}};
+  }
+  void check() const { check_fields(*this); }  // throws std::invalid_argument
 };
 
-// For each feature of the frame the target's most alike, best ratio first.
+// For each feature of the frame the target's most alike, best ratio first. Throws
+// std::invalid_argument for bad options.
 [[nodiscard]] std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
                                                 const MatchOptions& options);
 

@@ -225,6 +225,7 @@ double fitting_part(const Alignment& alignment) {
 void TrackOptions::check() const {
   check_fields(*this);
   detect.check();
+  align.check();
 }
 
 std::vector<TrackedTarget> track(const std::vector<Target>& targets, const TrackOptions& options,

@@ -154,14 +154,14 @@ cv::Size2d parse_paper(std::string_view text) {
     }
   }
   throw UsageError(fmt::format(
-      "--page '{}': a3, a4, a5, letter, legal or WIDTHxHEIGHTmm (30..2000 mm) is expected",
+      "option 'page' '{}': a3, a4, a5, letter, legal or WIDTHxHEIGHTmm (30..2000 mm) is expected",
       printable(text.substr(0, 60))));
 }
 
 std::vector<int> parse_ids(std::string_view text, const std::string& family) {
   const markers::Dictionary& dictionary = markers::find_dictionary(family);
   const auto fail = [&](const std::string& reason) {
-    return UsageError(fmt::format("--ids '{}': {}; 0-9 or 3,5,8-10 is expected",
+    return UsageError(fmt::format("option 'ids' '{}': {}; 0-9 or 3,5,8-10 is expected",
                                   printable(text.substr(0, 60)), reason));
   };
   std::vector<int> ids;
@@ -227,8 +227,8 @@ std::vector<Page> marker_pages(const std::string& family, const std::vector<int>
     throw UsageError(fmt::format(
         "a marker of {} mm with its white rim does not fit a page of {}x{} mm: {}", shown(side),
         shown(options.paper.width), shown(options.paper.height),
-        most >= 1 ? fmt::format("--size up to {} mm does, or a larger --page", cvFloor(most))
-                  : "a larger --page or a smaller --margin is needed"));
+        most >= 1 ? fmt::format("a side of up to {} mm does, or a larger page", cvFloor(most))
+                  : "a larger page or a smaller margin is needed"));
   }
   if (side / (dictionary.cells() + 2) < 0.3) {
     throw UsageError(fmt::format("a marker of {} mm has cells of {:.2f} mm: no printer draws them",
@@ -290,9 +290,9 @@ Page board_page(const BoardSpec& spec, const SheetOptions& options) {
         "the board {} with {} mm is {}x{} mm large and does not fit a page of {}x{} mm: {}",
         spec.text(), shown(pitch), shown(print.width), shown(print.height),
         shown(options.paper.width), shown(options.paper.height),
-        most >= 1 ? fmt::format("--square up to {:.1f} mm does, or a larger --page",
+        most >= 1 ? fmt::format("a square of up to {:.1f} mm does, or a larger page",
                                 std::floor(most * 10) / 10)
-                  : "a larger --page or a smaller --margin is needed"));
+                  : "a larger page or a smaller margin is needed"));
   }
   const cv::Point2d origin(0.5 * (page.size.width - print.width),
                            0.5 * (page.size.height - kFoot - print.height));

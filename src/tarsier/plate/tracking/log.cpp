@@ -323,9 +323,7 @@ void PlateLog::remove(std::int64_t id) {
 std::string PlateLog::text_of(std::int64_t id) {
   Statement row(database_, "SELECT text FROM plate WHERE id = ?");
   if (!row.bind(1, id).step())
-    throw InputError(database_.path(), fmt::format("has no entry {}: `plate log --json` shows the "
-                                                   "ids",
-                                                   id));
+    throw MissingEntryError(database_.path(), "plate", fmt::format("has no entry {}", id));
   return row.text(0);
 }
 

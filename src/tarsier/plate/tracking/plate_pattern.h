@@ -17,7 +17,7 @@ inline constexpr std::size_t kMaxText =
 
 // A pattern as people type it ("b-12?4*"), for LogFilter::text. Throws UsageError naming `what`
 // for what no plate can hold.
-[[nodiscard]] std::string plate_pattern(std::string_view text, std::string_view what = "--text");
+[[nodiscard]] std::string plate_pattern(std::string_view text, std::string_view what = "text");
 
 // Whether a text matches a pattern. `near`: both are folded (fold_symbols() of text.h: O, Q and D
 // are 0, I is 1, ..), and one character may be wrong, missing or too many.

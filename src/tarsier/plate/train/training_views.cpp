@@ -255,6 +255,11 @@ void draw_words(cv::Mat& gray, Rng& rng) {
 
 }  // namespace
 
+void ViewOptions::check() const {
+  check_fields(*this);
+  TARSIER_REQUIRE(min_width <= max_width, "plates of {} to {} px", min_width, max_width);
+}
+
 void weather(cv::Mat& gray, double strength, Rng& rng) {
   if (rng.uniform() < 0.7) {
     const double sigma = rng.uniform(0.3, 0.5 + 0.9 * strength);
@@ -330,6 +335,7 @@ void wild_weather(cv::Mat& gray, Rng& rng) {
 }
 
 View ViewMaker::make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const {
+  options.check();
   TARSIER_REQUIRE(!distractors.empty(), "there are no distractors");
   const Distractor& chosen = distractors[static_cast<std::size_t>(
       rng.integer(0, static_cast<int>(distractors.size()) - 1))];
@@ -349,6 +355,7 @@ View ViewMaker::make_distractor(const ViewOptions& options, Rng& rng, Quad& quad
 }
 
 View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
+  options.check();
   TARSIER_REQUIRE(!scenes.empty(), "training needs images");
   View view;
   const double fate = rng.uniform();

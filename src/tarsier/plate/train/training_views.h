@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/plate/networks/quad.h"
 #include "tarsier/synth/plates.h"
@@ -79,6 +80,18 @@ struct ViewOptions {
   bool centred = false;  // the plate near the view's middle
   bool lawful = false;  // the drawn plate's text is of its kind's layouts, never groups of anything
   bool wild = false;    // the drawn plate and the camera as bad as they are met
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(16, 4096)},
+            {"size.height", size.height, range(16, 4096)},
+            {"min_width", min_width, above(0, 4096)},
+            {"max_width", max_width, above(0, 4096)},
+            {"drawn", drawn, range(0, 1)},
+            {"none", none, range(0, 1)},
+            {"yaw_deg", yaw_deg, range_below(0, 90)},
+            {"roll_deg", roll_deg, range(0, 180)}};
+  }
+  void check() const;  // throws std::invalid_argument
 };
 
 // Something in an image that a detector took for a plate.

@@ -117,7 +117,7 @@ class DenseRun {
     const auto registered = std::count_if(model.images.begin(), model.images.end(),
                                           [](const Image& one) { return one.registered; });
     if (registered < 2) {
-      throw Error(ExitStatus::kBadInput,
+      throw Error(ErrorKind::kInput,
                   fmt::format("the model has {} registered image{}; depth needs two at least",
                               registered, registered == 1 ? "" : "s"));
     }
@@ -161,8 +161,9 @@ class DenseRun {
       if (options_.min_depth > 0) its.min_depth = options_.min_depth;
       if (options_.max_depth > 0) its.max_depth = options_.max_depth;
       if (!its.sources.empty() && !(its.min_depth < its.max_depth)) {
-        its.reason = fmt::format("its depths would be from {} to {}: see --min-depth, --max-depth",
-                                 its.min_depth, its.max_depth);
+        its.reason =
+            fmt::format("its depths would be from {} to {}: they contradict the limits given",
+                        its.min_depth, its.max_depth);
         its.sources.clear();
       }
       image(i).reason = its.reason;
@@ -174,7 +175,7 @@ class DenseRun {
         ++with_sources;
     }
     if (with_sources == 0) {
-      throw Error(ExitStatus::kBadInput, "no image can be compared with another one: " + reason);
+      throw Error(ErrorKind::kInput, "no image can be compared with another one: " + reason);
     }
     for (int i = 0; i < workspace_.count(); ++i) {
       if (choice(i).sources.empty())
@@ -195,7 +196,7 @@ class DenseRun {
     if (affordable < scale) {
       log_warning(
           "{}: is looked at {:.2f} times smaller, not {:.2f}, to need no more than {} GB "
-          "(--memory)",
+          "of memory",
           workspace_.name(i), 1 / affordable, 1 / scale, options_.memory_gb);
       scale = affordable;
     }

@@ -142,7 +142,7 @@ void Cache::store(const std::string& key, const MapperState& state) const {
   // Those of other options or images are large.
   const auto root = [](const fs::path& file) {
     const std::string stem = file.stem().string();
-    return stem.ends_with(kAgain) ? stem.substr(0, stem.size() - kAgain.size()) : stem;
+    return stem.substr(0, stem.find(kAgain.front()));
   };
   for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
     if (entry.path().extension() == kCheckpointEnding && root(entry.path()) != root(path))

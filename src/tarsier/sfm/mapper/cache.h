@@ -38,9 +38,10 @@ class Cache {
   [[nodiscard]] std::optional<FlowResult> flow(const std::string& key) const;
   void store(const std::string& key, const FlowResult& flow) const;
 
-  // Where the mapper was. A first one under a key removes those of other keys, but for one and the same with kAgain at its
-  // end, of images that were mapped twice.
+  // Where the mapper was. A first one under a key removes those of other keys, but for one and the same with kAgain or
+  // kJudged at its end, of images that were mapped, or whose models were judged, with other lenses.
   static constexpr std::string_view kAgain = "-2";
+  static constexpr std::string_view kJudged = "-3";
   [[nodiscard]] std::optional<MapperState> checkpoint(const std::string& key) const;
   void store(const std::string& key, const MapperState& state) const;
 

@@ -10,13 +10,14 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <numeric>
 
 namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxBytes = 16'000'000'000;
-constexpr std::int32_t kVersion = 2;  // of what follows
+constexpr std::int32_t kVersion = 3;  // of what follows
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -54,6 +55,38 @@ bool are_observations(const std::vector<Observation>& all, const std::vector<Ima
     return is_index(seen.image, images.size()) &&
            is_index(seen.feature, images[at(seen.image)].features.size());
   });
+}
+
+bool are_ascending(const std::vector<int>& indices, std::size_t size) {
+  return std::all_of(indices.begin(), indices.end(), [&](int i) { return is_index(i, size); }) &&
+         std::is_sorted(indices.begin(), indices.end(), std::less_equal<>());
+}
+
+void put(PackedWriter& writer, const GlobalStartState& state) {
+  writer.put(std::array<std::int32_t, 3>{state.image, state.step, state.round});
+  writer.put(state.edges);
+  writer.put(state.nodes);
+  writer.put(state.rotations);
+  put(writer, state.model);
+  writer.put(state.points);
+  writer.put(state.doubts);
+  put(writer, state.log);
+}
+
+GlobalStartState get_global_start(PackedReader& reader) {
+  GlobalStartState state;
+  const auto numbers = reader.get<std::array<std::int32_t, 3>>();
+  state.image = numbers[0];
+  state.step = numbers[1];
+  state.round = numbers[2];
+  state.edges = reader.get_all<int>();
+  state.nodes = reader.get_all<int>();
+  state.rotations = reader.get_all<Eigen::Matrix3d>();
+  state.model = get_packed_model(reader);
+  state.points = reader.get_all<Eigen::Vector3d>();
+  state.doubts = reader.get_all<Doubt>();
+  state.log = get_texts(reader);
+  return state;
 }
 
 }  // namespace
@@ -151,8 +184,24 @@ int MapperState::registered() const {
   return static_cast<int>(count);
 }
 
+bool fits(const GlobalStartState& state, std::size_t pairs, std::size_t cameras,
+          const std::vector<Image>& images) {
+  if (!are_ascending(state.edges, pairs) || state.doubts.size() != pairs || state.round < 0)
+    return false;
+  if (state.step == GlobalStartState::kRotations || state.step == GlobalStartState::kRefused)
+    return true;
+  if (!are_ascending(state.nodes, images.size()) || state.nodes.size() != state.rotations.size())
+    return false;
+  if (state.step == GlobalStartState::kPositions) return true;
+  return state.step == GlobalStartState::kAdjustment && fits(state.model, cameras, images);
+}
+
 bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
           const std::vector<Image>& images, std::size_t pairs) {
+  if (!state.patch_doubts.empty() && state.patch_doubts.size() != pairs) return false;
+  if (state.start && !is_index(state.start->image, images.size())) return false;
+  for (const MapperState& each : state.tries)
+    if (!each.tries.empty() || !fits(each, cameras, images, pairs)) return false;
   if (state.reasons.size() != images.size() || state.doubts.size() != pairs) return false;
   if (state.has_aside && state.models.empty()) return false;
   for (const PackedModel& model : state.models)
@@ -169,9 +218,9 @@ bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras
                      [&](const auto& track) { return are_observations(track, images); });
 }
 
-void write_checkpoint(const std::string& path, const MapperState& state) {
-  PackedWriter writer;
-  writer.put(kVersion);
+namespace {
+
+void put(PackedWriter& writer, const MapperState& state) {
   writer.put(static_cast<std::uint64_t>(state.models.size()));
   for (const PackedModel& model : state.models) put(writer, model);
   put(writer, state.log);
@@ -190,6 +239,54 @@ void write_checkpoint(const std::string& path, const MapperState& state) {
     writer.put(std::array<std::int32_t, 2>{image, points});
   writer.put(std::array<std::int32_t, 5>{state.adjusted_at, state.stage, state.round,
                                          state.has_aside ? 1 : 0, state.is_global ? 1 : 0});
+  writer.put(static_cast<std::int32_t>(state.start.has_value()));
+  if (state.start) put(writer, *state.start);
+  put(writer, state.patch_doubts);
+  writer.put(static_cast<std::uint64_t>(state.tries.size()));
+  for (const MapperState& each : state.tries) put(writer, each);
+}
+
+MapperState get_state(PackedReader& reader, bool is_try) {
+  MapperState state;
+  const auto models = reader.get<std::uint64_t>();
+  for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_packed_model(reader));
+  state.log = get_texts(reader);
+  state.reasons = get_texts(reader);
+  state.doubts = reader.get_all<Doubt>();
+  state.done = reader.get<std::int32_t>() != 0;
+  if (reader.get<std::int32_t>() != 0) {
+    IncrementalMapperState& current = state.current.emplace();
+    current.model = get_packed_model(reader);
+    current.ray_cameras = get_cameras(reader);
+    const auto tracks = reader.get<std::uint64_t>();
+    for (std::uint64_t k = 0; k < tracks; ++k)
+      current.tracks.push_back(reader.get_all<Observation>());
+  }
+  const auto failed = reader.get<std::uint64_t>();
+  for (std::uint64_t k = 0; k < failed; ++k) {
+    const auto numbers = reader.get<std::array<std::int32_t, 2>>();
+    state.failed.emplace_back(numbers[0], numbers[1]);
+  }
+  const auto numbers = reader.get<std::array<std::int32_t, 5>>();
+  state.adjusted_at = numbers[0];
+  state.stage = numbers[1];
+  state.round = numbers[2];
+  state.has_aside = numbers[3] != 0;
+  state.is_global = numbers[4] != 0;
+  if (reader.get<std::int32_t>() != 0) state.start = get_global_start(reader);
+  state.patch_doubts = get_texts(reader);
+  const auto tries = reader.get<std::uint64_t>();
+  if (is_try && tries > 0) throw Damaged();
+  for (std::uint64_t k = 0; k < tries; ++k) state.tries.push_back(get_state(reader, true));
+  return state;
+}
+
+}  // namespace
+
+void write_checkpoint(const std::string& path, const MapperState& state) {
+  PackedWriter writer;
+  writer.put(kVersion);
+  put(writer, state);
   writer.write(path);
 }
 
@@ -197,33 +294,7 @@ std::optional<MapperState> read_checkpoint(const std::string& path) {
   try {
     PackedReader reader(path, kMaxBytes);
     if (reader.get<std::int32_t>() != kVersion) return std::nullopt;
-    MapperState state;
-    const auto models = reader.get<std::uint64_t>();
-    for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_packed_model(reader));
-    state.log = get_texts(reader);
-    state.reasons = get_texts(reader);
-    state.doubts = reader.get_all<Doubt>();
-    state.done = reader.get<std::int32_t>() != 0;
-    if (reader.get<std::int32_t>() != 0) {
-      IncrementalMapperState& current = state.current.emplace();
-      current.model = get_packed_model(reader);
-      current.ray_cameras = get_cameras(reader);
-      const auto tracks = reader.get<std::uint64_t>();
-      for (std::uint64_t k = 0; k < tracks; ++k)
-        current.tracks.push_back(reader.get_all<Observation>());
-    }
-    const auto failed = reader.get<std::uint64_t>();
-    for (std::uint64_t k = 0; k < failed; ++k) {
-      const auto numbers = reader.get<std::array<std::int32_t, 2>>();
-      state.failed.emplace_back(numbers[0], numbers[1]);
-    }
-    const auto numbers = reader.get<std::array<std::int32_t, 5>>();
-    state.adjusted_at = numbers[0];
-    state.stage = numbers[1];
-    state.round = numbers[2];
-    state.has_aside = numbers[3] != 0;
-    state.is_global = numbers[4] != 0;
-    return state;
+    return get_state(reader, false);
   } catch (const Damaged&) {
   } catch (const InputError&) {
   }

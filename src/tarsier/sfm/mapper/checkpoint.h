@@ -48,6 +48,29 @@ struct IncrementalMapperState {
   std::vector<std::vector<Observation>> tracks;  // where they are not those of the pairs any more
 };
 
+// All poses at once (global_start.h), between two of its steps.
+struct GlobalStartState {
+  enum Step {
+    kRotations,
+    kPositions,
+    kAdjustment,
+    kRefused  // has nothing but the image
+  };
+  int image = -1;  // one of the component that is mapped
+  int step = kRotations;
+  int round = 0;                           // of the step
+  std::vector<int> edges;                  // which of the component's pairs are left, ascending
+  std::vector<int> nodes;                  // images that they join, ascending; from kPositions on
+  std::vector<Eigen::Matrix3d> rotations;  // camera_from_world of each node, the same
+  PackedModel model;                       // from kAdjustment on; without points
+  std::vector<Eigen::Vector3d> points;     // of each track, the same
+  std::vector<Doubt> doubts;               // of each of the component's pairs
+  std::vector<std::string> log;            // of these steps
+};
+// Whether every index is one of so many pairs of a component, cameras and images. Of the points the tracks decide.
+[[nodiscard]] bool fits(const GlobalStartState& state, std::size_t pairs, std::size_t cameras,
+                        const std::vector<Image>& images);
+
 struct MapperState {
   std::vector<PackedModel> models;  // that are done
   bool has_aside =
@@ -62,11 +85,16 @@ struct MapperState {
   int adjusted_at = 0;                            // images in it when all of it was last adjusted
   int stage = 0;                                  // 0: images are added; then the steps of the end
   int round = 0;                                  // of the stage
+  std::optional<GlobalStartState> start;          // where all poses are being found at once
+  // Of images that are mapped again from their strongest pairs (strong_pairs.h), once the above is done: what is said
+  // against each pair by its patches, and each try so far. A try has no tries of its own.
+  std::vector<std::string> patch_doubts;
+  std::vector<MapperState> tries;
   // Images in all models.
   [[nodiscard]] int registered() const;
 };
 
-// Whether every index is one of so many images, features, cameras and pairs.
+// Whether every index is one of so many images, features, cameras and pairs; but for those of `start`.
 [[nodiscard]] bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
                         const std::vector<Image>& images, std::size_t pairs);
 

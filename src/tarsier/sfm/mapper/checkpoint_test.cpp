@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/checkpoint.h"
 
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/mapper/cache.h"
 #include "tarsier/sfm/scene/testing_model.h"
 
 #include <gtest/gtest.h>
@@ -35,6 +36,21 @@ MapperState some_state() {
   state.round = 1;
   state.has_aside = true;
   state.is_global = true;
+  GlobalStartState& start = state.start.emplace();
+  start.image = 2;
+  start.step = GlobalStartState::kAdjustment;
+  start.round = 3;
+  start.edges = {0, 2};
+  start.nodes = {0, 3};
+  start.rotations = {model.images[0].pose.rotation, model.images[3].pose.rotation};
+  start.model = packed(model);
+  start.points = {Eigen::Vector3d(1, 2, 3)};
+  start.doubts = {Doubt::kNone, Doubt::kCycles, Doubt::kNone};
+  start.log = {"global"};
+  state.patch_doubts = {"", "patches differ", ""};
+  MapperState of_try = state;
+  of_try.log = {"of a try"};
+  state.tries = {of_try, of_try};
   return state;
 }
 
@@ -66,6 +82,21 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   EXPECT_EQ(read->is_global, state.is_global);
   EXPECT_FALSE(read->done);
   EXPECT_EQ(read->registered(), 8);
+  ASSERT_TRUE(read->start);
+  EXPECT_EQ(read->start->image, 2);
+  EXPECT_EQ(read->start->step, GlobalStartState::kAdjustment);
+  EXPECT_EQ(read->start->round, 3);
+  EXPECT_EQ(read->start->edges, state.start->edges);
+  EXPECT_EQ(read->start->nodes, state.start->nodes);
+  EXPECT_EQ(read->start->rotations, state.start->rotations);
+  EXPECT_EQ(read->start->model.registered, state.start->model.registered);
+  EXPECT_EQ(read->start->points, state.start->points);
+  EXPECT_EQ(read->start->doubts, state.start->doubts);
+  EXPECT_EQ(read->start->log, state.start->log);
+  EXPECT_EQ(read->patch_doubts, state.patch_doubts);
+  ASSERT_EQ(read->tries.size(), 2U);
+  EXPECT_EQ(read->tries[1].log, state.tries[1].log);
+  EXPECT_EQ(read->tries[1].registered(), 8);
   ASSERT_TRUE(read->current);
   EXPECT_EQ(read->current->tracks, state.current->tracks);
   EXPECT_EQ(read->current->ray_cameras[1].fx, state.current->ray_cameras[1].fx);
@@ -107,6 +138,53 @@ TEST_F(Checkpoint, MustFitTheImages) {
   EXPECT_TRUE(fits(state, model.cameras, model.images, 3));
   state.models.clear();
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
+  state = some_state();
+  state.patch_doubts.pop_back();
+  EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
+  state = some_state();
+  state.tries[1].reasons.pop_back();
+  EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
+  state = some_state();
+  state.start->image = 100;
+  EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
+}
+
+TEST(Checkpoints, OfAGlobalStartMustFitItsPairs) {
+  const Model model = synthetic_model();
+  const auto fits_now = [&](const GlobalStartState& state) {
+    return fits(state, 3, model.cameras.size(), model.images);
+  };
+  const GlobalStartState good = *some_state().start;
+  EXPECT_TRUE(fits_now(good));
+  EXPECT_FALSE(fits(good, 2, model.cameras.size(), model.images));
+  GlobalStartState bad = good;
+  bad.edges = {2, 0};
+  EXPECT_FALSE(fits_now(bad));
+  bad = good;
+  bad.nodes = {0, 100};
+  EXPECT_FALSE(fits_now(bad));
+  bad = good;
+  bad.rotations.pop_back();
+  EXPECT_FALSE(fits_now(bad));
+  bad = good;
+  bad.model.registered.back() = 100;
+  EXPECT_FALSE(fits_now(bad));
+  bad = good;
+  bad.step = 17;
+  EXPECT_FALSE(fits_now(bad));
+}
+
+TEST_F(Checkpoint, OnlyThoseOfTheLatestImagesAreKept) {
+  const Cache cache(folder_);
+  const std::string first(32, 'a');
+  const std::string other(32, 'b');
+  const std::string again = first + std::string(Cache::kAgain);
+  const std::string judged = first + std::string(Cache::kJudged);
+  for (const std::string& key : {first, again, judged}) cache.store(key, some_state());
+  for (const std::string& key : {first, again, judged}) EXPECT_TRUE(cache.checkpoint(key)) << key;
+  cache.store(other, some_state());
+  EXPECT_TRUE(cache.checkpoint(other));
+  for (const std::string& key : {first, again, judged}) EXPECT_FALSE(cache.checkpoint(key)) << key;
 }
 
 TEST_F(Checkpoint, ADamagedOneIsNone) {

@@ -47,22 +47,114 @@ class GlobalMapping {
  public:
   GlobalMapping(const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
                 const std::vector<const Pair*>& pairs, const MapperOptions& options,
-                const std::stop_token& stop)
-      : images_(images), pairs_(pairs), options_(options), stop_(stop) {
+                const std::stop_token& stop, const GlobalStartHooks& hooks)
+      : images_(images), pairs_(pairs), options_(options), stop_(stop), hooks_(hooks) {
     start_.model.cameras = cameras;
     start_.doubts.assign(pairs.size(), Doubt::kNone);
     given_.resize(pairs.size());
-    std::iota(given_.begin(), given_.end(), std::size_t{0});
+    std::iota(given_.begin(), given_.end(), 0);
+    std::vector<char> is_in(images_.size(), 0);
+    for (const Pair* pair : pairs_) {
+      is_in[at(pair->first)] = is_in[at(pair->second)] = 1;
+      edges_.push_back({pair->first, pair->second, pair->view.second_from_first.rotation,
+                        static_cast<double>(pair->view.inliers.size())});
+    }
+    total_ = static_cast<int>(std::count(is_in.begin(), is_in.end(), 1));
+    if (!pairs_.empty()) image_ = pairs_.front()->first;
+  }
+
+  // Takes up the work where another process was; false: the state is of other images or pairs, and this must not be used.
+  bool restore(const GlobalStartState& from) {
+    if (from.step == GlobalStartState::kRefused ||
+        !fits(from, pairs_.size(), start_.model.cameras.size(), images_))
+      return false;
+    std::vector<char> is_left(pairs_.size(), 0);
+    for (const int e : from.edges) is_left[at(e)] = 1;
+    keep_edges(Doubt::kNone, [&](std::size_t e) { return is_left[e] != 0; });
+    start_.doubts = from.doubts;
+    start_.log = from.log;
+    step_ = from.step;
+    round_ = from.round;
+    if (step_ == GlobalStartState::kRotations) return true;
+    number_nodes(from.nodes);
+    for (const RelativeRotation& edge : edges_)
+      if (node_of_[at(edge.first)] < 0 || node_of_[at(edge.second)] < 0) return false;
+    rotations_ = from.rotations;
+    if (step_ == GlobalStartState::kPositions) return true;
+    choose_tracks();
+    if (tracks_.size() != from.points.size() || from.model.points != 0) return false;
+    Model& model = start_.model;
+    model.images = images_;
+    for (Image& image : model.images) image.registered = false;
+    unpack(from.model, model);
+    model.points.resize(tracks_.size());
+    for (std::size_t p = 0; p < tracks_.size(); ++p) model.points[p].position = from.points[p];
+    return true;
   }
 
   GlobalStart run() {
-    make_graph();
-    if (find_rotations() && find_positions()) refine();
+    if (step_ == kBegin) {
+      make_graph();
+      keep(GlobalStartState::kRotations, 0);
+    }
+    bool is_good = true;
+    if (step_ == GlobalStartState::kRotations) {
+      is_good = find_rotations();
+      if (is_good) keep(GlobalStartState::kPositions, 0);
+    }
+    if (is_good && step_ == GlobalStartState::kPositions) {
+      is_good = find_positions();
+      if (is_good) keep(GlobalStartState::kAdjustment, 0);
+    }
+    if (is_good) refine();
     if (!start_.refusal.empty()) start_.model = {};
     return std::move(start_);
   }
 
+  // Of what was restored.
+  std::optional<GlobalModelSoFar> model_so_far() {
+    if (step_ != GlobalStartState::kAdjustment) return std::nullopt;
+    const std::size_t round = std::min(at(round_), std::size(kRounds) - 1);
+    filter(kRounds[round].threshold * options_.reprojection_px);
+    keep_connected();
+    if (statistics_of(start_.model).registered < 2) return std::nullopt;
+    return GlobalModelSoFar{std::move(start_.model), std::move(tracks_)};
+  }
+
  private:
+  static constexpr int kBegin = -1;  // before the first of GlobalStartState's steps
+
+  // The work is about to do this round of this step.
+  void keep(GlobalStartState::Step step, int round) {
+    step_ = step;
+    round_ = round;
+    if (hooks_.keep) hooks_.keep(state());
+    throw_if_stopped(stop_);
+  }
+
+  [[nodiscard]] GlobalStartState state() const {
+    GlobalStartState state;
+    state.image = image_;
+    state.step = step_;
+    state.round = round_;
+    state.edges = given_;
+    state.doubts = start_.doubts;
+    state.log = start_.log;
+    if (step_ == GlobalStartState::kRotations) return state;
+    state.nodes = nodes_;
+    state.rotations = rotations_;
+    if (step_ == GlobalStartState::kPositions) return state;
+    const Model& model = start_.model;
+    state.model.cameras = model.cameras;
+    for (std::size_t i = 0; i < model.images.size(); ++i) {
+      if (!model.images[i].registered) continue;
+      state.model.registered.push_back(static_cast<int>(i));
+      state.model.poses.push_back(model.images[i].pose);
+    }
+    for (const Point& point : model.points) state.points.push_back(point.position);
+    return state;
+  }
+
   template <typename... Parts>
   bool refuse(fmt::format_string<Parts...> text, Parts&&... parts) {
     start_.refusal = fmt::format(text, std::forward<Parts>(parts)...);
@@ -72,13 +164,6 @@ class GlobalMapping {
   // --- the view graph ---
 
   void make_graph() {
-    std::vector<char> is_in(images_.size(), 0);
-    for (const Pair* pair : pairs_) is_in[at(pair->first)] = is_in[at(pair->second)] = 1;
-    total_ = static_cast<int>(std::count(is_in.begin(), is_in.end(), 1));
-    for (const Pair* pair : pairs_) {
-      edges_.push_back({pair->first, pair->second, pair->view.second_from_first.rotation,
-                        static_cast<double>(pair->view.inliers.size())});
-    }
     const std::vector<CycleSupport> support =
         check_cycles(static_cast<int>(images_.size()), edges_, kCycleDeg);
     std::size_t closed = 0;
@@ -102,7 +187,7 @@ class GlobalMapping {
     std::size_t kept = 0;
     for (std::size_t e = 0; e < edges_.size(); ++e) {
       if (!keep(e)) {
-        start_.doubts[given_[e]] = why_not;
+        start_.doubts[at(given_[e])] = why_not;
         continue;
       }
       edges_[kept] = edges_[e];
@@ -116,10 +201,14 @@ class GlobalMapping {
 
   // Numbers the images of the largest part of the graph, and leaves the edges of others out.
   void keep_largest_component() {
-    nodes_ = largest_component(static_cast<int>(images_.size()), edges_);
+    number_nodes(largest_component(static_cast<int>(images_.size()), edges_));
+    keep_edges(Doubt::kNone, [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
+  }
+
+  void number_nodes(std::vector<int> images) {
+    nodes_ = std::move(images);
     node_of_.assign(images_.size(), -1);
     for (std::size_t n = 0; n < nodes_.size(); ++n) node_of_[at(nodes_[n])] = static_cast<int>(n);
-    keep_edges(Doubt::kNone, [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
   }
 
   // The edges by the numbers of nodes.
@@ -135,7 +224,7 @@ class GlobalMapping {
   // --- rotations ---
 
   bool find_rotations() {
-    for (int round = 0;; ++round) {
+    for (int round = round_;; ++round) {
       keep_largest_component();
       if (nodes_.size() < 3 || static_cast<double>(nodes_.size()) < kMinShare * total_)
         return refuse("only {} of {} images hang together by pairs that agree", nodes_.size(),
@@ -153,6 +242,7 @@ class GlobalMapping {
           "more than {} and are left out",
           nodes_.size(), before, sorted[sorted.size() / 2], before - edges_.size(), kRotationDeg));
       if (edges_.size() == before || round == 3) return true;
+      keep(GlobalStartState::kRotations, round + 1);
     }
   }
 
@@ -262,19 +352,21 @@ class GlobalMapping {
     const int steps = radius(static_cast<int>(nodes_.size()), edges_of_nodes());
     const double share = std::min(1.0, kLongRadius / std::max(1, steps));
     const double tolerance = kTolerance * share * share;
-    for (const Round& round : kRounds) {
+    for (std::size_t k = at(round_); k < std::size(kRounds); ++k) {
+      const Round& round = kRounds[k];
       filter(round.threshold * options_.reprojection_px);
       keep_connected();
       BundleOptions bundle;
       bundle.loss_px = round.loss_px;
       bundle.max_iterations = kMaxSteps;
-      const bool is_between = &round != std::begin(kRounds) && &round != std::end(kRounds) - 1;
+      const bool is_between = k > 0 && k + 1 < std::size(kRounds);
       bundle.tolerance = is_between ? kTolerance : tolerance;
       bundle.focal = options_.refine_focal && round.threshold < 10;
       bundle.distortion = options_.refine_distortion && round.threshold < 5;
       const BundleReport report = adjust(model, bundle, stop_);
       if (!report.trouble.empty())
         start_.log.push_back(fmt::format("global: an adjustment: {}", report.trouble));
+      keep(GlobalStartState::kAdjustment, static_cast<int>(k) + 1);
     }
     filter(options_.reprojection_px);
     keep_connected();
@@ -330,9 +422,13 @@ class GlobalMapping {
 
   const std::vector<Image>& images_;
   std::vector<const Pair*> pairs_;  // of edges_
-  std::vector<std::size_t> given_;  // of edges_: which of the pairs that were given
+  std::vector<int> given_;          // of edges_: which of the pairs that were given
   const MapperOptions& options_;
   const std::stop_token& stop_;
+  const GlobalStartHooks& hooks_;
+  int step_ = kBegin;  // GlobalStartState::step of what is done next
+  int round_ = 0;      // of it
+  int image_ = -1;     // one of the pairs
   GlobalStart start_;
   int total_ = 0;                        // images that are in a pair
   std::vector<RelativeRotation> edges_;  // between images
@@ -346,8 +442,25 @@ class GlobalMapping {
 
 GlobalStart start_globally(const std::vector<geometry::Camera>& cameras,
                            const std::vector<Image>& images, const std::vector<const Pair*>& pairs,
-                           const MapperOptions& options, const std::stop_token& stop) {
-  return GlobalMapping(cameras, images, pairs, options, stop).run();
+                           const MapperOptions& options, const std::stop_token& stop,
+                           const GlobalStartHooks& hooks) {
+  if (hooks.from != nullptr) {
+    GlobalMapping mapping(cameras, images, pairs, options, stop, hooks);
+    if (mapping.restore(*hooks.from)) return mapping.run();
+  }
+  return GlobalMapping(cameras, images, pairs, options, stop, hooks).run();
+}
+
+std::optional<GlobalModelSoFar> model_so_far(const GlobalStartState& state,
+                                             const std::vector<geometry::Camera>& cameras,
+                                             const std::vector<Image>& images,
+                                             const std::vector<const Pair*>& pairs,
+                                             const MapperOptions& options) {
+  const std::stop_token never;
+  const GlobalStartHooks none;
+  GlobalMapping mapping(cameras, images, pairs, options, never, none);
+  if (!mapping.restore(state)) return std::nullopt;
+  return mapping.model_so_far();
 }
 
 }  // namespace tarsier::sfm

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/mapper.h"
 #include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
 
+#include <functional>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -16,6 +19,15 @@ struct GlobalStart {
   std::string refusal;        // why there is none, or ""
   std::vector<Doubt> doubts;  // of each of the pairs: why it was left out
   std::vector<std::string> log;
+};
+
+// Both may be empty.
+struct GlobalStartHooks {
+  // Sees where the work is after the graph is checked, each averaging of rotations, the positions, and each adjustment.
+  std::function<void(GlobalStartState state)> keep;
+  // Continues from there, with the same arguments otherwise: the result is the same, to the last bit. One that does not
+  // fit them is ignored. Is not read any more once `keep` was called.
+  const GlobalStartState* from = nullptr;
 };
 
 // All poses of a set of images at once, without a first pair (Moulon, Monasse and Marlet, Global fusion of relative
@@ -33,6 +45,19 @@ struct GlobalStart {
 [[nodiscard]] GlobalStart start_globally(const std::vector<geometry::Camera>& cameras,
                                          const std::vector<Image>& images,
                                          const std::vector<const Pair*>& pairs,
-                                         const MapperOptions& options, const std::stop_token& stop);
+                                         const MapperOptions& options, const std::stop_token& stop,
+                                         const GlobalStartHooks& hooks = {});
+
+// The model at one of its steps, as rough as it is there: `tracks` are of its points, in the same order, and the points that
+// no image shows are none. Nothing before there are positions, where fewer than two images agree on them, and where the
+// state does not fit the other arguments, which are those of start_globally().
+struct GlobalModelSoFar {
+  Model model;
+  std::vector<std::vector<Observation>> tracks;
+};
+[[nodiscard]] std::optional<GlobalModelSoFar> model_so_far(
+    const GlobalStartState& state, const std::vector<geometry::Camera>& cameras,
+    const std::vector<Image>& images, const std::vector<const Pair*>& pairs,
+    const MapperOptions& options);
 
 }  // namespace tarsier::sfm

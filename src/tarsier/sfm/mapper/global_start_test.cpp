@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/global_start.h"
 
+#include "tarsier/core/errors.h"
 #include "tarsier/core/testing_long.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/mapper/open_loops.h"
@@ -16,7 +17,11 @@
 #include <algorithm>
 #include <cstdlib>
 #include <numeric>
+#include <optional>
+#include <set>
+#include <stop_token>
 #include <string>
+#include <tuple>
 
 namespace tarsier::sfm {
 namespace {
@@ -89,10 +94,174 @@ int registered(const Reconstruction& built) {
 
 void expect_same(const Reconstruction& built, const Reconstruction& expected) {
   EXPECT_EQ(built.log, expected.log);
+  EXPECT_EQ(built.trust, expected.trust);
   ASSERT_EQ(built.models.size(), expected.models.size());
-  for (std::size_t i = 0; i < expected.models[0].images.size(); ++i)
-    EXPECT_EQ(built.models[0].images[i].pose.translation,
-              expected.models[0].images[i].pose.translation);
+  for (std::size_t m = 0; m < expected.models.size(); ++m) {
+    const Model& model = built.models[m];
+    const Model& other = expected.models[m];
+    for (std::size_t i = 0; i < other.images.size(); ++i)
+      EXPECT_EQ(model.images[i].pose.translation, other.images[i].pose.translation);
+    ASSERT_EQ(model.points.size(), other.points.size());
+    for (std::size_t p = 0; p < other.points.size(); ++p) {
+      EXPECT_EQ(model.points[p].position, other.points[p].position);
+      EXPECT_EQ(model.points[p].track, other.points[p].track);
+    }
+  }
+}
+
+// Two rings of which no pair has images of both, and a few pairs that contradict the others.
+Given two_rings() {
+  Given result = given(synth::SiteKind::kRing, 30);
+  Given other = given(synth::SiteKind::kRing, 24, 150);
+  const int shift = 30;
+  for (Image& image : other.images) {
+    image.name += "b";
+    result.images.push_back(std::move(image));
+  }
+  for (auto& colors : other.colors) result.colors.push_back(std::move(colors));
+  for (Pair& pair : other.pairs) {
+    pair.first += shift;
+    pair.second += shift;
+    result.pairs.push_back(std::move(pair));
+  }
+  for (std::size_t k = 7; k < result.pairs.size(); k += 40) {
+    geometry::Rigid3& pose = result.pairs[k].view.second_from_first;
+    pose.rotation = geometry::rotation_by({0, 0.4, 0}) * pose.rotation;
+  }
+  return result;
+}
+
+// Runs it with a checkpoint at every step; returns these.
+std::vector<MapperState> states_of(const Given& given, MapperChoice choice, Reconstruction& built) {
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  hooks.keep_every_s = 0;
+  built = run(given, choice, 250, hooks);
+  return states;
+}
+
+TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
+  const Given site = two_rings();
+  Reconstruction whole;
+  const std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
+  ASSERT_EQ(whole.models.size(), 2U);
+  std::set<std::tuple<std::size_t, int, int>> seen;  // models before, step, round
+  for (const MapperState& state : states) {
+    if (!state.start) continue;
+    EXPECT_FALSE(state.current);
+    const auto here = std::tuple(state.models.size(), state.start->step, state.start->round);
+    if (!seen.insert(here).second) continue;
+    MapperHooks hooks;
+    hooks.from = state;
+    hooks.keep_every_s = 0;
+    std::optional<MapperState> next;
+    hooks.keep = [&](const MapperState& kept) {
+      if (!next) next = kept;
+    };
+    expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
+    // What was done is not done again.
+    ASSERT_TRUE(next);
+    if (next->start) {
+      EXPECT_GT(std::tuple(next->models.size(), next->start->step, next->start->round), here);
+    }
+  }
+  for (std::size_t models = 0; models < 2; ++models) {
+    EXPECT_TRUE(seen.contains({models, GlobalStartState::kRotations, 0}));
+    EXPECT_TRUE(seen.contains({models, GlobalStartState::kPositions, 0}));
+    for (int round = 0; round <= 4; ++round)
+      EXPECT_TRUE(seen.contains({models, GlobalStartState::kAdjustment, round}));
+  }
+}
+
+TEST(GlobalCheckpoints, OfOtherPairsAreIgnored) {
+  const Given site = given(synth::SiteKind::kRing, 30);
+  Reconstruction whole;
+  std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
+  const auto adjusted = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
+    return state.start && state.start->step == GlobalStartState::kAdjustment;
+  });
+  ASSERT_NE(adjusted, states.end());
+  MapperHooks hooks;
+  hooks.from = *adjusted;
+  hooks.from->start->points.pop_back();  // other tracks
+  expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
+  hooks.from = *adjusted;
+  hooks.from->start->nodes.pop_back();  // of which edges remain
+  hooks.from->start->rotations.pop_back();
+  expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
+}
+
+// Where global mapping is refused, that is tried and said once.
+TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
+  Given site = given(synth::SiteKind::kRing, 30);
+  for (std::size_t k = 0; k < site.pairs.size(); ++k) {
+    geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
+    pose.rotation =
+        geometry::rotation_by({0, static_cast<double>(k), 0.3 * static_cast<double>(k * k)}) *
+        pose.rotation;
+  }
+  std::optional<MapperState> kept;
+  MapperHooks hooks;
+  hooks.keep_every_s = 0;
+  hooks.keep = [&](const MapperState& state) {
+    if (!kept) kept = state;
+  };
+  const Reconstruction whole = run(site, MapperChoice::kAuto, 20, hooks);
+  const auto refusals = [](const std::vector<std::string>& log) {
+    return std::count_if(log.begin(), log.end(), [](const std::string& line) {
+      return line.find("global mapping refused") != std::string::npos;
+    });
+  };
+  ASSERT_EQ(refusals(whole.log), 1);
+  ASSERT_TRUE(kept && kept->start);
+  // As it is between the refusal and the first pair.
+  kept->start->step = GlobalStartState::kRefused;
+  for (const std::string& line : whole.log) {
+    kept->log.push_back(line);
+    if (line.find("global mapping refused") != std::string::npos) break;
+  }
+  hooks.from = kept;
+  hooks.keep = nullptr;
+  expect_same(run(site, MapperChoice::kAuto, 20, hooks), whole);
+}
+
+TEST(GlobalMapper, InterruptedLeavesTheModelSoFar) {
+  const Given site = given(synth::SiteKind::kRing, 40);
+  const Reconstruction whole = run(site, MapperChoice::kGlobal);
+  const auto stopped_at = [&](int step, int round, std::optional<MapperState>& kept) {
+    std::stop_source stop;
+    MapperHooks hooks;
+    hooks.partial = true;
+    hooks.keep_every_s = 0;
+    hooks.keep = [&](const MapperState& state) {
+      kept = state;
+      if (state.start && state.start->step == step && state.start->round == round)
+        stop.request_stop();
+    };
+    return run(site, MapperChoice::kGlobal, 250, hooks, NoProgress(), stop.get_token());
+  };
+  std::optional<MapperState> kept;
+  EXPECT_THROW((void)stopped_at(GlobalStartState::kRotations, 0, kept), Interrupted);
+  EXPECT_THROW((void)stopped_at(GlobalStartState::kPositions, 0, kept), Interrupted);
+  for (const int round : {0, 2}) {
+    const Reconstruction part = stopped_at(GlobalStartState::kAdjustment, round, kept);
+    EXPECT_TRUE(part.interrupted);
+    ASSERT_EQ(part.models.size(), 1U);
+    EXPECT_EQ(registered(part), 40);
+    EXPECT_GT(part.models[0].points.size(), 500U);
+    EXPECT_LT(worst_center(part.models[0], site.site.poses), 0.05);
+    EXPECT_TRUE(part.outcomes[7].registered);
+    const Model& model = part.models[0];
+    for (std::size_t p = 0; p < model.points.size(); ++p)
+      for (const Observation& seen : model.points[p].track)
+        EXPECT_EQ(model.images[static_cast<std::size_t>(seen.image)]
+                      .points[static_cast<std::size_t>(seen.feature)],
+                  static_cast<int>(p));
+    MapperHooks hooks;
+    hooks.from = kept;
+    expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
+  }
 }
 
 TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
@@ -182,12 +351,51 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   options.details = 0.15;
   options.seed = 3;
   const Given site = given(options);
-  const Reconstruction built = run(site, MapperChoice::kAuto);
+  Reconstruction built;
+  const std::vector<MapperState> states = states_of(site, MapperChoice::kAuto, built);
   EXPECT_THAT(built.log, testing::Contains(HasSubstr("score of the models")));
   ASSERT_FALSE(built.models.empty());
   EXPECT_EQ(registered(built), 60);
   EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
   EXPECT_GT(built.trust[0], 0.8);
+
+  // From a checkpoint in the middle of each try the result is the same, and the tries before it are not mapped again.
+  ASSERT_GE(states.back().tries.size(), 3U);
+  for (std::size_t tries = 1; tries <= states.back().tries.size(); ++tries) {
+    std::vector<const MapperState*> of_try;
+    for (const MapperState& state : states)
+      if (state.tries.size() == tries && !state.tries.back().done) of_try.push_back(&state);
+    ASSERT_FALSE(of_try.empty());
+    MapperHooks hooks;
+    hooks.from = *of_try[of_try.size() / 2];
+    hooks.keep_every_s = 0;
+    std::size_t begun = 0;  // tries that had no end
+    hooks.keep = [&](const MapperState& state) {
+      EXPECT_GE(state.tries.size(), tries);
+      for (std::size_t k = 0; k + 1 < tries; ++k) begun += state.tries[k].done ? 0 : 1;
+    };
+    expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
+    EXPECT_EQ(begun, 0U);
+  }
+
+  // An interruption leaves the models of before the tries, and their checkpoint.
+  std::stop_source stop;
+  MapperHooks hooks;
+  hooks.partial = true;
+  hooks.keep_every_s = 0;
+  std::optional<MapperState> kept;
+  hooks.keep = [&](const MapperState& state) {
+    kept = state;
+    if (state.tries.size() == 2) stop.request_stop();
+  };
+  const Reconstruction part =
+      run(site, MapperChoice::kAuto, 250, hooks, NoProgress(), stop.get_token());
+  EXPECT_TRUE(part.interrupted);
+  EXPECT_FALSE(part.models.empty());
+  ASSERT_TRUE(kept);
+  hooks = {};
+  hooks.from = kept;
+  expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
 }
 
 // An image by image model that is taken up from any checkpoint ends the same, also after it was taken apart.
@@ -278,6 +486,12 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   hooks.keep = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
+  const auto adjusted = std::find_if(aside, states.end(), [](const MapperState& state) {
+    return state.has_aside && state.start && state.start->step == GlobalStartState::kAdjustment;
+  });
+  ASSERT_NE(adjusted, states.end());
+  hooks.from = *adjusted;
+  expect_same(mapped(), whole);
 }
 
 TEST(MapperOfLoops, OpenOnesAreFoundInABentModel) {

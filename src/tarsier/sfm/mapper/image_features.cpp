@@ -24,6 +24,8 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxFileBytes = 512'000'000;
+// Retrieval is cheaper from 24 images on, but what looks alike takes the places of true neighbours: of 36 images of a
+// symmetrical box it loses one, and 48 of a toy with an unknown lens fall in two models (docs/sfm.md, "Many images").
 constexpr int kFewImages = 60;
 constexpr double kGuessedFocal = 1.2;  // of the larger side
 constexpr int kMinShown = 3;  // images of a model that tells the focal length of their camera

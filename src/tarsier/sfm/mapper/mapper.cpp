@@ -95,8 +95,7 @@ class Mapping {
       keep();
     } catch (const Interrupted&) {
       if (!growth_.between_states) keep();
-      if (!hooks_.partial || (result_.models.empty() && !mapper_ && !aside_ && !taken_apart_))
-        throw;
+      if (!hooks_.partial) throw;
       result_.interrupted = true;
       if (aside_) {
         result_.models.push_back(std::move(*aside_));
@@ -104,7 +103,10 @@ class Mapping {
         result_.models.push_back(mapper_->finished(input_.colors));
       } else if (taken_apart_) {
         result_.models.push_back(std::move(*taken_apart_));
+      } else if (std::optional<Model> rough = rough_model()) {
+        result_.models.push_back(std::move(*rough));
       }
+      if (result_.models.empty()) throw;
     }
     progress_.end();
     conflicts_.resize(result_.models.size());
@@ -144,14 +146,18 @@ class Mapping {
     return left;
   }
 
+  [[nodiscard]] Model model_of_component(Components& components, int root) const {
+    std::vector<char> keep(input_.images.size());
+    for (std::size_t i = 0; i < keep.size(); ++i)
+      keep[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
+    return model_of_some(input_.cameras, input_.images, keep);
+  }
+
   // A model with the features of one component: what can join is in it, and a folder of many small
   // scenes does not cost each of them the features of all.
   void make_mapper(Components& components, int root) {
     mapper_.reset();
-    std::vector<char> keep(input_.images.size());
-    for (std::size_t i = 0; i < keep.size(); ++i)
-      keep[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
-    Model model = model_of_some(input_.cameras, input_.images, keep);
+    Model model = model_of_component(components, root);
     const std::vector<int> features = feature_counts(model);
     std::vector<const Pair*> left;
     for (const Pair& pair : input_.pairs)
@@ -171,11 +177,8 @@ class Mapping {
   // Maps a component of what is left globally, if one is large enough and that is not refused. `only`: the root of the
   // one that is tried, of whatever size; -1: all.
   bool begin_globally(Components& components, int only) {
-    std::map<int, std::vector<std::size_t>> pairs_of;  // of each component
+    PairsOfComponents pairs_of = pairs_of_components(components);
     std::map<int, int> sizes;
-    for (std::size_t k = 0; k < input_.pairs.size(); ++k)
-      if (is_left(input_.pairs[k]) && doubts_[k] == Doubt::kNone)
-        pairs_of[components.root(input_.pairs[k].first)].push_back(k);
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       ++sizes[components.root(static_cast<int>(i))];
     std::vector<std::pair<int, int>> order;
@@ -186,11 +189,18 @@ class Mapping {
       if (only < 0 && options_.choice == MapperChoice::kAuto && apart_ == 0 &&
           -size < options_.auto_global)
         return false;
+      const bool is_begun = global_start_ && components.root(global_start_->image) == root;
+      if (is_begun && global_start_->step == GlobalStartState::kRefused) return false;
       make_mapper(components, root);
-      std::vector<const Pair*> chosen;
-      for (const std::size_t k : pairs_of[root]) chosen.push_back(&input_.pairs[k]);
+      const std::vector<const Pair*> chosen = pairs_at(pairs_of[root]);
       const GlobalStart start =
-          start_globally(input_.cameras, mapper_->model().images, chosen, options_, stop_);
+          start_globally(input_.cameras, mapper_->model().images, chosen, options_, stop_,
+                         {.keep =
+                              [&](GlobalStartState state) {
+                                global_start_ = std::move(state);
+                                keep_sometimes();
+                              },
+                          .from = is_begun ? &*global_start_ : nullptr});
       result_.log.insert(result_.log.end(), start.log.begin(), start.log.end());
       if (start.refusal.empty()) {
         for (std::size_t k = 0; k < chosen.size(); ++k)
@@ -204,13 +214,53 @@ class Mapping {
       }
       mapper_.reset();
       result_.log.push_back(fmt::format("{}{}", kGlobalRefusal, start.refusal));
-      if (options_.choice != MapperChoice::kGlobal) return false;
+      global_start_.reset();
+      if (options_.choice != MapperChoice::kGlobal) {
+        // What continues from a checkpoint must not try it, and say so, once more.
+        GlobalStartState& refused = global_start_.emplace();
+        refused.image = chosen.front()->first;
+        refused.step = GlobalStartState::kRefused;
+        return false;
+      }
       for (const std::size_t k : pairs_of[root]) doubts_[k] = Doubt::kBadStart;
       for (std::size_t i = 0; i < input_.images.size(); ++i)
         if (components.root(static_cast<int>(i)) == root)
           result_.outcomes[i].reason = fmt::format("{}{}", kGlobalRefusal, start.refusal);
     }
     return false;
+  }
+
+  using PairsOfComponents = std::map<int, std::vector<std::size_t>>;  // by their roots
+  // What global mapping takes.
+  [[nodiscard]] PairsOfComponents pairs_of_components(Components& components) const {
+    PairsOfComponents pairs_of;
+    for (std::size_t k = 0; k < input_.pairs.size(); ++k)
+      if (is_left(input_.pairs[k]) && doubts_[k] == Doubt::kNone)
+        pairs_of[components.root(input_.pairs[k].first)].push_back(k);
+    return pairs_of;
+  }
+
+  [[nodiscard]] std::vector<const Pair*> pairs_at(const std::vector<std::size_t>& indices) const {
+    std::vector<const Pair*> pairs;
+    for (const std::size_t k : indices) pairs.push_back(&input_.pairs[k]);
+    return pairs;
+  }
+
+  // The model that is being made of all images at once, if it has positions.
+  std::optional<Model> rough_model() {
+    if (!global_start_) return std::nullopt;
+    Components components = this->components();
+    const int root = components.root(global_start_->image);
+    Model model = model_of_component(components, root);
+    std::optional<GlobalModelSoFar> rough =
+        model_so_far(*global_start_, input_.cameras, model.images,
+                     pairs_at(pairs_of_components(components)[root]), options_);
+    if (!rough) return std::nullopt;
+    IncrementalMapper mapper(std::move(model), std::move(rough->tracks), input_.descriptors,
+                             input_.kind, options_);
+    mapper.restore(
+        {.model = packed(rough->model), .ray_cameras = rough->model.cameras, .tracks = {}});
+    return mapper.finished(input_.colors);
   }
 
   // --- a start model ---
@@ -311,6 +361,7 @@ class Mapping {
     growth_ = {};
     growth_.adjusted_at = mapper_->registered();
     is_global_ = false;
+    global_start_.reset();
   }
 
   // Finds a start among what is left; false: there is none.
@@ -423,6 +474,7 @@ class Mapping {
     conflicts_.resize(result_.models.size() - 1);
     conflicts_.push_back(std::move(conflicts));
     taken_apart_.reset();
+    global_start_.reset();
   }
 
   // Whether images of a model that grew one by one are to be mapped globally, which spreads the errors of a loop over all
@@ -517,8 +569,11 @@ class Mapping {
       keep();
   }
 
+  // Whether there is a model that grows, and not one that is being made of all images at once.
+  [[nodiscard]] bool is_growing() const { return mapper_ && mapper_->registered() > 0; }
+
   void show_sometimes() {
-    if (!hooks_.show || !mapper_) return;
+    if (!hooks_.show || !is_growing()) return;
     const double since = seconds_since(shown_at_);
     if (has_shown_ && (since < hooks_.show_every_s || since < 20 * showing_s_)) return;
     const Clock::time_point start = Clock::now();
@@ -540,7 +595,8 @@ class Mapping {
     for (const Outcome& outcome : result_.outcomes) state.reasons.push_back(outcome.reason);
     state.doubts = doubts_;
     state.done = done_;
-    if (mapper_) state.current = mapper_->state();
+    if (is_growing()) state.current = mapper_->state();
+    state.start = global_start_;
     state.failed.assign(growth_.failed.begin(), growth_.failed.end());
     state.adjusted_at = growth_.adjusted_at;
     state.stage = growth_.stage;
@@ -587,6 +643,7 @@ class Mapping {
       for (std::size_t i = 0; i < input_.images.size(); ++i)
         used_[i] = used_[i] || model.images[i].registered;
     is_global_ = state.is_global;
+    global_start_ = state.start;
     if (state.current) {
       Components components = this->components();
       make_mapper(components, components.root(state.current->model.registered.front()));
@@ -605,6 +662,8 @@ class Mapping {
     result_.resumed = mapper_ ? mapper_->registered() : 0;
     for (const bool used : used_) result_.resumed += used ? 1 : 0;
     progress_.advance(result_.resumed);
+    if (!mapper_ && global_start_)
+      result_.resumed += static_cast<int>(global_start_->model.registered.size());
   }
 
   using Clock = std::chrono::steady_clock;
@@ -633,11 +692,74 @@ class Mapping {
   // Was taken apart, and nothing has been made of its images again: where the work is interrupted now, it is what there is.
   std::optional<Model> taken_apart_;
   bool is_global_ = false;  // how the model of mapper_ began
+  // Where the poses of all images of a component are being found at once, or that this was refused.
+  std::optional<GlobalStartState> global_start_;
   Clock::time_point kept_at_ = Clock::now();
   double keeping_s_ = 0;
   Clock::time_point shown_at_ = Clock::now();
   double showing_s_ = 0;
   bool has_shown_ = false;
+};
+
+// Keeps the checkpoints of images that are mapped and then, from their strongest pairs, mapped again.
+class Keeper {
+ public:
+  Keeper(const MapperInput& input, const MapperHooks& hooks) : hooks_(hooks) {
+    if (!hooks.from || hooks.watch || !hooks.from->done ||
+        !fits(*hooks.from, input.cameras, input.images, input.pairs.size()))
+      return;
+    patch_doubts_ = hooks.from->patch_doubts;
+    tries_ = hooks.from->tries;
+  }
+
+  // Of the first mapping.
+  [[nodiscard]] MapperHooks first() {
+    MapperHooks first = hooks_;
+    if (hooks_.keep)
+      first.keep = [this](const MapperState& state) {
+        if (!state.done) return hooks_.keep(state);  // there are no tries yet
+        first_ = state;
+        keep();
+      };
+    return first;
+  }
+
+  // Of the next mapping.
+  [[nodiscard]] MapperHooks next_try() {
+    MapperHooks next;
+    next.keep_every_s = hooks_.keep_every_s;
+    const std::size_t k = tried_++;
+    if (k < tries_.size()) next.from = tries_[k];
+    if (hooks_.keep)
+      next.keep = [this, k](const MapperState& state) {
+        tries_.resize(std::max(tries_.size(), k + 1));
+        tries_[k] = state;
+        keep();
+      };
+    return next;
+  }
+
+  // Empty where it has none yet.
+  [[nodiscard]] const std::vector<std::string>& patch_doubts() const { return patch_doubts_; }
+  void keep_patch_doubts(std::vector<std::string> doubts) {
+    patch_doubts_ = std::move(doubts);
+    if (hooks_.keep) keep();
+  }
+
+ private:
+  void keep() {
+    first_.patch_doubts = std::move(patch_doubts_);
+    first_.tries = std::move(tries_);
+    hooks_.keep(first_);
+    patch_doubts_ = std::move(first_.patch_doubts);
+    tries_ = std::move(first_.tries);
+  }
+
+  const MapperHooks& hooks_;
+  MapperState first_;  // without what follows
+  std::vector<std::string> patch_doubts_;
+  std::vector<MapperState> tries_;
+  std::size_t tried_ = 0;
 };
 
 // By their pixels, where these can be had.
@@ -661,7 +783,9 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                            Progress& progress, const std::stop_token& stop,
                            const MapperHooks& hooks) {
   options.check();
-  Reconstruction result = Mapping(input, options, progress, stop, hooks).run();
+  Keeper keeper(input, hooks);
+  const MapperHooks first = keeper.first();
+  Reconstruction result = Mapping(input, options, progress, stop, first).run();
   // What begins with poses that are given is not made again without them.
   if (result.interrupted || !result.has_conflicts || input.start) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
@@ -674,13 +798,16 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .pairs = pairs,
                             .followed = input.followed,
                             .repeats = true};
-    Reconstruction made = Mapping(among, options, progress, stop, {}).run();
+    const MapperHooks next = keeper.next_try();
+    Reconstruction made = Mapping(among, options, progress, stop, next).run();
     judge_by_all_pairs(input, options, stop, made);
     return made;
   };
   std::optional<Reconstruction> second;
   try {
-    const std::vector<std::string> doubts = doubts_about(input, progress, stop);
+    if (keeper.patch_doubts().empty())
+      keeper.keep_patch_doubts(doubts_about(input, progress, stop));
+    const std::vector<std::string> doubts = keeper.patch_doubts();
     judge_by_all_pairs(input, options, stop, result);
     lower_trust(input.pairs, doubts, result);
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);

@@ -329,8 +329,8 @@ ModelConflicts::ModelConflicts(const Model& model)
   }
   const auto images = std::count_if(different.begin(), different.end(),
                                     [](double pairs) { return pairs >= kMinOfImage; });
-  const auto compared = std::count_if(near_.begin(), near_.end(),
-                                      [](const std::vector<Near>& others) { return !others.empty(); });
+  const auto compared = std::count_if(
+      near_.begin(), near_.end(), [](const std::vector<Near>& others) { return !others.empty(); });
   has_different_places_ = images >= (compared < kFew ? 1 : 2);
 }
 

@@ -606,18 +606,16 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     mapping.show = hooks.show;
     mapping.partial = hooks.partial;
     mapping.keep_every_s = options.checkpoint_s;
-    if (round == Round::kJudge) {
-      mapping.from = std::exchange(last, std::nullopt);
-      mapping.watch = {};
-      const auto known = static_cast<std::ptrdiff_t>(mapping.from->log.size());
-      Reconstruction judged = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
-      judged.log.erase(judged.log.begin(), judged.log.begin() + known);
-      return judged;
-    }
-    const std::string checkpoint = round == Round::kAgain ? key + std::string(Cache::kAgain) : key;
+    const bool judges = round == Round::kJudge;
+    std::string checkpoint = key;
+    if (round != Round::kFirst) checkpoint += judges ? Cache::kJudged : Cache::kAgain;
     if (!key.empty() && !hooks.watch) mapping.from = cache.checkpoint(checkpoint);
-    mapping.keep = [&, checkpoint, warned = false](const MapperState& state) mutable {
-      if (image_set.has_guess()) last = state;
+    mapping.keep = [&, checkpoint, judges, warned = false](const MapperState& state) mutable {
+      if (image_set.has_guess() && !judges) {
+        last = state;
+        last->patch_doubts.clear();
+        last->tries.clear();  // with the lenses of before
+      }
       if (key.empty()) return;
       // A full disk must not end the mapping.
       try {
@@ -627,7 +625,13 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
         warned = true;
       }
     };
-    return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+    if (!judges) return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+    const auto known = static_cast<std::ptrdiff_t>(last->log.size());
+    if (!mapping.from || !mapping.from->done) mapping.from = std::exchange(last, std::nullopt);
+    mapping.watch = {};
+    Reconstruction judged = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+    judged.log.erase(judged.log.begin(), judged.log.begin() + known);
+    return judged;
   };
   result.reconstruction = hooks.map
                               ? hooks.map(mapper_input, options.mapper)

@@ -205,9 +205,9 @@ TEST_F(Images, TwoScenesGiveTwoModels) {
   const PipelineResult result = run(inputs, options());
   ASSERT_EQ(result.reconstruction.models.size(), 2U);
   const auto report = report_json(result);
-  EXPECT_EQ(report["models"][0]["photographs"], 4);
-  EXPECT_EQ(report["models"][1]["photographs"], 3);
-  EXPECT_EQ(report["photographs"][5]["model"], 1);
+  EXPECT_EQ(report["models"][0]["images"], 4);
+  EXPECT_EQ(report["models"][1]["images"], 3);
+  EXPECT_EQ(report["images"][5]["model"], 1);
 }
 
 TEST_F(Images, OneThatCannotBeReadIsLeftOutAndNamed) {

@@ -38,7 +38,7 @@ Json model_json(const Model& model) {
   Json cameras = Json::array();
   for (std::size_t k = 0; k < used.size(); ++k)
     if (used[k]) cameras.push_back(camera_json(model.cameras[k]));
-  return {{"photographs", statistics.registered},
+  return {{"images", statistics.registered},
           {"points", model.points.size()},
           {"observations", statistics.observations},
           {"mean_track", rounded(statistics.mean_track, 1e3)},
@@ -132,7 +132,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
                       {"seconds", rounded(stage.seconds, 1e3)},
                       {"cpu_seconds", rounded(stage.cpu_seconds, 1e3)}});
   Json report{{"models", std::move(models)},
-              {"photographs", std::move(images)},
+              {"images", std::move(images)},
               {"pairs",
                {{"compared", result.compared},
                 {"verified", result.verified},

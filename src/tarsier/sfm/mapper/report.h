@@ -10,7 +10,7 @@
 namespace tarsier::sfm {
 
 // report.json: "models" (images, points, observations, mean_track, reprojection_px, cameras),
-// "photographs" (name, file, registered, model, features, points, reason), "pairs", "stages", "log";
+// "images" (name, file, registered, model, features, points, reason), "pairs", "stages", "log";
 // "start_model" where mapping began with one: "images" of it, of these "here" among the inputs and
 // "registered" with poses that agree with the matches, "fixed_poses", "folder";
 // "parts" and "joins" where models were joined; "partial": true where the work was interrupted, "resumed": images of a checkpoint.

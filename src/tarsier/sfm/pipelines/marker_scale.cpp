@@ -194,7 +194,7 @@ MarkerScale marker_scale(const Model& model,
                   "of the {} markers that are seen none is measured by two images from "
                   "different sides",
                   sightings.size());
-    throw Error(ExitStatus::kBadInput, "scale by markers: " + what);
+    throw Error(ErrorKind::kInput, "scale by markers: " + what);
   }
   const double middle = upper_median(sides);
   result.scale = known.side / middle;

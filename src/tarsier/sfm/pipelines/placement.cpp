@@ -36,14 +36,14 @@ std::vector<const Image*> ends_of(const Model& model, const KnownDistance& known
     const auto image = std::find_if(model.images.begin(), model.images.end(),
                                     [&](const Image& each) { return each.name == name; });
     if (image == model.images.end() || !image->registered) {
-      throw Error(ExitStatus::kBadInput,
+      throw Error(ErrorKind::kInput,
                   fmt::format("{}'{}' is not in the model, which is written as it is",
                               kDistanceError, printable(name)));
     }
     ends.push_back(&*image);
   }
   if (!((ends[0]->pose.center() - ends[1]->pose.center()).norm() > 0)) {
-    throw Error(ExitStatus::kBadInput,
+    throw Error(ErrorKind::kInput,
                 fmt::format("{}both cameras are at one place in the model, which is written as it "
                             "is",
                             kDistanceError));
@@ -91,7 +91,7 @@ void PlacementOptions::check() const {
 nlohmann::ordered_json to_json(const Placement& placement) {
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
   if (placement.aligned) {
-    json["aligned"] = {{"photographs", placement.aligned->images},
+    json["aligned"] = {{"images", placement.aligned->images},
                        {"scale", placement.aligned->scale},
                        {"mean_residual", placement.aligned->mean_residual}};
   }

@@ -56,7 +56,7 @@ struct Placement {
   std::optional<double> scale;  // by the known distance or the markers
   std::optional<MarkerScale> markers;
 };
-// {"aligned": {"photographs", "scale", "mean_residual"}, "scale", "markers": to_json(MarkerScale)},
+// {"aligned": {"images", "scale", "mean_residual"}, "scale", "markers": to_json(MarkerScale)},
 // what there is of it.
 [[nodiscard]] nlohmann::ordered_json to_json(const Placement& placement);
 

@@ -77,7 +77,7 @@ TEST(Placement, BringsCamerasToTheirPositions) {
   }
   EXPECT_LT((model.points[7].position - point).norm(), 1e-9);
   const auto json = to_json(placement);
-  EXPECT_EQ(json["aligned"]["photographs"], 4);
+  EXPECT_EQ(json["aligned"]["images"], 4);
   EXPECT_FALSE(json.contains("scale"));
 }
 

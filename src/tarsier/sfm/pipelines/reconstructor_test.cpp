@@ -77,7 +77,7 @@ TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
   // The file is what to_json() says, and the model on disk is the placed one.
   const nlohmann::json written = report();
   EXPECT_EQ(written, nlohmann::json::parse(to_json(result).dump()));
-  EXPECT_EQ(written["placed"]["aligned"]["photographs"], kImages);
+  EXPECT_EQ(written["placed"]["aligned"]["images"], kImages);
   const Model read = read_colmap(path("model"));
   ASSERT_EQ(read.images.size(), static_cast<std::size_t>(kImages));
   for (int i = 0; i < kImages; ++i) {

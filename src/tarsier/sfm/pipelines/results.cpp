@@ -27,6 +27,8 @@ using Json = nlohmann::json;
 
 constexpr std::int64_t kMaxReportBytes = 1'000'000'000;
 constexpr int kMaxModels = 1'000'000;
+// The key of "images" in reports of older programs.
+constexpr const char* kFormerImages = "photographs";
 constexpr const char* kWriter = "tarsier sfm reconstruct";
 constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt",   "points3D.txt",
                                        "points.ply",  "cameras.ply",  "view.png",
@@ -93,15 +95,16 @@ std::optional<EarlierRun> earlier_run(const std::string& folder) {
   const auto has_list = [&](const char* name) {
     return report.contains(name) && report[name].is_array();
   };
-  // "log" was "story" once.
-  if (!has_list("models") || !has_list("photographs") || !has_list("stages") ||
-      !(has_list("log") || has_list("story"))) {
+  // "log" was "story" once, and "images" kFormerImages.
+  if (!has_list("models") || !(has_list("images") || has_list(kFormerImages)) ||
+      !has_list("stages") || !(has_list("log") || has_list("story"))) {
     return std::nullopt;
   }
   EarlierRun run;
   run.models = static_cast<int>(std::min<std::size_t>(report["models"].size(), kMaxModels));
   if (run.models > 0 && report["models"][0].is_object())
-    run.registered = number_of(report["models"][0], "photographs");
+    run.registered = number_of(report["models"][0],
+                               report["models"][0].contains("images") ? "images" : kFormerImages);
   run.partial = report.value("partial", Json()) == true;
   return run;
 }
@@ -114,11 +117,13 @@ std::map<std::string, std::string> image_files(const std::string& folder, const 
   if (images.empty()) {
     folders = {fs::path(folder) / "images", fs::path(folder) / "frames"};
     const Json report = is_report_trusted ? read_report(folder) : Json();
-    const Json photos = report.is_object() ? report.value("photographs", Json()) : Json();
-    for (const Json& photo : photos.is_array() ? photos : Json::array()) {
-      if (!photo.is_object()) continue;
-      const Json name = photo.value("name", Json());
-      const Json file = photo.value("file", Json());
+    Json list;
+    if (report.is_object())
+      list = report.value(report.contains("images") ? "images" : kFormerImages, Json());
+    for (const Json& image : list.is_array() ? list : Json::array()) {
+      if (!image.is_object()) continue;
+      const Json name = image.value("name", Json());
+      const Json file = image.value("file", Json());
       if (name.is_string() && file.is_string())
         reported[name.get<std::string>()] = file.get<std::string>();
     }
@@ -137,7 +142,7 @@ std::map<std::string, std::string> image_files(const std::string& folder, const 
     if (files.count(name) == 0) {
       throw InputError(printable(images.empty() ? folder : images),
                        fmt::format("the image '{}' of the model is not there; name the folder of "
-                                   "the images with --images",
+                                   "the images (option 'images')",
                                    printable(name)));
     }
   }

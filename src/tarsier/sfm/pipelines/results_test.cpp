@@ -26,8 +26,8 @@ class Results : public FolderTest {
   }
   void write_report(int models) {
     std::string list;
-    for (int m = 0; m < models; ++m) list += std::string(m > 0 ? "," : "") + "{\"photographs\":7}";
-    write("report.json", "{\"models\":[" + list + "],\"photographs\":[],\"stages\":[],\"log\":[]}");
+    for (int m = 0; m < models; ++m) list += std::string(m > 0 ? "," : "") + "{\"images\":7}";
+    write("report.json", "{\"models\":[" + list + "],\"images\":[],\"stages\":[],\"log\":[]}");
   }
   void write_model(const std::string& name) {
     write_colmap(folder_ + "/" + name, synthetic_model());
@@ -50,18 +50,23 @@ TEST_F(Results, OfAnEarlierRunAreKnownByTheReport) {
   EXPECT_EQ(run->models, 3);
   EXPECT_EQ(run->registered, 7);
   EXPECT_FALSE(run->partial);
-  // Of an older program: its log was called otherwise.
-  write("report.json", R"({"models":[{}],"photographs":[],"stages":[],"story":[]})");
-  EXPECT_TRUE(earlier_run(folder_));
+  // Of an older program: its log and its images were called otherwise.
+  write("report.json", R"({"models":[{"photographs":5}],"photographs":[],"stages":[],"story":[]})");
+  ASSERT_TRUE(earlier_run(folder_));
+  EXPECT_EQ(earlier_run(folder_)->registered, 5);
 }
 
 TEST_F(Results, ImagesAreFoundInTheirFolderOrByTheReport) {
   write("elsewhere/a.jpg", "a");
   write("images/b.jpg", "b");
-  write("report.json", R"({"photographs":[{"name":"a.jpg","file":")" + folder_ +
+  write("report.json", R"({"images":[{"name":"a.jpg","file":")" + folder_ +
                            R"(/elsewhere/a.jpg"},{"name":"c.jpg"},7]})");
   const auto files = image_files(folder_, "", {"a.jpg", "b.jpg"});
   EXPECT_EQ(files.at("a.jpg"), folder_ + "/elsewhere/a.jpg");
+  const std::string list = R"([{"name":"a.jpg","file":")" + folder_ + R"(/elsewhere/a.jpg"}])";
+  write("report.json", R"({"photographs":)" + list + "}");  // of an older program
+  EXPECT_EQ(image_files(folder_, "", {"a.jpg"}).at("a.jpg"), folder_ + "/elsewhere/a.jpg");
+  write("report.json", R"({"images":)" + list + "}");
   EXPECT_EQ(fs::path(files.at("b.jpg")), fs::path(folder_) / "images" / "b.jpg");
   EXPECT_THROW((void)image_files(folder_, "", {"c.jpg"}), InputError);
   // A report of a stranger may name any file.

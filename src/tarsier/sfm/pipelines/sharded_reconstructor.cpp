@@ -47,7 +47,7 @@ std::string sum_of(const std::vector<std::string>& sums) {
 
 // The error names the command that makes the file.
 [[noreturn]] void fail_with_command(const InputError& error, const std::string& command) {
-  throw Error(ExitStatus::kBadInput, fmt::format("{}; run: {}", error.what(), command));
+  throw Error(ErrorKind::kInput, fmt::format("{}; run: {}", error.what(), command));
 }
 
 void describe(const ClusterModels& cluster, ShardReport& report) {
@@ -291,7 +291,7 @@ std::vector<ShardInfo> ShardedReconstructor::require_all(ShardStage stage,
                          stage == ShardStage::kModel ? "clusters" : "shards", fmt::join(named, " "),
                          missing.size() > kNamed ? " .." : "");
   }
-  throw Error(ExitStatus::kBadInput, fmt::format("{}; run: {}", first, command));
+  throw Error(ErrorKind::kInput, fmt::format("{}; run: {}", first, command));
 }
 
 ShardReport ShardedReconstructor::find_features(int shard, Progress& progress,
@@ -362,7 +362,7 @@ std::vector<ImageFeatures> ShardedReconstructor::load_features(const ShardInfo& 
     if (k != images.size()) throw InputError(path, "holds features of other images or options");
     return images;
   } catch (const InputError& error) {
-    throw Error(ExitStatus::kBadInput,
+    throw Error(ErrorKind::kInput,
                 fmt::format("{}; run: {}", error.what(), command_of(info.stage, info.shard)));
   }
 }
@@ -417,7 +417,7 @@ std::pair<std::vector<ImagePair>, std::string> ShardedReconstructor::pairs_of(
       if (second >= readable.count()) throw InputError(path, "is damaged: a pair of no images");
     return {std::move(pairs), sum_of({readable.key(), info.sha256})};
   } catch (const InputError& error) {
-    throw Error(ExitStatus::kBadInput,
+    throw Error(ErrorKind::kInput,
                 fmt::format("{}; run: {}", error.what(), command_of(ShardStage::kPairs, 1)));
   }
 }

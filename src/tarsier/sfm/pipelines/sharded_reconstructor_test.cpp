@@ -87,7 +87,7 @@ class Sharded : public ReliefFolderTest {
       run();
       ADD_FAILURE() << "expected: " << part;
     } catch (const Error& error) {
-      EXPECT_EQ(error.status(), ExitStatus::kBadInput);
+      EXPECT_EQ(error.kind(), ErrorKind::kInput);
       EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
       EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
     }
@@ -386,7 +386,7 @@ TEST_F(Sharded, ModelsOfFoldersAreMerged) {
   const nlohmann::ordered_json report = to_json(apart);
   EXPECT_EQ(report["joins"][0]["joined"], false);
   EXPECT_EQ(report["joins"][0]["reason"], "1 image in common, 3 are needed");
-  EXPECT_FALSE(report["photographs"][0].contains("trust"));
+  EXPECT_FALSE(report["images"][0].contains("trust"));
   EXPECT_TRUE(fs::exists(path("merged/model-1/points.ply")));
   EXPECT_THROW((void)merge_models({path("a"), path("nowhere")}, options, progress_, {}),
                InputError);

@@ -44,7 +44,7 @@ Model undistorted_model(const Model& model) {
     for (cv::Point2f& feature : image.features) {
       const auto point = from.normalized_of({feature.x, feature.y});
       if (!point) {
-        throw Error(ExitStatus::kBadInput,
+        throw Error(ErrorKind::kInput,
                     fmt::format("the feature ({}, {}) of '{}' is too far outside to be undistorted",
                                 feature.x, feature.y, printable(image.name)));
       }

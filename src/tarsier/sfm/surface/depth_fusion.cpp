@@ -104,11 +104,10 @@ FusedVolume fuse_depth_maps(const Workspace& workspace, const VolumeOptions& opt
   auto blocks = blocks_of(workspace, views.list, voxel, limit, options, stop);
   while (!blocks) {
     if (options.voxel > 0)
-      throw Error(
-          ExitStatus::kUsage,
-          fmt::format("voxels of {:.4g} need more than {:.3g} GB: give larger ones (--voxel) "
-                      "or more memory (--memory)",
-                      voxel, options.memory_gb));
+      throw UsageError(fmt::format(
+          "voxels of {:.4g} need more than {:.3g} GB: give larger ones (option 'voxel') or more "
+          "memory (option 'memory_gb')",
+          voxel, options.memory_gb));
     voxel *= kCoarser;
     result.coarser = true;
     blocks = blocks_of(workspace, views.list, voxel, limit, options, stop);

@@ -44,7 +44,7 @@ struct FusedVolume {
 
 // The signed distance to the surface that the depth maps of a workspace show. Depth maps are read
 // one by one, twice or, to find the size of a voxel, three times. Throws InputError: no view has a
-// depth map, none a usable depth, a broken file; Error (kUsage) where a voxel of the asked size
+// depth map, none a usable depth, a broken file; UsageError where a voxel of the asked size
 // needs more memory than there may be (without such a size they become larger); Interrupted.
 [[nodiscard]] FusedVolume fuse_depth_maps(const Workspace& workspace, const VolumeOptions& options,
                                           Progress& progress, const std::stop_token& stop);

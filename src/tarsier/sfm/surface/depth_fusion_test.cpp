@@ -275,7 +275,7 @@ TEST_F(DepthFusionTest, KeepsToTheMemory) {
   EXPECT_LT(fused.volume.blocks() * 12'000.0, 16e6);
   EXPECT_GT(fused.volume.blocks() * 12'000.0, 6e6);
   options.voxel = 0.005;
-  EXPECT_THAT(error_of(folder_, options), HasSubstr("--voxel"));
+  EXPECT_THAT(error_of(folder_, options), HasSubstr("option 'voxel'"));
 }
 
 TEST_F(DepthFusionTest, Stops) {

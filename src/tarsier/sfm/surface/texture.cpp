@@ -159,10 +159,9 @@ class Painter {
       throw_if_stopped(stop_);
       scale *= kSmaller;
       if (scale < kMinScale)
-        throw Error(
-            ExitStatus::kUsage,
+        throw UsageError(
             fmt::format("{} parts of the surface do not fit into a texture of {} px: give a "
-                        "larger one (--texture) or fewer faces (--faces)",
+                        "larger one (option 'texture') or fewer faces (option 'faces')",
                         charts_.size(), job_.size));
     }
     result_.scale = scale;

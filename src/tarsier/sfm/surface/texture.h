@@ -33,7 +33,7 @@ struct TextureJob {
 // factor. Faces that no image shows have small triangles of their own, in the colours of their
 // corners. Seams are levelled (seam_levelling.h). Around each chart the image goes on for three
 // pixels. Each image is read once. The same for any number of threads. Throws InputError,
-// Interrupted, Error (kUsage) where the texture is too small for the charts.
+// Interrupted, UsageError where the texture is too small for the charts.
 [[nodiscard]] SurfaceTexture make_surface_texture(const TextureJob& job, Progress& progress,
                                                   const std::stop_token& stop);
 

@@ -8,22 +8,24 @@ import { jobJson } from '../shared/jobs';
 import { CloudPanel } from './cloud_panel';
 import type { Model } from './model';
 
+interface ImageRow {
+  name: string;
+  registered: boolean;
+  model?: number;
+  points?: number;
+  reason?: string;
+  read?: boolean;
+}
+
 interface Report {
   models: {
-    photographs: number;
     points: number;
     observations: number;
     mean_track: number;
     reprojection_px: number;
   }[];
-  photographs: {
-    name: string;
-    registered: boolean;
-    model?: number;
-    points?: number;
-    reason?: string;
-    read?: boolean;
-  }[];
+  images?: ImageRow[];
+  photographs?: ImageRow[]; // the same, in reports of older programs
   partial?: boolean;
   not_placed?: string;
   log?: string[];
@@ -51,15 +53,16 @@ export function ModelView({ job }: { job: Job }) {
   }, [job.id]);
 
   const main = report.value?.models[0];
-  const missing = (report.value?.photographs ?? []).filter((one) => !one.registered);
+  const images = report.value?.images ?? report.value?.photographs ?? [];
+  const missing = images.filter((one) => !one.registered);
   return (
     <section class="stack" aria-labelledby="the-model">
       <h2 id="the-model">{job.name || 'The model'}</h2>
       {report.value?.partial && <Notice>The job was stopped: this is the model so far.</Notice>}
       {main && (
         <p class="numbers">
-          {main.photographs} of {report.value!.photographs.length} images, {main.points} points, each in{' '}
-          {main.mean_track.toFixed(1)} images, reprojection error {main.reprojection_px.toFixed(2)} px
+          {images.filter((one) => one.model === 0).length} of {images.length} images, {main.points} points,
+          each in {main.mean_track.toFixed(1)} images, reprojection error {main.reprojection_px.toFixed(2)} px
           {report.value!.models.length > 1 ? `; ${report.value!.models.length - 1} further models` : ''}
         </p>
       )}
@@ -92,7 +95,7 @@ export function ModelView({ job }: { job: Job }) {
               { name: 'Points', show: (one) => one.points ?? '', number: true },
               { name: 'Reason', show: (one) => one.reason ?? '' },
             ]}
-            rows={report.value.photographs}
+            rows={images}
             keyOf={(one) => one.name}
           />
         </details>

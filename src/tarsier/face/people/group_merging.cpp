@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/group_merging.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
+
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face::people {
+namespace {
+
+using recognition::Rows;
+
+constexpr Eigen::Index kOfEach =
+    5;  // sightings of a group that strangers' scores are measured with
+// So many pairs of groups at most are looked at for the median: evenly spread ones.
+constexpr std::size_t kMaxScores = 2'000'000;
+
+struct Group {
+  std::int64_t id = 0;
+  Eigen::MatrixXd rows;  // templates; then directions
+  double size = 0;
+};
+
+std::vector<Group> chosen(const GroupTemplates& groups, int max_groups) {
+  std::vector<Group> out;
+  for (const auto& [id, rows] : groups) {
+    if (rows.rows() == 0) continue;
+    TARSIER_REQUIRE(rows.rows() <= kMergingSightings, "{} sightings of a group", rows.rows());
+    TARSIER_REQUIRE(out.empty() || rows.cols() == out.front().rows.cols(),
+                    "templates of {} and {} numbers", rows.cols(), out.front().rows.cols());
+    out.push_back({id, rows.cast<double>(), static_cast<double>(rows.rows())});
+  }
+  if (out.size() <= static_cast<std::size_t>(max_groups)) return out;
+  std::stable_sort(out.begin(), out.end(),
+                   [](const Group& a, const Group& b) { return a.size > b.size; });
+  out.resize(static_cast<std::size_t>(max_groups));
+  std::sort(out.begin(), out.end(), [](const Group& a, const Group& b) { return a.id < b.id; });
+  return out;
+}
+
+Eigen::MatrixXd scatter_within(const std::vector<Group>& groups) {
+  const Eigen::Index length = groups.front().rows.cols();
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(length, length);
+  double count = 0;
+  for (const Group& group : groups) {
+    if (group.rows.rows() < 2) continue;
+    const Eigen::MatrixXd off = group.rows.rowwise() - group.rows.colwise().mean();
+    sum.noalias() += off.transpose() * off;
+    count += static_cast<double>(group.rows.rows() - 1);
+  }
+  return sum / std::max(1.0, count);
+}
+
+void make_directions(std::vector<Group>& groups, double floor) {
+  const Eigen::MatrixXd within = scatter_within(groups);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(within);
+  const Eigen::VectorXd variances = solver.eigenvalues().cwiseMax(0);
+  const double added = std::max(1e-12, floor * variances.mean());
+  const Eigen::MatrixXd turn = solver.eigenvectors() *
+                               (variances.array() + added).rsqrt().matrix().asDiagonal() *
+                               solver.eigenvectors().transpose();
+  Eigen::RowVectorXd common = Eigen::RowVectorXd::Zero(within.cols());
+  for (const Group& group : groups) common += group.rows.colwise().mean();
+  common /= static_cast<double>(groups.size());
+  for (Group& group : groups) {
+    group.rows = (group.rows.rowwise() - common) * turn;
+    for (Eigen::Index i = 0; i < group.rows.rows(); ++i) {
+      const double norm = group.rows.row(i).norm();
+      if (norm > 1e-12) group.rows.row(i) /= norm;
+    }
+  }
+}
+
+// The score that strangers hardly reach.
+double threshold_of(const std::vector<Group>& groups, double deviations) {
+  const std::size_t pairs = groups.size() * (groups.size() - 1) / 2;
+  const std::size_t step =
+      std::max<std::size_t>(1, pairs * static_cast<std::size_t>(kOfEach * kOfEach) / kMaxScores);
+  std::vector<double> scores;
+  std::size_t number = 0;
+  for (std::size_t a = 0; a < groups.size(); ++a) {
+    for (std::size_t b = a + 1; b < groups.size(); ++b) {
+      if (number++ % step != 0) continue;
+      const Eigen::MatrixXd& first = groups[a].rows;
+      const Eigen::MatrixXd& second = groups[b].rows;
+      const Eigen::MatrixXd some = first.topRows(std::min(kOfEach, first.rows())) *
+                                   second.topRows(std::min(kOfEach, second.rows())).transpose();
+      scores.insert(scores.end(), some.data(), some.data() + some.size());
+    }
+  }
+  const double median = upper_median(scores);
+  for (double& score : scores) score = std::abs(score - median);
+  return median + deviations * 1.4826 * upper_median(scores);
+}
+
+// Mean scores of groups, and who is nearest to each: merging looks at all groups only where these
+// are no longer right.
+class Linkage {
+ public:
+  Linkage(const std::vector<Group>& groups,
+          const std::set<std::pair<std::int64_t, std::int64_t>>& apart)
+      : groups_(groups), nearest_(groups.size(), 0), gone_(groups.size(), false) {
+    const auto count = static_cast<Eigen::Index>(groups.size());
+    Eigen::MatrixXd means(count, groups.front().rows.cols());
+    for (Eigen::Index i = 0; i < count; ++i) {
+      means.row(i) = groups_[static_cast<std::size_t>(i)].rows.colwise().mean();
+      sizes_.push_back(groups_[static_cast<std::size_t>(i)].size);
+    }
+    scores_ = (means * means.transpose()).cast<float>();
+    for (Eigen::Index i = 0; i < count; ++i) {
+      scores_(i, i) = kNever;
+      for (Eigen::Index j = 0; j < i; ++j) {
+        const std::int64_t a = groups_[static_cast<std::size_t>(i)].id;
+        const std::int64_t b = groups_[static_cast<std::size_t>(j)].id;
+        if (apart.contains({std::min(a, b), std::max(a, b)})) scores_(i, j) = kNever;
+        scores_(j, i) = scores_(i, j);
+      }
+    }
+    for (Eigen::Index i = 0; i < count; ++i) look(i);
+  }
+
+  GroupPairs merge(double threshold) {
+    GroupPairs merged;
+    for (;;) {
+      Eigen::Index best = -1;
+      for (Eigen::Index i = 0; i < scores_.rows(); ++i)
+        if (!gone_[at(i)] && (best < 0 || score(i) > score(best))) best = i;
+      if (best < 0 || !(score(best) >= threshold)) return merged;
+      const Eigen::Index into = std::min(best, nearest_[at(best)]);  // ids rise: the older
+      const Eigen::Index from = std::max(best, nearest_[at(best)]);
+      join(from, into);
+      merged.emplace_back(groups_[at(from)].id, groups_[at(into)].id);
+    }
+  }
+
+ private:
+  static constexpr float kNever = -2;  // scores are -1 .. 1
+  static std::size_t at(Eigen::Index i) { return static_cast<std::size_t>(i); }
+  [[nodiscard]] float score(Eigen::Index i) const { return scores_(i, nearest_[at(i)]); }
+  void look(Eigen::Index i) { scores_.row(i).maxCoeff(&nearest_[at(i)]); }
+
+  void join(Eigen::Index from, Eigen::Index into) {
+    const auto a = static_cast<float>(sizes_[at(into)]);
+    const auto b = static_cast<float>(sizes_[at(from)]);
+    for (Eigen::Index k = 0; k < scores_.rows(); ++k) {
+      const bool never = scores_(into, k) == kNever || scores_(from, k) == kNever;
+      scores_(into, k) = never ? kNever : (a * scores_(into, k) + b * scores_(from, k)) / (a + b);
+    }
+    scores_(into, into) = kNever;
+    scores_.row(from).setConstant(kNever);
+    scores_.col(from).setConstant(kNever);
+    scores_.col(into) = scores_.row(into).transpose();
+    sizes_[at(into)] += sizes_[at(from)];
+    gone_[at(from)] = true;
+    for (Eigen::Index i = 0; i < scores_.rows(); ++i) {
+      if (gone_[at(i)]) continue;
+      if (i == into || nearest_[at(i)] == from || nearest_[at(i)] == into) look(i);
+    }
+  }
+
+  const std::vector<Group>& groups_;
+  Eigen::MatrixXf scores_;  // mean of all pairs
+  std::vector<double> sizes_;
+  std::vector<Eigen::Index> nearest_;
+  std::vector<bool> gone_;
+};
+
+}  // namespace
+
+std::optional<GroupPairs> alike_groups(const GroupTemplates& groups,
+                                       const std::set<std::pair<std::int64_t, std::int64_t>>& apart,
+                                       const GroupMergingOptions& options) {
+  options.check();
+  std::vector<Group> used = chosen(groups, options.max_groups);
+  Eigen::Index pairs = 0;
+  for (const Group& group : used) pairs += group.rows.rows() - 1;
+  if (used.size() < static_cast<std::size_t>(options.min_groups) || pairs < options.min_pairs)
+    return std::nullopt;
+  make_directions(used, options.floor);
+  return Linkage(used, apart).merge(threshold_of(used, options.deviations));
+}
+
+}  // namespace tarsier::face::people

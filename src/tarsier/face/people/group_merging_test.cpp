@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/group_merging.h"
+
+#include "tarsier/core/rng.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+namespace tarsier::face::people {
+namespace {
+
+using recognition::Rows;
+
+constexpr int kLength = 48;
+
+// Directions of people, and one that all vary in alike (a lamp at one side or the other): it is
+// as strong as what tells people apart.
+class Crowd {
+ public:
+  explicit Crowd(std::uint64_t seed) : rng_(seed) {}
+
+  [[nodiscard]] Rows sightings(int person, int count, double light) const {
+    Rows out(count, kLength);
+    Rng who = rng_.fork(static_cast<std::uint64_t>(person));
+    Eigen::RowVectorXf face(kLength);
+    for (int k = 0; k < kLength; ++k) face(k) = static_cast<float>(who.normal());
+    for (int i = 0; i < count; ++i) {
+      Rng one =
+          rng_.fork(static_cast<std::uint64_t>(1000 + 100 * person + 10 * i + (light > 0 ? 1 : 0)));
+      out.row(i) = face;
+      for (int k = 0; k < kLength; ++k) out(i, k) += static_cast<float>(0.3 * one.normal());
+      out(i, 0) += static_cast<float>(light + 0.5 * light * one.normal());
+      out.row(i).normalize();
+    }
+    return out;
+  }
+
+ private:
+  Rng rng_;
+};
+
+// Two groups of each person, in different light: 2p + 1 and 2p + 2.
+GroupTemplates halves(const Crowd& crowd, int people, int count = 3) {
+  GroupTemplates groups;
+  for (int p = 0; p < people; ++p) {
+    groups.emplace(2 * p + 1, crowd.sightings(p, count, 6));
+    groups.emplace(2 * p + 2, crowd.sightings(p, count, -6));
+  }
+  return groups;
+}
+
+TEST(GroupMerging, LearnsWhatDiffersWithinGroups) {
+  const Crowd crowd(4);
+  const GroupTemplates groups = halves(crowd, 12);
+  // By the templates themselves a person in other light is less alike than another in the same.
+  const double self = groups.at(1).row(0).dot(groups.at(2).row(0));
+  const double other = groups.at(1).row(0).dot(groups.at(3).row(0));
+  EXPECT_LT(self, other);
+  const auto merged = alike_groups(groups, {});
+  ASSERT_TRUE(merged);
+  std::set<std::pair<std::int64_t, std::int64_t>> found(merged->begin(), merged->end());
+  for (const auto& [from, into] : found) {
+    EXPECT_EQ(into % 2, 1);
+    EXPECT_EQ(from, into + 1);
+  }
+  EXPECT_GE(found.size(), 11U);
+  EXPECT_EQ(alike_groups(groups, {}), merged);
+}
+
+TEST(GroupMerging, StrangersAreNotMerged) {
+  const Crowd crowd(9);
+  GroupTemplates groups;
+  for (int p = 0; p < 60; ++p) groups.emplace(p + 1, crowd.sightings(p, 3, p % 2 == 0 ? 6 : -6));
+  const auto merged = alike_groups(groups, {});
+  ASSERT_TRUE(merged);
+  EXPECT_TRUE(merged->empty());
+}
+
+TEST(GroupMerging, GroupsThatAreApartStayApart) {
+  const Crowd crowd(4);
+  GroupTemplates groups = halves(crowd, 12);
+  groups.emplace(30, crowd.sightings(0, 1, 6));
+  const auto free = alike_groups(groups, {});
+  const auto kept = alike_groups(groups, {{1, 2}});
+  ASSERT_TRUE(free && kept);
+  const auto count_of_first = [](const GroupPairs& merged) {
+    std::map<std::int64_t, std::int64_t> in{{1, 1}, {2, 2}, {30, 30}};
+    for (const auto& [from, into] : merged)
+      for (auto& [id, group] : in)
+        if (group == from) group = into;
+    std::set<std::int64_t> left;
+    for (const auto& [id, group] : in) left.insert(group);
+    return left.size();
+  };
+  EXPECT_EQ(count_of_first(*free), 1U);
+  EXPECT_EQ(count_of_first(*kept), 2U);  // 30 is with one of them, which keeps it from the other
+}
+
+TEST(GroupMerging, SaysWhereTooLittleIsKnown) {
+  const Crowd crowd(4);
+  EXPECT_FALSE(alike_groups({}, {}));
+  EXPECT_FALSE(alike_groups(halves(crowd, 4), {}));      // 8 groups
+  EXPECT_FALSE(alike_groups(halves(crowd, 12, 1), {}));  // nothing of what varies
+  EXPECT_TRUE(alike_groups(halves(crowd, 6, 3), {}));
+  GroupTemplates broken = halves(crowd, 6, 3);
+  broken[99] = Rows::Zero(1, kLength + 1);
+  EXPECT_THROW((void)alike_groups(broken, {}), std::invalid_argument);
+  broken[99] = Rows::Zero(kMergingSightings + 1, kLength);
+  EXPECT_THROW((void)alike_groups(broken, {}), std::invalid_argument);
+  GroupMergingOptions options;
+  options.floor = 0;
+  EXPECT_THROW((void)alike_groups(halves(crowd, 6), {}, options), std::invalid_argument);
+}
+
+TEST(GroupMerging, OfManyGroupsThoseWithMostSightingsTakePart) {
+  const Crowd crowd(4);
+  GroupTemplates groups = halves(crowd, 12);
+  for (int p = 100; p < 140; ++p) groups.emplace(p, crowd.sightings(p, 1, 6));
+  groups.emplace(200, crowd.sightings(0, 1, 6));  // of the first person
+  GroupMergingOptions options;
+  options.max_groups = 24;
+  const auto merged = alike_groups(groups, {}, options);
+  ASSERT_TRUE(merged);
+  EXPECT_GE(merged->size(), 10U);
+  for (const auto& [from, into] : *merged) EXPECT_LT(from, 100);
+}
+
+}  // namespace
+}  // namespace tarsier::face::people

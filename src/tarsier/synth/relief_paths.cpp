@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/relief_paths.h"
+
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace tarsier::synth {
+namespace {
+
+constexpr double kRadians = std::numbers::pi / 180;
+constexpr double kStepDeg = 7;
+constexpr double kSpanDeg = 60;
+constexpr double kLineStep = 0.9;
+constexpr double kLineSpan = 12;
+constexpr double kGridAcross = 2.4;  // units between images of a row
+constexpr double kGridDown = 2;      // and between rows
+constexpr double kTurnLength = 6;    // units of way that a radian of turning counts as
+
+// A camera at `center`, `up` above in its image but for `roll` degrees.
+geometry::Rigid3 look_along(const Eigen::Vector3d& center, const Eigen::Vector3d& direction,
+                            const Eigen::Vector3d& up, double roll) {
+  const Eigen::Vector3d forward = direction.normalized();
+  const Eigen::Vector3d level = forward.cross(up).normalized();
+  const Eigen::Vector3d plumb = forward.cross(level);
+  const Eigen::Vector3d right =
+      std::cos(roll * kRadians) * level + std::sin(roll * kRadians) * plumb;
+  const Eigen::Vector3d down = forward.cross(right);
+  Eigen::Matrix3d rotation;
+  rotation << right.transpose(), down.transpose(), forward.transpose();
+  return {rotation, -(rotation * center)};
+}
+
+// Steps of `step` with all of them no longer than `span`, even about 0.
+double spread(int index, int count, double step, double span) {
+  const double stride = count > 1 ? std::min(step, span / (count - 1)) : step;
+  return (index - (count - 1) / 2.0) * stride;
+}
+
+// Row after row, there and back in turn.
+Eigen::Vector3d over_grid(int index, int count) {
+  const int across = std::max(1, static_cast<int>(std::lround(std::sqrt(count))));
+  const int down = (count + across - 1) / across;
+  const int row = index / across;
+  const int column = row % 2 == 0 ? index % across : across - 1 - index % across;
+  return {(column - (across - 1) / 2.0) * kGridAcross, (row - (down - 1) / 2.0) * kGridDown,
+          kCameraDistance};
+}
+
+}  // namespace
+
+// Held by hand: each camera is a little off its place and aim.
+geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double ring_deg, int index,
+                           int count, const Rng& base) {
+  Rng rng = base.fork(static_cast<std::uint64_t>(index));
+  const Eigen::Vector3d y_up{0, 1, 0};
+  const Eigen::Vector3d shake{rng.uniform(-0.08, 0.08), rng.uniform(-0.35, 0.35),
+                              rng.uniform(-0.15, 0.15)};
+  const Eigen::Vector3d aim{rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0};
+  const double roll = rng.uniform(-2, 2);
+  if (pure_rotation) {
+    const double yaw = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
+    const double pitch = rng.uniform(-5, 5) * kRadians;
+    return look_along(
+        {0, 0, kCameraDistance},
+        {std::sin(yaw) * std::cos(pitch), std::sin(pitch), -std::cos(yaw) * std::cos(pitch)}, y_up,
+        roll);
+  }
+  switch (trajectory) {
+    case Trajectory::kArc: {
+      const double angle = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
+      const Eigen::Vector3d center =
+          kSceneMiddle + kCameraDistance * Eigen::Vector3d(std::sin(angle), 0, std::cos(angle)) +
+          shake;
+      return look_along(center, kSceneMiddle + aim - center, y_up, roll);
+    }
+    case Trajectory::kRing: {
+      const double angle = 360.0 * index / count * kRadians;
+      const double rise = (ring_deg + rng.uniform(-2, 2)) * kRadians;
+      const Eigen::Vector3d center =
+          kSceneMiddle + kCameraDistance * Eigen::Vector3d(std::cos(rise) * std::cos(angle),
+                                                           std::cos(rise) * std::sin(angle),
+                                                           std::sin(rise));
+      return look_along(center, kSceneMiddle + aim - center, {0, 0, 1}, roll);
+    }
+    case Trajectory::kGrid:
+      return look_along(over_grid(index, count) + shake,
+                        Eigen::Vector3d(0, 0, -kCameraDistance) + 2 * aim, y_up, roll);
+    default:
+      break;
+  }
+  const Eigen::Vector3d center{spread(index, count, kLineStep, kLineSpan), 0, kCameraDistance};
+  return look_along(center + shake, Eigen::Vector3d(0, 0, -kCameraDistance) + aim, y_up, roll);
+}
+
+std::vector<geometry::Rigid3> poses_along(std::span<const Eigen::Vector2d> line, int count,
+                                          const Rng& base) {
+  constexpr double kSample = 0.25;  // units
+  constexpr double kAround = 4;     // units of the line before and behind that smooth its corners
+  std::vector<double> lengths{0};
+  for (std::size_t k = 1; k < line.size(); ++k)
+    lengths.push_back(lengths.back() + (line[k] - line[k - 1]).norm());
+  const auto on_line = [&](double s) -> Eigen::Vector2d {
+    s = std::clamp(s, 0.0, lengths.back());
+    const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
+        std::upper_bound(lengths.begin(), lengths.end(), s) - lengths.begin() - 1, 0,
+        static_cast<std::ptrdiff_t>(line.size()) - 2));
+    return line[k] + (s - lengths[k]) / (lengths[k + 1] - lengths[k]) * (line[k + 1] - line[k]);
+  };
+  const auto ahead_at = [&](double s) -> Eigen::Vector2d {
+    return (on_line(s + kAround) - on_line(s - kAround)).normalized();
+  };
+  // The way and the turning together, at samples of the line.
+  const auto samples = static_cast<std::size_t>(std::ceil(lengths.back() / kSample));
+  std::vector<double> effort{0};
+  for (std::size_t k = 1; k <= samples; ++k) {
+    const double s = lengths.back() * static_cast<double>(k) / static_cast<double>(samples);
+    const double step = lengths.back() / static_cast<double>(samples);
+    const double turn = std::acos(std::clamp(ahead_at(s).dot(ahead_at(s - step)), -1.0, 1.0));
+    effort.push_back(effort.back() + step + kTurnLength * turn);
+  }
+  std::vector<geometry::Rigid3> poses;
+  for (int i = 0; i < count; ++i) {
+    const double wanted = effort.back() * i / std::max(1, count - 1);
+    const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
+        std::upper_bound(effort.begin(), effort.end(), wanted) - effort.begin() - 1, 0,
+        static_cast<std::ptrdiff_t>(samples) - 1));
+    const double part = (wanted - effort[k]) / (effort[k + 1] - effort[k]);
+    const double s =
+        lengths.back() * (static_cast<double>(k) + part) / static_cast<double>(samples);
+    const Eigen::Vector2d at = (on_line(s - kAround) + on_line(s) + on_line(s + kAround)) / 3;
+    const Eigen::Vector2d ahead = ahead_at(s);
+    const Eigen::Vector2d left(-ahead.y(), ahead.x());
+    const Eigen::Vector2d view = ahead + 1.2 * left;
+    Rng rng = base.fork(static_cast<std::uint64_t>(i));
+    const Eigen::Vector3d center(at.x() + rng.uniform(-0.15, 0.15),
+                                 at.y() + rng.uniform(-0.15, 0.15), rng.uniform(1.8, 2.6));
+    const Eigen::Vector3d aim(view.x() + rng.uniform(-0.06, 0.06),
+                              view.y() + rng.uniform(-0.06, 0.06), rng.uniform(0.2, 0.3));
+    poses.push_back(look_along(center, aim, {0, 0, 1}, rng.uniform(-2, 2)));
+  }
+  return poses;
+}
+
+}  // namespace tarsier::synth

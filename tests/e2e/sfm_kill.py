@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""Kills `sfm reconstruct` at random moments of all its stages; the same command then ends with the files of an undisturbed run.
+
+sfm_kill.py IMAGES KILLS [MAPPER ..]. The moments are spread over the processor time of the undisturbed run, so they are the
+same on a busy machine; one kill falls into each of KILLS equal parts of it. Every run begins in a new folder.
+"""
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+PROGRAM = os.environ["TARSIER"]
+PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "600"))  # s
+# Of report.json: what says how a run went, and not what it made.
+OF_THE_RUN = ("stages", "from_cache", "resumed")
+failures = []
+
+
+def fail(text):
+    failures.append(text)
+    print(f"FAILED: {text}", flush=True)
+
+
+def cpu_seconds(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            fields = file.read().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except OSError:
+        return 1e9
+
+
+def command(folder, mapper):
+    return [PROGRAM, "sfm", "reconstruct", "scene/images", "--camera-file", "scene/camera.yaml", "--max-features", "500", "--mapper",
+            mapper, "--checkpoint", "0", "--threads", "1", "--quiet", "-o", folder]
+
+
+def start(folder, mapper):
+    return subprocess.Popen(command(folder, mapper), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def run(folder, mapper):
+    """To its end; returns the processor time that it took."""
+    before = os.times()
+    done = subprocess.run(command(folder, mapper), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    if done.returncode != 0:
+        fail(f"{mapper}: exit status {done.returncode}: {done.stderr}")
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
+def files_of(folder):
+    """The bytes of all files that a run made, without the cache."""
+    result = {}
+    for root, folders, names in os.walk(folder):
+        if root == folder and "cache" in folders:
+            folders.remove("cache")
+        for name in names:
+            path = os.path.join(root, name)
+            with open(path, "rb") as file:
+                content = file.read()
+            if name == "report.json":
+                report = json.loads(content)
+                content = json.dumps({key: value for key, value in report.items() if key not in OF_THE_RUN}).encode()
+            result[os.path.relpath(path, folder)] = content
+    return result
+
+
+def kill_once(mapper, moment):
+    """Returns what the killed run had: nothing, its features and pairs, or a checkpoint of the mapping; or that it had ended."""
+    process = start("killed", mapper)
+    deadline = time.monotonic() + PATIENCE
+    while process.poll() is None and cpu_seconds(process.pid) < moment and time.monotonic() < deadline:
+        time.sleep(0.002)
+    ended = process.poll() is not None
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    if ended:
+        return "ended"
+    kept = os.listdir("killed/cache") if os.path.isdir("killed/cache") else []
+    for ending in ("mapper", "pairs", "features"):
+        if any(name.endswith("." + ending) for name in kept):
+            return ending
+    return "nothing"
+
+
+def main():
+    images, kills = int(sys.argv[1]), int(sys.argv[2])
+    rng = random.Random(1)
+    subprocess.run([PROGRAM, "sfm", "synth", "-o", "scene", "--images", str(images), "--size", "320x240", "--seed", "4"], check=True,
+                   stdout=subprocess.DEVNULL)
+    for mapper in sys.argv[3:] or ["incremental", "global"]:
+        shutil.rmtree("whole", ignore_errors=True)
+        total = run("whole", mapper)
+        expected = files_of("whole")
+        if "points3D.txt" not in expected:
+            sys.exit(f"FAILED: {mapper}: no model")
+        had = {}
+        for k in range(kills):
+            shutil.rmtree("killed", ignore_errors=True)
+            moment = (k + rng.random()) / kills * total
+            kept = kill_once(mapper, moment)
+            had[kept] = had.get(kept, 0) + 1
+            run("killed", mapper)
+            made = files_of("killed")
+            for name in sorted(set(expected) | set(made)):
+                if expected.get(name) != made.get(name):
+                    fail(f"{mapper}: killed after {moment:.2f} of {total:.2f} CPU s ({kept}), resumed: another {name}")
+        print(f"{mapper}: {total:.1f} CPU s, {kills} kills; the killed runs had: {had}", flush=True)
+        if had.get("ended", 0) * 3 > kills:
+            fail(f"{mapper}: {had['ended']} runs had ended before the kill: the test tests little")
+        if kills >= 6 and "mapper" not in had:
+            fail(f"{mapper}: no run was killed while it mapped: the test tests little")
+    sys.exit(1 if failures else 0)
+
+
+main()
