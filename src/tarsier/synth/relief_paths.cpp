@@ -135,10 +135,10 @@ std::vector<geometry::Rigid3> poses_along(std::span<const Eigen::Vector2d> line,
     const Eigen::Vector2d left(-ahead.y(), ahead.x());
     const Eigen::Vector2d view = ahead + 1.2 * left;
     Rng rng = base.fork(static_cast<std::uint64_t>(i));
-    const Eigen::Vector3d center(at.x() + rng.uniform(-0.15, 0.15),
-                                 at.y() + rng.uniform(-0.15, 0.15), rng.uniform(1.8, 2.6));
-    const Eigen::Vector3d aim(view.x() + rng.uniform(-0.06, 0.06),
-                              view.y() + rng.uniform(-0.06, 0.06), rng.uniform(0.2, 0.3));
+    const Eigen::Vector3d center{at.x() + rng.uniform(-0.15, 0.15),
+                                 at.y() + rng.uniform(-0.15, 0.15), rng.uniform(1.8, 2.6)};
+    const Eigen::Vector3d aim{view.x() + rng.uniform(-0.06, 0.06),
+                              view.y() + rng.uniform(-0.06, 0.06), rng.uniform(0.2, 0.3)};
     poses.push_back(look_along(center, aim, {0, 0, 1}, rng.uniform(-2, 2)));
   }
   return poses;
