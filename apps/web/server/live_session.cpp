@@ -107,13 +107,13 @@ LiveSession::LiveSession(Options options) : options_(std::move(options)) {
 LiveSession::~LiveSession() {
   close();
   (void)child_->wait(kPatience + milliseconds(100));
-  child_.reset();  // kills
   {
     const std::lock_guard lock(mutex_);
     is_over_ = true;
   }
   nudge();
-  thread_.join();
+  thread_.join();  // before the child goes, which it may be about to interrupt
+  child_.reset();  // kills
   close_fd(records_fd_);
   close_fd(events_fd_);
   close_fd(camera_fd_);

@@ -27,6 +27,8 @@ constexpr int kMinLooks = 5;      // images that should show a point whose rate 
 constexpr double kMost = 0.75;    // share of the points with a lower rate than "most"
 constexpr double kRare = 0.7;     // of that rate: below it a point tells places apart, or is unsure
 constexpr double kMinCommon = 5;  // other points, by which the rate of two images is known
+constexpr double kMinElsewhere = 4;       // expected of the points that are rare in other images
+constexpr double kSharedElsewhere = 0.4;  // of these: more is no contradiction
 constexpr double kMinExpected = 8;        // of two images that contradict each other
 constexpr std::size_t kMinPairs = 3;      // that contradict each other
 constexpr double kMinShare = 0.005;       // .. of those that are judged
@@ -89,10 +91,14 @@ class Comparison {
            std::abs(std::log(one.norm() / other.norm())) / std::log(kMaxScale);
   }
 
-  // Of the points of `from` that tell places apart, those that `to` should show and does.
+  // Of the points of `from` that tell places apart, those that `to` should show and does. Points that few images see are
+  // rare also because `to` does not show them, and then it shows few of the rare ones whatever the place. So it is acquitted
+  // if it shows enough of the points that are rare in the other images.
   [[nodiscard]] ModelConflicts::Evidence shown(int from, int to) const {
     Sum rare;
     Sum common;
+    Sum rare_elsewhere;
+    Sum common_elsewhere;
     const std::vector<Look>& looks = looks_[at(to)];
     for (const int p : points_of_[at(from)]) {
       if (looked_[at(p)] < kMinLooks) continue;
@@ -100,12 +106,16 @@ class Comparison {
           std::lower_bound(looks.begin(), looks.end(), p,
                            [](const Look& look, int point) { return look.point < point; });
       if (found == looks.end() || found->point != p) continue;
-      const bool is_rare = shown_[at(p)] < rare_ * looked_[at(p)];
-      (is_rare ? rare : common).add(*found);
+      (is_rare(shown_[at(p)], looked_[at(p)]) ? rare : common).add(*found);
+      const int shown = shown_[at(p)] - (found->is_shown ? 1 : 0);
+      (is_rare(shown, looked_[at(p)] - 1) ? rare_elsewhere : common_elsewhere).add(*found);
     }
-    if (common.points < kMinCommon) return {};
-    return {rare.points * std::max(0.0, common.shown_beyond_chance() / common.points),
-            rare.shown_beyond_chance()};
+    ModelConflicts::Evidence evidence = evidence_of(rare, common);
+    const ModelConflicts::Evidence elsewhere = evidence_of(rare_elsewhere, common_elsewhere);
+    if (elsewhere.expected >= kMinElsewhere &&
+        elsewhere.found >= kSharedElsewhere * elsewhere.expected)
+      evidence.found = std::max(evidence.found, kMinUsualShare * evidence.expected);
+    return evidence;
   }
 
  private:
@@ -130,6 +140,14 @@ class Comparison {
       return (shown - chance * points) / (1 - chance);
     }
   };
+
+  [[nodiscard]] bool is_rare(int shown, int looked) const { return shown < rare_ * looked; }
+
+  static ModelConflicts::Evidence evidence_of(const Sum& rare, const Sum& common) {
+    if (common.points < kMinCommon) return {};
+    return {rare.points * std::max(0.0, common.shown_beyond_chance() / common.points),
+            rare.shown_beyond_chance()};
+  }
 
   void find_near() {
     near_.resize(model_.images.size());

@@ -21,7 +21,9 @@ namespace tarsier::sfm {
 // unsure. Unsure points are missing here and there. Of two places laid over each other, the points of one are missing in
 // all images of the other, and the other way round. Images that are farther from each other share fewer unsure points; so
 // two are judged by what the best of those share that are at least as far apart (the share of 9 of 10 is below it), where
-// that is 0.35 or more of what is expected.
+// that is 0.35 or more of what is expected. A point that few images should show is also rare because the other image does
+// not show it; so two do not contradict each other where it shows 0.4 or more of the points that are rare without it, four
+// of which are expected or more.
 class ModelConflicts {
  public:
   // What two near images, or the images around them, should share of points that tell places apart.
