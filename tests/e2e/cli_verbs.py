@@ -22,6 +22,8 @@ import sys
 import tempfile
 import time
 
+from processes import cpu_seconds, stat_of
+
 PROGRAM = os.environ["TARSIER"]
 INPUTS = os.environ.get("TARSIER_INPUTS", "")  # a folder that make_inputs() filled
 PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "900"))  # s, of a run on a loaded machine; more under sanitizers
@@ -432,23 +434,6 @@ STOP_TRIES = 3  # the best counts: another program may empty the processor's cac
 STOP_WALL = 60  # s; on a loaded machine. A program that sleeps on would not be seen in its processor time.
 MOMENTS = (0.05, 0.5 if os.environ.get("TARSIER_TEST_ALL") else 0.2)  # CPU s after the program is ready for signals
 MORE_MOMENTS = (0.05, 0.2, 0.5, 1.0)
-TICK = os.sysconf("SC_CLK_TCK")
-
-
-def stat_of(pid):
-    """The fields of /proc/PID/stat from the state on; None of a process that has ended."""
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            fields = file.read().rpartition(")")[2].split()
-    except OSError:
-        return None
-    return None if fields[0] in "ZX" else fields
-
-
-def cpu_seconds(pid):
-    """Processor time of a process, all its threads and the children that it has waited for. None: it has ended."""
-    fields = stat_of(pid)
-    return None if fields is None else sum(int(ticks) for ticks in fields[11:15]) / TICK
 
 
 def wait_until_ready(pid):

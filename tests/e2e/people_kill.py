@@ -14,6 +14,8 @@ import subprocess
 import sys
 import time
 
+from processes import cpu_seconds
+
 PROGRAM = os.environ["TARSIER"]
 ROUNDS = 20 if os.environ.get("TARSIER_TEST_ALL") else 8
 PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s
@@ -36,15 +38,6 @@ def faces_in_it():
         return 0
 
 
-def cpu_seconds(pid):
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            fields = file.read().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    except OSError:
-        return 1e9
-
-
 def kill_once(number, before, moment):
     """Starts and kills one enrolment; returns the faces that were committed before the kill."""
     process = subprocess.Popen([PROGRAM, "people", "enroll", "Lena", "faces", "--any-quality", "--faces", "1000", "--threads", "1",
@@ -57,7 +50,7 @@ def kill_once(number, before, moment):
                 break
             time.sleep(0.005)
     begin = cpu_seconds(process.pid)  # processor time: the same moments on a busy machine
-    while process.poll() is None and cpu_seconds(process.pid) - begin < moment and time.monotonic() < deadline:
+    while (used := cpu_seconds(process.pid)) is not None and used - begin < moment and time.monotonic() < deadline:
         time.sleep(0.005)
     seen = faces_in_it()
     if process.poll() is not None:

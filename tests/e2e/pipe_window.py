@@ -15,7 +15,8 @@ import subprocess
 import sys
 import time
 
-from cli_verbs import STOP_CPU, children_cpu, cpu_seconds
+from cli_verbs import STOP_CPU, children_cpu
+from processes import cpu_seconds
 
 PROGRAM = os.environ["TARSIER"]
 PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s; only a test that fails waits for so long

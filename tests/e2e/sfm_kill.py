@@ -13,6 +13,8 @@ import subprocess
 import sys
 import time
 
+from processes import cpu_seconds
+
 PROGRAM = os.environ["TARSIER"]
 PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "600"))  # s
 # Of report.json: what says how a run went, and not what it made.
@@ -23,15 +25,6 @@ failures = []
 def fail(text):
     failures.append(text)
     print(f"FAILED: {text}", flush=True)
-
-
-def cpu_seconds(pid):
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            fields = file.read().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    except OSError:
-        return 1e9
 
 
 def command(folder, mapper):
@@ -74,7 +67,7 @@ def kill_once(mapper, moment):
     """Returns what the killed run had: nothing, its features and pairs, or a checkpoint of the mapping; or that it had ended."""
     process = start("killed", mapper)
     deadline = time.monotonic() + PATIENCE
-    while process.poll() is None and cpu_seconds(process.pid) < moment and time.monotonic() < deadline:
+    while (used := cpu_seconds(process.pid)) is not None and used < moment and time.monotonic() < deadline:
         time.sleep(0.002)
     ended = process.poll() is not None
     process.send_signal(signal.SIGKILL)

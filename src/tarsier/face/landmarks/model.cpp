@@ -272,8 +272,8 @@ std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& opti
 
 namespace {
 
-constexpr double kSameFace =
-    0.6;  // share of the smaller box that two fits of one face have in common
+// Share of the smaller box that two fits of one face have in common.
+constexpr double kSameFace = 0.6;
 
 // Each face once, by its best fit; largest first.
 std::vector<FoundFace> without_repeats(const LandmarkModel& model, std::vector<FoundFace> fits) {

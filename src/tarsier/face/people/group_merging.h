@@ -15,13 +15,16 @@
 namespace tarsier::face::people {
 
 struct GroupMergingOptions {
-  double deviations =
-      4;  // of strangers' scores above their median, from which two groups are one person
-  double floor = 1;     // of the variances within groups, in their mean
-  int min_groups = 10;  // fewer say too little of strangers,
-  int min_pairs =
-      20;  // and fewer sightings beside the first of each group of what one person varies by
-  int max_groups = 4000;  // those with most sightings take part
+  // Of strangers' scores above their median, from which two groups are one person.
+  double deviations = 4;
+  // Of the variances within groups, in their mean.
+  double floor = 1;
+  // Fewer groups say too little of strangers.
+  int min_groups = 10;
+  // Fewer sightings beside the first of each group say too little of what one person varies by.
+  int min_pairs = 20;
+  // Those with most sightings take part.
+  int max_groups = 4000;
 
   [[nodiscard]] OptionFields fields() {
     return {{"deviations", deviations, range(0, 100)},

@@ -48,9 +48,9 @@ struct GlobalStartHooks {
                                          const MapperOptions& options, const std::stop_token& stop,
                                          const GlobalStartHooks& hooks = {});
 
-// The model at one of its steps, as rough as it is there: `tracks` are of its points, in the same order, and the points that
-// no image shows are none. Nothing before there are positions, where fewer than two images agree on them, and where the
-// state does not fit the other arguments, which are those of start_globally().
+// The rough model at one of the steps. `tracks`: of its points, in the same order. Empty before the step that adjusts, where
+// fewer than two images have poses, and where the state does not fit the other arguments, which are those of
+// start_globally().
 struct GlobalModelSoFar {
   Model model;
   std::vector<std::vector<Observation>> tracks;

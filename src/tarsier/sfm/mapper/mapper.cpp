@@ -14,6 +14,7 @@
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/open_loops.h"
 #include "tarsier/sfm/mapper/outcomes.h"
+#include "tarsier/sfm/mapper/remapping_checkpoint.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/start_model.h"
 #include "tarsier/sfm/mapper/strong_pairs.h"
@@ -701,67 +702,6 @@ class Mapping {
   bool has_shown_ = false;
 };
 
-// Keeps the checkpoints of images that are mapped and then, from their strongest pairs, mapped again.
-class Keeper {
- public:
-  Keeper(const MapperInput& input, const MapperHooks& hooks) : hooks_(hooks) {
-    if (!hooks.from || hooks.watch || !hooks.from->done ||
-        !fits(*hooks.from, input.cameras, input.images, input.pairs.size()))
-      return;
-    patch_doubts_ = hooks.from->patch_doubts;
-    tries_ = hooks.from->tries;
-  }
-
-  // Of the first mapping.
-  [[nodiscard]] MapperHooks first() {
-    MapperHooks first = hooks_;
-    if (hooks_.keep)
-      first.keep = [this](const MapperState& state) {
-        if (!state.done) return hooks_.keep(state);  // there are no tries yet
-        first_ = state;
-        keep();
-      };
-    return first;
-  }
-
-  // Of the next mapping.
-  [[nodiscard]] MapperHooks next_try() {
-    MapperHooks next;
-    next.keep_every_s = hooks_.keep_every_s;
-    const std::size_t k = tried_++;
-    if (k < tries_.size()) next.from = tries_[k];
-    if (hooks_.keep)
-      next.keep = [this, k](const MapperState& state) {
-        tries_.resize(std::max(tries_.size(), k + 1));
-        tries_[k] = state;
-        keep();
-      };
-    return next;
-  }
-
-  // Empty where it has none yet.
-  [[nodiscard]] const std::vector<std::string>& patch_doubts() const { return patch_doubts_; }
-  void keep_patch_doubts(std::vector<std::string> doubts) {
-    patch_doubts_ = std::move(doubts);
-    if (hooks_.keep) keep();
-  }
-
- private:
-  void keep() {
-    first_.patch_doubts = std::move(patch_doubts_);
-    first_.tries = std::move(tries_);
-    hooks_.keep(first_);
-    patch_doubts_ = std::move(first_.patch_doubts);
-    tries_ = std::move(first_.tries);
-  }
-
-  const MapperHooks& hooks_;
-  MapperState first_;  // without what follows
-  std::vector<std::string> patch_doubts_;
-  std::vector<MapperState> tries_;
-  std::size_t tried_ = 0;
-};
-
 // By their pixels, where these can be had.
 std::vector<std::string> doubts_about(const MapperInput& input, Progress& progress,
                                       const std::stop_token& stop) {
@@ -783,8 +723,8 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                            Progress& progress, const std::stop_token& stop,
                            const MapperHooks& hooks) {
   options.check();
-  Keeper keeper(input, hooks);
-  const MapperHooks first = keeper.first();
+  RemappingCheckpoint checkpoint(input, hooks);
+  const MapperHooks first = checkpoint.first();
   Reconstruction result = Mapping(input, options, progress, stop, first).run();
   // What begins with poses that are given is not made again without them.
   if (result.interrupted || !result.has_conflicts || input.start) return result;
@@ -798,16 +738,16 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .pairs = pairs,
                             .followed = input.followed,
                             .repeats = true};
-    const MapperHooks next = keeper.next_try();
+    const MapperHooks next = checkpoint.next_try();
     Reconstruction made = Mapping(among, options, progress, stop, next).run();
     judge_by_all_pairs(input, options, stop, made);
     return made;
   };
   std::optional<Reconstruction> second;
   try {
-    if (keeper.patch_doubts().empty())
-      keeper.keep_patch_doubts(doubts_about(input, progress, stop));
-    const std::vector<std::string> doubts = keeper.patch_doubts();
+    if (checkpoint.patch_doubts().empty())
+      checkpoint.keep_patch_doubts(doubts_about(input, progress, stop));
+    const std::vector<std::string> doubts = checkpoint.patch_doubts();
     judge_by_all_pairs(input, options, stop, result);
     lower_trust(input.pairs, doubts, result);
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
