@@ -2,11 +2,13 @@
 #include "tarsier/sfm/mapper/bundle_solver.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/linalg/decompositions.h"
 #include "tarsier/linalg/sparse_cholesky.h"
 #include "tarsier/sfm/mapper/bundle_cost.h"
 #include "tarsier/sfm/mapper/bundle_equations.h"
+#include "tarsier/sfm/mapper/bundle_residual.h"
 #include "tarsier/sfm/mapper/schur_kernel.h"
 
 #include <Eigen/Cholesky>
@@ -46,6 +48,7 @@ constexpr int kMaxNearIterations = 6;
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
@@ -118,6 +121,44 @@ class Solver {
     problem_.points = std::move(now.state.points);
     return solution;
   }
+
+  // The steps that noise in all observations leads to, sample by sample; fewer where the equations cannot be solved.
+  std::vector<VectorXd> steps_of_noise(double sigma_px, int samples, std::uint64_t seed) {
+    std::vector<VectorXd> steps;
+    const std::vector<Vector2d> residuals = residuals_of(problem_);
+    if (residuals.size() != problem_.seen.size() || variables_.size == 0) return steps;
+    std::vector<Vector2d> predicted;
+    for (std::size_t k = 0; k < residuals.size(); ++k) {
+      const BundleProblem::Seen& seen = problem_.seen[k];
+      predicted.push_back(Vector2d(seen.u, seen.v) + residuals[k] / seen.weight);
+    }
+    const BundleState state{problem_.poses, problem_.lenses, problem_.points};
+    const Rng rng(seed);
+    for (int sample = 0; sample < samples; ++sample) {
+      Rng noise = rng.fork(static_cast<std::uint64_t>(sample));
+      for (std::size_t k = 0; k < predicted.size(); ++k) {
+        BundleProblem::Seen& seen = problem_.seen[k];
+        seen.u = predicted[k][0] + noise.normal(0, sigma_px) / seen.weight;
+        seen.v = predicted[k][1] + noise.normal(0, sigma_px) / seen.weight;
+      }
+      linearize(problem_, variables_, state, 1, equations_);
+      BundleStep step;
+      if (sample == 0) {
+        double promised = 0;
+        if (!solve_step(kMinDamping, step, promised)) break;
+      } else {
+        step.variables = -equations_.gradient;
+        for (const std::size_t p : variables_.order)
+          if (problem_.point_moves[p] != 0)
+            eliminate_right(p, equations_.point_gradient[p], step.variables);
+        if (!solve_cameras(step.variables) || !step.variables.allFinite()) break;
+      }
+      steps.push_back(std::move(step.variables));
+    }
+    return steps;
+  }
+
+  [[nodiscard]] const BundleVariables& variables() const { return variables_; }
 
  private:
   using Entry = BundleVariables::Entry;
@@ -410,16 +451,60 @@ class Solver {
   linalg::SparseCholesky sparse_factor_;
 };
 
-}  // namespace
-
-BundleSolution solve(BundleProblem& problem, const BundleSolverOptions& options,
-                     const std::stop_token& stop) {
+void check(const BundleProblem& problem) {
   TARSIER_REQUIRE(problem.pose_moves.size() == problem.poses.size() &&
                       problem.point_moves.size() == problem.points.size() &&
                       problem.first.size() == problem.points.size() + 1,
                   "a bundle of {} poses and {} points without a flag each, or a range",
                   problem.poses.size(), problem.points.size());
+}
+
+}  // namespace
+
+BundleSolution solve(BundleProblem& problem, const BundleSolverOptions& options,
+                     const std::stop_token& stop) {
+  check(problem);
   return Solver(problem, options, stop).run();
+}
+
+std::vector<Vector2d> residuals_of(const BundleProblem& problem) {
+  std::vector<Vector2d> residuals;
+  residuals.reserve(problem.seen.size());
+  for (std::size_t p = 0; p < problem.points.size(); ++p) {
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      const BundleProblem::Seen& seen = problem.seen[k];
+      Vector2d residual;
+      if (!residual_of(seen, problem.lenses[at(seen.lens)],
+                       problem.poses[at(seen.pose)] * problem.points[p], residual, nullptr,
+                       nullptr))
+        return {};
+      residuals.push_back(residual);
+    }
+  }
+  return residuals;
+}
+
+std::vector<std::vector<Vector3d>> centers_under_noise(BundleProblem problem, double sigma_px,
+                                                       int samples, std::uint64_t seed) {
+  check(problem);
+  TARSIER_REQUIRE(sigma_px >= 0 && samples >= 1, "{} samples of a noise of {} px", samples,
+                  sigma_px);
+  problem.loss_px = 0;
+  const BundleSolverOptions options;
+  const std::stop_token never;
+  Solver solver(problem, options, never);
+  std::vector<std::vector<Vector3d>> result;
+  for (const VectorXd& step : solver.steps_of_noise(sigma_px, samples, seed)) {
+    std::vector<Vector3d>& centers = result.emplace_back();
+    for (std::size_t i = 0; i < problem.poses.size(); ++i) {
+      const int variable = solver.variables().pose_variable[i];
+      centers.push_back(problem.poses[i].center());
+      if (variable >= 0)
+        centers.back() += step.segment<3>(solver.variables().offset_of(variable) + 3);
+    }
+  }
+  if (result.size() != static_cast<std::size_t>(samples)) result.clear();
+  return result;
 }
 
 }  // namespace tarsier::sfm

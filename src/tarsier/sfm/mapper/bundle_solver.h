@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -91,5 +92,17 @@ struct BundleSolution {
 // The result does not depend on the number of threads. No random numbers. Throws Interrupted when stopped: the problem is then as it was.
 BundleSolution solve(BundleProblem& problem, const BundleSolverOptions& options,
                      const std::stop_token& stop = {});
+
+// w (pi(R X + t) - u) of each observation, px; none where a point lies behind a camera.
+[[nodiscard]] std::vector<Eigen::Vector2d> residuals_of(const BundleProblem& problem);
+
+// Where the centres of the poses go if each observation is what the problem's poses, points and lenses predict, and noise:
+// sample by sample, of each pose; to first order, by one step of plain least squares (`loss_px` and what was observed do not
+// count). `sigma_px` >= 0: standard deviation of each coordinate of a weighted residual. No samples where the equations
+// cannot be solved. The same for any number of threads.
+[[nodiscard]] std::vector<std::vector<Eigen::Vector3d>> centers_under_noise(BundleProblem problem,
+                                                                            double sigma_px,
+                                                                            int samples,
+                                                                            std::uint64_t seed);
 
 }  // namespace tarsier::sfm

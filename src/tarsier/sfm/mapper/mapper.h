@@ -4,6 +4,7 @@
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
+#include "tarsier/sfm/mapper/center_uncertainty.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/model_filter.h"
@@ -94,6 +95,8 @@ struct Reconstruction {
   std::vector<double>
       trust;  // of each model: the mean of its images; of scenes that repeat, what its shape leaves
   std::vector<ModelShape> shapes;  // of each model
+  std::vector<std::optional<CenterUncertainty>>
+      uncertainties;  // of each model; empty: not looked for
   std::vector<RefusedPair> refused;
   // Near images of a model lack what they should show (model_conflicts.h).
   bool has_conflicts = false;

@@ -8,6 +8,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
+#include "tarsier/sfm/mapper/center_uncertainty.h"
 #include "tarsier/sfm/mapper/colmap_database.h"
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/image_features.h"
@@ -638,6 +639,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                               : map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
   result.reconstruction.log.insert(result.reconstruction.log.begin(), log.begin(), log.end());
   for (Model& model : result.reconstruction.models) turn_upright(model);
+  add_uncertainty(options.mapper, result.reconstruction);
   stages.note();
   result.resumed = result.reconstruction.resumed;
   if (start) {

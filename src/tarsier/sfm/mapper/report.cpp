@@ -15,6 +15,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr double kUncertain = 0.01;  // share of the extent, of a centre: worth a line
+
 double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
 Json camera_json(const geometry::Camera& camera) {
@@ -66,6 +68,12 @@ Json joins_json(const Reconstruction& built) {
   return joins;
 }
 
+const CenterUncertainty* uncertainty_of(const Reconstruction& built, std::size_t model) {
+  return model < built.uncertainties.size() && built.uncertainties[model]
+             ? &*built.uncertainties[model]
+             : nullptr;
+}
+
 // How many points of the model each image shows.
 std::vector<int> points_shown(const Model& model) {
   std::vector<int> shown(model.images.size(), 0);
@@ -92,6 +100,10 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
         models.back()["weakest_joint"] = rounded(shape.weakest_joint, 1e3);
       models.back()["missed_pairs"] = shape.missed.size();
     }
+    if (const CenterUncertainty* uncertainty = uncertainty_of(built, m)) {
+      models.back()["center_sigma_percent"] = rounded(100 * uncertainty->mean, 1e4);
+      models.back()["center_sigma_worst_percent"] = rounded(100 * uncertainty->worst, 1e4);
+    }
     shown.push_back(points_shown(model));
   }
   Json images = Json::array();
@@ -104,7 +116,10 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
     if (report.outcome.registered) {
       entry["model"] = report.outcome.model;
       if (!built.trust.empty()) entry["trust"] = rounded(report.outcome.trust, 1e3);
-      entry["points"] = shown[static_cast<std::size_t>(report.outcome.model)][index];
+      const auto m = static_cast<std::size_t>(report.outcome.model);
+      entry["points"] = shown[m][index];
+      if (const CenterUncertainty* uncertainty = uncertainty_of(built, m))
+        entry["center_sigma_percent"] = rounded(100 * uncertainty->sigmas[index], 1e4);
     } else {
       entry["reason"] = report.outcome.reason;
     }
@@ -178,6 +193,13 @@ std::string summary_text(const PipelineResult& result) {
     if (m < built.trust.size() && built.trust[m] < 0.5)
       text += fmt::format("model {}: little speaks for it (trust {:.2f}): see report.json\n", m,
                           built.trust[m]);
+    const CenterUncertainty* uncertainty = uncertainty_of(built, m);
+    if (uncertainty != nullptr && uncertainty->worst >= kUncertain)
+      text += fmt::format(
+          "model {}: its matches place a camera to {:.1f} % of the extent only (standard deviation "
+          "of "
+          "the worst centre)\n",
+          m, 100 * uncertainty->worst);
   }
   if (built.models.empty()) text += "no model: " + built.no_model + "\n";
   for (const ModelJoin& join : built.joins)
