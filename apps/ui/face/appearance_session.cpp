@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "ui/face/appearance_session.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/image/draw/shapes.h"
 #include "tarsier/image/draw/text.h"
 
@@ -14,6 +15,13 @@ namespace tarsier {
 
 namespace {
 
+constexpr NameTable<AppearanceSession::Drawn, 4> kDrawn{
+    "drawing",
+    {{{AppearanceSession::Drawn::kMesh, "mesh"},
+      {AppearanceSession::Drawn::kFace, "face"},
+      {AppearanceSession::Drawn::kPoints, "points"},
+      {AppearanceSession::Drawn::kNothing, "nothing"}}}};
+
 constexpr double kErrorShare = 0.5;  // of the image's width that the error image may take
 
 double width_of(const Eigen::Matrix2Xd& points) {
@@ -22,46 +30,25 @@ double width_of(const Eigen::Matrix2Xd& points) {
 
 }  // namespace
 
-std::string_view name_of(AppearanceSession::Drawn drawn) {
-  switch (drawn) {
-    case AppearanceSession::Drawn::kMesh:
-      return "mesh";
-    case AppearanceSession::Drawn::kFace:
-      return "face";
-    case AppearanceSession::Drawn::kPoints:
-      return "points";
-    case AppearanceSession::Drawn::kNothing:
-      return "nothing";
-  }
-  return "";
-}
+std::string_view name_of(AppearanceSession::Drawn drawn) { return kDrawn.name(drawn); }
 
-AppearanceSession::AppearanceSession(const face::appearance::Fitter& fitter,
-                                     face::appearance::FindStarts find,
-                                     const face::appearance::TrackOptions& options, Drawn drawn,
-                                     DebugSink* debug)
+AppearanceSession::AppearanceSession(face::AppearanceTracker tracker, Drawn drawn, DebugSink* debug,
+                                     face::AppearanceState state)
     : FrameSession("Appearance model"),
-      fitter_(fitter),
-      find_(std::move(find)),
-      options_(options),
+      tracker_(std::move(tracker)),
       debug_(debug),
+      state_(std::move(state)),
       drawn_(drawn) {
-  options_.check();
-  const face::appearance::AppearanceModel& model = fitter.model();
+  const face::appearance::AppearanceModel& model = tracker_.model();
   if (model.colour || face::appearance::has_offset(model.levels.front().channels))
     synthesis_.emplace(model);
   if (!synthesis_ && drawn_ == Drawn::kFace) drawn_ = Drawn::kMesh;
 }
 
-void AppearanceSession::process(const Frame& frame) {
-  objects_ = frame.still ? face::appearance::find_objects(fitter_, find_, frame.image,
-                                                          options_.max_objects, workspace_)
-                         : face::appearance::track_objects(fitter_, options_, find_, track_,
-                                                           frame.image, frame.time);
-}
+void AppearanceSession::process(const Frame& frame) { objects_ = tracker_.process(frame, state_); }
 
 bool AppearanceSession::act(const std::string& name) {
-  if (name == "redetect") track_ = {};
+  if (name == "redetect") face::redetect(state_);
   if (name == "errors") errors_ = !errors_;
   if (name == "view") {
     do {
@@ -79,7 +66,7 @@ std::vector<Action> AppearanceSession::own_actions() const {
 
 void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
                                     cv::Mat& image) const {
-  if (drawn == Drawn::kMesh) face::appearance::draw_mesh(fitter_.model(), points, image);
+  if (drawn == Drawn::kMesh) face::appearance::draw_mesh(tracker_.model(), points, image);
   if (drawn == Drawn::kPoints) {
     const double radius = std::clamp(width_of(points) / 90, 0.7, 6.0);
     for (Eigen::Index i = 0; i < points.cols(); ++i)
@@ -102,7 +89,7 @@ void AppearanceSession::processed() {
   }
   for (const face::appearance::TrackedObject& object : objects_)
     debug_->image(fmt::format("texture of {}", object.id),
-                  face::appearance::draw_error(fitter_.model(), frame(), object.fit.points));
+                  face::appearance::draw_error(tracker_.model(), frame(), object.fit.points));
 }
 
 void AppearanceSession::draw(cv::Mat& image) {
@@ -118,7 +105,7 @@ void AppearanceSession::draw(cv::Mat& image) {
   }
   if (!errors_ || objects_.empty()) return;
   cv::Mat error =
-      face::appearance::draw_error(fitter_.model(), frame(), objects_.front().fit.points);
+      face::appearance::draw_error(tracker_.model(), frame(), objects_.front().fit.points);
   const double scale =
       std::min({kErrorShare * image.cols / error.cols, kErrorShare * image.rows / error.rows, 3.0});
   cv::resize(error, error, {}, scale, scale, cv::INTER_LINEAR);

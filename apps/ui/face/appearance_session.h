@@ -3,7 +3,7 @@
 
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/face/appearance/synthesis.h"
-#include "tarsier/face/appearance/tracker.h"
+#include "tarsier/face/pipelines/appearance_tracker.h"
 
 #include "ui/frame_session.h"
 #include <optional>
@@ -12,20 +12,19 @@
 
 namespace tarsier {
 
-// Fits an appearance model to what it is shown. Objects of a still are found again; those of a
-// video or camera are followed. Keys: v what is drawn (mesh, the model's face over the image,
+// Shows what a face::AppearanceTracker fits: objects of a still are found again; those of a video
+// or camera are followed. Keys: v what is drawn (mesh, the model's face over the image,
 // points, nothing), e the error image, d looks for objects again, space pauses, h help, q or Esc
 // ends. State: {"faces": number, "ids": [..], "error", "drawn", "paused"}.
 class AppearanceSession final : public FrameSession {
  public:
   enum class Drawn { kMesh, kFace, kPoints, kNothing };
 
-  // `fitter` must outlive the session, and so must `debug`, which takes the meshes, the model's
-  // faces over the image, and of each object its texture, the model's and the difference. Throws
-  // std::invalid_argument for bad options.
-  AppearanceSession(const face::appearance::Fitter& fitter, face::appearance::FindStarts find,
-                    const face::appearance::TrackOptions& options, Drawn drawn,
-                    DebugSink* debug = nullptr);
+  // `debug`, which may be null and must outlive the session, takes the meshes, the model's faces over
+  // the image, and of each object its texture, the model's and the difference.
+  // `state` may know other starts than the tracker's.
+  AppearanceSession(face::AppearanceTracker tracker, Drawn drawn, DebugSink* debug = nullptr,
+                    face::AppearanceState state = {});
 
   // Of the latest frame.
   [[nodiscard]] const std::vector<face::appearance::TrackedObject>& objects() const {
@@ -34,7 +33,6 @@ class AppearanceSession final : public FrameSession {
   [[nodiscard]] bool follows() const { return !still(); }
 
  private:
-  void restart() override { track_ = {}; }
   void process(const Frame& frame) override;
   void processed() override;
   void draw(cv::Mat& image) override;
@@ -44,13 +42,10 @@ class AppearanceSession final : public FrameSession {
   [[nodiscard]] std::vector<Action> own_actions() const override;
   bool act(const std::string& name) override;
 
-  const face::appearance::Fitter& fitter_;
-  face::appearance::FindStarts find_;
-  face::appearance::TrackOptions options_;
+  face::AppearanceTracker tracker_;
   DebugSink* debug_;
   std::optional<face::appearance::Synthesis> synthesis_;  // where the model can be drawn
-  face::appearance::Track track_;
-  face::appearance::FitWorkspace workspace_;
+  face::AppearanceState state_;
   std::vector<face::appearance::TrackedObject> objects_;
   Drawn drawn_ = Drawn::kMesh;
   bool errors_ = false;

@@ -3,37 +3,50 @@
 
 #include "tarsier/core/progress.h"
 #include "tarsier/face/appearance/testing_portraits.h"
+#include "tarsier/media/testing_folder.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
+
+#include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
 
 namespace tarsier {
 namespace {
 
 class AppearanceSessionTest : public ::testing::Test {
  protected:
-  AppearanceSessionTest() : fitter_(model(), {}) {
+  AppearanceSessionTest() {
     frame_.image = unseen_.image;
     frame_.name = "image";
     frame_.still = true;
   }
-  static const face::appearance::AppearanceModel& model() {
-    static const face::appearance::AppearanceModel result = [] {
+  static const face::AppearanceTracker& tracker() {
+    static const face::AppearanceTracker result = [] {
       NoProgress silent;
-      return face::appearance::train_appearance_model(face::appearance::testing::portraits(30, 1),
-                                                      {}, {}, silent, {});
+      const TemporaryFolder folder;
+      face::AppearanceTrackerOptions options;
+      options.model = folder / "model.json";
+      face::appearance::write_appearance_model(
+          options.model,
+          face::appearance::train_appearance_model(face::appearance::testing::portraits(30, 1), {},
+                                                   {}, silent, {}),
+          nlohmann::json::object());
+      return face::AppearanceTracker::load({}, options);
     }();
     return result;
   }
   AppearanceSession session() {
-    const auto find = [this](const cv::Mat&) {
+    face::AppearanceState state;
+    state.find = [this](const cv::Mat&) {
+      const Eigen::Matrix2Xd& mean = tracker().model().shape.mean;
       return std::vector<std::vector<Eigen::Matrix2Xd>>{
-          {face::shape::fit_similarity(model().shape.mean, unseen_.points)(model().shape.mean)}};
+          {face::shape::fit_similarity(mean, unseen_.points)(mean)}};
     };
-    return {fitter_, find, {}, AppearanceSession::Drawn::kMesh};
+    return {tracker(), AppearanceSession::Drawn::kMesh, nullptr, std::move(state)};
   }
 
-  face::appearance::Fitter fitter_;
   face::appearance::TrainingImage unseen_ = face::appearance::testing::portraits(1, 33)[0];
   Frame frame_;
 };

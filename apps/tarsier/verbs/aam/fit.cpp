@@ -75,7 +75,6 @@ Drawn parse_drawn(const std::string& name) {
 }
 
 ExitStatus run_fit(FitFlags& flags, Context& context) {
-  flags.aam.track.check();
   default_to_headless(flags.run);
   const Drawn drawn = parse_drawn(flags.draw);
   const face::AppearanceTracker tracker = load_appearance_tracker(flags.aam);
@@ -83,8 +82,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
       !face::appearance::has_offset(tracker.model().levels.front().channels))
     throw ModelError(tracker.path(), "has no colour texture for --draw face");
   DebugFolder debug(context.debug_dir);
-  AppearanceSession session(tracker.fitter(), tracker.find_starts(), flags.aam.track, drawn,
-                            debug.sink());
+  AppearanceSession session(tracker, drawn, debug.sink());
   bool found = false;
   RunHooks hooks;
   hooks.title = "appearance";
