@@ -11,13 +11,11 @@
 namespace tarsier {
 
 View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (controls_.paused() && !frame.still && !latest_.image.empty()) {
-    trouble_ = trouble_of(source);  // a camera goes on; what is shown stays
-    return view(false);
-  }
+  hear(source);
+  if (controls_.paused() && !frame.still && !latest_.image.empty())
+    return view(false);  // a camera goes on; what is shown stays
   if (frame.still || source_of(frame) != source_of(latest_)) restart();
   latest_ = frame;
-  trouble_ = trouble_of(source);
   timer_.start();
   process(frame);
   timer_.stop();
@@ -26,8 +24,8 @@ View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
 }
 
 View FrameSession::on_idle(const SourceStatus& source) {
+  hear(source);
   if (idle()) draw_again();
-  trouble_ = trouble_of(source);
   return view(false);
 }
 
@@ -35,6 +33,8 @@ View FrameSession::on_event(const Event& event) {
   bool changed = false;
   if (event.kind == Event::Kind::kMouse) {
     changed = mouse(event);
+  } else if (event.kind == Event::Kind::kSlider) {
+    changed = slide(event);
   } else {
     const std::string name = action_of(event, actions());
     changed = !controls_.act(name) && act(name);
@@ -46,9 +46,14 @@ std::vector<Action> FrameSession::actions() const { return controls_.after(own_a
 
 View FrameSession::redrawn() { return view(draw_again()); }
 
+void FrameSession::hear(const SourceStatus& source) {
+  source_ = source;
+  trouble_ = trouble_of(source);
+}
+
 bool FrameSession::draw_again() {
   if (frame().empty()) return false;
-  frame().copyTo(output_);
+  begin_drawing(output_);
   draw(output_);
   return true;
 }
@@ -60,18 +65,25 @@ View FrameSession::view(bool fresh) {
   result.status = fmt::format("{}{}{}", status(), trouble_.empty() ? "" : "  " + trouble_,
                               controls_.paused() ? "  paused" : "");
   if (fresh) result.output = output_;
-  if (!output_.empty()) {
+  result.finished = controls_.finished();
+  result.toggle_fullscreen = std::exchange(toggles_fullscreen_, false);
+  if (!is_shown()) {
+    result.image = output_;
+    return result;
+  }
+  if (output_.empty()) {
+    if (!draw_waiting(shown_)) return result;
+  } else {
     output_.copyTo(shown_);
     draw_shown(shown_);
-    const std::string said = message();
-    if (!draws_status() && !said.empty()) result.status = said;
-    if (draws_status()) {
-      image::draw::status_bar(shown_, said.empty() ? result.status : said, note());
-      if (controls_.help()) draw_help(shown_, title_, actions(), help_lines());
-    }
-    result.image = shown_;
   }
-  result.finished = controls_.finished();
+  const std::string said = message();
+  if (!draws_status() && !said.empty()) result.status = said;
+  if (draws_status()) {
+    image::draw::status_bar(shown_, said.empty() ? result.status : said, note());
+    if (controls_.help()) draw_help(shown_, title_, actions(), help_lines());
+  }
+  result.image = shown_;
   return result;
 }
 

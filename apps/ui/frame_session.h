@@ -55,6 +55,11 @@ class FrameSession : public Session {
     static_cast<void>(name);
     return false;
   }
+  // A slider was moved; true: the frame is to be drawn again.
+  virtual bool slide(const Event& event) {
+    static_cast<void>(event);
+    return false;
+  }
   // What the mouse did; true: the frame is to be drawn again.
   virtual bool mouse(const Event& event) {
     static_cast<void>(event);
@@ -63,8 +68,17 @@ class FrameSession : public Session {
   // No frame came for a while; true: the frame is to be drawn again.
   virtual bool idle() { return false; }
 
+  // What draw() draws on.
+  virtual void begin_drawing(cv::Mat& image) { frame().copyTo(image); }
   // On a copy of the drawing that is shown and does not go to the sink.
   virtual void draw_shown(cv::Mat& image) { static_cast<void>(image); }
+  // What is shown as long as there is no drawing; false: nothing.
+  virtual bool draw_waiting(cv::Mat& image) {
+    static_cast<void>(image);
+    return false;
+  }
+  // Whether anybody looks. If not, View::image is the drawing itself.
+  [[nodiscard]] virtual bool is_shown() const { return true; }
   // What the bar says in place of the status; empty: nothing.
   [[nodiscard]] virtual std::string message() const { return ""; }
 
@@ -75,6 +89,15 @@ class FrameSession : public Session {
 
   // Draws the latest frame again, for the sink too. Before the first frame nothing is drawn.
   View redrawn();
+  // There is no drawing until the next one is made.
+  void drop_drawing() { output_.release(); }
+  // The next view asks the host for it.
+  void toggle_fullscreen() { toggles_fullscreen_ = true; }
+
+  [[nodiscard]] bool paused() const { return controls_.paused(); }
+  [[nodiscard]] bool shows_help() const { return controls_.help(); }
+  // Where the frames come from, as the host said last.
+  [[nodiscard]] const SourceStatus& source() const { return source_; }
 
   // The latest frame; its image is empty before the first.
   [[nodiscard]] const Frame& latest() const { return latest_; }
@@ -85,13 +108,16 @@ class FrameSession : public Session {
   [[nodiscard]] const cv::Mat& drawing() const { return output_; }
 
  private:
+  void hear(const SourceStatus& source);
   bool draw_again();
   View view(bool fresh);
 
   std::string title_;
   SessionControls controls_;
   FrameTimer timer_;
+  SourceStatus source_;
   std::string trouble_;  // of the source
+  bool toggles_fullscreen_ = false;
   Frame latest_;
   cv::Mat output_;
   cv::Mat shown_;

@@ -8,25 +8,18 @@
 #include "tarsier/core/require.h"
 #include "tarsier/image/draw/text.h"
 #include "tarsier/image/draw/tile.h"
-#include "tarsier/media/atomic_file.h"
-#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 
-#include "ui/controls.h"
-#include "ui/overlay.h"
 #include "ui/save_image.h"
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <optional>
 #include <utility>
 
 namespace tarsier {
 namespace {
 
-using cartoon::CartoonOptions;
 using cartoon::Mode;
 
 constexpr double kOutlineSeconds = 2;      // of frame time that the face outline shows ...
@@ -53,33 +46,7 @@ constexpr ModeAction kModeActions[] = {
     {Mode::kSmooth, "smooth skin", 'm'},
     {Mode::kNone, "the image as it is", 'n'},
 };
-
-// Keeps the stages of a frame for the debug view, and hands them on.
-class Stages final : public DebugSink {
- public:
-  explicit Stages(DebugSink* next) : next_(next) {}
-  void begin(bool keep) {
-    keep_ = keep;
-    images_.clear();
-    names_.clear();
-  }
-  void image(std::string_view name, const cv::Mat& image) override {
-    if (next_ != nullptr) next_->image(name, image);
-    if (!keep_) return;
-    images_.push_back(image.clone());
-    names_.emplace_back(name);
-  }
-  [[nodiscard]] bool empty() const { return images_.empty(); }
-  [[nodiscard]] cv::Mat tiled(cv::Size size) const {
-    return image::draw::tile(images_, names_, size);
-  }
-
- private:
-  DebugSink* next_;
-  bool keep_ = false;
-  std::vector<cv::Mat> images_;
-  std::vector<std::string> names_;
-};
+constexpr std::size_t kEvilAction = 3;  // behind it the ink alone
 
 bool draws_evil_lines(Mode mode) { return mode == Mode::kEvil || mode == Mode::kEvilSketch; }
 
@@ -89,309 +56,249 @@ void CartoonSessionOptions::check() const {
   TARSIER_REQUIRE(!save_folder.empty(), "the folder for saved images has no name");
 }
 
-struct CartoonSession::Impl {
-  Impl(const cartoon::Cartoonizer& draws, const CartoonSessionOptions& given)
-      : options(given), cartoonizer(draws), settings(draws.options()), stages(given.debug) {}
-
-  CartoonSessionOptions options;
-  cartoon::Cartoonizer cartoonizer;
-  CartoonOptions settings;  // as the user changed them
-  cartoon::CartoonizerState state;
-  Stages stages;
-
-  Frame frame;  // the last one that was used
-  bool has_frame = false;
-  cartoon::CartoonResult result;  // of it
-  cv::Mat debug_view;
-  cv::Mat shown;  // with overlay
-  SourceStatus source;
-  double age_ms = 0;
-
-  SessionControls controls{true};
-  bool debug = false;
-  double interval_s = 0;                // smoothed time between frames
-  std::optional<double> outline_since;  // frame time
-  bool outline_wanted = false;          // from the next frame on
-  std::string message;
-  double message_since = 0;
-  std::string saved;
-
-  // --- the image
-  // ----------------------------------------------------------------------------------------
-
-  void process() {
-    result = {};  // its buffer is used again if nobody else holds it
-    stages.begin(debug);
-    DebugSink* sink = debug || watched(options.debug) != nullptr ? &stages : nullptr;
-    cartoonizer.set_options(settings);
-    // The time it takes is only reported, never acted on: what a session shows does not depend on a
-    // clock.
-    result = cartoonizer.process(frame, state, sink, options.timers, options.stop);
-    debug_view = debug && !stages.empty() ? stages.tiled(frame.image.size()) : cv::Mat();
-  }
-
-  [[nodiscard]] double outline_opacity() const {
-    if (!outline_since) return 0;
-    const double seconds = frame.time - *outline_since;
-    if (seconds < 0 || seconds >= kOutlineSeconds) return 0;
-    return std::min(1.0, (kOutlineSeconds - seconds) / (kOutlineSeconds - kOutlineFadeAfter));
-  }
-
-  void set_mode(Mode mode) {
-    if (mode == Mode::kAlien && settings.mode != Mode::kAlien) outline_wanted = true;
-    if (mode != Mode::kAlien) {
-      outline_since.reset();
-      outline_wanted = false;
-    }
-    settings.mode = mode;
-  }
-
-  void begin_outline() {
-    if (!outline_wanted) return;
-    outline_wanted = false;
-    outline_since.reset();
-    if (!frame.still && settings.skin.face == cartoon::FaceMode::kOutline)
-      outline_since = frame.time;
-  }
-
-  void measure_interval(double time, double before) {
-    const double seconds = time - before;
-    if (seconds <= 0) {  // another video
-      interval_s = 0;
-    } else {
-      interval_s = interval_s > 0 ? interval_s + kFpsMemory * (seconds - interval_s) : seconds;
-    }
-  }
-
-  // --- what is shown
-  // --------------------------------------------------------------------------------------
-
-  [[nodiscard]] double fps() const { return interval_s > 0 ? 1 / interval_s : 0; }
-
-  [[nodiscard]] std::string status() const {
-    std::string text(cartoon::name_of(settings.mode));
-    if (settings.steady.on) text += "  steady";
-    if (fps() > 0) text += fmt::format("  {:.1f} fps", fps());
-    if (age_ms > 0) text += fmt::format("  age {:.0f} ms", age_ms);
-    if (source.state != SourceState::kLive && source.state != SourceState::kEnded) {
-      text += fmt::format("  {}", name_of(source.state));
-    }
-    if (controls.paused()) text += "  paused";
-    return text;
-  }
-
-  void draw_banner(cv::Mat& image) const {
-    const bool away = source.state == SourceState::kConnecting ||
-                      source.state == SourceState::kStale || source.state == SourceState::kLost;
-    if (!away) return;
-    std::string text(source.state == SourceState::kStale  ? "no new image"
-                     : source.state == SourceState::kLost ? "camera lost"
-                                                          : "connecting ...");
-    if (!source.detail.empty()) text += '\n' + source.detail;
-    image::draw::TextStyle style;
-    style.color = {80, 220, 255};
-    style.backing = image::draw::Backing::kBox;
-    style.height_px = image::draw::fitting_text_height(image.size());
-    const cv::Size size = image::draw::text_size(text, style.height_px);
-    if (size.width > image.cols)
-      style.height_px = std::max(4.0, style.height_px * image.cols / size.width);
-    image::draw::put_text(image, text, {image.cols / 2, image.rows / 4}, style,
-                          image::draw::Anchor::kCenter);
-  }
-
-  [[nodiscard]] nlohmann::json state_json() const {
-    nlohmann::json json = {{"fps", std::round(fps() * 100) / 100},
-                           {"age_ms", std::round(age_ms * 10) / 10},
-                           {"source", name_of(source.state)},
-                           {"paused", controls.paused()},
-                           {"debug", debug},
-                           {"steady", settings.steady.on},
-                           {"help", controls.help()},
-                           {"frame", has_frame ? frame.index : -1},
-                           {"sketch_threshold", settings.sketch.threshold},
-                           {"evil_threshold", settings.evil.threshold}};
-    json.update(nlohmann::json(cartoon::to_json(has_frame ? result : cartoon::CartoonResult())));
-    json["mode"] = cartoon::name_of(settings.mode);  // that the next image is drawn in
-    if (!saved.empty()) json["saved"] = saved;
-    return json;
-  }
-
-  View view(const std::vector<Action>& actions, bool has_bar) {
-    View result_view;
-    if (options.overlay) {
-      const cv::Mat& base = !has_frame ? cv::Mat() : debug_view.empty() ? result.image : debug_view;
-      if (has_frame) {
-        base.copyTo(shown);
-      } else {
-        shown.create(480, 640, CV_8UC3);
-        shown.setTo(cv::Scalar(48, 40, 32));
-      }
-      if (has_frame && debug_view.empty()) cartoon::draw_face_outline(shown, outline_opacity());
-      if (has_bar) {
-        draw_banner(shown);
-        image::draw::status_bar(shown, status(), message.empty() ? "h: help" : message);
-        if (controls.help()) draw_help(shown, "Tarsier cartoon", actions);
-      }
-      result_view.image = shown;
-    } else {
-      result_view.image = result.image;
-    }
-    result_view.status = status();
-    if (!message.empty()) result_view.status += "  " + message;
-    result_view.state = state_json();
-    result_view.finished = controls.finished();
-    return result_view;
-  }
-
-  // --- what the user does
-  // ---------------------------------------------------------------------------------
-
-  void say(std::string text) {
-    message = std::move(text);
-    message_since = frame.time;
-  }
-
-  void save() {
-    if (!has_frame) {
-      say("nothing to save yet");
-      return;
-    }
-    try {
-      saved = save_numbered(options.save_folder, result.image);
-      say(fmt::format("saved {}", saved));
-    } catch (const OutputError& error) {  // no reason to end a live image
-      log_warning("cannot save: {}", error.what());
-      say("cannot save: see the log");
-    }
-  }
-
-  void change_threshold(int direction) {
-    if (draws_evil_lines(settings.mode)) {
-      settings.evil.threshold = std::clamp(settings.evil.threshold + direction * kEvilStep, 0, 255);
-      say(fmt::format("threshold {}", settings.evil.threshold));
-    } else {
-      settings.sketch.threshold =
-          std::clamp(settings.sketch.threshold + direction * kSketchStep, 0, 255);
-      say(fmt::format("threshold {}", settings.sketch.threshold));
-    }
-  }
-};
-
-CartoonSession::CartoonSession(const cartoon::Cartoonizer& cartoonizer,
-                               const CartoonSessionOptions& options) {
-  options.check();
-  impl_ = std::make_unique<Impl>(cartoonizer, options);
-  impl_->outline_wanted = cartoonizer.options().mode == Mode::kAlien;
+CartoonSession::CartoonSession(cartoon::Cartoonizer cartoonizer, CartoonSessionOptions options)
+    : FrameSession("Tarsier cartoon"),
+      options_(std::move(options)),
+      cartoonizer_(std::move(cartoonizer)),
+      settings_(cartoonizer_.options()),
+      stages_(options_.debug),
+      outline_wanted_(settings_.mode == Mode::kAlien) {
+  options_.check();
 }
 
-CartoonSession::~CartoonSession() = default;
+// --- the image ---
 
-View CartoonSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  Impl& my = *impl_;
+void CartoonSession::Stages::begin(bool keep) {
+  keep_ = keep;
+  images_.clear();
+  names_.clear();
+}
+
+void CartoonSession::Stages::image(std::string_view name, const cv::Mat& image) {
+  if (next_ != nullptr) next_->image(name, image);
+  if (!keep_) return;
+  images_.push_back(image.clone());
+  names_.emplace_back(name);
+}
+
+cv::Mat CartoonSession::Stages::tiled(cv::Size size) const {
+  return images_.empty() ? cv::Mat() : image::draw::tile(images_, names_, size);
+}
+
+void CartoonSession::process(const Frame& frame) {
+  const std::optional<double> before = std::exchange(last_time_, std::nullopt);
   require_bgr(frame.image);
-  my.source = source;
-  if (my.controls.paused() && my.has_frame)
-    return my.view(actions(), draws_status());  // the first one is shown all the same
-  const bool follows = my.has_frame && !frame.still;
-  const double before = my.frame.time;
-  my.frame = frame;
-  if (follows) my.measure_interval(frame.time, before);
-  my.has_frame = false;  // nothing to show if this one fails
-  my.begin_outline();
-  my.process();
-  my.has_frame = true;
-  my.age_ms = source.age_s > 0 ? source.age_s * 1000 + my.result.ms : 0;
-  if (!my.message.empty() && std::abs(frame.time - my.message_since) > kMessageSeconds)
-    my.message.clear();
-  View view = my.view(actions(), draws_status());
-  view.output = my.result.image;
-  return view;
-}
-
-View CartoonSession::on_idle(const SourceStatus& source) {
-  Impl& my = *impl_;
-  my.source = source;
-  if (my.has_frame && source.age_s > 0) my.age_ms = source.age_s * 1000;
-  return my.view(actions(), draws_status());
-}
-
-View CartoonSession::on_event(const Event& event) {
-  Impl& my = *impl_;
-  std::string name = action_of(event, actions());
-  if (event.kind == Event::Kind::kKey && name == "evil" && my.settings.mode == Mode::kEvil)
-    name = "evil-sketch";
-
-  bool toggle_fullscreen = false;
-  bool redo = false;  // the image would now be another
-  if (event.kind == Event::Kind::kSlider) {
-    const int value = static_cast<int>(std::lround(std::clamp(event.value, 0.0, 255.0)));
-    redo = true;
-    if (event.name == kSketchSlider) {
-      my.settings.sketch.threshold = value;
-    } else if (event.name == kEvilSlider) {
-      my.settings.evil.threshold = value;
-    } else {
-      redo = false;
-      log_warning("no slider '{}'", event.name);
-    }
-  } else if (!name.empty()) {
-    my.message.clear();
-    const auto* mode =
-        std::find_if(std::begin(kModeActions), std::end(kModeActions),
-                     [&](const ModeAction& a) { return cartoon::name_of(a.mode) == name; });
-    redo = true;
-    if (mode != std::end(kModeActions)) {
-      my.set_mode(mode->mode);
-    } else if (name == "debug") {
-      my.debug = !my.debug;
-    } else if (name == "steady") {
-      my.settings.steady.on = !my.settings.steady.on;
-    } else if (name == "threshold-up") {
-      my.change_threshold(+1);
-    } else if (name == "threshold-down") {
-      my.change_threshold(-1);
-    } else {
-      redo = false;
-      if (name == "save") {
-        my.save();
-      } else if (name == "fullscreen") {
-        toggle_fullscreen = true;
-      } else if (!my.controls.act(name)) {
-        log_warning("no action '{}'", name);
-      }
-    }
+  if (before && !frame.still) {
+    const double seconds = frame.time - *before;
+    interval_s_ = seconds <= 0      ? 0  // another video
+                  : interval_s_ > 0 ? interval_s_ + kFpsMemory * (seconds - interval_s_)
+                                    : seconds;
   }
-  // A moving image changes with its next frame; one that stands has to be made again.
-  redo = redo && my.has_frame && (my.frame.still || my.controls.paused());
-  if (redo) {
-    my.begin_outline();
-    my.process();
-  } else if (!my.debug) {
-    my.debug_view.release();
-  }
-  View view = my.view(actions(), draws_status());
-  if (redo && my.frame.still) view.output = my.result.image;
-  view.toggle_fullscreen = toggle_fullscreen;
-  return view;
+  draw_cartoon();
+  last_time_ = frame.time;
 }
 
-std::vector<Action> CartoonSession::actions() const {
+void CartoonSession::draw_cartoon() {
+  if (std::exchange(outline_wanted_, false)) {
+    outline_since_.reset();
+    if (!still() && settings_.skin.face == cartoon::FaceMode::kOutline)
+      outline_since_ = latest().time;
+  }
+  // Their buffer is used again if nobody else holds it. Nothing is shown if this one fails.
+  drop_drawing();
+  result_ = {};
+  stages_.begin(debug_);
+  DebugSink* sink = debug_ || watched(options_.debug) != nullptr ? &stages_ : nullptr;
+  cartoonizer_.set_options(settings_);
+  // The time it takes is only reported, never acted on: what a session shows does not depend on a
+  // clock.
+  result_ = cartoonizer_.process(latest(), state_, sink, options_.timers, options_.stop);
+  debug_view_ = debug_ ? stages_.tiled(frame().size()) : cv::Mat();
+}
+
+void CartoonSession::processed() {
+  age_ms_ = source().age_s > 0 ? source().age_s * 1000 + result_.ms : 0;
+  if (std::abs(latest().time - message_since_) > kMessageSeconds) message_.clear();
+}
+
+bool CartoonSession::idle() {
+  if (has_image() && source().age_s > 0) age_ms_ = source().age_s * 1000;
+  return false;
+}
+
+double CartoonSession::outline_opacity() const {
+  if (!outline_since_) return 0;
+  const double seconds = latest().time - *outline_since_;
+  if (seconds < 0 || seconds >= kOutlineSeconds) return 0;
+  return std::min(1.0, (kOutlineSeconds - seconds) / (kOutlineSeconds - kOutlineFadeAfter));
+}
+
+// --- what is shown ---
+
+void CartoonSession::draw_shown(cv::Mat& image) {
+  if (debug_view_.empty())
+    cartoon::draw_face_outline(image, outline_opacity());
+  else
+    debug_view_.copyTo(image);
+  if (draws_status()) draw_banner(image);
+}
+
+bool CartoonSession::draw_waiting(cv::Mat& image) {
+  image.create(480, 640, CV_8UC3);
+  image.setTo(cv::Scalar(48, 40, 32));
+  if (draws_status()) draw_banner(image);
+  return true;
+}
+
+void CartoonSession::draw_banner(cv::Mat& image) const {
+  const SourceState is = source().state;
+  if (is != SourceState::kConnecting && is != SourceState::kStale && is != SourceState::kLost)
+    return;
+  std::string text(is == SourceState::kStale  ? "no new image"
+                   : is == SourceState::kLost ? "camera lost"
+                                              : "connecting ...");
+  if (!source().detail.empty()) text += '\n' + source().detail;
+  image::draw::TextStyle style;
+  style.color = {80, 220, 255};
+  style.backing = image::draw::Backing::kBox;
+  style.height_px = image::draw::fitting_text_height(image.size());
+  const cv::Size size = image::draw::text_size(text, style.height_px);
+  if (size.width > image.cols)
+    style.height_px = std::max(4.0, style.height_px * image.cols / size.width);
+  image::draw::put_text(image, text, {image.cols / 2, image.rows / 4}, style,
+                        image::draw::Anchor::kCenter);
+}
+
+std::string CartoonSession::status() const {
+  std::string text(cartoon::name_of(settings_.mode));
+  if (settings_.steady.on) text += "  steady";
+  if (fps() > 0) text += fmt::format("  {:.1f} fps", fps());
+  if (age_ms_ > 0) text += fmt::format("  age {:.0f} ms", age_ms_);
+  if (!message_.empty()) text += "  " + message_;
+  return text;
+}
+
+nlohmann::json CartoonSession::state() const {
+  nlohmann::json json = {{"fps", std::round(fps() * 100) / 100},
+                         {"age_ms", std::round(age_ms_ * 10) / 10},
+                         {"source", name_of(source().state)},
+                         {"debug", debug_},
+                         {"steady", settings_.steady.on},
+                         {"help", shows_help()},
+                         {"frame", has_image() ? latest().index : -1},
+                         {"sketch_threshold", settings_.sketch.threshold},
+                         {"evil_threshold", settings_.evil.threshold}};
+  json.update(nlohmann::json(cartoon::to_json(result_)));
+  json["mode"] = cartoon::name_of(settings_.mode);  // that the next image is drawn in
+  if (!saved_.empty()) json["saved"] = saved_;
+  return json;
+}
+
+// --- what the user does ---
+
+std::vector<Action> CartoonSession::own_actions() const {
   std::vector<Action> result;
-  for (const ModeAction& mode : kModeActions) {
+  for (const ModeAction& mode : kModeActions)
     result.push_back({std::string(cartoon::name_of(mode.mode)), mode.help, mode.key});
-  }
+  // The key of evil, pressed again, means the ink alone.
+  if (settings_.mode == Mode::kEvil)
+    std::swap(result[kEvilAction].key, result[kEvilAction + 1].key);
   result.push_back({"threshold-up", "fewer lines", '+'});
   result.push_back({"threshold-down", "more lines", '-'});
   result.push_back({"steady", "steady lines on, off", 't'});
   result.push_back({"debug", "all stages side by side", 'd'});
   result.push_back({"save", "save the image", 'w'});
   result.push_back({"fullscreen", "full screen", 'f'});
-  return impl_->controls.after(std::move(result));
+  return result;
+}
+
+bool CartoonSession::act(const std::string& name) {
+  if (name.empty()) return false;
+  message_.clear();
+  const auto* mode =
+      std::find_if(std::begin(kModeActions), std::end(kModeActions),
+                   [&](const ModeAction& a) { return cartoon::name_of(a.mode) == name; });
+  if (mode != std::end(kModeActions)) {
+    set_mode(mode->mode);
+  } else if (name == "debug") {
+    debug_ = !debug_;
+    if (!debug_) debug_view_.release();
+  } else if (name == "steady") {
+    settings_.steady.on = !settings_.steady.on;
+  } else if (name == "threshold-up") {
+    change_threshold(+1);
+  } else if (name == "threshold-down") {
+    change_threshold(-1);
+  } else {
+    if (name == "save") {
+      save();
+    } else if (name == "fullscreen") {
+      toggle_fullscreen();
+    } else {
+      log_warning("no action '{}'", name);
+    }
+    return false;
+  }
+  return changed();
+}
+
+bool CartoonSession::slide(const Event& event) {
+  const int value = static_cast<int>(std::lround(std::clamp(event.value, 0.0, 255.0)));
+  if (event.name == kSketchSlider) {
+    settings_.sketch.threshold = value;
+  } else if (event.name == kEvilSlider) {
+    settings_.evil.threshold = value;
+  } else {
+    log_warning("no slider '{}'", event.name);
+    return false;
+  }
+  return changed();
+}
+
+bool CartoonSession::changed() {
+  if (!has_image() || !(still() || paused())) return false;
+  draw_cartoon();
+  return true;
+}
+
+void CartoonSession::set_mode(Mode mode) {
+  if (mode == Mode::kAlien && settings_.mode != Mode::kAlien) outline_wanted_ = true;
+  if (mode != Mode::kAlien) {
+    outline_since_.reset();
+    outline_wanted_ = false;
+  }
+  settings_.mode = mode;
+}
+
+void CartoonSession::change_threshold(int direction) {
+  const bool evil = draws_evil_lines(settings_.mode);
+  int& threshold = evil ? settings_.evil.threshold : settings_.sketch.threshold;
+  threshold = std::clamp(threshold + direction * (evil ? kEvilStep : kSketchStep), 0, 255);
+  say(fmt::format("threshold {}", threshold));
+}
+
+void CartoonSession::say(std::string text) {
+  message_ = std::move(text);
+  message_since_ = latest().time;
+}
+
+void CartoonSession::save() {
+  if (!has_image()) {
+    say("nothing to save yet");
+    return;
+  }
+  try {
+    saved_ = save_numbered(options_.save_folder, result_.image);
+    say(fmt::format("saved {}", saved_));
+  } catch (const OutputError& error) {  // no reason to end a live image
+    log_warning("cannot save: {}", error.what());
+    say("cannot save: see the log");
+  }
 }
 
 std::vector<Slider> CartoonSession::sliders() const {
-  return {{kSketchSlider, 0, 255, 1, static_cast<double>(impl_->settings.sketch.threshold)},
-          {kEvilSlider, 0, 255, 1, static_cast<double>(impl_->settings.evil.threshold)}};
+  return {{kSketchSlider, 0, 255, 1, static_cast<double>(settings_.sketch.threshold)},
+          {kEvilSlider, 0, 255, 1, static_cast<double>(settings_.evil.threshold)}};
 }
 
 }  // namespace tarsier

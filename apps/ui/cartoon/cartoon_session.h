@@ -5,8 +5,8 @@
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/timer.h"
 
-#include "ui/session.h"
-#include <memory>
+#include "ui/frame_session.h"
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -41,22 +41,73 @@ struct CartoonSessionOptions {
 //
 // View.output is the clean image of each new frame; empty for idle and while paused. For a still
 // image, events that change the image give a new output, too.
-class CartoonSession final : public Session {
+class CartoonSession final : public FrameSession {
  public:
   // The options of `cartoonizer` are those to begin with.
-  explicit CartoonSession(const cartoon::Cartoonizer& cartoonizer,
-                          const CartoonSessionOptions& options = {});
-  ~CartoonSession() override;
+  explicit CartoonSession(cartoon::Cartoonizer cartoonizer, CartoonSessionOptions options = {});
 
-  View on_frame(const Frame& frame, const SourceStatus& source) override;
-  View on_idle(const SourceStatus& source) override;
-  View on_event(const Event& event) override;
-  [[nodiscard]] std::vector<Action> actions() const override;
   [[nodiscard]] std::vector<Slider> sliders() const override;
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  // Keeps the stages of a frame for the debug view, and hands them on.
+  class Stages final : public DebugSink {
+   public:
+    explicit Stages(DebugSink* next) : next_(next) {}
+    void begin(bool keep);
+    void image(std::string_view name, const cv::Mat& image) override;
+    [[nodiscard]] cv::Mat tiled(cv::Size size) const;  // empty where none was kept
+
+   private:
+    DebugSink* next_;
+    bool keep_ = false;
+    std::vector<cv::Mat> images_;
+    std::vector<std::string> names_;
+  };
+
+  void process(const Frame& frame) override;
+  void processed() override;
+  bool idle() override;
+  void begin_drawing(cv::Mat& image) override { image = result_.image; }
+  void draw(cv::Mat& image) override { static_cast<void>(image); }
+  void draw_shown(cv::Mat& image) override;
+  bool draw_waiting(cv::Mat& image) override;
+  [[nodiscard]] bool is_shown() const override { return options_.overlay; }
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::string note() const override { return "h: help"; }
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  bool act(const std::string& name) override;
+  bool slide(const Event& event) override;
+
+  // The latest frame, as the settings are now.
+  void draw_cartoon();
+  // A moving image changes with its next frame; one that stands is made again at once.
+  bool changed();
+  [[nodiscard]] bool has_image() const { return !result_.image.empty(); }
+  [[nodiscard]] double fps() const { return interval_s_ > 0 ? 1 / interval_s_ : 0; }
+  [[nodiscard]] double outline_opacity() const;
+  void draw_banner(cv::Mat& image) const;
+  void set_mode(cartoon::Mode mode);
+  void change_threshold(int direction);
+  void say(std::string text);
+  void save();
+
+  CartoonSessionOptions options_;
+  cartoon::Cartoonizer cartoonizer_;
+  cartoon::CartoonOptions settings_;  // as the user changed them
+  cartoon::CartoonizerState state_;
+  Stages stages_;
+  cartoon::CartoonResult result_;  // of the latest frame; without an image before it
+  cv::Mat debug_view_;
+  bool debug_ = false;
+  double age_ms_ = 0;
+  std::optional<double> last_time_;      // of the frame before
+  double interval_s_ = 0;                // smoothed time between frames
+  std::optional<double> outline_since_;  // frame time
+  bool outline_wanted_ = false;          // from the next frame on
+  std::string message_;
+  double message_since_ = 0;
+  std::string saved_;
 };
 
 }  // namespace tarsier
