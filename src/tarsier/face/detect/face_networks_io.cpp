@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/errors.h"
 #include "tarsier/face/detect/face_networks.h"
-#include "tarsier/media/archive.h"
+#include "tarsier/linalg/model_fields.h"
 
 #include <nlohmann/json.hpp>
 
@@ -10,29 +9,26 @@ namespace {
 
 constexpr int kVersion = 1;
 
+void list_face_networks(linalg::ModelFields& file, FaceNetworks& networks) {
+  file.network("scan", networks.scan);
+  file.network("judge", networks.judge);
+  file.network("check", networks.check);
+  file.number("sure", networks.sure, 0, 1);
+  file.number("likely", networks.likely, 0, 1);
+}
+
 }  // namespace
 
 void write_face_networks(const std::string& path, const FaceNetworks& networks,
                          const nlohmann::json& provenance) {
   networks.require();
-  write_archive(path, {std::string(kFaceNetworksType),
-                       kVersion,
-                       provenance,
-                       {{"scan", linalg::network_to_json(networks.scan)},
-                        {"judge", linalg::network_to_json(networks.judge)},
-                        {"check", linalg::network_to_json(networks.check)},
-                        {"sure", networks.sure},
-                        {"likely", networks.likely}}});
+  write_archive(path, {std::string(kFaceNetworksType), kVersion, provenance,
+                       linalg::written(networks, list_face_networks)});
 }
 
 FaceNetworks read_face_networks(const std::string& path) {
-  const Archive archive = read_archive(path, kFaceNetworksType, kVersion);
-  FaceNetworks networks;
-  networks.scan = linalg::network_from_json(member(archive.payload, "scan", path), path);
-  networks.judge = linalg::network_from_json(member(archive.payload, "judge", path), path);
-  networks.check = linalg::network_from_json(member(archive.payload, "check", path), path);
-  networks.sure = number_member(archive.payload, "sure", path, 0, 1);
-  networks.likely = number_member(archive.payload, "likely", path, 0, 1);
+  auto networks = linalg::read_fields<FaceNetworks>(
+      read_archive(path, kFaceNetworksType, kVersion).payload, path, list_face_networks);
   try {
     networks.require();
   } catch (const std::invalid_argument& error) {

@@ -2,25 +2,20 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/head/head_model.h"
-#include "tarsier/face/shape/packed_matrix.h"
-#include "tarsier/media/archive.h"
+#include "tarsier/linalg/model_fields.h"
 #include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <limits>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <sstream>
-#include <stdexcept>
 
 namespace tarsier::face::head {
 namespace {
 
 using nlohmann::json;
-using shape::packed;
-using shape::unpacked;
 
 constexpr const char* kType = "head-model";
 constexpr int kVersion = 1;
@@ -44,59 +39,53 @@ std::vector<int> numbers(const json& object, const std::string& path, const std:
   return indices(member(object, name, path), path, name, count);
 }
 
+void list_head_model(linalg::ModelFields& file, HeadModel& model) {
+  file.matrix("mean", model.mean, 3, -1);
+  file.require(model.points() >= 4 && model.points() <= kMaxPoints, "'mean' has {} points",
+               model.points());
+  const auto points = static_cast<std::size_t>(model.points());
+  file.matrix("modes", model.modes, model.mean.size(), -1);
+  file.require(model.modes.cols() <= model.mean.size(), "'modes' has {} columns",
+               model.modes.cols());
+  file.matrix("deviation", model.deviation, model.modes.cols(), 1);
+  file.matrix("noise", model.noise, model.points(), 1);
+  file.other("mirror", model.mirror, [&](const json& object, const std::string& path) {
+    const json& mirror = member(object, "mirror", path);
+    return numbers(object, path, "mirror", mirror.is_array() && mirror.empty() ? 0 : points);
+  });
+  file.other("outer_eyes", model.outer_eyes, [](const json& object, const std::string& path) {
+    const std::vector<int> eyes = numbers(object, path, "outer_eyes", 2);
+    return std::array{eyes[0], eyes[1]};
+  });
+  file.other("landmark", model.landmark, [&](const json& object, const std::string& path) {
+    return numbers(object, path, "landmark", points);
+  });
+  file.other("connections", model.connections, [](const json& object, const std::string& path) {
+    const json& connections = member(object, "connections", path);
+    if (!connections.is_array()) throw ModelError(path, "'connections' is no list");
+    std::vector<std::array<int, 2>> result;
+    for (const json& pair : connections) {
+      const std::vector<int> ends = indices(pair, path, "connections", 2);
+      result.push_back({ends[0], ends[1]});
+    }
+    return result;
+  });
+  file.other("outline", model.outline, [&](const json& object, const std::string& path) {
+    const json& outline = member(object, "outline", path);
+    return indices(outline, path, "outline", std::min(outline.size(), points));
+  });
+  file.whole("trained_on", model.trained_on, 0);
+}
+
 }  // namespace
 
 json to_json(const HeadModel& model) {
   model.check();
-  json value;
-  value["mean"] = packed(model.mean);
-  value["modes"] =
-      packed(model.mode_count() > 0 ? model.modes : Eigen::MatrixXd(3 * model.points(), 0));
-  value["deviation"] = packed(model.deviation);
-  value["noise"] = packed(model.noise);
-  value["mirror"] = model.mirror;
-  value["outer_eyes"] = model.outer_eyes;
-  value["landmark"] = model.landmark;
-  value["connections"] = model.connections;
-  value["outline"] = model.outline;
-  value["trained_on"] = model.trained_on;
-  return value;
+  return linalg::written(model, list_head_model);
 }
 
 HeadModel head_model_from_json(const json& value, const std::string& path) {
-  HeadModel model;
-  const Eigen::MatrixXd mean = unpacked(value, path, "mean", 3, -1);
-  if (mean.cols() < 4 || mean.cols() > kMaxPoints)
-    throw ModelError(path, fmt::format("'mean' has {} points", mean.cols()));
-  model.mean = mean;
-  const auto points = static_cast<std::size_t>(mean.cols());
-  model.modes = unpacked(value, path, "modes", mean.size(), -1);
-  if (model.modes.cols() > mean.size())
-    throw ModelError(path, fmt::format("'modes' has {} columns", model.modes.cols()));
-  model.deviation = unpacked(value, path, "deviation", model.modes.cols(), 1);
-  model.noise = unpacked(value, path, "noise", mean.cols(), 1);
-  const json& mirror = member(value, "mirror", path);
-  const bool has_mirror = !(mirror.is_array() && mirror.empty());
-  model.mirror = numbers(value, path, "mirror", has_mirror ? points : 0);
-  const std::vector<int> eyes = numbers(value, path, "outer_eyes", 2);
-  model.outer_eyes = {eyes[0], eyes[1]};
-  model.landmark = numbers(value, path, "landmark", points);
-  const json& connections = member(value, "connections", path);
-  if (!connections.is_array()) throw ModelError(path, "'connections' is no list");
-  for (const json& pair : connections) {
-    const std::vector<int> ends = indices(pair, path, "connections", 2);
-    model.connections.push_back({ends[0], ends[1]});
-  }
-  const json& outline = member(value, "outline", path);
-  model.outline = indices(outline, path, "outline", std::min(outline.size(), points));
-  model.trained_on = static_cast<int>(
-      integer_member(value, "trained_on", path, 0, std::numeric_limits<int>::max()));
-  try {
-    model.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, std::string("no head model: ") + error.what());
-  }
-  return model;
+  return linalg::read_checked<HeadModel>(value, path, list_head_model, "no head model: ");
 }
 
 void write_head_model(const std::string& path, const HeadModel& model, const json& provenance) {

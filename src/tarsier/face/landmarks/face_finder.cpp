@@ -10,7 +10,7 @@
 #include "tarsier/face/detect/cascade.h"
 #include "tarsier/face/landmarks/face_places.h"
 #include "tarsier/face/landmarks/hog_detector.h"
-#include "tarsier/media/archive.h"
+#include "tarsier/linalg/model_fields.h"
 
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
@@ -499,18 +499,21 @@ std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile
   return candidates_of(places_of(std::move(found)));
 }
 
-nlohmann::json to_json(const BoxModel& model) {
-  return {
-      {"dx", model.dx}, {"dy", model.dy}, {"size", model.size}, {"trained_on", model.trained_on}};
+namespace {
+
+void list_box_model(linalg::ModelFields& file, BoxModel& model) {
+  file.number("dx", model.dx, -2, 2);
+  file.number("dy", model.dy, -2, 2);
+  file.number("size", model.size, 0.02, 5);
+  file.whole("trained_on", model.trained_on, 0, 1 << 30);
 }
 
+}  // namespace
+
+nlohmann::json to_json(const BoxModel& model) { return linalg::written(model, list_box_model); }
+
 BoxModel box_model_from_json(const nlohmann::json& value, const std::string& path) {
-  BoxModel model;
-  model.dx = number_member(value, "dx", path, -2, 2);
-  model.dy = number_member(value, "dy", path, -2, 2);
-  model.size = number_member(value, "size", path, 0.02, 5);
-  model.trained_on = static_cast<int>(integer_member(value, "trained_on", path, 0, 1 << 30));
-  return model;
+  return linalg::read_fields<BoxModel>(value, path, list_box_model);
 }
 
 }  // namespace tarsier::face::landmarks

@@ -5,8 +5,7 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/landmarks/hog_scanner.h"
-#include "tarsier/face/landmarks/packing.h"
-#include "tarsier/media/archive.h"
+#include "tarsier/linalg/model_fields.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -122,39 +121,31 @@ std::vector<ScoredBox> HogFinder::find(const cv::Mat& gray, double least, double
   return found;
 }
 
+namespace {
+
+void list_hog_detector(linalg::ModelFields& file, HogDetector& model) {
+  file.whole("width", model.width, kMinWindow, kMaxWindow);
+  file.whole("height", model.height, kMinWindow, kMaxWindow);
+  file.whole("cell", model.cell, 4, 16);
+  file.whole("padding", model.padding, 0, 8);
+  file.matrix("weights", model.weights, kHogPlanes, model.cells().area());
+  file.number("threshold", model.threshold, -1e6, 1e6);
+  file.number("overlap", model.overlap, 0, 1);
+  file.number("covered", model.covered, 0, 1);
+  file.optional("box", model.box, box_model_from_json);
+}
+
+}  // namespace
+
 void write_hog_detector(const std::string& path, const HogDetector& detector,
                         const nlohmann::json& provenance) {
   detector.check();
-  nlohmann::json payload = {{"width", detector.width},
-                            {"height", detector.height},
-                            {"cell", detector.cell},
-                            {"padding", detector.padding},
-                            {"weights", packed(detector.weights)},
-                            {"threshold", detector.threshold},
-                            {"overlap", detector.overlap},
-                            {"covered", detector.covered}};
-  if (detector.box) payload["box"] = to_json(*detector.box);
-  write_archive(path, {kType, kVersion, provenance, std::move(payload)});
+  write_archive(path, {kType, kVersion, provenance, linalg::written(detector, list_hog_detector)});
 }
 
 HogDetector read_hog_detector(const std::string& path) {
-  const Archive archive = read_archive(path, kType, kVersion);
-  const nlohmann::json& payload = archive.payload;
-  HogDetector model;
-  const auto whole = [&](const char* name, int low, int high) {
-    return static_cast<int>(integer_member(payload, name, path, low, high));
-  };
-  model.width = whole("width", kMinWindow, kMaxWindow);
-  model.height = whole("height", kMinWindow, kMaxWindow);
-  model.cell = whole("cell", 4, 16);
-  model.padding = whole("padding", 0, 8);
-  model.weights =
-      unpacked(member(payload, "weights", path), path, "weights", kHogPlanes, model.cells().area());
-  model.threshold = number_member(payload, "threshold", path, -1e6, 1e6);
-  model.overlap = number_member(payload, "overlap", path, 0, 1);
-  model.covered = number_member(payload, "covered", path, 0, 1);
-  if (payload.contains("box")) model.box = box_model_from_json(payload["box"], path);
-  return model;
+  return linalg::read_fields<HogDetector>(read_archive(path, kType, kVersion).payload, path,
+                                          list_hog_detector);
 }
 
 cv::Mat draw_hog_detector(const HogDetector& detector, int zoom) {

@@ -4,7 +4,6 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/face/landmarks/model.h"
-#include "tarsier/face/landmarks/packing.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
@@ -163,7 +162,7 @@ TEST_F(HogDetectorTest, FilesKeepTheDetectorAndBadOnesAreRefused) {
   refused("cell", 0);
   refused("padding", -1);
   refused("overlap", 3);
-  refused("weights", packed(Eigen::MatrixXf::Zero(kHogPlanes, 4)));
+  refused("weights", pack(PackedArray<float>{{kHogPlanes, 4}, std::vector<float>(4 * kHogPlanes)}));
   refused("box", {{"dx", 0}});
 }
 

@@ -2,6 +2,7 @@
 #include "tarsier/face/landmarks/packing.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/landmarks/training_face.h"
 #include "tarsier/media/archive.h"
 
 #include <fmt/format.h>
@@ -15,23 +16,17 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 constexpr float kLargest = 32767;
+constexpr Eigen::Index kMaxPoints = 500;
 
 }  // namespace
 
-nlohmann::json packed(const Eigen::MatrixXf& matrix) {
-  const RowMajor rows = matrix;
-  PackedArray<float> array;
-  array.shape = {rows.rows(), rows.cols()};
-  array.values.assign(rows.data(), rows.data() + rows.size());
-  return pack(array);
-}
-
-Eigen::MatrixXf unpacked(const nlohmann::json& value, const std::string& path,
-                         std::string_view what, Eigen::Index rows, Eigen::Index columns) {
-  const PackedArray<float> array = unpack<float>(value, path, what, {rows, columns});
-  return Eigen::Map<const RowMajor>(array.values.data(), array.shape[0], array.shape[1]);
+void list_mean(linalg::ModelFields& file, Eigen::Matrix2Xd& mean) {
+  file.matrix<float>("mean", mean, 2, -1);
+  file.require(mean.cols() >= 2 && mean.cols() <= kMaxPoints, "{} points; 2..{} are possible",
+               mean.cols(), kMaxPoints);
+  const double size = shape_size(mean);
+  file.require(size > 0.5 && size < 2, "its mean shape is not of size 1");
 }
 
 nlohmann::json packed_short(const Eigen::MatrixXf& matrix) {

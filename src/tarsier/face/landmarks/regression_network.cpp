@@ -4,9 +4,6 @@
 #include "tarsier/core/require.h"
 #include "tarsier/face/landmarks/packing.h"
 #include "tarsier/face/shape/similarity.h"
-#include "tarsier/media/archive.h"
-
-#include <utility>
 
 namespace tarsier::face::landmarks {
 
@@ -38,18 +35,23 @@ Eigen::Matrix2Xd fit_network(const RegressionNetwork& model, const cv::Mat& gray
   return shape::fit_similarity(model.mean, start)(shape);
 }
 
+namespace {
+
+void list_regression_network(linalg::ModelFields& file, RegressionNetwork& model) {
+  list_mean(file, model.mean);
+  file.network("network", model.network, linalg::Precision::kHalf);
+}
+
+}  // namespace
+
 nlohmann::json to_json(const RegressionNetwork& model) {
   model.check();
-  return {{"mean", packed(model.mean.cast<float>())},
-          {"network", linalg::network_to_json(model.network, linalg::Precision::kHalf)}};
+  return linalg::written(model, list_regression_network);
 }
 
 RegressionNetwork regression_network_from_json(const nlohmann::json& value,
                                                const std::string& path) {
-  RegressionNetwork model;
-  model.mean = mean_from_json(value, path);
-  model.network = linalg::network_from_json(member(value, "network", path), path);
-  return checked(std::move(model), path);
+  return linalg::read_checked<RegressionNetwork>(value, path, list_regression_network);
 }
 
 }  // namespace tarsier::face::landmarks

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/visibility.h"
 
-#include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/landmarks/packing.h"
 #include "tarsier/face/shape/shape_model.h"
-#include "tarsier/media/archive.h"
 
 #include <algorithm>
 #include <cmath>
@@ -78,23 +76,25 @@ double VisibilityScore::coverage() const {
   return hidden + seen == 0 ? 1 : static_cast<double>(within) / (hidden + seen);
 }
 
+namespace {
+
+void list_visibility(linalg::ModelFields& file, VisibilityModel& model) {
+  list_mean(file, model.mean);
+  file.network("network", model.network, linalg::Precision::kHalf);
+  file.number("hidden_slope", model.hidden_slope, -100, 100);
+  file.number("hidden_offset", model.hidden_offset, -100, 100);
+  file.number("sigma_offset", model.sigma_offset, -100, 100);
+}
+
+}  // namespace
+
 nlohmann::json to_json(const VisibilityModel& model) {
   model.check();
-  return {{"mean", packed(model.mean.cast<float>())},
-          {"network", linalg::network_to_json(model.network, linalg::Precision::kHalf)},
-          {"hidden_slope", model.hidden_slope},
-          {"hidden_offset", model.hidden_offset},
-          {"sigma_offset", model.sigma_offset}};
+  return linalg::written(model, list_visibility);
 }
 
 VisibilityModel visibility_from_json(const nlohmann::json& value, const std::string& path) {
-  VisibilityModel model;
-  model.mean = mean_from_json(value, path);
-  model.network = linalg::network_from_json(member(value, "network", path), path);
-  model.hidden_slope = number_member(value, "hidden_slope", path, -100, 100);
-  model.hidden_offset = number_member(value, "hidden_offset", path, -100, 100);
-  model.sigma_offset = number_member(value, "sigma_offset", path, -100, 100);
-  return checked(std::move(model), path);
+  return linalg::read_checked<VisibilityModel>(value, path, list_visibility);
 }
 
 }  // namespace tarsier::face::landmarks

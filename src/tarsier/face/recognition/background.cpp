@@ -7,15 +7,13 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/recognition/deep.h"
-#include "tarsier/face/recognition/packed_rows.h"
-#include "tarsier/media/archive.h"
+#include "tarsier/linalg/model_fields.h"
 
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
@@ -135,43 +133,37 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   return out;
 }
 
+namespace {
+
+void list_background(linalg::ModelFields& file, Background& background) {
+  file.number("weight", background.weight, 1e-6, 1000);
+  file.matrix("basis", background.basis, -1, -1);
+  const Eigen::Index rows = background.basis.rows();
+  file.require(rows >= 1 && rows <= 2000 && background.basis.cols() <= kMaxNumbers,
+               "'basis' is too large");
+  file.matrix("mean", background.mean, 1, background.basis.cols());
+  file.matrix<float>("variance", background.variance, 1, rows);
+  file.number("outside", background.outside, 0, 1e6);
+  file.matrix<float>("within", background.within, rows, rows);
+  file.number("within_rest", background.within_rest, 0, 1e6);
+  file.number("within_weight", background.within_weight, 1e-6, 1e6);
+  file.number("genuine", background.prior.genuine, -1, 1);
+  if (file.has("network", background.of_network != 0))
+    file.whole("network", background.of_network, 1);
+}
+
+}  // namespace
+
 void write_background(const std::string& path, const Background& background,
                       const json& provenance) {
   background.check();
   TARSIER_REQUIRE(background.basis.rows() > 0, "a background of a mean alone");
-  const Rows variance = background.variance.transpose().cast<float>();
-  json payload = {{"weight", background.weight},
-                  {"mean", packed(Rows(background.mean))},
-                  {"basis", packed(background.basis)},
-                  {"variance", packed(variance)},
-                  {"outside", background.outside},
-                  {"within", packed(Rows(background.within.cast<float>()))},
-                  {"within_rest", background.within_rest},
-                  {"within_weight", background.within_weight},
-                  {"genuine", background.prior.genuine}};
-  if (background.of_network != 0) payload["network"] = background.of_network;
-  write_archive(path, {kType, kVersion, provenance, std::move(payload)});
+  write_archive(path, {kType, kVersion, provenance, linalg::written(background, list_background)});
 }
 
 Background read_background(const std::string& path) {
-  const Archive archive = read_archive(path, kType, kVersion);
-  const json& payload = archive.payload;
-  Background out;
-  out.weight = number_member(payload, "weight", path, 1e-6, 1000);
-  out.basis = unpacked(payload, "basis", path, -1, -1);
-  if (out.basis.rows() < 1 || out.basis.rows() > 2000 || out.basis.cols() > kMaxNumbers)
-    throw ModelError(path, "'basis' is too large");
-  out.mean = unpacked(payload, "mean", path, 1, out.basis.cols());
-  const Rows variance = unpacked(payload, "variance", path, 1, out.basis.rows());
-  out.variance = variance.transpose().cast<double>();
-  out.outside = number_member(payload, "outside", path, 0, 1e6);
-  out.within = unpacked(payload, "within", path, out.basis.rows(), out.basis.rows()).cast<double>();
-  out.within_rest = number_member(payload, "within_rest", path, 0, 1e6);
-  out.within_weight = number_member(payload, "within_weight", path, 1e-6, 1e6);
-  out.prior.genuine = number_member(payload, "genuine", path, -1, 1);
-  if (payload.contains("network"))
-    out.of_network =
-        integer_member(payload, "network", path, 1, std::numeric_limits<std::int64_t>::max());
+  auto out = linalg::read_fields<Background>(read_archive(path, kType, kVersion).payload, path,
+                                             list_background);
   const Eigen::MatrixXd& within = out.within;
   if ((within - within.transpose()).cwiseAbs().maxCoeff() >
       1e-4 * (1e-9 + within.cwiseAbs().maxCoeff()))

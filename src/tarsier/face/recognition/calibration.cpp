@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
-#include "tarsier/media/archive.h"
+#include "tarsier/linalg/model_fields.h"
 
 #include <algorithm>
 #include <cmath>
@@ -188,33 +188,31 @@ Calibration fit_calibration(const ScoreSample& sample, const CalibrationPrior& p
   return out;
 }
 
+namespace {
+
+void list_calibration(linalg::ModelFields& file, Calibration& calibration) {
+  constexpr double kMost = 1e12;
+  constexpr std::int64_t kCount = 1'000'000'000;
+  file.number("location", calibration.location, -kMost, kMost);
+  file.number("scale", calibration.scale, 1e-12, kMost);
+  file.number("gallery", calibration.gallery, 1, kMost);
+  file.number("slope", calibration.slope, 0, kMost);
+  file.number("offset", calibration.offset, -1e15, 1e15);
+  file.whole("genuine_scores", calibration.genuine_scores, 0, kCount);
+  file.whole("stranger_scores", calibration.stranger_scores, 0, kCount);
+  file.whole("stranger_people", calibration.stranger_people, 0, kCount);
+  file.number("genuine_mean", calibration.genuine_mean, -kMost, kMost);
+}
+
+}  // namespace
+
 nlohmann::json to_json(const Calibration& calibration) {
   calibration.check();
-  return {{"location", calibration.location},
-          {"scale", calibration.scale},
-          {"gallery", calibration.gallery},
-          {"slope", calibration.slope},
-          {"offset", calibration.offset},
-          {"genuine_scores", calibration.genuine_scores},
-          {"stranger_scores", calibration.stranger_scores},
-          {"stranger_people", calibration.stranger_people},
-          {"genuine_mean", calibration.genuine_mean}};
+  return linalg::written(calibration, list_calibration);
 }
 
 Calibration calibration_from_json(const nlohmann::json& value, const std::string& path) {
-  constexpr double kMost = 1e12;
-  constexpr std::int64_t kCount = 1'000'000'000;
-  Calibration out;
-  out.location = number_member(value, "location", path, -kMost, kMost);
-  out.scale = number_member(value, "scale", path, 1e-12, kMost);
-  out.gallery = number_member(value, "gallery", path, 1, kMost);
-  out.slope = number_member(value, "slope", path, 0, kMost);
-  out.offset = number_member(value, "offset", path, -1e15, 1e15);
-  out.genuine_scores = static_cast<int>(integer_member(value, "genuine_scores", path, 0, kCount));
-  out.stranger_scores = static_cast<int>(integer_member(value, "stranger_scores", path, 0, kCount));
-  out.stranger_people = static_cast<int>(integer_member(value, "stranger_people", path, 0, kCount));
-  out.genuine_mean = number_member(value, "genuine_mean", path, -kMost, kMost);
-  return out;
+  return linalg::read_fields<Calibration>(value, path, list_calibration);
 }
 
 }  // namespace tarsier::face::recognition

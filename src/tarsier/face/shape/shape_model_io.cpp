@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/errors.h"
 #include "tarsier/face/shape/markup_check.h"
-#include "tarsier/face/shape/packed_matrix.h"
 #include "tarsier/face/shape/shape_model.h"
-#include "tarsier/media/archive.h"
+#include "tarsier/linalg/model_fields.h"
 
-#include <limits>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
 
 namespace tarsier::face::shape {
 namespace {
@@ -17,41 +13,31 @@ using nlohmann::json;
 constexpr const char* kType = "shape-model";
 constexpr int kVersion = 1;
 
+void list_shape_model(linalg::ModelFields& file, ShapeModel& model) {
+  file.matrix("mean", model.mean, 2, -1);
+  file.require(model.points() >= 2 && model.points() <= kMaxPoints, "'mean' has {} points",
+               model.points());
+  file.matrix("modes", model.modes, model.mean.size(), -1);
+  file.matrix("deviation", model.deviation, model.modes.cols(), 1);
+  file.number("variance_kept", model.variance_kept, 0, 1);
+  file.whole("trained_on", model.trained_on, 0);
+  file.other("mirror", model.mirror, [&](const json& object, const std::string& path) {
+    return mirror_from_json(object, path, model.points());
+  });
+  file.other("connections", model.connections, [&](const json& object, const std::string& path) {
+    return connections_from_json(object, path, model.points());
+  });
+}
+
 }  // namespace
 
 json to_json(const ShapeModel& model) {
   model.check();
-  const Eigen::Index rows = model.mean.size();
-  json value;
-  value["mean"] = packed(model.mean);
-  value["modes"] = model.mode_count() > 0 ? packed(model.modes) : packed(Eigen::MatrixXd(rows, 0));
-  value["deviation"] = packed(model.deviation);
-  value["variance_kept"] = model.variance_kept;
-  value["trained_on"] = model.trained_on;
-  value["mirror"] = model.mirror;
-  value["connections"] = model.connections;
-  return value;
+  return linalg::written(model, list_shape_model);
 }
 
 ShapeModel shape_model_from_json(const json& value, const std::string& path) {
-  ShapeModel model;
-  model.mean = unpacked(value, path, "mean", 2, -1);
-  if (model.mean.cols() < 2 || model.mean.cols() > kMaxPoints) {
-    throw ModelError(path, "'mean' has " + std::to_string(model.mean.cols()) + " points");
-  }
-  model.modes = unpacked(value, path, "modes", model.mean.size(), -1);
-  model.deviation = unpacked(value, path, "deviation", model.modes.cols(), 1);
-  model.variance_kept = number_member(value, "variance_kept", path, 0, 1);
-  model.trained_on = static_cast<int>(
-      integer_member(value, "trained_on", path, 0, std::numeric_limits<int>::max()));
-  model.mirror = mirror_from_json(value, path, model.points());
-  model.connections = connections_from_json(value, path, model.points());
-  try {
-    model.check();
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, std::string("no shape model: ") + error.what());
-  }
-  return model;
+  return linalg::read_checked<ShapeModel>(value, path, list_shape_model, "no shape model: ");
 }
 
 void write_shape_model(const std::string& path, const ShapeModel& model, const json& provenance) {

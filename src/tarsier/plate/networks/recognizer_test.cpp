@@ -2,6 +2,7 @@
 #include "tarsier/plate/networks/recognizer.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/media/archive.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/plate/networks/reading_json.h"
 #include "tarsier/plate/text/country.h"
@@ -239,6 +240,23 @@ TEST(Recognizer, ImagesWithoutPlatesGiveNone) {
 TEST(Recognizer, RefusesOtherImages) {
   EXPECT_THROW((void)recognizer().read(cv::Mat()), std::invalid_argument);
   EXPECT_THROW((void)recognizer().read(cv::Mat(10, 10, CV_32FC1)), std::invalid_argument);
+}
+
+class PlateModelFile : public FolderTest {};
+
+TEST_F(PlateModelFile, IsWrittenAsItIsRead) {
+  const auto text = [](const std::string& file) {
+    std::ifstream stream(file);
+    return std::string((std::istreambuf_iterator<char>(stream)), {});
+  };
+  const std::string reader = kModels / "plate-reader.json";
+  write_reader_model(path("r.json"), read_reader_model(reader),
+                     read_any_archive(reader).provenance);
+  EXPECT_TRUE(text(path("r.json")) == text(reader));
+  const std::string detector = kModels / "plate-detector.json";
+  write_detector_model(path("d.json"), read_detector_model(detector),
+                       read_any_archive(detector).provenance);
+  EXPECT_TRUE(text(path("d.json")) == text(detector));
 }
 
 class BrokenModel : public FolderTest {};
