@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "ui/scripted_host.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 
 #include <fmt/format.h>
@@ -13,29 +14,18 @@
 namespace tarsier {
 namespace {
 
-std::string_view name_of(Event::Mouse mouse) {
-  switch (mouse) {
-    case Event::Mouse::kMove:
-      return "move";
-    case Event::Mouse::kLeftDown:
-      return "left-down";
-    case Event::Mouse::kLeftUp:
-      return "left-up";
-    case Event::Mouse::kRightDown:
-      return "right-down";
-    case Event::Mouse::kRightUp:
-      return "right-up";
-    case Event::Mouse::kMiddleDown:
-      return "middle-down";
-    case Event::Mouse::kMiddleUp:
-      return "middle-up";
-    case Event::Mouse::kWheel:
-      return "wheel";
-    case Event::Mouse::kDouble:
-      return "double";
-  }
-  return "unknown";
-}
+constexpr NameTable<Event::Mouse, 9> kMouseEvents{"event of the mouse",
+                                                  {{{Event::Mouse::kMove, "move"},
+                                                    {Event::Mouse::kLeftDown, "left-down"},
+                                                    {Event::Mouse::kLeftUp, "left-up"},
+                                                    {Event::Mouse::kRightDown, "right-down"},
+                                                    {Event::Mouse::kRightUp, "right-up"},
+                                                    {Event::Mouse::kMiddleDown, "middle-down"},
+                                                    {Event::Mouse::kMiddleUp, "middle-up"},
+                                                    {Event::Mouse::kWheel, "wheel"},
+                                                    {Event::Mouse::kDouble, "double"}}}};
+
+std::string_view name_of(Event::Mouse mouse) { return kMouseEvents.name(mouse); }
 
 }  // namespace
 

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "ui/face/annotate_state.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 
 #include <fmt/format.h>
@@ -17,6 +19,13 @@
 namespace tarsier {
 namespace {
 
+constexpr NameTable<AnnotateStage, 5> kStages{"stage",
+                                              {{{AnnotateStage::kPick, "pick"},
+                                                {AnnotateStage::kPoints, "points"},
+                                                {AnnotateStage::kConnections, "connections"},
+                                                {AnnotateStage::kSymmetry, "symmetry"},
+                                                {AnnotateStage::kImages, "images"}}}};
+
 using Eigen::Matrix2Xd;
 using Eigen::Vector2d;
 using nlohmann::json;
@@ -24,11 +33,6 @@ using nlohmann::json;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kMaxPx = 1e7;
 constexpr int kMaxPoints = 10000;  // as in files
-constexpr std::array kStages{AnnotateStage::kPick, AnnotateStage::kPoints,
-                             AnnotateStage::kConnections, AnnotateStage::kSymmetry,
-                             AnnotateStage::kImages};
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 void resize(AnnotatedImage& image, int count) {
   const Eigen::Index before = image.points.cols();
@@ -101,21 +105,7 @@ std::string path_in(const std::string& set_path, const face::shape::LandmarkSamp
 
 }  // namespace
 
-const char* name_of(AnnotateStage stage) {
-  switch (stage) {
-    case AnnotateStage::kPick:
-      return "pick";
-    case AnnotateStage::kPoints:
-      return "points";
-    case AnnotateStage::kConnections:
-      return "connections";
-    case AnnotateStage::kSymmetry:
-      return "symmetry";
-    case AnnotateStage::kImages:
-      return "images";
-  }
-  return "unknown";
-}
+std::string_view name_of(AnnotateStage stage) { return kStages.name(stage); }
 
 bool AnnotatedImage::is_shown(int point) const {
   return point >= 0 && point < points.cols() && is_hidden[at(point)] == 0 &&
@@ -375,10 +365,9 @@ void AnnotateState::apply(const json& record, const std::string& path, std::set<
   const json& stage = part(record, "stage", json::value_t::string, path);
   // Older journals call the images "pictures".
   const char* const images_key = record.contains("pictures") ? "pictures" : "images";
-  const auto known = std::find_if(kStages.begin(), kStages.end(), [&](AnnotateStage s) {
-    return stage == name_of(s) || (s == AnnotateStage::kImages && stage == "pictures");
-  });
-  if (known == kStages.end()) throw InputError(path, "a line has an unknown 'stage'");
+  const auto known =
+      kStages.find(stage == "pictures" ? "images" : stage.get_ref<const std::string&>());
+  if (!known) throw InputError(path, "a line has an unknown 'stage'");
   next.stage_ = *known;
   const bool is_other_count = count != points_;
   next.points_ = count;

@@ -11,6 +11,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace tarsier {
@@ -23,7 +24,7 @@ enum class AnnotateStage {
   kSymmetry,     // pairs of points that are each other's mirror image
   kImages,       // all others
 };
-[[nodiscard]] const char* name_of(AnnotateStage stage);  // "pick", "points", ..
+[[nodiscard]] std::string_view name_of(AnnotateStage stage);  // "pick", "points", ..
 
 // One image and what was said about it.
 struct AnnotatedImage {

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/people/name.h"
 #include "tarsier/media/still_source.h"
@@ -18,6 +19,13 @@
 namespace tarsier {
 namespace {
 
+constexpr NameTable<PeopleMode, 5> kModes{"mode",
+                                          {{{PeopleMode::kStart, "start"},
+                                            {PeopleMode::kDetect, "detect"},
+                                            {PeopleMode::kCollect, "collect"},
+                                            {PeopleMode::kTrain, "train"},
+                                            {PeopleMode::kRecognize, "recognize"}}}};
+
 constexpr int kFlashFrames = 3;
 // What is learned in one frame, in the units of GalleryTraining::work(): while there is nobody to
 // name yet, and beside naming.
@@ -31,21 +39,7 @@ face::people::Gallery& gallery_of(const face::IdentifierState& state) {
 
 }  // namespace
 
-std::string_view name_of(PeopleMode mode) {
-  switch (mode) {
-    case PeopleMode::kStart:
-      return "start";
-    case PeopleMode::kDetect:
-      return "detect";
-    case PeopleMode::kCollect:
-      return "collect";
-    case PeopleMode::kTrain:
-      return "train";
-    case PeopleMode::kRecognize:
-      break;
-  }
-  return "recognize";
-}
+std::string_view name_of(PeopleMode mode) { return kModes.name(mode); }
 
 void PeopleSessionOptions::check() const {
   check_fields(*this);

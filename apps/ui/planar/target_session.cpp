@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "ui/planar/target_session.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/image/draw/shapes.h"
 #include "tarsier/image/draw/text.h"
 
@@ -22,19 +23,13 @@ const std::array<cv::Scalar, 6> kColors = {cv::Scalar{90, 220, 90},  cv::Scalar{
                                            cv::Scalar{255, 170, 60}, cv::Scalar{200, 110, 255},
                                            cv::Scalar{80, 230, 230}, cv::Scalar{235, 130, 130}};
 
-const char* name_of(TargetOverlay overlay) {
-  switch (overlay) {
-    case TargetOverlay::kOutline:
-      return "outline";
-    case TargetOverlay::kAxes:
-      return "axes";
-    case TargetOverlay::kBox:
-      return "box";
-    case TargetOverlay::kNone:
-      break;
-  }
-  return "none";
-}
+constexpr NameTable<TargetOverlay, 4> kOverlays{"overlay",
+                                                {{{TargetOverlay::kOutline, "outline"},
+                                                  {TargetOverlay::kAxes, "axes"},
+                                                  {TargetOverlay::kBox, "box"},
+                                                  {TargetOverlay::kNone, "none"}}}};
+
+std::string_view name_of(TargetOverlay overlay) { return kOverlays.name(overlay); }
 
 void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::Scalar& color,
           int width) {

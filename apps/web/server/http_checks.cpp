@@ -3,6 +3,7 @@
 
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
+#include "tarsier/media/http_service.h"
 
 #include <fmt/format.h>
 

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 
@@ -23,6 +24,14 @@
 
 namespace tarsier::web {
 namespace {
+
+constexpr NameTable<JobState, 6> kStates{"state",
+                                         {{{JobState::kQueued, "queued"},
+                                           {JobState::kRunning, "running"},
+                                           {JobState::kDone, "done"},
+                                           {JobState::kFailed, "failed"},
+                                           {JobState::kCancelled, "cancelled"},
+                                           {JobState::kInterrupted, "interrupted"}}}};
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
@@ -46,34 +55,14 @@ std::string new_id() {
 }
 
 JobState state_of(const std::string& name) {
-  for (const JobState state : {JobState::kQueued, JobState::kRunning, JobState::kDone,
-                               JobState::kFailed, JobState::kCancelled, JobState::kInterrupted}) {
-    if (name_of(state) == name) return state;
-  }
-  return JobState::kFailed;
+  return kStates.find(name).value_or(JobState::kFailed);
 }
 
 Json time_or_null(double seconds) { return seconds > 0 ? Json(seconds) : Json(nullptr); }
 
 }  // namespace
 
-std::string_view name_of(JobState state) {
-  switch (state) {
-    case JobState::kQueued:
-      return "queued";
-    case JobState::kRunning:
-      return "running";
-    case JobState::kDone:
-      return "done";
-    case JobState::kFailed:
-      return "failed";
-    case JobState::kCancelled:
-      return "cancelled";
-    case JobState::kInterrupted:
-      break;
-  }
-  return "interrupted";
-}
+std::string_view name_of(JobState state) { return kStates.name(state); }
 
 Jobs::Jobs(const VerbHost& host, JobFeed& feed, JobOptions options)
     : host_(host), feed_(feed), options_(options) {
@@ -110,22 +99,26 @@ void Jobs::stop() {
   }
 }
 
+// What is stored of a job.
+Json Jobs::stored(const Job& job) {
+  return {{"id", job.id},
+          {"verb", job.request.verb},
+          {"inputs", job.request.inputs},
+          {"flags", job.request.flags},
+          {"name", job.name},
+          {"command", job.shown},
+          {"state", name_of(job.state)},
+          {"progress", job.progress},
+          {"created", job.created},
+          {"started", job.started},
+          {"ended", job.ended},
+          {"exit", job.exit ? Json(*job.exit) : Json(nullptr)},
+          {"error", job.error}};
+}
+
 void Jobs::save(const Job& job) const {
-  const Json json = {{"id", job.id},
-                     {"verb", job.request.verb},
-                     {"inputs", job.request.inputs},
-                     {"flags", job.request.flags},
-                     {"name", job.name},
-                     {"command", job.shown},
-                     {"state", name_of(job.state)},
-                     {"progress", job.progress},
-                     {"created", job.created},
-                     {"started", job.started},
-                     {"ended", job.ended},
-                     {"exit", job.exit ? Json(*job.exit) : Json(nullptr)},
-                     {"error", job.error}};
   write_file_atomically(host_.workspace.jobs_folder() + '/' + job.id + "/job.json",
-                        to_text(json) + '\n');
+                        to_text(stored(job)) + '\n');
 }
 
 void Jobs::load() {
@@ -163,21 +156,12 @@ void Jobs::load() {
 }
 
 Json Jobs::json_of(const Job& job, bool whole) const {
-  Json json = {{"id", job.id},
-               {"verb", job.request.verb},
-               {"inputs", job.request.inputs},
-               {"flags", job.request.flags},
-               {"name", job.name},
-               {"command", job.shown},
-               {"state", name_of(job.state)},
-               {"progress", job.progress},
-               {"created", job.created},
-               {"started", time_or_null(job.started)},
-               {"ended", time_or_null(job.ended)},
-               {"exit", job.exit ? Json(*job.exit) : Json(nullptr)},
-               {"error", job.error.empty() ? Json(nullptr) : Json(job.error)},
-               {"lines", Json::array()},
-               {"files", Json::array()}};
+  Json json = stored(job);
+  json["started"] = time_or_null(job.started);
+  json["ended"] = time_or_null(job.ended);
+  if (job.error.empty()) json["error"] = nullptr;
+  json["lines"] = Json::array();
+  json["files"] = Json::array();
   if (!whole) return json;
   std::size_t bytes = 0;
   std::vector<Json> lines;

@@ -105,6 +105,7 @@ class Jobs {
   void take_output(Job& job, std::string_view line);
   void take_message(Job& job, std::string_view line);
   void keep_line(Job& job, std::string line) const;
+  [[nodiscard]] static nlohmann::json stored(const Job& job);
   void save(const Job& job) const;
   [[nodiscard]] nlohmann::json json_of(const Job& job, bool whole) const;
   [[nodiscard]] std::shared_ptr<Job> find(const std::string& id) const;  // HttpError 404

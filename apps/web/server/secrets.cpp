@@ -32,16 +32,6 @@ std::string new_secret() {
   return text;
 }
 
-bool equals_in_constant_time(std::string_view given, std::string_view secret) {
-  unsigned difference = given.size() == secret.size() ? 0 : 1;
-  for (std::size_t i = 0; i < secret.size(); ++i) {
-    const char c = i < given.size() ? given[i] : '\0';
-    difference |= static_cast<unsigned>(static_cast<unsigned char>(c) ^
-                                        static_cast<unsigned char>(secret[i]));
-  }
-  return difference == 0;
-}
-
 std::string hash_of(std::string_view secret) {
   Sha256 sum;
   sum.add(secret);

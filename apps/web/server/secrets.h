@@ -9,8 +9,6 @@ namespace tarsier::web {
 // 256 random bits as 64 hexadecimal digits (getrandom). Throws OutputError where the system has
 // none.
 [[nodiscard]] std::string new_secret();
-// Whether both are equal; the time does not tell how many characters were.
-[[nodiscard]] bool equals_in_constant_time(std::string_view given, std::string_view secret);
 // SHA-256 as hexadecimal digits: what is stored of a secret.
 [[nodiscard]] std::string hash_of(std::string_view secret);
 // 64 lower-case hexadecimal digits.

@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
+#include "tarsier/media/http_service.h"
 
 #include "router.h"
 #include "secrets.h"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "sign_in.h"
 
+#include "tarsier/media/http_service.h"
 #include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What is taken as an upload, and as what it is answered.
+#include "tarsier/core/name_table.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/image_probe.h"
 
@@ -15,6 +16,10 @@
 
 namespace tarsier::web {
 namespace {
+
+constexpr NameTable<FileType, 3> kFileTypes{
+    "kind of file",
+    {{{FileType::kImage, "image"}, {FileType::kVideo, "video"}, {FileType::kOther, "other"}}}};
 
 constexpr auto kVideoEndings =
     std::to_array<std::string_view>({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"});
@@ -70,17 +75,7 @@ bool is_video(std::string_view name, std::string_view head) {
   return has_ending(name, kVideoEndings) && is_video_head(head);
 }
 
-std::string_view name_of(FileType type) {
-  switch (type) {
-    case FileType::kImage:
-      return "image";
-    case FileType::kVideo:
-      return "video";
-    case FileType::kOther:
-      break;
-  }
-  return "other";
-}
+std::string_view name_of(FileType type) { return kFileTypes.name(type); }
 
 nlohmann::json to_json(const FileInfo& file) {
   nlohmann::json json = {{"name", file.name},

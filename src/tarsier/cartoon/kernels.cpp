@@ -1,26 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/cartoon/kernels.h"
 
-#include "tarsier/core/cpu.h"
+#include "tarsier/core/best_kernels.h"
 
 namespace tarsier::cartoon {
 
 const Kernels& kernels() {
-  const Kernels* chosen = nullptr;
-  switch (simd_level()) {
-    case SimdLevel::kAvx512:
-      chosen = avx512_kernels();
-      break;
-    case SimdLevel::kAvx2:
-      chosen = avx2_kernels();
-      break;
-    case SimdLevel::kSse41:
-      chosen = sse41_kernels();
-      break;
-    case SimdLevel::kBaseline:
-      break;
-  }
-  return chosen != nullptr ? *chosen : *baseline_kernels();
+  return best_kernels(baseline_kernels, avx2_kernels, avx512_kernels, sse41_kernels);
 }
 
 }  // namespace tarsier::cartoon

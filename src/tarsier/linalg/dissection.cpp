@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/linalg/dissection.h"
 
+#include "tarsier/core/at.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -13,8 +15,6 @@ constexpr std::size_t kSmall = 16;  // variables of a part that is not cut
 constexpr double kMinHalf = 0.2;    // share of a part
 constexpr double kUneven = 2;       // what halves cost that differ by the whole part, in separators
 constexpr int kOrdered = -1;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class Dissection {
  public:

@@ -1,24 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/linalg/gemm.h"
 
-#include "tarsier/core/cpu.h"
+#include "tarsier/core/best_kernels.h"
 
 namespace tarsier::linalg {
 
-const GemmKernels& gemm_kernels() {
-  const GemmKernels* chosen = nullptr;
-  switch (simd_level()) {
-    case SimdLevel::kAvx512:
-      chosen = gemm_avx512();
-      break;
-    case SimdLevel::kAvx2:
-      chosen = gemm_avx2();
-      break;
-    case SimdLevel::kSse41:
-    case SimdLevel::kBaseline:
-      break;
-  }
-  return chosen != nullptr ? *chosen : *gemm_baseline();
-}
+const GemmKernels& gemm_kernels() { return best_kernels(gemm_baseline, gemm_avx2, gemm_avx512); }
 
 }  // namespace tarsier::linalg

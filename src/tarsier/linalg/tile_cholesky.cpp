@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/linalg/tile_cholesky.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/linalg/dissection.h"
 #include "tarsier/linalg/tile_kernels.h"
@@ -24,8 +25,6 @@ constexpr std::array<std::size_t, 2> kManyTimes{4, 2};
 using Eigen::Index;
 using Eigen::SparseMatrix;
 using Eigen::VectorXd;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Of each variable the others that it has a block with.
 std::vector<std::vector<int>> neighbours_of(const BlockPattern& pattern) {

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/file_ending.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/cameras.h"
@@ -31,6 +32,13 @@
 
 namespace tarsier {
 namespace {
+
+constexpr NameTable<SourceState, 5> kStates{"state of a source",
+                                            {{{SourceState::kConnecting, "connecting"},
+                                              {SourceState::kLive, "live"},
+                                              {SourceState::kStale, "stale"},
+                                              {SourceState::kLost, "lost"},
+                                              {SourceState::kEnded, "ended"}}}};
 
 namespace fs = std::filesystem;
 
@@ -288,21 +296,7 @@ std::unique_ptr<FrameSource> join(std::vector<ChainSource::Part> parts,
 
 }  // namespace
 
-std::string_view name_of(SourceState state) {
-  switch (state) {
-    case SourceState::kConnecting:
-      return "connecting";
-    case SourceState::kLive:
-      return "live";
-    case SourceState::kStale:
-      return "stale";
-    case SourceState::kLost:
-      return "lost";
-    case SourceState::kEnded:
-      return "ended";
-  }
-  return "unknown";
-}
+std::string_view name_of(SourceState state) { return kStates.name(state); }
 
 SourceKind classify_source(const std::string& text, const std::vector<Scheme>& schemes) {
   if (text.empty()) throw InputError("input", fmt::format("is empty; {}", kExpected));

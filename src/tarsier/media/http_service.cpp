@@ -25,17 +25,6 @@ namespace {
 constexpr std::size_t kMinToken = 16;
 constexpr unsigned kRequestSeconds = 5;  // without a byte of a request
 
-// The time does not tell how many characters were right.
-bool equals_in_constant_time(std::string_view given, std::string_view secret) {
-  unsigned difference = given.size() == secret.size() ? 0 : 1;
-  for (std::size_t i = 0; i < secret.size(); ++i) {
-    const char c = i < given.size() ? given[i] : '\0';
-    difference |= static_cast<unsigned>(static_cast<unsigned char>(c) ^
-                                        static_cast<unsigned char>(secret[i]));
-  }
-  return difference == 0;
-}
-
 // An image may hold the stream open for ever, but nothing on the page may come from elsewhere.
 constexpr const char* kPolicy =
     "default-src 'none'; img-src 'self'; style-src 'self'; script-src 'self'; connect-src 'self'; "
@@ -51,6 +40,16 @@ MHD_Response* response_of(std::string_view body, const char* type) {
 }
 
 }  // namespace
+
+bool equals_in_constant_time(std::string_view given, std::string_view secret) {
+  unsigned difference = given.size() == secret.size() ? 0 : 1;
+  for (std::size_t i = 0; i < secret.size(); ++i) {
+    const char c = i < given.size() ? given[i] : '\0';
+    difference |= static_cast<unsigned>(static_cast<unsigned char>(c) ^
+                                        static_cast<unsigned char>(secret[i]));
+  }
+  return difference == 0;
+}
 
 class HttpService::Daemon {
  public:

@@ -21,6 +21,9 @@ struct HttpAccess {
   std::string token;        // 16 letters, digits or - _ . ~ at least; empty: nobody needs one
 };
 
+// Whether both are equal; the time does not tell how many characters were.
+[[nodiscard]] bool equals_in_constant_time(std::string_view given, std::string_view secret);
+
 // What servers of this program have in common: GET and HEAD over HTTP/1.1; this machine alone unless
 // `listen_all`; a token by ?token= or "Authorization: Bearer"; requests with a foreign Host (DNS
 // rebinding) or Origin are refused; headers that keep browsers from reading more into an answer. A

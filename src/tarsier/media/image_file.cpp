@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/file_ending.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_codec.h"
@@ -27,6 +28,14 @@
 
 namespace tarsier {
 namespace {
+
+constexpr NameTable<ImageFormat, 6> kFormats{"format",
+                                             {{{ImageFormat::kJpeg, "JPEG"},
+                                               {ImageFormat::kPng, "PNG"},
+                                               {ImageFormat::kWebp, "WebP"},
+                                               {ImageFormat::kBmp, "BMP"},
+                                               {ImageFormat::kPnm, "PNM"},
+                                               {ImageFormat::kTiff, "TIFF"}}}};
 using Bytes = std::span<const std::uint8_t>;
 
 cv::Mat decode(Bytes bytes, const std::string& name, const ImageLimits& limits, int flags) {
@@ -92,23 +101,7 @@ cv::Mat read_with(const std::string& path, const ImageLimits& limits, int flags)
 
 }  // namespace
 
-std::string_view name_of(ImageFormat format) {
-  switch (format) {
-    case ImageFormat::kJpeg:
-      return "JPEG";
-    case ImageFormat::kPng:
-      return "PNG";
-    case ImageFormat::kWebp:
-      return "WebP";
-    case ImageFormat::kBmp:
-      return "BMP";
-    case ImageFormat::kPnm:
-      return "PNM";
-    case ImageFormat::kTiff:
-      return "TIFF";
-  }
-  return "unknown";
-}
+std::string_view name_of(ImageFormat format) { return kFormats.name(format); }
 
 cv::Mat decode_image(std::span<const std::uint8_t> bytes, const std::string& name,
                      const ImageLimits& limits) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/observed_site.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/rng.h"
 
 #include <Eigen/Geometry>
@@ -30,8 +31,6 @@ constexpr double kMaxTurn =
 constexpr double kFocal = 500;  // px
 constexpr int kSegmentsAhead = 8;
 constexpr int kPerSegment = 130;  // points
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Of a surface: what looks alike has the same look.
 struct SitePoint {

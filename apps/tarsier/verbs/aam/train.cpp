@@ -28,13 +28,9 @@ namespace {
 using face::appearance::AppearanceModel;
 using face::appearance::TrainingImage;
 
-struct TrainFlags {
-  SetFlags set;
-  std::string output;
-  std::string terms;
+struct TrainFlags : TrainingFlags {
   std::string channels = "oriented";
   std::string mesh;
-  int hold_out = 0;
   bool no_detector = false;
   face::appearance::AppearanceOptions options{.frame_width = 64};  // features of 64 px see enough
 };
@@ -134,13 +130,7 @@ ExitStatus train(TrainFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, TrainFlags& flags) {
-  add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags.hold_out,
-                  "leave out every N-th sample, for `aam eval --held-out N`; 0: none")
-      .check(range(0, 1000000))
-      .show_default();
+  add_training_flags(verb, flags, "aam eval");
   face::appearance::AppearanceOptions& options = flags.options;
   verb.add_option(
           "--channels", flags.channels,

@@ -32,6 +32,18 @@ struct SetFlags {
   std::string images;  // --images
 };
 void add_set_flags(Command& verb, SetFlags& flags);
+
+// Of the verbs that learn from a set.
+struct TrainingFlags {
+  SetFlags set;
+  std::string output;  // --output
+  std::string terms;   // --terms
+  int hold_out = 0;    // --hold-out
+};
+// `eval`: the verb that judges on the samples held out.
+void add_training_flags(Command& verb, TrainingFlags& flags,
+                        std::string_view eval = "landmarks eval");
+
 [[nodiscard]] face::shape::LandmarkSet load_set(const SetFlags& flags);
 
 // Every `every`-th sample (3: the third, sixth ..), or all others. 0: all samples.

@@ -18,6 +18,16 @@ void add_set_flags(Command& verb, SetFlags& flags) {
   verb.add_option("--images", flags.images, "folder of the images, where it is another one");
 }
 
+void add_training_flags(Command& verb, TrainingFlags& flags, std::string_view eval) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
+                  fmt::format("leave out every N-th sample, for `{} --held-out N`; 0: none", eval))
+      .check(range(0, 1000000))
+      .show_default();
+}
+
 face::shape::LandmarkSet load_set(const SetFlags& flags) {
   const auto ends = [&](std::string_view ending) { return flags.input.ends_with(ending); };
   if (ends(".yaml") || ends(".yml") || ends(".json")) {

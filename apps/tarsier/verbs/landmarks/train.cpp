@@ -23,11 +23,7 @@ namespace tarsier::cli {
 namespace {
 
 // Of all that learn from a set.
-struct LearnFlags {
-  SetFlags set;
-  std::string output;
-  std::string terms;
-  int hold_out = 0;
+struct LearnFlags : TrainingFlags {
   bool mirror = false;
 };
 
@@ -40,13 +36,7 @@ struct TrainFlags : LearnFlags {
 };
 
 void add_learn_flags(Command& verb, LearnFlags& flags) {
-  add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags.hold_out,
-                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-      .check(range(0, 1000000))
-      .show_default();
+  add_training_flags(verb, flags);
   verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
 }
 

@@ -9,17 +9,8 @@
 // What the trainings of detectors from boxes have in common.
 namespace tarsier::cli {
 
-struct BoxTrainingFlags {
-  SetFlags set;
-  std::string output;
-  std::string terms;
-  int hold_out = 0;
-};
-// The set, --output, --terms, --hold-out.
-void add_box_training_flags(Command& verb, BoxTrainingFlags& flags);
-
 // What every model says of its training; a verb adds what it counted.
-[[nodiscard]] nlohmann::json box_training_provenance(const BoxTrainingFlags& flags,
+[[nodiscard]] nlohmann::json box_training_provenance(const TrainingFlags& flags,
                                                      const Context& context);
 
 void warn_of_skipped(const std::vector<std::string>& skipped);

@@ -48,17 +48,7 @@ void add_images_without(const std::string& folder, std::vector<face::shape::Boxe
   for (std::string& path : paths) images.push_back({std::move(path), {}, {}, {}});
 }
 
-void add_box_training_flags(Command& verb, BoxTrainingFlags& flags) {
-  add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags.hold_out,
-                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-      .check(range(0, 1000000))
-      .show_default();
-}
-
-nlohmann::json box_training_provenance(const BoxTrainingFlags& flags, const Context& context) {
+nlohmann::json box_training_provenance(const TrainingFlags& flags, const Context& context) {
   nlohmann::json about = {{"program", fmt::format("tarsier {}", version())},
                           {"seed", context.seed},
                           {"data", std::filesystem::path(flags.set.input).filename().string()},
@@ -73,7 +63,7 @@ void warn_of_skipped(const std::vector<std::string>& skipped) {
 
 namespace {
 
-struct DetectorFlags : BoxTrainingFlags {
+struct DetectorFlags : TrainingFlags {
   std::string without;
   face::landmarks::HogOptions options;
 };
@@ -121,7 +111,7 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, DetectorFlags& flags) {
-  add_box_training_flags(verb, flags);
+  add_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
                   "folder of images without the object: fewer false alarms");
   face::landmarks::HogOptions& options = flags.options;

@@ -23,7 +23,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct NetworkFlags : BoxTrainingFlags {
+struct NetworkFlags : TrainingFlags {
   std::vector<std::string> without;
   std::string head;
   face::train::CopyOptions turned{.copies = 0};
@@ -159,7 +159,7 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, NetworkFlags& flags) {
-  add_box_training_flags(verb, flags);
+  add_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
                   "folders of images that show no face: what they learn not to find; every third "
                   "decides what is sure")

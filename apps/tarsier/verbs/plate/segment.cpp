@@ -2,6 +2,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/image/draw/tile.h"
+#include "tarsier/media/atomic_file.h"
 #include "tarsier/media/frame_source.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/model_store.h"
@@ -32,12 +33,6 @@ struct SegmentFlags {
   bool characters = false;
 };
 
-void make_folder(const fs::path& folder) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) throw OutputError(folder.string(), error.message());
-}
-
 std::string shipped(const std::string& given, const char* name) {
   return ModelStore::find().path_or(given, name);
 }
@@ -53,7 +48,7 @@ struct Writer {
 
   void save(const fs::path& folder, const std::string& name, const cv::Mat& image,
             nlohmann::ordered_json line) {
-    make_folder(folder);
+    make_folder(folder.string());
     const std::string path = (folder / name).string();
     write_image(path, image);
     ++saved;

@@ -50,12 +50,6 @@ struct SynthFlags {
   synth::StreetOptions street;
 };
 
-void make_folder(const fs::path& folder) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) throw OutputError(folder.string(), error.message());
-}
-
 // Images of a street, truth.csv for `plate eval` and the training, truth.jsonl with corners.
 ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   synth::StreetOptions options = flags.street;
@@ -68,7 +62,7 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   options.kinds.clear();
   for (const std::string& name : flags.kinds) options.kinds.push_back(kinds().at(name));
   const fs::path folder = flags.output;
-  make_folder(folder / "images");
+  make_folder((folder / "images").string());
   std::string csv = "image,x,y,w,h,text\n";
   std::string lines;
   context.progress->begin("synth", flags.count, "images");
@@ -106,7 +100,7 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
 ExitStatus make_faces(const SynthFlags& flags, Context& context) {
   const auto glyphs = flags.wild ? synth::draw_glyphs(context.seed, 60) : synth::load_glyphs();
   const fs::path folder = flags.output;
-  make_folder(folder);
+  make_folder(folder.string());
   const Rng base(context.seed);
   context.progress->begin("synth", flags.count, "plates");
   for (int i = 0; i < flags.count; ++i) {

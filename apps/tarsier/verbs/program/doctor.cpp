@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/face/onnx/module.h"
 #include "tarsier/face/pipelines/detector_model.h"
 #include "tarsier/face/pipelines/identifier.h"
@@ -51,17 +52,10 @@ struct Item {
   std::string advice;  // what to do; empty: nothing
 };
 
-std::string_view name_of(Finding finding) {
-  switch (finding) {
-    case Finding::kOk:
-      return "ok";
-    case Finding::kNote:
-      return "note";
-    case Finding::kProblem:
-      break;
-  }
-  return "problem";
-}
+constexpr NameTable<Finding, 3> kFindings{
+    "finding", {{{Finding::kOk, "ok"}, {Finding::kNote, "note"}, {Finding::kProblem, "problem"}}}};
+
+std::string_view name_of(Finding finding) { return kFindings.name(finding); }
 
 // --- looking ---
 

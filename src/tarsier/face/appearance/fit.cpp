@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/appearance/fit.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/appearance/fit_level.h"
 
@@ -14,6 +15,11 @@ using Eigen::Index;
 using Eigen::Matrix2Xd;
 
 namespace {
+
+constexpr NameTable<FitStatus, 3> kStatuses{"status",
+                                            {{{FitStatus::kConverged, "converged"},
+                                              {FitStatus::kIterations, "iterations"},
+                                              {FitStatus::kDiverged, "diverged"}}}};
 
 // Share of the triangles that may fold: thin ones between closed lips do in the annotations too.
 constexpr double kMaxFolded = 0.15;
@@ -38,17 +44,7 @@ bool is_in_crop(const Matrix2Xd& points, cv::Size size) {
 
 }  // namespace
 
-std::string_view name_of(FitStatus status) {
-  switch (status) {
-    case FitStatus::kConverged:
-      return "converged";
-    case FitStatus::kIterations:
-      return "iterations";
-    case FitStatus::kDiverged:
-      return "diverged";
-  }
-  return "";
-}
+std::string_view name_of(FitStatus status) { return kStatuses.name(status); }
 
 void FitOptions::check() const {
   check_fields(*this);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/detect/haar_cascade.h"
 
-#include "tarsier/core/cpu.h"
+#include "tarsier/core/at.h"
+#include "tarsier/core/best_kernels.h"
 #include "tarsier/core/require.h"
 
 #include <opencv2/core.hpp>
@@ -19,8 +20,6 @@ namespace {
 constexpr float kSlack = 1e-5F;  // of a stage's threshold, against rounding
 constexpr float kCoarse = 2;     // scale below which every second window is judged
 constexpr int kRowsAtOnce = 8;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Room for the rows of all sizes, so that a rectangle has one place in all of them.
 int stride_of(int width) { return (width + 1 + 2 * kHaarPadding + 63) / 64 * 64; }
@@ -275,13 +274,7 @@ std::vector<cv::Rect> HaarCascade::find(const cv::Mat& gray, double step, cv::Si
   return found;
 }
 
-const HaarKernels& haar_kernels() {
-  const HaarKernels* chosen = nullptr;
-  const SimdLevel level = simd_level();
-  if (level >= SimdLevel::kAvx512) chosen = haar_avx512();
-  if (chosen == nullptr && level >= SimdLevel::kAvx2) chosen = haar_avx2();
-  return chosen != nullptr ? *chosen : *haar_baseline();
-}
+const HaarKernels& haar_kernels() { return best_kernels(haar_baseline, haar_avx2, haar_avx512); }
 
 std::vector<cv::Rect> grouped_boxes(const std::vector<cv::Rect>& boxes, int min, double eps) {
   if (min <= 0 || boxes.empty()) return boxes;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/liveness.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 
@@ -12,6 +13,17 @@
 
 namespace tarsier::face::head {
 namespace {
+
+constexpr NameTable<LivenessState, 4> kStateNames{"state",
+                                                  {{{LivenessState::kLook, "look"},
+                                                    {LivenessState::kAsk, "ask"},
+                                                    {LivenessState::kPassed, "passed"},
+                                                    {LivenessState::kFailed, "failed"}}}};
+
+constexpr NameTable<LivenessTask, 3> kTaskNames{"task",
+                                                {{{LivenessTask::kBlink, "blink"},
+                                                  {LivenessTask::kTurnLeft, "turn left"},
+                                                  {LivenessTask::kTurnRight, "turn right"}}}};
 
 constexpr Eigen::Index kPoints = 68;
 constexpr int kNoseTip = 30;
@@ -49,31 +61,9 @@ Eigen::Vector2d eye_to_eye(const Eigen::Matrix2Xd& points) {
 
 }  // namespace
 
-std::string_view name_of(LivenessTask task) {
-  switch (task) {
-    case LivenessTask::kBlink:
-      return "blink";
-    case LivenessTask::kTurnLeft:
-      return "turn left";
-    case LivenessTask::kTurnRight:
-      break;
-  }
-  return "turn right";
-}
+std::string_view name_of(LivenessTask task) { return kTaskNames.name(task); }
 
-std::string_view name_of(LivenessState state) {
-  switch (state) {
-    case LivenessState::kLook:
-      return "look";
-    case LivenessState::kAsk:
-      return "ask";
-    case LivenessState::kPassed:
-      return "passed";
-    case LivenessState::kFailed:
-      break;
-  }
-  return "failed";
-}
+std::string_view name_of(LivenessState state) { return kStateNames.name(state); }
 
 void LivenessOptions::check() const {
   check_fields(*this);

@@ -53,6 +53,13 @@ bool rotation_of_rows(const Vector3d& first, const Vector3d& second, Matrix3d& r
 
 }  // namespace
 
+bool PositSolver::takes_depths(State& state) {
+  const double change = (space.wx - space.w).cwiseAbs().maxCoeff();
+  space.w.swap(space.wx);
+  state.converged = change < options.tolerance;
+  return state.converged;
+}
+
 PositResult PositSolver::homogeneous() {
   State state{Matrix3d::Identity(), Vector3d::Zero()};
   const auto n = static_cast<double>(space.x.size());
@@ -69,12 +76,7 @@ PositResult PositSolver::homogeneous() {
         model.weights_.dot(space.wy) / n / scale, 1 / scale;
     const Vector3d forward = scale * state.rotation.row(2).transpose();
     depths(model.from_centroid_, forward, space.wx);
-    const double change = (space.wx - space.w).cwiseAbs().maxCoeff();
-    space.w.swap(space.wx);
-    if (change < options.tolerance) {
-      state.converged = true;
-      break;
-    }
+    if (takes_depths(state)) break;
   }
   return finish(state, options.refine_steps);
 }
@@ -100,12 +102,7 @@ PositResult PositSolver::classic() {
     const Vector3d at_reference(x0 / scale, y0 / scale, 1 / scale);
     state.translation = at_reference + state.rotation * (model.centroid_ - model.reference_point_);
     depths(model.from_reference_, scale * state.rotation.row(2).transpose(), space.wx);
-    const double change = (space.wx - space.w).cwiseAbs().maxCoeff();
-    space.w.swap(space.wx);
-    if (change < options.tolerance) {
-      state.converged = true;
-      break;
-    }
+    if (takes_depths(state)) break;
   }
   return finish(state, options.refine_steps);
 }
@@ -242,12 +239,7 @@ PositResult PositSolver::planar_branch(double sign) {
     state.translation << model.weights_.dot(space.wx) / n / scale,
         model.weights_.dot(space.wy) / n / scale, 1 / scale;
     depths(model.from_centroid_, scale * state.rotation.row(2).transpose(), space.wx);
-    const double change = (space.wx - space.w).cwiseAbs().maxCoeff();
-    space.w.swap(space.wx);
-    if (change < options.tolerance) {
-      state.converged = true;
-      break;
-    }
+    if (takes_depths(state)) break;
   }
   return finish(state, std::max(options.refine_steps, 10));
 }

@@ -24,6 +24,8 @@ struct PositSolver {
     int iterations = 0;
     bool converged = false;
   };
+  // The depths of space.wx become those of space.w; true where they hardly change any more.
+  bool takes_depths(State& state);
   // Levenberg-Marquardt from `state`, at most `steps` of it.
   void refine(State& state, int steps) const;
   // Sum of weighted squared residuals; infinite where a point is behind the camera.

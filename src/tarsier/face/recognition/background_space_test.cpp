@@ -13,13 +13,7 @@
 namespace tarsier::face::recognition {
 namespace {
 
-Background background(int people = 40) {
-  const auto many = synthetic_faces(people, 1, 0.3, 3, 1000);
-  BackgroundOptions options;
-  options.components = 30;
-  NoProgress quiet;
-  return learn_background(many.faces, options, quiet, {});
-}
+Background background(int people = 40) { return synthetic_background(people, 1000, 30); }
 
 Rows coordinates_of_all(const Background& general, const std::vector<cv::Mat>& faces) {
   Rows rows(static_cast<Eigen::Index>(faces.size()), coordinate_count(general));

@@ -16,18 +16,10 @@
 namespace tarsier::face::recognition {
 namespace {
 
-Background background() {
-  const auto many = synthetic_faces(80, 1, 0.3, 3, 500);
-  BackgroundOptions options;
-  options.components = 40;
-  NoProgress quiet;
-  return learn_background(many.faces, options, quiet, {});
-}
-
 // Faces of people whom the background never saw: those of one person are more alike, and strangers
 // reach the threshold no more often than it says.
 TEST(PairScores, TheThresholdHoldsForStrangers) {
-  const Background general = background();
+  const Background general = synthetic_background();
   const PairScores pairs = pair_scores(general);
   Rng rng(7);
   constexpr int kPeople = 20;
@@ -67,7 +59,7 @@ TEST(PairScores, TheThresholdHoldsForStrangers) {
 }
 
 TEST(PairScores, IsTheSameEachTimeAndNeedsDirections) {
-  const Background general = background();
+  const Background general = synthetic_background();
   EXPECT_EQ(recognizer_text(pair_scores(general).model),
             recognizer_text(pair_scores(general).model));
   Background mean = general;

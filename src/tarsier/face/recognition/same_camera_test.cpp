@@ -11,14 +11,6 @@
 namespace tarsier::face::recognition {
 namespace {
 
-Background background() {
-  const auto many = synthetic_faces(80, 1, 0.3, 3, 500);
-  BackgroundOptions options;
-  options.components = 40;
-  NoProgress quiet;
-  return learn_background(many.faces, options, quiet, {});
-}
-
 // What all images of one camera have in common: half of each.
 void blend_with_one(std::vector<cv::Mat>& faces) {
   const cv::Mat common = synthetic_faces(1, 1, 0, 1, 900).faces.front();
@@ -26,7 +18,7 @@ void blend_with_one(std::vector<cv::Mat>& faces) {
 }
 
 TEST(SameCamera, PeopleBeforeOneCameraAreMoreAlike) {
-  const Background general = background();
+  const Background general = synthetic_background();
   SyntheticFaces set = synthetic_faces(8, 4, 0.3, 7);
   NoProgress quiet;
   const SameCameraFit apart = fit_same_camera(set.faces, set.labels, 2, 2, general, quiet, {});
@@ -41,7 +33,7 @@ TEST(SameCamera, PeopleBeforeOneCameraAreMoreAlike) {
 
 // The mean that is found is that of the strangers' scores, whatever the constants are.
 TEST(SameCamera, TheShiftIsTheDifferenceOfTheMeans) {
-  const Background general = background();
+  const Background general = synthetic_background();
   const SyntheticFaces set = synthetic_faces(3, 2, 0.3, 7);
   NoProgress quiet;
   const SameCameraFit fit = fit_same_camera(set.faces, set.labels, 2, 1, general, quiet, {});
@@ -61,7 +53,7 @@ TEST(SameCamera, TheShiftIsTheDifferenceOfTheMeans) {
 }
 
 TEST(SameCamera, RefusesWhatItCannotFit) {
-  const Background general = background();
+  const Background general = synthetic_background();
   const SyntheticFaces set = synthetic_faces(3, 2, 0.3, 7);
   NoProgress quiet;
   const auto fit = [&](int training, int draws, const Background& of) {

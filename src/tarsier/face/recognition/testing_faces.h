@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/progress.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/face/recognition/background.h"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -64,6 +66,15 @@ inline SyntheticFaces synthetic_faces(int people, int images, double light, std:
     }
   }
   return out;
+}
+
+// Learned from people `first` .. first + people - 1.
+inline Background synthetic_background(int people = 80, int first = 500, int components = 40) {
+  const auto many = synthetic_faces(people, 1, 0.3, 3, first);
+  BackgroundOptions options;
+  options.components = components;
+  NoProgress quiet;
+  return learn_background(many.faces, options, quiet, {});
 }
 
 }  // namespace tarsier::face::recognition

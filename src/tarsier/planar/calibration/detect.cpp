@@ -2,6 +2,7 @@
 #include "tarsier/planar/calibration/detect.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/media/gray_image.h"
 #include "tarsier/planar/calibration/charuco.h"
 
 #include <fmt/format.h>
@@ -21,15 +22,6 @@ namespace {
 constexpr int kMinSide = 16;       // px
 constexpr double kWindow = 0.4;    // of a square: the saddle's neighbours stay outside
 constexpr int kWidestWindow = 11;  // px, half
-
-cv::Mat gray_of(const cv::Mat& image) {
-  TARSIER_REQUIRE(image.type() == CV_8UC1 || image.type() == CV_8UC3, "type {}", image.type());
-  TARSIER_REQUIRE(!image.empty(), "{}x{} px", image.cols, image.rows);
-  if (image.channels() == 1) return image;
-  cv::Mat gray;
-  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-  return gray;
-}
 
 // The image with its larger side at most `side` px, and full / reduced.
 struct Reduced {

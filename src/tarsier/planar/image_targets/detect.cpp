@@ -2,6 +2,7 @@
 #include "tarsier/planar/image_targets/detect.h"
 
 #include "tarsier/core/image.h"
+#include "tarsier/media/gray_image.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -135,9 +136,7 @@ std::vector<FoundTarget> detect_targets(const std::vector<Target>& targets, cons
                                         const DetectOptions& options,
                                         const geometry::Camera* camera, DebugSink* debug) {
   options.check();
-  cv::Mat gray = frame;
-  if (frame.type() == CV_8UC3) cv::cvtColor(frame, gray, cv::COLOR_BGR2GRAY);
-  require_gray(gray);
+  const cv::Mat gray = gray_of(frame);
   std::vector<FoundTarget> all;
   const Pyramid pyramid = make_pyramid(gray, true);
   const FeatureSet features = find_features(pyramid, options.features);

@@ -1,24 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/planar/image_targets/kernels.h"
 
-#include "tarsier/core/cpu.h"
+#include "tarsier/core/best_kernels.h"
 
 namespace tarsier::planar::image_targets {
 
-const Kernels& kernels() {
-  const Kernels* chosen = nullptr;
-  switch (simd_level()) {
-    case SimdLevel::kAvx512:
-      chosen = kernels_avx512();
-      break;
-    case SimdLevel::kAvx2:
-      chosen = kernels_avx2();
-      break;
-    case SimdLevel::kSse41:
-    case SimdLevel::kBaseline:
-      break;
-  }
-  return chosen != nullptr ? *chosen : *kernels_baseline();
-}
+const Kernels& kernels() { return best_kernels(kernels_baseline, kernels_avx2, kernels_avx512); }
 
 }  // namespace tarsier::planar::image_targets

@@ -2,6 +2,7 @@
 #include "tarsier/planar/image_targets/track.h"
 
 #include "tarsier/core/image.h"
+#include "tarsier/media/gray_image.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -232,9 +233,7 @@ std::vector<TrackedTarget> track(const std::vector<Target>& targets, const Track
                                  TrackState& state, const cv::Mat& frame,
                                  const geometry::Camera* camera, DebugSink* debug) {
   options.check();
-  cv::Mat gray = frame;
-  if (frame.type() == CV_8UC3) cv::cvtColor(frame, gray, cv::COLOR_BGR2GRAY);
-  require_gray(gray);
+  const cv::Mat gray = gray_of(frame);
   if (state.size != gray.size() || state.targets.size() != targets.size()) {
     state = TrackState{};
     state.size = gray.size();

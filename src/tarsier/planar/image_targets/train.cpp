@@ -2,6 +2,7 @@
 #include "tarsier/planar/image_targets/train.h"
 
 #include "tarsier/core/image.h"
+#include "tarsier/media/gray_image.h"
 #include "tarsier/planar/image_targets/quality.h"
 #include "tarsier/planar/image_targets/rehearse.h"
 
@@ -79,8 +80,7 @@ void add_view(Target& target, double tilt, double azimuth, int most) {
 }
 
 cv::Mat working_image(const cv::Mat& image, int longer_side) {
-  cv::Mat gray = image;
-  if (image.type() == CV_8UC3) cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  const cv::Mat gray = gray_of(image);
   const int longer = std::max(gray.cols, gray.rows);
   if (longer > longer_side) {
     const double scale = static_cast<double>(longer_side) / longer;

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/boxes.h"
 #include "tarsier/core/require.h"
+#include "tarsier/media/gray_image.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -18,15 +19,6 @@ constexpr double kReward = 1.2;  // nats for each further character
 constexpr double kSameBox = 0.3;
 constexpr double kSurePlate =
     0.5;  // the SVM's chance from which it is reported though nothing is read
-
-cv::Mat gray_of(const cv::Mat& image) {
-  TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
-                  "an image of type {}", image.type());
-  if (image.channels() == 1) return image;
-  cv::Mat gray;
-  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-  return gray;
-}
 
 // Characters of one plate stand in a line and are of a height; others (the band, rivets) go.
 void keep_the_line(std::vector<Segment>& segments) {

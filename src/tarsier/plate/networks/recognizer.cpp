@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
+#include "tarsier/media/gray_image.h"
 #include "tarsier/plate/networks/looks.h"
 #include "tarsier/plate/networks/rivals.h"
 #include "tarsier/plate/networks/same_plate.h"
@@ -24,15 +25,6 @@ constexpr double kUnfit =
     6;  // nats by which a text of no layout has to be likelier, and what it costs
 constexpr double kHope = 2;         // evidence that more looks may add to a first one
 constexpr double kWordPenalty = 3;  // nats against a text without a digit: mostly it is a sign
-
-cv::Mat gray_of(const cv::Mat& image) {
-  TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
-                  "an image of type {}", image.type());
-  if (image.channels() == 1) return image;
-  cv::Mat gray;
-  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-  return gray;
-}
 
 // What the network sees of a plate: one row, or the upper and the lower of two. Several looks at it
 // are pooled in the columns of the first.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/tracking/event.h"
 
+#include "tarsier/core/name_table.h"
+
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -8,6 +10,20 @@
 
 namespace tarsier::plate {
 namespace {
+
+constexpr NameTable<Direction, 6> kDirectionNames{"direction",
+                                                  {{{Direction::kApproaching, "approaching"},
+                                                    {Direction::kReceding, "receding"},
+                                                    {Direction::kLeft, "left"},
+                                                    {Direction::kRight, "right"},
+                                                    {Direction::kUp, "up"},
+                                                    {Direction::kDown, "down"}}}};
+
+constexpr NameTable<PlateState, 4> kStates{"state",
+                                           {{{PlateState::kOpened, "opened"},
+                                             {PlateState::kUpdated, "updated"},
+                                             {PlateState::kClosed, "closed"},
+                                             {PlateState::kWithdrawn, "withdrawn"}}}};
 
 using nlohmann::ordered_json;
 
@@ -24,37 +40,9 @@ constexpr int kCropWidth = 640;  // px
 
 }  // namespace
 
-std::string_view name_of(PlateState state) {
-  switch (state) {
-    case PlateState::kOpened:
-      return "opened";
-    case PlateState::kUpdated:
-      return "updated";
-    case PlateState::kClosed:
-      return "closed";
-    case PlateState::kWithdrawn:
-      break;
-  }
-  return "withdrawn";
-}
+std::string_view name_of(PlateState state) { return kStates.name(state); }
 
-std::string_view name_of(Direction direction) {
-  switch (direction) {
-    case Direction::kApproaching:
-      return "approaching";
-    case Direction::kReceding:
-      return "receding";
-    case Direction::kLeft:
-      return "left";
-    case Direction::kRight:
-      return "right";
-    case Direction::kUp:
-      return "up";
-    case Direction::kDown:
-      break;
-  }
-  return "down";
-}
+std::string_view name_of(Direction direction) { return kDirectionNames.name(direction); }
 
 std::vector<Direction> directions_of(const PlateEvent& event) {
   constexpr double kGrowth = 1.15;

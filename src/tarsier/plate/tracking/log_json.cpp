@@ -2,6 +2,7 @@
 // Entries of a log as JSON and CSV.
 #include "tarsier/core/csv.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/plate/tracking/log.h"
 
@@ -21,17 +22,13 @@ nlohmann::ordered_json list_of(const std::string& text, const std::string& what,
   }
 }
 
-std::string_view name_of(LoggedPlate::State state) {
-  switch (state) {
-    case LoggedPlate::State::kClosed:
-      return "closed";
-    case LoggedPlate::State::kOpen:
-      return "open";
-    case LoggedPlate::State::kInterrupted:
-      break;
-  }
-  return "interrupted";
-}
+constexpr NameTable<LoggedPlate::State, 3> kStates{
+    "state",
+    {{{LoggedPlate::State::kClosed, "closed"},
+      {LoggedPlate::State::kOpen, "open"},
+      {LoggedPlate::State::kInterrupted, "interrupted"}}}};
+
+std::string_view name_of(LoggedPlate::State state) { return kStates.name(state); }
 
 }  // namespace
 

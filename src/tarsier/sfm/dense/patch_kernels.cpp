@@ -1,24 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/dense/patch_kernels.h"
 
-#include "tarsier/core/cpu.h"
+#include "tarsier/core/best_kernels.h"
 
 namespace tarsier::sfm {
 
 const PatchKernels& patch_kernels() {
-  const PatchKernels* chosen = nullptr;
-  switch (simd_level()) {
-    case SimdLevel::kAvx512:
-      chosen = patch_kernels_avx512();
-      break;
-    case SimdLevel::kAvx2:
-      chosen = patch_kernels_avx2();
-      break;
-    case SimdLevel::kSse41:
-    case SimdLevel::kBaseline:
-      break;
-  }
-  return chosen != nullptr ? *chosen : *patch_kernels_baseline();
+  return best_kernels(patch_kernels_baseline, patch_kernels_avx2, patch_kernels_avx512);
 }
 
 }  // namespace tarsier::sfm

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/global/positioning.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/linalg/sparse_cholesky.h"
@@ -25,8 +26,6 @@ constexpr double kMaxDamping = 1e8;
 // Of a step that is solved by conjugate gradients with the factor of an earlier one.
 constexpr double kNearTolerance = 0.1;
 constexpr int kMaxNearIterations = 6;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class Positioning {
  public:

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/global/rotation_averaging.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/rigid3.h"
@@ -21,8 +22,6 @@ constexpr double kRadians = std::numbers::pi / 180;
 constexpr double kHalfWeight = 50;  // verified matches of an edge that counts half
 constexpr double kMinAngle = 1e-3;  // radians, of the sum of absolute angles
 constexpr double kDamping = 1e-9;   // of the Laplacian's diagonal
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Rotations along the tree of the edges of most weight; empty where the graph does not hang together.
 std::vector<Eigen::Matrix3d> along_tree(int nodes, const std::vector<RelativeRotation>& edges) {

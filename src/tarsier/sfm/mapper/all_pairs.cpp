@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/all_pairs.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/model_conflicts.h"
@@ -17,8 +18,6 @@ namespace {
 
 // Of conflicts: an image that a fifth of its neighbours contradict has no trust.
 constexpr double kConflictWeight = 5;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 bool has_both(const Model& model, const Pair& pair) {
   return !pair.view.inliers.empty() && model.images[at(pair.first)].registered &&

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/bundle_cost.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/bundle_residual.h"
 
 #include <Eigen/Cholesky>
@@ -24,8 +25,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 double loss(const BundleProblem& problem, double squares) {
   const double c2 = problem.loss_px * problem.loss_px;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/bundle_equations.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/bundle_residual.h"
 
 #include <Eigen/Core>
@@ -28,8 +29,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 

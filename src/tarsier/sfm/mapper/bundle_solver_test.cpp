@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/bundle_solver.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/geometry/camera.h"
@@ -14,8 +15,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 geometry::Rigid3 turned(const geometry::Rigid3& pose, int axis, double angle) {
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();

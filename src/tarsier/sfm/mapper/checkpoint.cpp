@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/checkpoint.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/mapper/packed_file.h"
@@ -18,8 +19,6 @@ namespace {
 
 constexpr std::int64_t kMaxBytes = 16'000'000'000;
 constexpr std::int32_t kVersion = 3;  // of what follows
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
   writer.put(static_cast<std::uint64_t>(cameras.size()));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/colmap_database.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/geometry/colmap_camera.h"
@@ -64,8 +65,6 @@ DatabaseKind colmap_kind() {
   kind.of_another_program = true;
   return kind;
 }
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 template <typename Number>
 std::span<const std::uint8_t> bytes_of(const std::vector<Number>& numbers) {

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/features.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/media/gray_image.h"
 #include "tarsier/sfm/mapper/sift.h"
 #include "tarsier/sfm/mapper/simulated_views.h"
 
@@ -79,10 +80,7 @@ Features find_features(const cv::Mat& image, const FeatureOptions& options) {
   options.check();
   TARSIER_REQUIRE(!options.wide || options.kind == FeatureKind::kSift,
                   "simulated views are of SIFT alone");
-  TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
-                  "an image of type {}", image.type());
-  cv::Mat gray = image;
-  if (image.channels() == 3) cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  cv::Mat gray = gray_of(image);
   const double scale =
       std::min(1.0, std::sqrt(options.max_pixels / static_cast<double>(gray.total())));
   if (scale < 1) {

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/flow.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/media/gray_image.h"
 #include "tarsier/media/lazy_opencv.h"
 
 #include <opencv2/imgproc.hpp>
@@ -214,8 +215,7 @@ void FlowTracker::add(const cv::Mat& image) {
   size_ = image.size();
   spacing_ =
       std::max(3.0, kSpacing * std::sqrt(static_cast<double>(size_.area()) / options_.max_points));
-  cv::Mat gray = image;
-  if (image.channels() == 3) cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  const cv::Mat gray = gray_of(image);
   // With derivatives: they serve the way back and the next frame's way forward.
   std::vector<cv::Mat> pyramid;
   lazy_opencv::optical_flow_pyramid(gray, pyramid, kWindow, levels_of(size_));

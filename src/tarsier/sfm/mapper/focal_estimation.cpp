@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/focal_estimation.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/robust_two_view.h"
 
@@ -30,8 +31,6 @@ constexpr std::size_t kFolds = 5;
 constexpr double kMaxSpread = 0.1;
 
 using Curve = std::array<double, kFactors>;  // costs by factor
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 double factor_of(int k) { return std::exp(kStep * (k - kHalf)); }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/global_start.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/global/positioning.h"
 #include "tarsier/sfm/global/rotation_averaging.h"
@@ -40,8 +41,6 @@ struct Round {
   double loss_px;
 };
 constexpr Round kRounds[] = {{25, 8}, {8, 3}, {3, 1}, {1.5, 0.5}};
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class GlobalMapping {
  public:

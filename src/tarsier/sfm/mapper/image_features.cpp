@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/image_features.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/atomic_file.h"
@@ -29,8 +30,6 @@ constexpr std::int64_t kMaxFileBytes = 512'000'000;
 constexpr int kFewImages = 60;
 constexpr double kGuessedFocal = 1.2;  // of the larger side
 constexpr int kMinShown = 3;  // images of a model that tells the focal length of their camera
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // The camera of an image that was turned clockwise by a quarter: (x, y) becomes (height - 1 - y, x).
 geometry::Camera turned(const geometry::Camera& camera) {

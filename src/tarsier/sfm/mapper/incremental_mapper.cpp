@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/opencv_types.h"
@@ -29,8 +30,6 @@ constexpr int kLocalObservations = 40;
 constexpr int kPointSteps = 3;                 // of the points that an adjustment left out
 constexpr std::size_t kMaxAtOnce = 2'000'000;  // observations of points that are adjusted alone
 constexpr int kGrids = 5;                      // of 2 x 2 to 32 x 32 cells
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Where a grid of 2^level x 2^level cells begins among the cells of all grids: after 4 + 16 + ..
 std::size_t grid_start(int level) { return ((std::size_t{1} << (2 * level)) - 4) / 3; }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/initial_pair.h"
 
+#include "tarsier/core/at.h"
+
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 
@@ -10,8 +12,6 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 

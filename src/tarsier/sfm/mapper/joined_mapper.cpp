@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/joined_mapper.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
@@ -16,8 +17,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class JoinedMapping {
  public:

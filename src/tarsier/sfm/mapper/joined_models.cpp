@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/bundle.h"
@@ -31,8 +32,6 @@ constexpr double kDegrees = 180 / CV_PI;
 constexpr double kLosses[] = {8, 2, 0.5};  // px
 constexpr std::int64_t kManyObservations = 1'000'000;
 constexpr int kMaxObservations = 40;  // of a point, where there are many
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Mean cameras of the models; whether they differed.
 bool join_cameras(const std::vector<const Model*>& models, Model& joined) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/mapper.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
@@ -53,8 +54,6 @@ constexpr RoughRound kRoughRounds[] = {{16, 8}, {8, 4}, {4, 2}, {2, 1}};
 const std::string kStartRefusal = "the start model is refused: ";
 const std::string kTakenApart = " lays different places over each other";
 const std::string kStaysOpen = ": the first is kept";
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class Mapping {
  public:

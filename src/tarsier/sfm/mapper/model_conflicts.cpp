@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_conflicts.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/global/view_graph.h"
 #include "tarsier/sfm/mapper/feature_grid.h"
 
@@ -46,8 +47,6 @@ constexpr double kSame = 0.5;             // of the usual share: more is of one 
 constexpr double kMinBetween = 20;        // expected of two images and those around them
 constexpr double kDifferent = 0.35;       // of the usual share: less shows different places
 constexpr double kBuiltOn = 0.2;          // of a pair's matches that are points
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // px: a feature so near a point's projection is the point's.
 double radius_of(const geometry::Camera& camera) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_conflicts.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/sfm/mapper/testing_prism.h"
 
@@ -13,8 +14,6 @@ namespace tarsier::sfm {
 namespace {
 
 using Eigen::Vector3d;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 Model registered_images(int count) {
   Model model;

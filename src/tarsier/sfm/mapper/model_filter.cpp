@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_filter.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 
 #include <opencv2/core/utility.hpp>
@@ -14,8 +15,6 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 

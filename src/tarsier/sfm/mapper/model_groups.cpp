@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_groups.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/linalg/decompositions.h"
 #include "tarsier/sfm/global/rotation_averaging.h"
 
@@ -19,8 +20,6 @@ namespace {
 using geometry::Sim3;
 
 constexpr double kDegrees = 180 / CV_PI;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // The diagonal of the box around centres.
 double extent_of(const std::vector<Eigen::Vector3d>& centers) {

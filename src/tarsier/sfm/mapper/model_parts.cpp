@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_parts.h"
 
+#include "tarsier/core/at.h"
+
 #include <algorithm>
 #include <cstddef>
 #include <vector>
@@ -9,8 +11,6 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMinViews = 3;  // of a point that loses some
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Parts of a model as they grow image by image.
 class Parts {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_shape.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/open_loops.h"
@@ -23,8 +24,6 @@ constexpr double kMaxGap = 8;  // by the usual distance of an image from its nei
 constexpr double kVeryStrong = 0.85;
 constexpr int kMinPart = 3;  // images
 constexpr double kFirmJoint = 2;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 struct Joint {
   int first = 0;

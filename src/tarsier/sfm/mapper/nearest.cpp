@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/nearest.h"
 
-#include "tarsier/core/cpu.h"
+#include "tarsier/core/best_kernels.h"
 #include "tarsier/core/require.h"
 
 #include <cstdlib>
@@ -20,11 +20,7 @@ struct Free {
 }  // namespace
 
 const NearestKernel& nearest_kernel() {
-  const NearestKernel* chosen = nullptr;
-  const SimdLevel level = simd_level();
-  if (level >= SimdLevel::kAvx512) chosen = nearest_vnni();
-  if (chosen == nullptr && level >= SimdLevel::kAvx2) chosen = nearest_avx2();
-  return chosen != nullptr ? *chosen : *nearest_baseline();
+  return best_kernels(nearest_baseline, nearest_avx2, nearest_vnni);
 }
 
 void find_nearest(const ByteRows& first, const ByteRows& second, Nearest* of_first,

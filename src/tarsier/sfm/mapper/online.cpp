@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/online.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/image_features.h"
 
@@ -18,8 +19,6 @@ namespace {
 constexpr int kMinImages = 3;        // images before a model is tried
 constexpr double kMissing = 0.4;     // share of images that do not join: another start
 constexpr double kMoreTrials = 1.5;  // so many times the images of the trial before
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) {

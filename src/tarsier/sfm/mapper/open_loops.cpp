@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/open_loops.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/pair_agreement.h"
 
 #include <algorithm>
@@ -12,8 +13,6 @@ namespace {
 constexpr std::size_t kMinInliers = 30;
 constexpr int kMinSteps = 8;
 constexpr double kMinAgreement = 0.5;  // of all inliers
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Steps from an image to all others, by breadth-first search.
 class Steps {

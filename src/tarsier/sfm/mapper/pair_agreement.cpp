@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/pair_agreement.h"
 
+#include "tarsier/core/at.h"
+
 #include <Eigen/Cholesky>
 
 #include <algorithm>
@@ -22,8 +24,6 @@ constexpr double kRays = 2 * kRadians;
 constexpr double kOnePlane = 0.7;  // share of the inliers
 constexpr double kPlanePx = 4;     // between a feature and where the plane takes its match
 constexpr int kRounds = 8;         // of reweighted least squares
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // The inliers of a pair in normalised coordinates.
 struct Rays {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/patch_evidence.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 
@@ -46,8 +47,6 @@ constexpr double kDeviations = 2;
 constexpr int kSide = 2 * kHalf + 1;
 constexpr int kWide = kSide + 2 * kSearch;
 constexpr int kArea = kSide * kSide;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Where the second image shows what is around a feature: x' = linear (x - feature) + at.
 struct LocalMap {

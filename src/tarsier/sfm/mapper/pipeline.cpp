@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/pipeline.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/media/gray_image.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
@@ -43,8 +45,6 @@ constexpr double kGoodTrust = 0.9;
 // Changes of the logarithm of a focal length.
 constexpr double kOtherFocal = 0.15;  // it was wrong
 constexpr double kSameFocal = 0.02;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class Stages {
  public:
@@ -357,11 +357,7 @@ GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<Image
     if (path.empty()) return cv::Mat();
     cv::Mat gray;
     try {
-      const cv::Mat read = read_sensor_image(path);
-      if (read.channels() == 1)
-        gray = read;
-      else
-        cv::cvtColor(read, gray, cv::COLOR_BGR2GRAY);
+      gray = gray_of(read_sensor_image(path));
     } catch (const InputError&) {
       return cv::Mat();
     }

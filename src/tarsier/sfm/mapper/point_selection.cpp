@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/point_selection.h"
 
+#include "tarsier/core/at.h"
+
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -12,8 +14,6 @@ namespace {
 
 constexpr double kMinKept = 0.5;             // of the observations, where there are anchors
 constexpr std::uint32_t kMix = 2654435769U;  // 2^32 / golden ratio: multiples are spread evenly
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Says of each of `count` things in turn whether it is among `share` that are spread evenly.
 class EvenShare {

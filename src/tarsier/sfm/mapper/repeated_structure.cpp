@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/repeated_structure.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/image_cells.h"
 
 #include <algorithm>
@@ -14,8 +15,6 @@ constexpr int kMinMatched = 2;      // pairs that match a feature
 constexpr int kMinLooked = 4;       // pairs that look for it
 constexpr double kRareShare = 0.5;  // of the rate of most features
 constexpr double kMost = 0.75;      // features below that rate
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // One image's view of its pairs.
 class ImageEvidence {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/global/view_graph.h"
 #include "tarsier/sfm/mapper/model_join.h"
 
@@ -8,12 +9,6 @@
 #include <utility>
 
 namespace tarsier::sfm {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
-
 std::vector<Model> with_same_images(const std::vector<Model>& models) {
   // Cameras that images say are the same: (model, camera) as numbers, joined.
   std::vector<int> first_camera;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/simulated_views.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/mapper/features.h"
 #include "tarsier/sfm/mapper/matching.h"
@@ -27,8 +28,6 @@ constexpr double kSamePx = 0.5;      // one place: so near ..
 constexpr double kSameSigmas = 0.1;  // .. or this times the feature's sigma
 constexpr double kCell = 4;  // px, of the grid of places; at most so far apart are two of one place
 constexpr double kAlike = 0.95;  // cosine of two descriptors of which one is enough
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 cv::Point2d mapped(const cv::Matx23d& map, const cv::Point2f& p) {
   const cv::Vec2d q = map * cv::Vec3d(static_cast<double>(p.x), static_cast<double>(p.y), 1);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/start_model.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
@@ -25,8 +26,6 @@ namespace {
 constexpr double kMinShare = 0.3;  // of the matches of an image, in pairs that agree with its pose
 constexpr std::size_t kMinMatches = 16;
 constexpr double kMinCrossing = 1e-6;  // squared sine of rays that tell a depth
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 Eigen::Vector3d ray_of(const geometry::Camera& camera, const cv::Point2f& pixel, bool& is_seen) {
   const auto normalized = camera.normalized_of(cv::Point2d(pixel));

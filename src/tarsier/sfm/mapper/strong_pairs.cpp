@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/pair_agreement.h"
 #include "tarsier/sfm/mapper/trust.h"
 
@@ -16,8 +17,6 @@ namespace {
 
 constexpr double kShares[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the strongest pair
 constexpr int kUnchecked = 2;                     // images of a model that any poses fit
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // What the models that have both images of a pair say.
 struct Judgement {

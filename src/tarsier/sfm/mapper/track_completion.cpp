@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // IncrementalMapper::extend_tracks(): tracks of the model get longer, and two that are one point are merged.
+#include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/feature_grid.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
@@ -21,8 +22,6 @@ constexpr std::size_t kMaxCompared =
     12;  // views of a point, spread over all, that a feature is compared with
 constexpr std::size_t kSureViews = 6;  // of a point that is not moved far by others
 constexpr double kFarOff = 4;          // reprojection_px: two such points are not one
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Pairs of tracks that are not one point. A table of fixed size: a pair that another one took the place of is found again.
 class FailedMerges {

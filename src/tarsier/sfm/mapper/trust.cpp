@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/trust.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/image_cells.h"
 #include "tarsier/sfm/mapper/pair_agreement.h"
 
@@ -14,8 +15,6 @@ namespace {
 constexpr double kPoints = 50;
 constexpr double kCells = 12;
 constexpr double kShare = 0.5;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 

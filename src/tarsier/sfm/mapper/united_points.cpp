@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/united_points.h"
 
+#include "tarsier/core/at.h"
+
 #include <opencv2/core/types.hpp>
 
 #include <algorithm>
@@ -11,8 +13,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 void sort_by_image(std::vector<Observation>& track) {
   std::sort(track.begin(), track.end(),

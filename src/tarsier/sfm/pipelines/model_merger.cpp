@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/pipelines/model_merger.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
@@ -16,8 +17,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 Model read_part(const std::string& folder) {
   Model model = read_colmap(folder);

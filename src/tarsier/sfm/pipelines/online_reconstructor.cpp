@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/pipelines/online_reconstructor.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
@@ -25,8 +26,6 @@ constexpr int kLongestSide = 960;    // px, of the images in which points are tr
 constexpr std::size_t kRecent = 12;  // key frames from which points can be tracked
 constexpr std::size_t kMaxTracked = 400;
 constexpr double kBackPx = 1.0;  // off after tracking there and back: lost
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 double reduction(cv::Size size) {
   return std::min(1.0, static_cast<double>(kLongestSide) / std::max(size.width, size.height));

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/pipelines/shard_files.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/atomic_file.h"
@@ -20,6 +21,12 @@
 
 namespace tarsier::sfm {
 namespace {
+
+constexpr NameTable<ShardStage, 4> kStages{"stage",
+                                           {{{ShardStage::kFeatures, "features"},
+                                             {ShardStage::kPairs, "pairs"},
+                                             {ShardStage::kModel, "model"},
+                                             {ShardStage::kMatch, "match"}}}};
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
@@ -158,19 +165,7 @@ bool is_valid(const Json& json, const ShardInfo& info) {
 
 }  // namespace
 
-std::string_view name_of(ShardStage stage) {
-  switch (stage) {
-    case ShardStage::kFeatures:
-      return "features";
-    case ShardStage::kPairs:
-      return "pairs";
-    case ShardStage::kModel:
-      return "model";
-    case ShardStage::kMatch:
-      break;
-  }
-  return "match";
-}
+std::string_view name_of(ShardStage stage) { return kStages.name(stage); }
 
 std::string shard_path(const std::string& folder, ShardStage stage, int shard, int shards) {
   const std::string name = stage == ShardStage::kPairs

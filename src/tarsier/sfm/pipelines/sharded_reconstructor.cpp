@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/pipelines/sharded_reconstructor.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
@@ -28,8 +29,6 @@ constexpr std::int64_t kPairsAtOnce = 256;  // between looks at the stop token
 // Images that a cluster takes of each neighbour.
 constexpr int kMinOverlap = 4;
 constexpr int kMaxOverlap = 30;
-
-std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 
 std::string sum_or_none(const std::string& path) {
   try {

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/scene/keyframes.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/media/gray_image.h"
 #include "tarsier/media/lazy_opencv.h"
 
 #include <opencv2/imgproc.hpp>
@@ -24,8 +25,7 @@ constexpr double kMaxShare = 2;
 constexpr double kDistancePenalty = 0.1;  // of the sharpness, at half a window from the moment
 
 cv::Mat reduced_gray(const cv::Mat& frame) {
-  cv::Mat gray = frame;
-  if (frame.channels() == 3) cv::cvtColor(frame, gray, cv::COLOR_BGR2GRAY);
+  const cv::Mat gray = gray_of(frame);
   const double factor = static_cast<double>(kReducedSide) / std::max(gray.cols, gray.rows);
   if (factor >= 1) return frame.channels() == 3 ? gray : gray.clone();
   cv::Mat reduced;

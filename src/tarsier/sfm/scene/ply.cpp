@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
+#include "tarsier/sfm/scene/little_endian.h"
 
 #include <fmt/format.h>
 
@@ -23,10 +24,6 @@ constexpr std::string_view kVertex =
 const cv::Vec3b kCenterColor(40, 40, 220);  // BGR: red, with a lighter image
 const cv::Vec3b kCornerColor(60, 160, 255);
 
-void put(std::string& bytes, std::uint32_t value) {
-  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(value >> shift));
-}
-
 void put_index(std::string& bytes, std::size_t index) {
   put(bytes, static_cast<std::uint32_t>(index));
 }
@@ -39,7 +36,7 @@ void put_vertex(std::string& bytes, const Eigen::Vector3d& position, const cv::V
   for (int k = 0; k < 3; ++k) {
     const auto value = static_cast<float>(position[k]);
     TARSIER_REQUIRE(std::isfinite(value), "position {}", position[k]);
-    put(bytes, std::bit_cast<std::uint32_t>(value));
+    put(bytes, value);
   }
   put_color(bytes, bgr);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/decimation.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 
@@ -19,8 +20,6 @@ constexpr double kMinCosine = 0.2;   // between a face before and after
 constexpr double kBoundary = 10;     // weight of the planes of the boundary
 constexpr double kStiffness = 1e-3;  // keeps the new vertex near the edge where planes do not say
 constexpr int kStopEvery = 4096;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 // x' A x + 2 b' x + c: sum of weighted squared distances to planes.
 struct Quadric {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/extraction.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 
 #include <opencv2/core/utility.hpp>
@@ -16,8 +17,6 @@ namespace {
 
 constexpr int kSide = VoxelVolume::kSide;
 constexpr double kMargin = 0.01;  // of a cell's edge: keeps corners of triangles apart
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 struct CellEdge {
   int low = 0;  // corner

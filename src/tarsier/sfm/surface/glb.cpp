@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/glb.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/sfm/scene/little_endian.h"
 #include "tarsier/sfm/surface/surface_corners.h"
 
 #include <algorithm>
@@ -28,13 +30,6 @@ constexpr int kIndices = 34963;
 constexpr int kLinear = 9729;
 constexpr int kLinearMipmaps = 9987;
 constexpr int kClamp = 33071;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
-
-void put(std::string& bytes, std::uint32_t value) {
-  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(value >> shift));
-}
-void put(std::string& bytes, float value) { put(bytes, std::bit_cast<std::uint32_t>(value)); }
 
 class Writer {
  public:

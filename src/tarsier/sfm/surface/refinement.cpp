@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/refinement.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 
 #include <opencv2/core/utility.hpp>
@@ -15,8 +16,6 @@ constexpr int kMaxRings = 24;
 constexpr int kSweeps = 200;
 constexpr float kInwards = 0.5F;
 constexpr float kOutwards = -0.53F;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 // Of each vertex the vertices around it, in order; of those of the boundary only its neighbours
 // on the boundary.

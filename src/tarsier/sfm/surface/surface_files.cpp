@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/surface_files.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/file_ending.h"
 #include "tarsier/core/require.h"
@@ -8,6 +9,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/render/obj_io.h"
 #include "tarsier/sfm/dense/ply_file.h"
+#include "tarsier/sfm/scene/little_endian.h"
 #include "tarsier/sfm/surface/glb.h"
 
 #include <fmt/format.h>
@@ -28,16 +30,9 @@ constexpr int kMaxElements = 20'000'000;  // vertices, faces of a file that is r
 constexpr std::int64_t kMaxObjBytes = 2'000'000'000;
 constexpr int kMaxCorners = 1000;  // of a face, and of its other lists
 
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
-
 std::string with_ending(const std::string& path, const char* ending) {
   return fs::path(path).replace_extension(ending).string();
 }
-
-void put(std::string& bytes, std::uint32_t value) {
-  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(value >> shift));
-}
-void put(std::string& bytes, float value) { put(bytes, std::bit_cast<std::uint32_t>(value)); }
 
 std::string ply_of(const TexturedSurface& surface, const std::string& image_name) {
   const SurfaceMesh& mesh = surface.mesh;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/surface_mesh.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 
 #include <Eigen/Geometry>
@@ -12,8 +13,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 int next(int corner) { return corner == 2 ? 0 : corner + 1; }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/texture.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
@@ -25,8 +26,6 @@ constexpr int kTile = 6;           // px, side of the place of a face that no im
 constexpr double kSmaller = 0.93;  // per attempt to place the charts
 constexpr double kFull = 0.85;     // of the texture, that rectangles fill at most
 constexpr double kMinScale = 0.01;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 struct Chart {
   int view = 0;

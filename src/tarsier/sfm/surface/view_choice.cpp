@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/surface/view_scan.h"
 
@@ -15,8 +16,6 @@ constexpr float kSeam = 0.35F;  // cost of a neighbour with another view
 constexpr int kSweeps = 10;
 constexpr std::size_t kSmall = 24;  // faces of a part that joins another
 constexpr int kMerges = 3;
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 float quality_in(const FaceViews& views, int view) {
   for (const FaceView& one : views)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/surface/view_scan.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/surface/dark_background.h"
@@ -22,8 +23,6 @@ constexpr float kMinCosine = 0.08F;   // 85 degrees
 constexpr double kMaxPixels = 1.5e6;  // of the depth that is compared with
 constexpr int kFills = 64;            // steps of colours into what no image shows
 constexpr float kFar = std::numeric_limits<float>::infinity();
-
-std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 // The vertices in the frame of a camera.
 std::vector<Eigen::Vector3f> in_camera(const SurfaceMesh& mesh, const geometry::Rigid3& pose) {
