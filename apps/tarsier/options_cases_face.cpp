@@ -12,16 +12,20 @@
 #include "tarsier/face/head/head_pose.h"
 #include "tarsier/face/head/liveness.h"
 #include "tarsier/face/head/posit.h"
+#include "tarsier/face/head/posit_study.h"
 #include "tarsier/face/head/smoothing.h"
 #include "tarsier/face/head/train_head.h"
 #include "tarsier/face/head_view/view_train.h"
 #include "tarsier/face/landmarks/adapt.h"
+#include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/patches.h"
+#include "tarsier/face/landmarks/quality.h"
 #include "tarsier/face/landmarks/steady.h"
 #include "tarsier/face/landmarks/tracker.h"
 #include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/landmarks/training_face.h"
 #include "tarsier/face/landmarks/trees.h"
 #include "tarsier/face/people/classical.h"
 #include "tarsier/face/people/collector.h"
@@ -54,17 +58,23 @@ std::vector<OptionsCase> face_options() {
       options_case<face::appearance::LoadOptions>("face::appearance::LoadOptions"),
       options_case<face::AnchorSearchOptions>("face::AnchorSearchOptions"),
       options_case<face::FaceDetectorOptions>("face::FaceDetectorOptions"),
+      options_case<face::FaceFollowerOptions>("face::FaceFollowerOptions"),
       options_case<face::FaceSearchOptions>("face::FaceSearchOptions"),
       options_case<face::FaceTrainingOptions>("face::FaceTrainingOptions"),
       options_case<face::head::BlinkOptions>("face::head::BlinkOptions"),
       options_case<face::head::HeadPoseOptions>("face::head::HeadPoseOptions"),
       options_case<face::head::LivenessOptions>("face::head::LivenessOptions"),
       options_case<face::head::PositOptions>("face::head::PositOptions"),
+      options_case<face::head::PositStudyOptions>("face::head::PositStudyOptions"),
       options_case<face::head::OneEuroOptions>("face::head::OneEuroOptions"),
       options_case<face::head::TrainHeadOptions>("face::head::TrainHeadOptions"),
       options_case<face::head_view::TrainViewOptions>("face::head_view::TrainViewOptions"),
       options_case<face::landmarks::AdaptOptions>("face::landmarks::AdaptOptions"),
+      options_case<face::landmarks::DescentOptions>("face::landmarks::DescentOptions"),
+      options_case<face::landmarks::FeatureScale>("face::landmarks::FeatureScale"),
       options_case<face::landmarks::HogOptions>("face::landmarks::HogOptions"),
+      options_case<face::landmarks::LoadOptions>("face::landmarks::LoadOptions"),
+      options_case<face::landmarks::QualityOptions>("face::landmarks::QualityOptions"),
       options_case<face::landmarks::FitOptions>("face::landmarks::FitOptions"),
       options_case<face::landmarks::PatchOptions>("face::landmarks::PatchOptions"),
       options_case<face::landmarks::PatchFitOptions>("face::landmarks::PatchFitOptions"),

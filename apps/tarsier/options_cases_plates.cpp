@@ -20,6 +20,7 @@
 #include "tarsier/plate/site/site.h"
 #include "tarsier/plate/text/decode.h"
 #include "tarsier/plate/text/evaluation.h"
+#include "tarsier/plate/tracking/log.h"
 #include "tarsier/plate/tracking/recorder.h"
 #include "tarsier/plate/tracking/tracker.h"
 #include "tarsier/plate/tracking/vote.h"
@@ -58,6 +59,7 @@ std::vector<OptionsCase> plate_options() {
       options_case<plate::RecognizerOptions>("plate::RecognizerOptions"),
       options_case<plate::ReaderOptions>("plate::ReaderOptions"),
       options_case<plate::DecodeOptions>("plate::DecodeOptions"),
+      options_case<plate::ForgetOptions>("plate::ForgetOptions"),
       options_case<plate::MotionOptions>("plate::MotionOptions"),
       options_case<plate::SiteOptions>("plate::SiteOptions"),
       options_case<plate::EvaluationOptions>("plate::EvaluationOptions"),

@@ -19,13 +19,19 @@
 #include "tarsier/sfm/dense/dense_reconstructor.h"
 #include "tarsier/sfm/global/positioning.h"
 #include "tarsier/sfm/global/rotation_averaging.h"
+#include "tarsier/sfm/global/view_graph_clusters.h"
+#include "tarsier/sfm/mapper/bundle.h"
+#include "tarsier/sfm/mapper/bundle_solver.h"
 #include "tarsier/sfm/mapper/features.h"
 #include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/mapper.h"
 #include "tarsier/sfm/mapper/matching.h"
+#include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/online.h"
 #include "tarsier/sfm/mapper/pairs.h"
 #include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/mapper/robust_two_view.h"
+#include "tarsier/sfm/mapper/sift.h"
 #include "tarsier/sfm/mapper/two_view.h"
 #include "tarsier/sfm/pipelines/online_reconstructor.h"
 #include "tarsier/sfm/scene/keyframes.h"
@@ -34,6 +40,7 @@
 #include "tarsier/synth/face/synth_face.h"
 #include "tarsier/synth/observed_site.h"
 #include "tarsier/synth/planar_worlds.h"
+#include "tarsier/synth/plates.h"
 #include "tarsier/synth/relief.h"
 #include "tarsier/synth/street.h"
 
@@ -70,14 +77,20 @@ std::vector<OptionsCase> scene_options() {
       options_case<sfm::FusionOptions>("sfm::FusionOptions"),
       options_case<sfm::PatchMatchOptions>("sfm::PatchMatchOptions"),
       options_case<sfm::ViewSelectionOptions>("sfm::ViewSelectionOptions"),
+      options_case<sfm::BundleOptions>("sfm::BundleOptions"),
+      options_case<sfm::BundleSolverOptions>("sfm::BundleSolverOptions"),
+      options_case<sfm::ClusterOptions>("sfm::ClusterOptions"),
       options_case<sfm::FeatureOptions>("sfm::FeatureOptions"),
       options_case<sfm::FlowOptions>("sfm::FlowOptions"),
+      options_case<sfm::JoinOptions>("sfm::JoinOptions"),
       options_case<sfm::MapperOptions>("sfm::MapperOptions"),
       options_case<sfm::MatchOptions>("sfm::MatchOptions"),
       options_case<sfm::OnlineOptions>("sfm::OnlineOptions"),
       options_case<sfm::PositioningOptions>("sfm::PositioningOptions"),
       options_case<sfm::RotationAveragingOptions>("sfm::RotationAveragingOptions"),
       options_case<sfm::RetrievalOptions>("sfm::RetrievalOptions"),
+      options_case<sfm::RobustOptions>("sfm::RobustOptions"),
+      options_case<sfm::SiftOptions>("sfm::SiftOptions"),
       options_case<sfm::PipelineOptions>("sfm::PipelineOptions"),
       options_case<sfm::TwoViewOptions>("sfm::TwoViewOptions"),
       options_case<sfm::OnlineReconstructorOptions>("sfm::OnlineReconstructorOptions"),
@@ -86,6 +99,7 @@ std::vector<OptionsCase> scene_options() {
       options_case<sfm::VolumeOptions>("sfm::VolumeOptions"),
       options_case<sfm::ViewOptions>("sfm::ViewOptions"),
       options_case<synth::FaceSceneOptions>("synth::FaceSceneOptions"),
+      options_case<synth::PlateFaceOptions>("synth::PlateFaceOptions"),
       options_case<synth::StillOptions>("synth::StillOptions"),
       options_case<synth::VideoOptions>("synth::VideoOptions"),
       options_case<synth::SceneOptions>("synth::SceneOptions"),

@@ -258,8 +258,7 @@ PlateSeparator choose_separator(PlateKind kind, bool random, Rng& rng) {
 }  // namespace
 
 PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& options, Rng& rng) {
-  TARSIER_REQUIRE(options.px_per_mm >= 0.2F && options.px_per_mm <= 4, "px_per_mm {}",
-                  options.px_per_mm);
+  options.check();
   const std::vector<std::string> rows =
       plate_text(options.kind, options.text, options.any_text, rng);
   PlateLook look = standard_look(options.kind, static_cast<int>(rows.size()));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/rng.h"
 
 #include <opencv2/core.hpp>
@@ -43,7 +44,7 @@ enum class PlateKind {
 
 struct PlateFaceOptions {
   PlateKind kind = PlateKind::kSpain;
-  float px_per_mm = 1.0F;    // 0.2..4
+  float px_per_mm = 1.0F;
   std::string text;          // empty: random, of the kind's layouts
   bool any_text = false;     // random texts are often groups of anything: a reader that learns from
                              // them learns no grammar
@@ -52,6 +53,9 @@ struct PlateFaceOptions {
   bool wild = false;         // .. and what is met in the wild: slogans and towns above and below,
                              // stacked letters, frames over the edge, relief, worn paint
   bool infrared = false;     // grey: bright plate, dark characters, seals and band fade
+
+  [[nodiscard]] OptionFields fields() { return {{"px_per_mm", px_per_mm, range(0.2, 4)}}; }
+  void check() const { check_fields(*this); }
 };
 
 struct PlateSymbol {

@@ -106,8 +106,7 @@ struct FaceFollower::Impl {
 };
 
 FaceFollower::FaceFollower(FaceDetectorOptions detector, FaceFollowerOptions options) {
-  TARSIER_REQUIRE(options.search_every >= 1 && options.forget_after >= 1, "got {}, {}",
-                  options.search_every, options.forget_after);
+  options.check();
   FaceDetectorOptions close = detector;
   // The face is about half as wide as the part.
   close.max_width = 96;

@@ -57,8 +57,14 @@ class FaceDetector {
 };
 
 struct FaceFollowerOptions {
-  int search_every = 8;   // frames between two searches of the whole image, >= 1
-  int forget_after = 15;  // frames without the face after which it is dropped, >= 1
+  int search_every = 8;   // frames between two searches of the whole image
+  int forget_after = 15;  // frames without the face after which it is dropped
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"search_every", search_every, at_least(1)},
+            {"forget_after", forget_after, at_least(1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Faces followed through a video: found again every few frames, looked for near their last place in

@@ -44,12 +44,6 @@ Scene random_scene(const Eigen::Matrix3Xd& points, double noise_px, Rng rng) {
 
 }  // namespace
 
-void PositStudyOptions::check() const {
-  TARSIER_REQUIRE(poses >= 1, "poses {}", poses);
-  for (const double noise : noise_px)
-    TARSIER_REQUIRE(noise >= 0 && noise <= 100, "noise {}", noise);
-}
-
 std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
                                            const PositStudyOptions& options, std::stop_token stop) {
   options.check();

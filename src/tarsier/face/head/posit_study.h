@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <Eigen/Core>
 
 #include <cstdint>
@@ -14,11 +16,15 @@
 namespace tarsier::face::head {
 
 struct PositStudyOptions {
-  int poses = 2000;  // >= 1
+  int poses = 2000;
   std::vector<double> noise_px = {0, 0.5, 1, 2};
   std::uint64_t seed = 1;
   int reference = 30;  // of the classic form: the nose tip of 68 points
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"poses", poses, at_least(1)}, {"noise_px", noise_px, range(0, 100)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct PositStudyRow {

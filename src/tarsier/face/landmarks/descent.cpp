@@ -13,16 +13,9 @@
 namespace tarsier::face::landmarks {
 
 void DescentOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(!stages.empty() && stages.size() <= 20, "{} stages", stages.size());
-  for (const FeatureScale& scale : stages) {
-    TARSIER_REQUIRE(scale.px_per_unit >= 5 && scale.px_per_unit <= 400, "{} px per unit",
-                    scale.px_per_unit);
-    TARSIER_REQUIRE(scale.cell >= 0.02 && scale.cell <= 1, "cell {}", scale.cell);
-  }
-  TARSIER_REQUIRE(components >= 4 && components <= kDescriptor, "components are 4..{}, got {}",
-                  kDescriptor, components);
-  TARSIER_REQUIRE(ridge > 0 && std::isfinite(ridge), "ridge is above 0, got {}", ridge);
-  TARSIER_REQUIRE(folds >= 2 && folds <= 20, "folds are 2..20, got {}", folds);
+  for (const FeatureScale& scale : stages) scale.check();
 }
 
 void Descent::check() const {

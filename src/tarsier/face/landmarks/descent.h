@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/gradient_features.h"
 #include "tarsier/face/landmarks/training_face.h"
@@ -21,13 +22,19 @@ namespace tarsier::face::landmarks {
 
 struct DescentOptions {
   std::vector<FeatureScale> stages = {{24, 0.36}, {32, 0.25}, {40, 0.18}, {48, 0.14}};
-  int components = 32;  // numbers kept of a descriptor, by PCA over all points; 4..kDescriptor
-  double ridge =
-      2;          // regularisation, share of the mean squared feature times the samples; > 0. Much
-                  // of it and several stages beat little of it (as shrinkage does in boosting)
-  int folds = 4;  // parts of the faces for cross-fitting, 2..20 (see train_descent)
+  int components = 32;  // numbers kept of a descriptor, by PCA over all points
+  // Regularisation, share of the mean squared feature times the samples. Much of it and several
+  // stages beat little of it (as shrinkage does in boosting).
+  double ridge = 2;
+  int folds = 4;  // parts of the faces for cross-fitting (see train_descent)
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"components", components, range(4, kDescriptor)},
+            {"ridge", ridge, above(0)},
+            {"folds", folds, range(2, 20)}};
+  }
+  void check() const;  // the scales too
 };
 
 struct Descent {

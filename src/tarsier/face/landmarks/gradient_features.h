@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
@@ -15,9 +17,15 @@ inline constexpr int kCells = 4;                                     // a side
 inline constexpr int kDescriptor = kCells * kCells * kOrientations;  // numbers of one point
 
 struct FeatureScale {
-  double px_per_unit = 60;  // resolution of the frame: pixels to the mean shape's size (its RMS
-                            // radius, half an eye distance or so), 5..400
-  double cell = 0.1;        // side of a cell, units; 0.02..1
+  // Resolution of the frame: pixels to the mean shape's size (its RMS radius, half an eye distance
+  // or so).
+  double px_per_unit = 60;
+  double cell = 0.1;  // side of a cell, units
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"px_per_unit", px_per_unit, range(5, 400)}, {"cell", cell, range(0.02, 1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Buffers, reused from call to call. One for each thread.

@@ -35,6 +35,7 @@ void features_at(const Quality& model, const cv::Mat& gray, const Eigen::Matrix2
 Quality train_quality(const std::vector<TrainingFace>& faces, const std::vector<RatedFit>& fits,
                       const QualityOptions& options, Progress& progress,
                       const std::stop_token& stop) {
+  options.check();
   TARSIER_REQUIRE(!faces.empty() && !fits.empty(), "{} faces, {} fits", faces.size(), fits.size());
   Quality model;
   {

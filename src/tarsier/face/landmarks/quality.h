@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/training_face.h"
@@ -25,8 +26,16 @@ struct Quality {
 
 struct QualityOptions {
   FeatureScale scale{30, 0.22};
-  int components = 16;
-  double ridge = 0.3;
+  int components = 16;  // numbers kept of a descriptor
+  double ridge = 0.3;   // share of the mean squared feature times the samples
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"components", components, range(1, kDescriptor)}, {"ridge", ridge, above(0)}};
+  }
+  void check() const {
+    check_fields(*this);
+    scale.check();
+  }
 };
 
 // A fit whose error is known.

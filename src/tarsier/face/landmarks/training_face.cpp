@@ -50,9 +50,7 @@ std::vector<TrainingFace> load_training_faces(const shape::LandmarkSet& set,
                                               const LoadOptions& options, Progress& progress,
                                               const std::stop_token& stop,
                                               std::vector<std::string>& skipped) {
-  TARSIER_REQUIRE(options.margin >= 0 && options.margin <= 4, "margin {}", options.margin);
-  TARSIER_REQUIRE(std::abs(options.to_the_right) <= 100, "to the right {}", options.to_the_right);
-  TARSIER_REQUIRE(options.largest >= 50 && options.largest <= 4000, "largest {}", options.largest);
+  options.check();
   set.check();
   const std::string name = set_path.empty() ? "the set" : set_path;
   if (options.mirror && set.mirror.empty()) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/face/shape/landmark_set.h"
@@ -34,10 +35,17 @@ struct TrainingFace {
 struct LoadOptions {
   bool mirror = false;  // each face mirrored too, behind the one it comes from
   // The set's points lie so far to the right of where a mirror-symmetric annotation has them, px of
-  // the images (DescentReport::to_the_right); mirrored faces get theirs there too. -100..100.
+  // the images (DescentReport::to_the_right); mirrored faces get theirs there too.
   double to_the_right = 0;
-  double margin = 0.75;  // around the points' box that stays, share of its larger side, 0..4
-  int largest = 400;     // px; the points' box is reduced to this at most, 50..4000
+  double margin = 0.75;  // around the points' box that stays, share of its larger side
+  int largest = 400;     // px; the points' box is reduced to this at most
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"to_the_right", to_the_right, range(-100, 100)},
+            {"margin", margin, range(0, 4)},
+            {"largest", largest, range(50, 4000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Reads the images of a set. Samples that are not complete and images that cannot be read are

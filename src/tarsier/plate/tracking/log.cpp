@@ -177,10 +177,6 @@ void give_room_back(Database& database, std::int64_t deleted, const ForgetOption
 
 }  // namespace
 
-void ForgetOptions::check() const {
-  TARSIER_REQUIRE(batch >= 1 && batch <= 100'000, "{} entries at a time", batch);
-}
-
 PlateLog::PlateLog(const std::string& path, DatabaseAccess access, int patience_ms)
     : database_(path, kKind, access, patience_ms),
       indexed_(database_.version() >= 2),

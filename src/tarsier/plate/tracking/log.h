@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/media/sqlite.h"
 #include "tarsier/plate/tracking/event.h"
 #include "tarsier/plate/tracking/plate_pattern.h"
@@ -63,11 +64,13 @@ struct PlateHistory {
 };
 
 struct ForgetOptions {
-  int batch = 500;  // entries of one transaction, 1..100000
+  int batch = 500;  // entries of one transaction
   // Called when so many entries have been deleted in all, after each transaction, while nothing is
   // locked: other writers get their turn if this waits. It may throw to end the deletion.
   std::function<void(std::int64_t deleted)> between;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() { return {{"batch", batch, range(1, 100'000)}}; }
+  void check() const { check_fields(*this); }
 };
 
 // SQLite file of plates that were seen. Each entry is on the disk when the function that wrote it

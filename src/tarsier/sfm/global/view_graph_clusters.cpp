@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/global/view_graph_clusters.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
@@ -26,8 +27,6 @@ constexpr double kShift = 1e-9;   // of the eigenvalues, so that the matrix can 
 constexpr int kIterations = 200;  // of inverse iteration, at most
 constexpr double kSettled = 1e-7;
 constexpr double kUneven = 0.25;  // by how much a side may differ from its even share
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 struct Neighbour {
   int node = 0;
@@ -300,12 +299,10 @@ std::vector<int> ViewCluster::images() const {
 std::vector<ViewCluster> cluster_view_graph(int nodes, const std::vector<WeightedEdge>& edges,
                                             const ClusterOptions& options,
                                             const std::stop_token& stop) {
+  options.check();
   TARSIER_REQUIRE(
-      nodes >= 0 && options.clusters >= 1 && options.max_size >= 1 && options.overlap >= 0,
-      "{} clusters of {} nodes, at most {} each, {} shared", options.clusters, nodes,
-      options.max_size, options.overlap);
-  TARSIER_REQUIRE(static_cast<std::int64_t>(options.clusters) * options.max_size >= nodes,
-                  "{} nodes in {} clusters of {}", nodes, options.clusters, options.max_size);
+      nodes >= 0 && static_cast<std::int64_t>(options.clusters) * options.max_size >= nodes,
+      "{} nodes in {} clusters of {}", nodes, options.clusters, options.max_size);
   const Graph graph = graph_of(nodes, edges);
   const std::vector<int> of = Bisection(graph, options, stop).run();
   std::vector<ViewCluster> clusters(at(options.clusters));

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <cstdint>
 #include <stop_token>
 #include <vector>
@@ -16,10 +18,17 @@ struct WeightedEdge {
 };
 
 struct ClusterOptions {
-  int clusters = 1;    // >= 1
+  int clusters = 1;
   int max_size = 500;  // own images of a cluster; clusters * max_size >= nodes
-  int overlap = 30;    // images that a cluster takes of each neighbour, >= 0
+  int overlap = 30;    // images that a cluster takes of each neighbour
   std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"clusters", clusters, at_least(1)},
+            {"max_size", max_size, at_least(1)},
+            {"overlap", overlap, at_least(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct ViewCluster {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/bundle.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/bundle_problem.h"
 #include "tarsier/sfm/mapper/bundle_solver.h"
@@ -14,8 +15,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 void apply_numbers(const LensNumbers& numbers, geometry::Camera& camera) {
   camera.fx = numbers[0];
@@ -48,6 +47,7 @@ geometry::Rigid3 clean(const geometry::Rigid3& pose) {
 }  // namespace
 
 BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop) {
+  options.check();
   BundleReport report;
   ModelProblem of_model = problem_of(model, options);
   BundleProblem& problem = of_model.problem;

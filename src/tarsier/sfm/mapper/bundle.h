@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>
@@ -29,6 +30,14 @@ struct BundleOptions {
   std::vector<int> fixed_cameras;
   // Observations of a point that are used, see choose_observations(); 0: all. Work and memory grow with the square of it.
   int max_observations = 0;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"loss_px", loss_px, at_least(0)},
+            {"max_iterations", max_iterations, at_least(0)},
+            {"tolerance", tolerance, range(0, 1)},
+            {"max_observations", max_observations, at_least(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct BundleReport {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/bundle_problem.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/mapper/point_selection.h"
 
@@ -15,8 +16,6 @@ namespace {
 
 constexpr double kSharpSize = 5;    // px
 constexpr double kScaleHold = 1e4;  // px, of a scale twice as large; thousands of points pull along
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Which lens numbers are refined.
 std::vector<int> free_numbers(const BundleOptions& options) {

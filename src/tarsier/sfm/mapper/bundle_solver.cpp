@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/bundle_solver.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
@@ -51,8 +52,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 class Solver {
  public:
@@ -463,6 +462,7 @@ void check(const BundleProblem& problem) {
 
 BundleSolution solve(BundleProblem& problem, const BundleSolverOptions& options,
                      const std::stop_token& stop) {
+  options.check();
   check(problem);
   return Solver(problem, options, stop).run();
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/rigid3.h"
 
 #include <Eigen/Core>
@@ -62,6 +63,11 @@ struct BundleSolverOptions {
   int max_iterations = 50;
   double tolerance = 1e-6;  // ends when a step takes less than this share off the sum
   CameraSystem system = CameraSystem::kAutomatic;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_iterations", max_iterations, at_least(0)}, {"tolerance", tolerance, range(0, 1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct BundleSolution {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/center_uncertainty.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/mapper/bundle_problem.h"
 #include "tarsier/sfm/mapper/bundle_solver.h"
@@ -19,8 +20,6 @@ constexpr int kPointsPerImage = 600;
 constexpr int kMaxObservations = 40;  // of a point
 constexpr double kMinSigma = 1e-6;    // px, where all residuals are 0
 constexpr double kDoubtfulWorst = 0.01;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 BundleOptions lenses_of(const MapperOptions& options, std::size_t images) {
   BundleOptions bundle;

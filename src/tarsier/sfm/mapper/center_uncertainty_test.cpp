@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/center_uncertainty.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/mapper/bundle.h"
@@ -17,8 +18,6 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Cameras on a part of a circle of radius 1 that look outwards at a wall at radius 4, 6 degrees apart; each shows the points
 // within 25 degrees. Of 60 cameras the circle is closed.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_join.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/scene/align.h"
 
@@ -25,8 +26,6 @@ constexpr std::size_t kMaxSamples = 4000;   // points that a similarity is estim
 constexpr std::size_t kMaxRotations = 300;  // images that the mean rotation is looked for among
 constexpr float kSameFeature = 0.01F;       // px
 constexpr double kNormal = 1.4826;          // standard deviations in a median absolute deviation
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 double median_of(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -310,6 +309,7 @@ bool has_same_features(const Image& a, const Image& b) {
 }
 
 ModelJoin find_join(const Model& first, const Model& second, const JoinOptions& options) {
+  options.check();
   return Joining(first, second, options).run();
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/scene/model.h"
 
@@ -29,6 +30,19 @@ struct JoinOptions {
   double max_center_share = 0.05;  // .. between their centres, of the depth of the image's points
   double max_scale_error = 0.02;   // standard error of the scale
   std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_images", min_images, at_least(1)},
+            {"min_points", min_points, at_least(3)},
+            {"min_inlier_share", min_inlier_share, range(0, 1)},
+            {"min_image_share", min_image_share, range(0, 1)},
+            {"inlier_px", inlier_px, at_least(0)},
+            {"inlier_share", inlier_share, range(0, 1)},
+            {"max_rotation_deg", max_rotation_deg, range(0, 180)},
+            {"max_center_share", max_center_share, at_least(0)},
+            {"max_scale_error", max_scale_error, at_least(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Whether two images have the same features at the same places, within 0.01 px.

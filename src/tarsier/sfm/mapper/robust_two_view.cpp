@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/robust_two_view.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/geometry/epipolar.h"
@@ -36,8 +37,6 @@ struct Effort {
 // A motion with most inliers may still be a wrong one, which fits a plane that fills both images.
 constexpr Effort kMotionEffort{.min_samples = 30, .worth_refining = 2};
 constexpr double kProsacSamples = 20000;  // after which the best first are as good as any
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Coordinates side by side, so that errors are reckoned several at a time.
 struct Columns {
@@ -369,10 +368,7 @@ void check(const PointPairs& pairs, const RobustOptions& options) {
                       (pairs.order.empty() || pairs.order.size() == pairs.first.size()),
                   "{} points and {}, {} in order", pairs.first.size(), pairs.second.size(),
                   pairs.order.size());
-  TARSIER_REQUIRE(options.threshold > 0 && options.max_samples >= 1 && options.confidence > 0 &&
-                      options.confidence < 1,
-                  "a threshold of {}, {} samples, confidence {}", options.threshold,
-                  options.max_samples, options.confidence);
+  options.check();
 }
 
 RobustMatrix finished(const Ransac& ransac, const Scored& best) {

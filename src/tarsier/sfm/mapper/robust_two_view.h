@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/rigid3.h"
 
 #include <Eigen/Core>
@@ -18,9 +19,16 @@ namespace tarsier::sfm {
 
 struct RobustOptions {
   double threshold = 1;  // of an inlier: Sampson's distance, or that of the second image's points
-  double confidence = 0.9999;  // that no better model is missed, 0..1
+  double confidence = 0.9999;  // that no better model is missed
   int max_samples = 2000;
   std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"threshold", threshold, above(0)},
+            {"confidence", confidence, inside(0, 1)},
+            {"max_samples", max_samples, at_least(1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct PointPairs {

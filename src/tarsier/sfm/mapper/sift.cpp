@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/sift.h"
 
-#include "tarsier/core/cpu.h"
+#include "tarsier/core/best_kernels.h"
 #include "tarsier/core/require.h"
 #include "tarsier/sfm/mapper/sift_kernels.h"
 
@@ -287,13 +287,7 @@ std::vector<int> strong_first(const std::vector<int>& order, const std::vector<f
 
 }  // namespace
 
-const SiftKernels& sift_kernels() {
-  const SiftKernels* chosen = nullptr;
-  const SimdLevel level = simd_level();
-  if (level >= SimdLevel::kAvx512) chosen = sift_avx512();
-  if (chosen == nullptr && level >= SimdLevel::kAvx2) chosen = sift_avx2();
-  return chosen != nullptr ? *chosen : *sift_baseline();
-}
+const SiftKernels& sift_kernels() { return best_kernels(sift_baseline, sift_avx2, sift_avx512); }
 
 std::vector<int> spread(const std::vector<cv::Point2f>& points, const std::vector<float>& responses,
                         cv::Size size, int most) {
@@ -327,8 +321,7 @@ std::vector<int> spread(const std::vector<cv::Point2f>& points, const std::vecto
 
 SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options) {
   TARSIER_REQUIRE(gray.type() == CV_8UC1, "an image of type {}", gray.type());
-  TARSIER_REQUIRE(options.max_count >= 1 && options.contrast >= 0 && options.contrast <= 1,
-                  "{} features of contrast {}", options.max_count, options.contrast);
+  options.check();
   SiftFeatures features;
   if (gray.cols < kMinSide / 2 || gray.rows < kMinSide / 2) return features;
   const SiftKernels& kernels = sift_kernels();

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
@@ -16,11 +18,18 @@
 namespace tarsier::sfm {
 
 struct SiftOptions {
-  int max_count = 8000;    // features, >= 1; the strongest of each place
-  double contrast = 0.02;  // min of an extremum, share of the grey range, 0..1
+  int max_count = 8000;    // features; the strongest of each place
+  double contrast = 0.02;  // min of an extremum, share of the grey range
   // Where fewer places than this have the contrast, those with a quarter of it come in as well, up to
   // this number: images of weak texture. 0: never.
   int min_count = 1000;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_count", max_count, at_least(1)},
+            {"contrast", contrast, range(0, 1)},
+            {"min_count", min_count, at_least(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct SiftFeatures {
