@@ -60,6 +60,20 @@ convert "$work/people-stages.png" -resize 50% -quality 88 docs/img/people-stages
 "$tarsier" people group "$work/seen.db" --quiet >/dev/null
 "$tarsier" people groups --gallery "$work/seen.db" --draw "$work/people-groups.png" --quiet >/dev/null
 convert "$work/people-groups.png" -quality 88 docs/img/people-groups.jpg
+# The window of `people live`, as the studio shows it through pipes.
+"$tarsier" people name 2 Ann --gallery "$work/seen.db" --quiet >/dev/null
+tests=$PWD/tests/e2e
+(cd "$work" && TARSIER=$tarsier PYTHONPATH=$tests python3 - <<'PY'
+from pipe_window import Session
+window = Session(["people", "live", "door/images/0018.png", "--gallery", "seen.db", "--window", "--json"])
+window.until("state", lambda: window.state)
+window.say(action="groups")
+window.until("list", lambda: window.state["state"]["panel"])
+window.next_image("people-window.jpg")
+window.close()
+PY
+)
+cp "$work/people-window.jpg" docs/img/people-window.jpg
 
 # Appearance models: the modes, and a fit, of faces that nobody has.
 "$tarsier" aam explore --grid docs/img/aam-grid.png --modes 3 --cell 110 --quiet

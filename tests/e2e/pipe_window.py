@@ -426,6 +426,31 @@ def people():
     s.next_image("people-known.jpg")
     s.close()
     interrupted_quickly(arguments)
+    # Nobody is enrolled: who is seen is kept, put into a group, named by typing, and known; then that is taken back.
+    s = started(["people", "live", "synth:portrait?live=1&fps=15", "--gallery", "unknown.db", "--keep", "1d", "--json"])
+    s.until("sighting", lambda: s.state["state"]["unknown"]["waiting"] == 1)
+    s.say(action="groups")
+    s.until("group", lambda: s.state["state"]["unknown"] == {"groups": 1, "waiting": 0})
+    s.until("list", lambda: s.state["state"]["panel"] and [row["id"] for row in s.state["state"]["panel"]["rows"]] == [1])
+    s.next_image("people-groups.jpg")
+    s.say(key=27)
+    s.until("no list", lambda: s.state["state"]["panel"] is None)
+    s.until("its group", lambda: [face["group"] for face in s.state["state"]["recognized"]] == [1])
+    s.next_image("people-group.jpg")
+    s.say(action="name")
+    s.until("a name is asked for", lambda: (s.state["state"]["panel"] or {}).get("typing") == "Person 1")
+    for letter in "Zoe":
+        s.say(key=ord(letter))
+    s.until("the name", lambda: s.state["state"]["panel"]["typing"] == "Zoe")
+    s.next_image("people-naming.jpg")
+    s.say(key=13)
+    s.until("Zoe", lambda: any(face["known"] and face["label"] == "Zoe" for face in s.state["state"]["recognized"]))
+    s.say(action="log")
+    s.until("corrections", lambda: (s.state["state"]["panel"] or {}).get("list") == "corrections")
+    s.next_image("people-log.jpg")
+    s.say(action="undo")
+    s.until("nobody", lambda: s.state["state"]["people"] == [] and s.state["state"]["unknown"]["groups"] == 1)
+    s.close()
 
 
 def pose():

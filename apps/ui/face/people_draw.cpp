@@ -35,14 +35,6 @@ constexpr std::array<const char*, 10> kPrompts{
      "Turn a little to the right", "Look down a little", "Tilt your head to the left",
      "Tilt your head to the right", "Smile", "Open your mouth", "Raise your eyebrows"}};
 
-cv::Mat thumbnail(const cv::Mat& crop) {
-  cv::Mat part = crop(cv::Rect(0, crop.rows / 10, crop.cols, crop.cols));
-  cv::Mat small;
-  cv::resize(part, small, {kThumb, kThumb}, 0, 0, cv::INTER_AREA);
-  cv::cvtColor(small, small, cv::COLOR_GRAY2BGR);
-  return small;
-}
-
 void put(cv::Mat& canvas, const cv::Mat& image, cv::Point at) {
   const cv::Rect box = cv::Rect(at, image.size()) & cv::Rect({0, 0}, canvas.size());
   if (!box.empty()) image(cv::Rect(box.tl() - at, box.size())).copyTo(canvas(box));
@@ -87,6 +79,13 @@ cv::Rect PeopleSession::strip_box(std::size_t person) const {
           kThumb};
 }
 
+// Right of the buttons, above the prompts.
+cv::Rect PeopleSession::panel_area() const {
+  const cv::Size size = image_size();
+  const int left = 10 + kButtonWidth + 10;
+  return {left, 10, size.width - left - 10, size.height - 20};
+}
+
 std::string PeopleSession::prompt() const {
   if (mode_ != PeopleMode::kCollect) return "";
   if (faces_.empty()) return "No face to be seen";
@@ -112,6 +111,16 @@ std::string PeopleSession::help_line() const {
   return "Click a face at the right to add more of it, or Add Person";
 }
 
+// "3 groups, 2 unknown faces wait   ": nothing where there are none.
+std::string PeopleSession::unknown_words() const {
+  if (group_count_ == 0 && waiting_ == 0) return "";
+  std::string out = counted(static_cast<std::size_t>(group_count_), "group");
+  if (waiting_ > 0)
+    out += fmt::format(", {} wait{}", counted(static_cast<std::size_t>(waiting_), "unknown face"),
+                       waiting_ == 1 ? "s" : "");
+  return out + "   ";
+}
+
 void PeopleSession::draw_strip() {
   const int x = image_size().width;
   shown_.colRange(x, shown_.cols).setTo(kGround);
@@ -124,7 +133,7 @@ void PeopleSession::draw_strip() {
       image::draw::put_text(shown_, "?", (box.tl() + box.br()) / 2, {.height_px = 24},
                             image::draw::Anchor::kCenter);
     } else {
-      put(shown_, thumbnail(person.latest), box.tl());
+      put(shown_, face_thumbnail(person.latest, kThumb), box.tl());
     }
     const bool seen = std::any_of(faces_.begin(), faces_.end(), [&](const face::NamedFace& face) {
       return face.name.known && face.name.label == person.name;
@@ -226,17 +235,23 @@ nlohmann::json PeopleSession::state() const {
   for (const Enrolled& person : people_)
     people.push_back({{"name", person.name}, {"faces", person.faces}});
   nlohmann::json recognized = nlohmann::json::array();
-  for (const face::NamedFace& face : faces_)
+  for (std::size_t i = 0; i < faces_.size(); ++i) {
+    const face::people::Recognition& name = faces_[i].name;
     recognized.push_back(
-        {{"label", face.name.label.empty() ? nlohmann::json() : nlohmann::json(face.name.label)},
-         {"known", face.name.known},
-         {"confidence", face.name.confidence}});
+        {{"label", name.label.empty() ? nlohmann::json() : nlohmann::json(name.label)},
+         {"known", name.known},
+         {"confidence", name.confidence},
+         {"group",
+          i < groups_.size() && groups_[i] > 0 ? nlohmann::json(groups_[i]) : nlohmann::json()}});
+  }
   return {{"mode", name_of(mode_)},
           {"people", std::move(people)},
           {"collecting", collecting_ >= 0
                              ? nlohmann::json(people_[static_cast<std::size_t>(collecting_)].name)
                              : nlohmann::json()},
           {"recognized", std::move(recognized)},
+          {"unknown", {{"groups", group_count_}, {"waiting", waiting_}}},
+          {"panel", panel_.state()},
           {"asking", asking_},
           {"debug", debug_},
           {"flash", flash_ > 0},
@@ -257,10 +272,16 @@ View PeopleSession::view(bool fresh) {
     cv::Mat image = shown_(cv::Rect({0, 0}, size));
     if (fresh) {
       frame_.copyTo(output_);
-      for (const face::NamedFace& face : faces_) draw_named_face(output_, face);
+      const auto group = [&](std::size_t i) { return i < groups_.size() ? groups_[i] : 0; };
+      for (std::size_t i = 0; i < faces_.size(); ++i) draw_named_face(output_, faces_[i], group(i));
       if (mode_ != PeopleMode::kRecognize) {
         frame_.copyTo(output_);  // nobody is named yet: boxes and eyes only
-        for (const face::NamedFace& face : faces_) {
+        for (std::size_t i = 0; i < faces_.size(); ++i) {
+          const face::NamedFace& face = faces_[i];
+          if (group(i) > 0) {
+            draw_named_face(output_, face, group(i));
+            continue;
+          }
           cv::rectangle(output_, face.face.box, cv::Scalar(255, 200, 0), 2, cv::LINE_AA);
           for (const cv::Point2d& eye : {face.face.eyes.left, face.face.eyes.right})
             cv::circle(output_, eye, std::max(2, cvRound(0.12 * face.face.eyes.distance())),
@@ -278,15 +299,17 @@ View PeopleSession::view(bool fresh) {
   draw_debug();
   draw_strip();
   draw_buttons();
+  if (!asking_) panel_.draw(shown_, panel_area());
   if (const std::string text = prompt(); !text.empty() && !asking_)
     image::draw::put_text(shown_, text, {size.width / 2, size.height - 14},
                           {.height_px = 16, .backing = image::draw::Backing::kBox},
                           image::draw::Anchor::kBottom);
   if (draws_status()) {
     image::draw::status_bar(shown_, result.status,
-                            source_.empty() ? fmt::format("{}{}   h: help", name_of(mode_),
-                                                          controls_.paused() ? ", paused" : "")
-                                            : source_);
+                            source_.empty()
+                                ? fmt::format("{}{}{}   h: help", unknown_words(), name_of(mode_),
+                                              controls_.paused() ? ", paused" : "")
+                                : source_);
     if (controls_.help()) draw_help(shown_, "People", actions());
   }
   result.image = shown_;

@@ -56,9 +56,11 @@ PeopleSession::PeopleSession(face::IdentifierState state, PeopleSessionOptions o
       debug_sink_(debug),
       enroller_(gallery_, identity_.background()),
       identifier_({options_.false_accepts, options_.max_pooled}),
-      collector_(options_.collect) {
+      collector_(options_.collect),
+      panel_(gallery_, {[this] { return stamp(); }, options_.note, options_.names}) {
   options_.check();
   load_people();
+  count_unknown();
 }
 
 void PeopleSession::load_people() {
@@ -96,7 +98,9 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
     collect();
   }
   if (mode_ == PeopleMode::kRecognize) identifier_.name(faces_, identity_);
+  find_groups();
   timer_.stop();
+  place_more();
   return view(true);
 }
 
@@ -145,24 +149,28 @@ void PeopleSession::learn() {
 // Who was enrolled here or anywhere, and who was forgotten.
 void PeopleSession::follow() {
   if (identity_.recognizer() == nullptr || !identity_.follow()) return;
+  reload_people();
+  if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
+    mode_ = PeopleMode::kDetect;
+  if (mode_ == PeopleMode::kDetect && identity_.recognizer() != nullptr)
+    mode_ = PeopleMode::kRecognize;
+}
+
+// People who came or went, by whatever program.
+void PeopleSession::reload_people() {
   std::set<std::string> there;
   for (const face::people::Person& person : gallery_.people()) there.insert(person.name);
   std::set<std::string> shown;
   for (const Enrolled& person : people_)
     if (person.name != pending_) shown.insert(person.name);
-  if (there != shown) {
-    const std::string collecting =
-        collecting_ >= 0 ? people_[static_cast<std::size_t>(collecting_)].name : "";
-    load_people();
-    collecting_ = -1;
-    for (std::size_t i = 0; i < people_.size(); ++i)
-      if (people_[i].name == collecting) collecting_ = static_cast<int>(i);
-    if (mode_ == PeopleMode::kCollect && collecting_ < 0) mode_ = PeopleMode::kDetect;
-  }
-  if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
-    mode_ = PeopleMode::kDetect;
-  if (mode_ == PeopleMode::kDetect && identity_.recognizer() != nullptr)
-    mode_ = PeopleMode::kRecognize;
+  if (there == shown) return;
+  const std::string collecting =
+      collecting_ >= 0 ? people_[static_cast<std::size_t>(collecting_)].name : "";
+  load_people();
+  collecting_ = -1;
+  for (std::size_t i = 0; i < people_.size(); ++i)
+    if (people_[i].name == collecting) collecting_ = static_cast<int>(i);
+  if (mode_ == PeopleMode::kCollect && collecting_ < 0) mode_ = PeopleMode::kDetect;
 }
 
 View PeopleSession::on_idle(const SourceStatus& source) {
@@ -175,23 +183,29 @@ View PeopleSession::on_event(const Event& event) {
     if (event.mouse == Event::Mouse::kLeftDown) click({cvRound(event.x), cvRound(event.y)});
     return view(false);
   }
-  act(action_of(event, actions()));
+  if (!act_in_panel([&] { return panel_.press(event); })) act(action_of(event, actions()));
   return view(false);
 }
 
 std::vector<Action> PeopleSession::actions() const {
-  return controls_.after({{"add", "add a person", 'a'},
+  std::vector<Action> all{{"add", "add a person", 'a'},
                           {"delete", "delete all (asks)", 'd'},
-                          {"confirm", "yes, delete all", 'y'},
+                          {"confirm", "yes, delete", 'y'},
                           {"cancel", "no, keep them", 'n'},
                           {"debug", "debug view", 'b'},
                           {"train", "end collecting and train", 't'},
                           {"not", "the largest face is not this person", 'x'},
-                          {"undo", "undo the last of these corrections", 'u'}});
+                          {"undo", "undo the last correction", 'u'}};
+  for (Action& action : PeoplePanel::actions()) all.push_back(std::move(action));
+  return controls_.after(std::move(all));
 }
 
 void PeopleSession::act(const std::string& name) {
   if (name.empty()) return;
+  if (!asking_ && act_in_panel([&] { return panel_.act(name); })) {
+    if (name == "groups" && panel_.list() == PeoplePanel::List::kGroups) place_unknown();
+    return;
+  }
   const bool was_asked = std::exchange(asking_, false);
   if (name == "confirm" && was_asked) delete_all();
   if (name == "cancel" && was_asked) message_ = "nobody was deleted";
@@ -204,6 +218,7 @@ void PeopleSession::act(const std::string& name) {
   if (name == "train") end_collecting();
   if (name == "not") not_this_person();
   if (name == "undo") undo();
+  if (name == "name") name_largest();
   controls_.act(name);
 }
 
@@ -217,8 +232,7 @@ void PeopleSession::not_this_person() {
   const face::people::SeenFace seen{face.face.crop, face.face.quality.score(),
                                     face::people::quality_json(face.face.quality).dump()};
   try {
-    corrections_.push_back(gallery_.not_this_person(
-        face.name.label, seen, source_name_, {options_.now ? options_.now() : 0, options_.actor}));
+    corrections_.push_back(gallery_.not_this_person(face.name.label, seen, source_name_, stamp()));
     message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.name.label));
   } catch (const InputError& error) {  // forgotten meanwhile
     message_ = error.what();
@@ -236,13 +250,12 @@ void PeopleSession::undo() {
   const std::int64_t id = corrections_.back();
   corrections_.pop_back();
   try {
-    (void)gallery_.undo(id, {options_.now ? options_.now() : 0, options_.actor});
+    (void)gallery_.undo(id, stamp());
     message_ = fmt::format("Correction {} is undone", id);
   } catch (const InputError& error) {  // by another program, or its person was forgotten
     message_ = error.what();
   }
-  follow();
-  identity_.forget_frames();
+  corrected();
 }
 
 void PeopleSession::click(cv::Point at) {
@@ -250,10 +263,12 @@ void PeopleSession::click(cv::Point at) {
     if (button_box("confirm").contains(at)) return act("confirm");
     return act("cancel");
   }
+  if (act_in_panel([&] { return panel_.click(at); })) return;
   for (const char* button : {"add", "delete", "debug"})
     if (button_box(button).contains(at)) return act(button);
   for (std::size_t i = 0; i < people_.size(); ++i)
     if (strip_box(i).contains(at)) return collect_for(static_cast<int>(i));
+  if (panel_.is_open()) return panel_.shut();
   end_collecting();
 }
 
@@ -277,11 +292,13 @@ void PeopleSession::add_person() {
 }
 
 void PeopleSession::collect_for(int person) {
+  panel_.shut();
   collecting_ = person;
   collector_ = face::people::Collector(options_.collect);
   mode_ = PeopleMode::kCollect;
   message_.clear();
   faces_.clear();
+  groups_.clear();
 }
 
 void PeopleSession::end_collecting() {
@@ -297,11 +314,14 @@ void PeopleSession::end_collecting() {
 
 void PeopleSession::delete_all() {
   training_.reset();
+  grouping_.reset();
+  panel_.shut();
   const auto report = gallery_.forget_all({});
   pending_.clear();
   collecting_ = -1;
   identity_.replace(std::nullopt);
   load_people();
+  count_unknown();
   mode_ = PeopleMode::kDetect;
   if (!report) {
     message_ = "nobody is enrolled";

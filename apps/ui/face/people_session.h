@@ -5,6 +5,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/face/people/collector.h"
 #include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/grouping.h"
 #include "tarsier/face/people/model.h"
 #include "tarsier/face/pipelines/identifier.h"
 
@@ -12,6 +13,7 @@
 #include <opencv2/core/types.hpp>
 
 #include "ui/controls.h"
+#include "ui/face/people_panel.h"
 #include "ui/face/recognize_session.h"
 #include "ui/overlay.h"
 #include "ui/session.h"
@@ -55,9 +57,13 @@ struct PeopleSessionOptions {
 // each frame, meanwhile. Mouse: the buttons at the left; a face of the strip at the right collects
 // more of that person; a click elsewhere ends collecting and trains. Keys: a adds a person, d
 // deletes all (y confirms), b debug view, t trains, x says that the largest face is not whom it is
-// named, u undoes that, space pauses, h help, q or Esc ends. State:
+// named, u undoes the last correction, space pauses, h help, q or Esc ends. g, p and l open the
+// lists of a PeoplePanel: groups of unknown faces (those that wait are placed, some in each frame),
+// people, corrections; w says who the group of the largest face is. An unknown face shows the group
+// that its sighting is in, or that it is like enough to join. State:
 // {"mode", "people": [{"name", "faces"}], "collecting": name or null, "recognized":
-// [{"label", "known", "confidence"}], "asking", "debug", "flash", "message", "prompt", "paused"}.
+// [{"label", "known", "confidence", "group": number or null}], "unknown": {"groups", "waiting"},
+// "panel": PeoplePanel::state(), "asking", "debug", "flash", "message", "prompt", "paused"}.
 class PeopleSession final : public Session {
  public:
   // Of a gallery: what Identifier::open() gives with `enroll`. `debug`, which may be null and must
@@ -77,6 +83,13 @@ class PeopleSession final : public Session {
   [[nodiscard]] PeopleMode mode() const { return mode_; }
   [[nodiscard]] face::people::Gallery& gallery() const { return gallery_; }
   [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return faces_; }
+  // The group of each of these while it is unknown; 0: in none.
+  [[nodiscard]] const std::vector<std::int64_t>& groups() const { return groups_; }
+  [[nodiscard]] const PeoplePanel& panel() const { return panel_; }
+  // The host has stored a followed face of the latest frame as this sighting.
+  void stored(int face, std::int64_t sighting);
+  // Sightings were stored: how many wait, and in how many groups the others are.
+  void count_unknown();
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
   // Where controls are in the view, px: for tests and hosts.
   [[nodiscard]] cv::Rect button_box(std::string_view name) const;  // "add", "delete", "debug"
@@ -102,7 +115,16 @@ class PeopleSession final : public Session {
   void train();
   void learn();
   void follow();
+  void reload_people();
   void collect();
+  // people_session_groups.cpp
+  void place_unknown();
+  void place_more();
+  void find_groups();
+  void name_largest();
+  void corrected();
+  [[nodiscard]] bool act_in_panel(const std::function<bool()>& work);
+  [[nodiscard]] face::people::CorrectionStamp stamp() const;
   // people_draw.cpp
   View view(bool fresh);
   void draw_strip();
@@ -112,8 +134,10 @@ class PeopleSession final : public Session {
   void draw_debug();
   [[nodiscard]] std::string prompt() const;
   [[nodiscard]] std::string help_line() const;
+  [[nodiscard]] std::string unknown_words() const;
   [[nodiscard]] double scale() const;
   [[nodiscard]] cv::Size image_size() const;  // of the frame in the view
+  [[nodiscard]] cv::Rect panel_area() const;
   [[nodiscard]] nlohmann::json state() const;
 
   face::IdentifierState identity_;
@@ -137,6 +161,19 @@ class PeopleSession final : public Session {
   int flash_ = 0;  // frames it still lasts
   bool asking_ = false;
   std::vector<std::int64_t> corrections_;  // of this window, those that hold
+  PeoplePanel panel_;
+  std::optional<face::people::SightingGrouping> grouping_;  // on its way
+  std::optional<face::people::GroupFinder> finder_;         // of groups; made when first needed
+  std::int64_t finder_generation_ = -1;                     // of the gallery when it was read
+  std::vector<std::int64_t> groups_;                        // of faces_
+  struct Followed {
+    std::int64_t sighting = 0;  // 0: not stored yet
+    std::int64_t group = 0;
+    int looked = 0;  // frames since the group was looked for
+  };
+  std::map<int, Followed> followed_;  // unknown faces, by their id
+  std::int64_t group_count_ = 0;
+  std::int64_t waiting_ = 0;  // sightings in no group
   bool debug_ = false;
   SessionControls controls_{true};
   cv::Mat frame_;

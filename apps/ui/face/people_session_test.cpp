@@ -264,6 +264,62 @@ TEST_F(PeopleSessionTest, ANameIsCorrectedByAKey) {
   EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("undone already"));
 }
 
+// An unknown face shows the group of its sighting, or the one that it is like; a key names it.
+TEST_F(PeopleSessionTest, UnknownFacesAreGroupedAndNamedInTheWindow) {
+  if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
+    GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
+  const face::recognition::Background general =
+      face::recognition::read_background(models_folder() + "/people-background.json");
+  const cv::Mat image = read_image(kImage);
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Leo"};
+  PeopleSession session(opened(gallery, &general, shipped_reader()), options);
+  View view = session.on_frame(frame(image, 0), live_);
+  EXPECT_TRUE(view.state["recognized"].at(0)["group"].is_null());
+  view = session.on_event(key_event('w'));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no unknown face"));
+  // The host keeps who was seen.
+  const face::people::Face& seen = session.faces().at(0).face;
+  const face::people::SeenFace kept{seen.crop.clone(), seen.quality.score(), "{}"};
+  session.stored(seen.id, gallery.add_sighting(1000, "camera", "", false, 0, &kept));
+  view = session.on_frame(frame(image, 1), live_);
+  EXPECT_EQ(view.state["unknown"]["waiting"], 1);
+  EXPECT_THAT(view.image.cols, ::testing::Gt(image.cols));
+  view = session.on_event(key_event('g'));
+  EXPECT_EQ(view.state["panel"]["list"], "groups");
+  for (int i = 2; i < 6; ++i) view = session.on_frame(frame(image, i), live_);
+  EXPECT_EQ(view.state["unknown"]["waiting"], 0);
+  EXPECT_EQ(view.state["unknown"]["groups"], 1);
+  EXPECT_EQ(view.state["panel"]["rows"].size(), 1U);
+  EXPECT_EQ(view.state["recognized"].at(0)["group"], 1);
+  // Escape leaves the list, not the session. The next window was told of no sighting.
+  view = session.on_event(key_event(key::kEscape));
+  EXPECT_FALSE(view.finished);
+  EXPECT_TRUE(view.state["panel"].is_null());
+  PeopleSession other(opened(gallery, &general, shipped_reader()), options);
+  EXPECT_EQ(other.on_frame(frame(image, 0), live_).state["recognized"].at(0)["group"], 1);
+  // Named: enrolled, learned, known.
+  view = other.on_event(key_event('w'));
+  EXPECT_EQ(view.state["panel"]["typing"], "Leo");
+  view = other.on_event(key_event(key::kEnter));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("Group 1 is Leo"));
+  for (int i = 1; i < 60 && view.state["mode"] != "recognize"; ++i)
+    view = other.on_frame(frame(image, i), live_);
+  view = other.on_frame(frame(image, 60), live_);
+  EXPECT_EQ(view.state["recognized"].at(0)["label"], "Leo");
+  EXPECT_EQ(view.state["recognized"].at(0)["known"], true);
+  EXPECT_TRUE(view.state["recognized"].at(0)["group"].is_null());
+  EXPECT_EQ(view.state["people"].at(0)["name"], "Leo");
+  // And taken back.
+  view = other.on_event(key_event('u'));
+  EXPECT_EQ(view.state["people"].size(), 0U);
+  EXPECT_EQ(view.state["unknown"]["groups"], 1);
+  view = other.on_frame(frame(image, 61), live_);
+  EXPECT_EQ(view.state["mode"], "detect");
+  EXPECT_EQ(view.state["recognized"].at(0)["group"], 1);
+}
+
 // What is learned is learned a piece in each frame: none waits for all of it.
 TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
   const auto set = face::recognition::synthetic_faces(20, 2, 0.3, 5, 0, {128, 160});

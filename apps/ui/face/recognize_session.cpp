@@ -18,7 +18,7 @@ const cv::Scalar kUnknown{190, 190, 190};
 
 }  // namespace
 
-void draw_named_face(cv::Mat& image, const face::NamedFace& face) {
+void draw_named_face(cv::Mat& image, const face::NamedFace& face, std::int64_t group) {
   const cv::Scalar color = face.name.known ? kKnown : kUnknown;
   const int width = std::max(1, cvRound(std::min(image.cols, image.rows) / 300.0));
   const cv::Rect box(cvRound(face.face.box.x), cvRound(face.face.box.y),
@@ -28,12 +28,13 @@ void draw_named_face(cv::Mat& image, const face::NamedFace& face) {
   for (const cv::Point2d& eye : {face.face.eyes.left, face.face.eyes.right})
     cv::circle(image, {cvRound(eye.x), cvRound(eye.y)}, radius, cv::Scalar(255, 200, 0), width,
                cv::LINE_AA);
-  std::string text = "unknown";
+  const std::string nobody = group > 0 ? fmt::format("group {}", group) : "unknown";
+  std::string text = nobody;
   if (!face.name.label.empty()) {
     const std::string shown = printable(face.name.label).substr(0, 40);
     text = face.name.known
                ? fmt::format("{} {:.0f} %", shown, 100 * face.name.confidence)
-               : fmt::format("unknown ({} {:.0f} %)", shown, 100 * face.name.confidence);
+               : fmt::format("{} ({} {:.0f} %)", nobody, shown, 100 * face.name.confidence);
   }
   image::draw::TextStyle style;
   style.height_px = std::clamp(box.width * 0.09, 8.0, 30.0);

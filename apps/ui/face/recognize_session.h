@@ -6,6 +6,7 @@
 
 #include "ui/frame_session.h"
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -40,7 +41,7 @@ class RecognizeSession final : public FrameSession {
 };
 
 // A frame round a face and its name: green and "Ann 97 %" for who is known, grey and "unknown (Ann
-// 12 %)" else.
-void draw_named_face(cv::Mat& image, const face::NamedFace& face);
+// 12 %)" else, or "group 3 (Ann 12 %)" where it is in a group of unknown faces (0: in none).
+void draw_named_face(cv::Mat& image, const face::NamedFace& face, std::int64_t group = 0);
 
 }  // namespace tarsier

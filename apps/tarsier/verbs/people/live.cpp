@@ -58,20 +58,31 @@ ExitStatus live(LiveFlags& flags, Context& context) {
   hooks.table = {flags.csv, kFaceColumns};
   hooks.rows = [&](const Frame& frame) { return face_rows(frame, session.faces()); };
   hooks.after_frame = [&](const Frame& frame) {
-    // While faces are collected or learned nobody is named yet.
-    if (session.mode() != PeopleMode::kRecognize) return;
-    events.frame(frame, session.faces());
-    if (sightings) sightings->frame(frame, session.faces(), now_ms());
+    // While faces are collected or learned nobody is named yet; where nobody is enrolled all are
+    // unknown.
+    const bool names = session.mode() == PeopleMode::kRecognize;
+    if (!names && session.mode() != PeopleMode::kDetect) return;
+    if (names) events.frame(frame, session.faces());
+    if (!sightings) return;
+    sightings->frame(frame, session.faces(), now_ms());
+    if (frame.still) session.count_unknown();
+    for (const face::NamedFace& face : session.faces())
+      if (const std::int64_t id = sightings->sighting_of(face.face.id); id > 0)
+        session.stored(face.face.id, id);
   };
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     line["faces"] = nlohmann::ordered_json::array();
-    for (const face::NamedFace& face : session.faces()) {
+    for (std::size_t i = 0; i < session.faces().size(); ++i) {
+      const face::NamedFace& face = session.faces()[i];
+      const std::int64_t group = i < session.groups().size() ? session.groups()[i] : 0;
       nlohmann::ordered_json object = to_json(face);
       object["id"] = face.face.id;
+      object["group"] = group > 0 ? nlohmann::ordered_json(group) : nlohmann::ordered_json();
       line["faces"].push_back(std::move(object));
     }
     line["mode"] = view.state["mode"];
     line["people"] = view.state["people"];
+    line["unknown"] = view.state["unknown"];
     line["message"] = view.state["message"];
     line["ms"] = rounded(session.milliseconds(), 2);
   };

@@ -94,6 +94,11 @@ void SightingWriter::frame(const Frame& frame, const std::vector<face::NamedFace
   (void)retention_.step(now);
 }
 
+std::int64_t SightingWriter::sighting_of(int face) const {
+  const auto track = tracks_.find(face);
+  return track == tracks_.end() ? 0 : track->second.sighting;
+}
+
 void SightingWriter::finish() {
   for (auto& [id, track] : tracks_) end(track);
   tracks_.clear();

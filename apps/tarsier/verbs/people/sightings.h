@@ -25,6 +25,8 @@ class SightingWriter {
 
   // `now`: ms since 1970-01-01 UTC. Throws OutputError.
   void frame(const Frame& frame, const std::vector<face::NamedFace>& faces, std::int64_t now);
+  // The sighting whose face a followed face may still make better; 0: none.
+  [[nodiscard]] std::int64_t sighting_of(int face) const;
   // No more frames: faces that are still waited for are written.
   void finish();
 

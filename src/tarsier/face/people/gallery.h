@@ -111,6 +111,9 @@ struct Correction {
   std::int64_t undoes = 0;  // this correction; 0: it is no undo
 };
 
+// "group 3 is Ann (4), undone by 7": without the time and who it was.
+[[nodiscard]] std::string text_of(const Correction& entry);
+
 // Who corrects, and when: for the log.
 struct CorrectionStamp {
   std::int64_t time = 0;  // ms since 1970-01-01 UTC
@@ -271,6 +274,7 @@ class Gallery {
   bool improve_sighting(std::int64_t id, const SeenFace& face);
   // Newest first, at most `limit` (0: all).
   [[nodiscard]] std::vector<Sighting> sightings(std::int64_t limit = 0);
+  [[nodiscard]] std::optional<Sighting> sighting(std::int64_t id);
   [[nodiscard]] std::int64_t sighting_count();
   [[nodiscard]] std::optional<SeenFace> sighting_face(std::int64_t id);
   // gallery_groups.cpp

@@ -59,6 +59,23 @@ std::string group_name(std::int64_t group) { return fmt::format("group {}", grou
 
 }  // namespace
 
+std::string text_of(const Correction& entry) {
+  const std::string from = printable(entry.from);
+  const std::string to = printable(entry.to);
+  std::string what;
+  if (entry.kind == "name") what = fmt::format("{} is {}", from, to);
+  if (entry.kind == "not") what = fmt::format("not {}", from);
+  if (entry.kind == "move") what = fmt::format("moved from {} to {}", from, to);
+  if (entry.kind == "split") what = fmt::format("split off {}: {}", from, to);
+  if (entry.kind == "merge") what = fmt::format("{} is {}: merged", from, to);
+  if (entry.kind == "merge groups") what = fmt::format("{} merged into {}", from, to);
+  if (entry.kind == "split group") what = fmt::format("split off {}: {}", from, to);
+  if (entry.kind == "undo") what = fmt::format("undid {}", entry.undoes);
+  if (entry.count > 0) what += fmt::format(" ({})", entry.count);
+  if (entry.undone > 0) what += fmt::format(", undone by {}", entry.undone);
+  return what;
+}
+
 std::int64_t Gallery::write_correction(const Step& step, const CorrectionStamp& stamp) {
   Statement insert(database_,
                    "INSERT INTO correction(time, actor, kind, source, target, source_name, "

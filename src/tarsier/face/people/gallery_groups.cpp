@@ -92,6 +92,13 @@ std::vector<Sighting> Gallery::sightings(std::int64_t limit) {
   return out;
 }
 
+std::optional<Sighting> Gallery::sighting(std::int64_t id) {
+  Statement row(database_, std::string(kSightings) + "WHERE sighting.id = ?");
+  row.bind(1, id);
+  if (!row.step()) return std::nullopt;
+  return sighting_at(row);
+}
+
 std::int64_t Gallery::sighting_count() {
   Statement row(database_, "SELECT count(*) FROM sighting");
   return row.step() ? row.integer(0) : 0;

@@ -35,6 +35,10 @@ class Templates {
         space_(-recognition::fingerprint(background)),
         count_(static_cast<std::size_t>(recognition::coordinate_count(background))) {}
 
+  [[nodiscard]] std::vector<float> of_crop(const cv::Mat& crop) const {
+    return in_model(recognition::coordinates_of(background_, crop));
+  }
+
   std::vector<NamedNumbers> operator()(std::span<const std::int64_t> sightings) {
     std::vector<NamedNumbers> out;
     std::vector<NamedNumbers> made;
@@ -59,17 +63,19 @@ class Templates {
     std::move(made.begin(), made.end(), std::back_inserter(out));
     std::sort(out.begin(), out.end(),
               [](const NamedNumbers& a, const NamedNumbers& b) { return a.first < b.first; });
-    for (NamedNumbers& one : out) {
-      const recognition::Rows row = recognition::templates_of_coordinates(
-          model_, background_,
-          Eigen::Map<const recognition::Rows>(one.second.data(), 1,
-                                              static_cast<Eigen::Index>(one.second.size())));
-      one.second.assign(row.data(), row.data() + row.size());
-    }
+    for (NamedNumbers& one : out) one.second = in_model(one.second);
     return out;
   }
 
  private:
+  [[nodiscard]] std::vector<float> in_model(const std::vector<float>& numbers) const {
+    const recognition::Rows row = recognition::templates_of_coordinates(
+        model_, background_,
+        Eigen::Map<const recognition::Rows>(numbers.data(), 1,
+                                            static_cast<Eigen::Index>(numbers.size())));
+    return {row.data(), row.data() + row.size()};
+  }
+
   Gallery& gallery_;
   const recognition::Background& background_;
   const recognition::Recognizer& model_;
@@ -133,79 +139,157 @@ GroupTemplates templates_of_groups(Gallery& gallery, Templates& templates,
   return out;
 }
 
-// Merges groups that show one person, until nothing changes.
-void second_pass(Gallery& gallery, Templates& templates, GroupingReport& report,
+// Merges groups that show one person, once. False: there were none.
+bool merge_round(Gallery& gallery, Templates& templates, GroupingReport& report,
                  std::set<std::int64_t>& made, const std::stop_token& stop) {
-  for (;;) {
-    throw_if_stopped(stop);
-    const std::int64_t generation = gallery.generation();
-    std::set<std::pair<std::int64_t, std::int64_t>> apart;
-    for (const auto& [a, b] : gallery.groups_apart()) apart.emplace(std::min(a, b), std::max(a, b));
-    const std::optional<GroupPairs> merged =
-        alike_groups(templates_of_groups(gallery, templates, stop), apart);
-    if (!merged || merged->empty()) return;
-    if (!gallery.unite(*merged, generation)) continue;  // somebody corrected meanwhile
-    report.merged += static_cast<std::int64_t>(merged->size());
-    for (const auto& [from, into] : *merged) made.erase(from);
-  }
+  throw_if_stopped(stop);
+  const std::int64_t generation = gallery.generation();
+  std::set<std::pair<std::int64_t, std::int64_t>> apart;
+  for (const auto& [a, b] : gallery.groups_apart()) apart.emplace(std::min(a, b), std::max(a, b));
+  const std::optional<GroupPairs> merged =
+      alike_groups(templates_of_groups(gallery, templates, stop), apart);
+  if (!merged || merged->empty()) return false;
+  if (!gallery.unite(*merged, generation)) return true;  // somebody corrected meanwhile
+  report.merged += static_cast<std::int64_t>(merged->size());
+  for (const auto& [from, into] : *merged) made.erase(from);
+  return true;
+}
+
+const GroupingOptions& checked(const GroupingOptions& options) {
+  options.check();
+  return options;
 }
 
 }  // namespace
 
-GroupingReport group_sightings(Gallery& gallery, const recognition::Background& background,
-                               const GroupingOptions& options, Progress& progress,
-                               const std::stop_token& stop) {
-  options.check();
-  const recognition::PairScores pairs = recognition::pair_scores(background);
-  Templates templates(gallery, background, pairs.model);
-  GroupingReport report;
-  std::set<std::int64_t> made;
-  std::int64_t generation = gallery.generation();
-  std::vector<std::int64_t> waiting = gallery.ungrouped();
-  std::size_t sightings = waiting.size();
-  gallery.each_grouped([&](std::int64_t, std::int64_t, double) { ++sightings; });
-  const bool two_passes = options.false_merges == 0 && sightings >= kTwoPasses &&
-                          pairs.model.options.algorithm != recognition::Algorithm::kDeep;
-  GroupingOptions first = options;
-  if (two_passes) first.false_merges = kFirstPassMerges;
-  SightingGroups groups = stored_groups(gallery, pairs, first, templates, stop);
-  progress.begin("grouping", static_cast<std::int64_t>(waiting.size()), "faces");
-  std::size_t at = 0;
-  while (at < waiting.size()) {
+struct SightingGrouping::Work {
+  Work(Gallery& of, const recognition::Background& background, const GroupingOptions& options)
+      : gallery(of),
+        pairs(recognition::pair_scores(background)),
+        templates(of, background, pairs.model),
+        first(options),
+        generation(of.generation()),
+        waiting(of.ungrouped()) {
+    std::size_t sightings = waiting.size();
+    of.each_grouped([&](std::int64_t, std::int64_t, double) { ++sightings; });
+    two_passes = options.false_merges == 0 && sightings >= kTwoPasses &&
+                 pairs.model.options.algorithm != recognition::Algorithm::kDeep;
+    if (two_passes) first.false_merges = kFirstPassMerges;
+  }
+
+  // Places some; false: none is left.
+  bool place(const std::stop_token& stop, std::size_t most) {
+    if (!groups) groups = stored_groups(gallery, pairs, first, templates, stop);
+    if (at >= waiting.size()) return false;
     throw_if_stopped(stop);
-    const std::size_t last = std::min(waiting.size(), at + kBatch);
+    const std::size_t last = std::min(waiting.size(), at + most);
     const std::vector<NamedNumbers> faces = templates(std::span(waiting).subspan(at, last - at));
     std::vector<Gallery::Placed> placed;
     std::set<std::int64_t> now = made;
     for (const NamedNumbers& face : faces) {
       const auto seen = gallery.sighting_face(face.first);
       if (!seen) continue;
-      Placement placement = groups.add(face.second, seen->quality);
+      Placement placement = groups->add(face.second, seen->quality);
       if (placement.is_new) now.insert(placement.group);
       for (const auto& [from, into] : placement.merged) now.erase(from);
       placed.push_back({face.first, placement.group, std::move(placement.merged)});
     }
-    if (!gallery.place(placed, groups.next(), generation)) {
+    if (!gallery.place(placed, groups->next(), generation)) {
       // Somebody else corrected, removed or grouped some meanwhile: from what is there now.
       generation = gallery.generation();
       waiting = gallery.ungrouped();
-      groups = stored_groups(gallery, pairs, first, templates, stop);
+      groups.reset();
       at = 0;
-      continue;
+      return true;
     }
     made = std::move(now);
     for (const Gallery::Placed& one : placed)
       report.merged += static_cast<std::int64_t>(one.merged.size());
     report.placed += static_cast<std::int64_t>(placed.size());
-    progress.advance(static_cast<std::int64_t>(last - at));
     at = last;
+    return true;
+  }
+
+  bool step(const std::stop_token& stop, std::size_t most) {
+    if (done) return false;
+    if (place(stop, most)) return true;
+    report.threshold = groups->threshold();
+    if (two_passes && merge_round(gallery, templates, report, made, stop)) return true;
+    report.made = static_cast<std::int64_t>(made.size());
+    report.groups = static_cast<std::int64_t>(gallery.groups().size());
+    done = true;
+    return false;
+  }
+
+  Gallery& gallery;
+  recognition::PairScores pairs;
+  Templates templates;
+  GroupingOptions first;  // of the first pass
+  std::int64_t generation;
+  std::vector<std::int64_t> waiting;
+  std::size_t at = 0;  // of these
+  std::optional<SightingGroups> groups;
+  std::set<std::int64_t> made;
+  bool two_passes = false;
+  bool done = false;
+  GroupingReport report;
+};
+
+SightingGrouping::SightingGrouping(Gallery& gallery, const recognition::Background& background,
+                                   const GroupingOptions& options)
+    : work_(std::make_unique<Work>(gallery, background, checked(options))) {}
+SightingGrouping::~SightingGrouping() = default;
+SightingGrouping::SightingGrouping(SightingGrouping&&) noexcept = default;
+SightingGrouping& SightingGrouping::operator=(SightingGrouping&&) noexcept = default;
+
+bool SightingGrouping::step(const std::stop_token& stop, int most) {
+  return work_->step(stop, static_cast<std::size_t>(std::max(1, most)));
+}
+
+std::int64_t SightingGrouping::waiting() const {
+  return static_cast<std::int64_t>(work_->waiting.size() - work_->at);
+}
+
+const GroupingReport& SightingGrouping::report() const { return work_->report; }
+
+GroupingReport group_sightings(Gallery& gallery, const recognition::Background& background,
+                               const GroupingOptions& options, Progress& progress,
+                               const std::stop_token& stop) {
+  SightingGrouping grouping(gallery, background, options);
+  progress.begin("grouping", grouping.waiting(), "faces");
+  for (bool more = true; more;) {
+    const std::int64_t before = grouping.waiting();
+    more = grouping.step(stop, static_cast<int>(kBatch));
+    progress.advance(std::max<std::int64_t>(0, before - grouping.waiting()));
   }
   progress.end();
-  report.threshold = groups.threshold();
-  if (two_passes) second_pass(gallery, templates, report, made, stop);
-  report.made = static_cast<std::int64_t>(made.size());
-  report.groups = static_cast<std::int64_t>(gallery.groups().size());
-  return report;
+  return grouping.report();
+}
+
+struct GroupFinder::Work {
+  Work(Gallery& of, const recognition::Background& background)
+      : gallery(of),
+        pairs(recognition::pair_scores(background)),
+        templates(of, background, pairs.model) {}
+  Gallery& gallery;
+  recognition::PairScores pairs;
+  Templates templates;
+  std::optional<SightingGroups> groups;
+};
+
+GroupFinder::GroupFinder(Gallery& gallery, const recognition::Background& background)
+    : work_(std::make_unique<Work>(gallery, background)) {}
+GroupFinder::~GroupFinder() = default;
+GroupFinder::GroupFinder(GroupFinder&&) noexcept = default;
+GroupFinder& GroupFinder::operator=(GroupFinder&&) noexcept = default;
+
+void GroupFinder::reread() { work_->groups.reset(); }
+
+std::int64_t GroupFinder::find(const cv::Mat& crop, double quality, const std::stop_token& stop) {
+  if (!work_->groups)
+    work_->groups = stored_groups(work_->gallery, work_->pairs, {}, work_->templates, stop);
+  if (work_->groups->size() == 0) return 0;
+  return work_->groups->most_alike(work_->templates.of_crop(crop), quality);
 }
 
 }  // namespace tarsier::face::people

@@ -152,5 +152,44 @@ TEST_F(GroupingTest, ACorrectionMeanwhileIsRespected) {
   EXPECT_THAT(gallery.groups(), SizeIs(2));
 }
 
+TEST_F(GroupingTest, InPiecesItIsTheSame) {
+  Gallery whole(path("whole.db"));
+  see(whole, 6, 0, 3);
+  group(whole);
+  Gallery pieces(path("pieces.db"));
+  see(pieces, 6, 0, 3);
+  SightingGrouping grouping(pieces, background(), {});
+  EXPECT_EQ(grouping.waiting(), 18);
+  EXPECT_TRUE(grouping.step({}, 5));
+  EXPECT_EQ(grouping.waiting(), 13);
+  EXPECT_EQ(pieces.ungrouped_count(), 13);  // what is placed stays placed
+  // Somebody corrects meanwhile: it begins with what is there then.
+  pieces.enroll("Ann", "", {.crop = cv::Mat(160, 128, CV_8UC1, cv::Scalar(90)), .measures = "{}"});
+  while (grouping.step({}, 5)) {
+  }
+  EXPECT_FALSE(grouping.step({}, 5));
+  EXPECT_EQ(placed(pieces), placed(whole));
+  EXPECT_EQ(grouping.report().placed, 18);
+  EXPECT_EQ(grouping.report().groups, 6);
+  GroupingOptions wrong;
+  wrong.false_merges = 2;
+  EXPECT_THROW(SightingGrouping(pieces, background(), wrong), std::invalid_argument);
+}
+
+TEST_F(GroupingTest, TheGroupOfAFaceThatIsNotPlaced) {
+  Gallery gallery(path("one.db"));
+  GroupFinder finder(gallery, background());
+  const auto set = recognition::synthetic_faces(6, 5, 0.2, 5, 0, {128, 160});
+  EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // there are none
+  see(gallery, 5, 0, 4);
+  group(gallery);
+  EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // it was not told
+  finder.reread();
+  for (std::int64_t p = 0; p < 5; ++p)
+    EXPECT_EQ(finder.find(set.faces[static_cast<std::size_t>(5 * p + 4)], 0.9, {}), p + 1);
+  EXPECT_EQ(finder.find(set.faces[29], 0.9, {}), 0);  // the sixth was never seen
+  EXPECT_EQ(gallery.groups().size(), 5U);
+}
+
 }  // namespace
 }  // namespace tarsier::face::people

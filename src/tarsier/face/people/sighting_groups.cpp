@@ -81,11 +81,14 @@ void SightingGroups::keep_apart(std::int64_t a, std::int64_t b) {
 
 void SightingGroups::set_next(std::int64_t id) { next_ = std::max(next_, id); }
 
-std::vector<double> SightingGroups::common() const {
+std::vector<double> SightingGroups::common(const Group* more) const {
   std::vector<double> sum(length_, 0.0);
   for (const auto& [id, group] : groups_)
     for (std::size_t i = 0; i < length_; ++i) sum[i] += group.mean[i];
-  const double scale = 1 / (static_cast<double>(groups_.size()) + background_weight_);
+  if (more != nullptr)
+    for (std::size_t i = 0; i < length_; ++i) sum[i] += more->mean[i];
+  const double count = static_cast<double>(groups_.size()) + (more != nullptr ? 1 : 0);
+  const double scale = 1 / (count + background_weight_);
   for (double& value : sum) value *= scale;
   return sum;
 }
@@ -110,8 +113,10 @@ double SightingGroups::score(std::int64_t a, std::int64_t b) const {
   return score(groups_.at(a), groups_.at(b), common());
 }
 
-double SightingGroups::threshold() const {
-  const auto count = static_cast<double>(groups_.size());
+double SightingGroups::threshold() const { return threshold(groups_.size()); }
+
+double SightingGroups::threshold(std::size_t groups) const {
+  const auto count = static_cast<double>(groups);
   return threshold_ - same_camera_ * count / (count + background_weight_);
 }
 
@@ -158,6 +163,22 @@ Placement SightingGroups::add(std::span<const float> features, double quality) {
   placement.is_new = current == id;
   if (placement.is_new) ++next_;
   return placement;
+}
+
+std::int64_t SightingGroups::most_alike(std::span<const float> features, double quality) const {
+  Group one;
+  put(one, features, quality);
+  derive(one);
+  const std::vector<double> shared = common(&one);
+  double best = threshold(groups_.size() + 1);
+  std::int64_t out = 0;
+  for (const auto& [id, group] : groups_) {
+    const double value = score(one, group, shared);
+    if (value < best || (value == best && out != 0)) continue;  // of equals the older one
+    best = value;
+    out = id;
+  }
+  return out;
 }
 
 }  // namespace tarsier::face::people

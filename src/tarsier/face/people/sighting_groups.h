@@ -74,6 +74,9 @@ class SightingGroups {
 
   // Throws std::invalid_argument for a template of another length or that is not finite.
   Placement add(std::span<const float> features, double quality);
+  // The group that add() would compare it with and take it for first; 0: none is like it enough.
+  // Throws as add().
+  [[nodiscard]] std::int64_t most_alike(std::span<const float> features, double quality) const;
 
   [[nodiscard]] std::size_t size() const { return groups_.size(); }
   // Score of two groups, and the one that it must reach now. Throws std::out_of_range.
@@ -90,8 +93,9 @@ class SightingGroups {
   };
   void put(Group& group, std::span<const float> features, double quality) const;
   static void derive(Group& group);
-  // What all groups have in common.
-  [[nodiscard]] std::vector<double> common() const;
+  // What all groups have in common, and `more` with them, which may be null.
+  [[nodiscard]] std::vector<double> common(const Group* more = nullptr) const;
+  [[nodiscard]] double threshold(std::size_t groups) const;
   [[nodiscard]] double score(const Group& a, const Group& b,
                              const std::vector<double>& common) const;
   void join(std::int64_t from, std::int64_t into);

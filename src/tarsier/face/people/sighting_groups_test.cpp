@@ -199,5 +199,27 @@ TEST(SightingGroups, RefusesWhatCannotBeCompared) {
   EXPECT_EQ(groups.size(), 2U);
 }
 
+// What a face would be put into is said without putting it there.
+TEST(SightingGroups, TheMostAlikeGroupIsTheOneThatAddTakes) {
+  const Seen seen = seen_people(8, 6, 0.35, 11);
+  SightingGroups groups(pairs(), {});
+  EXPECT_EQ(groups.most_alike(seen.faces[0], 1), 0);
+  int asked = 0;
+  for (std::size_t i = 0; i < seen.faces.size(); ++i) {
+    const std::int64_t alike = groups.most_alike(seen.faces[i], 0.8);
+    const std::size_t before = groups.size();
+    SightingGroups copy = groups;
+    const Placement placement = groups.add(seen.faces[i], 0.8);
+    EXPECT_EQ(alike == 0, placement.is_new) << i;
+    if (alike != 0 && placement.merged.empty()) {
+      EXPECT_EQ(alike, placement.group) << i;
+      ++asked;
+    }
+    EXPECT_EQ(copy.size(), before);
+  }
+  EXPECT_GT(asked, 20);
+  EXPECT_THROW((void)groups.most_alike(std::vector<float>(3, 0.F), 1), std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace tarsier::face::people

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/people/gallery.h"
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include "ui/session.h"
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier {
+
+// Lists over the image of `people live`, and what can be corrected in them: the groups of unknown
+// faces, the people, the faces of one of these, and the corrections that were made. A row is
+// chosen, others may be marked; what is done is done to the marked rows, or to the chosen one
+// where none is marked. Names are typed. Everything goes through the gallery at once, so a crash
+// loses nothing, and each correction can be undone.
+class PeoplePanel {
+ public:
+  enum class List { kNone, kGroups, kPeople, kFacesOfGroup, kFacesOfPerson, kCorrections };
+
+  struct Options {
+    std::function<face::people::CorrectionStamp()> stamp;  // who corrects, and when; empty: nobody
+    std::string note;                                      // of consent, for those who are named
+    std::vector<std::string> names;                        // that are proposed first
+    std::int64_t most_faces = 20;                          // of a group that are enrolled
+  };
+
+  // The gallery must outlive it.
+  PeoplePanel(face::people::Gallery& gallery, Options options);
+
+  // What it adds to a session's actions.
+  [[nodiscard]] static std::vector<Action> actions();
+
+  [[nodiscard]] List list() const { return list_; }
+  [[nodiscard]] bool is_open() const { return list_ != List::kNone || typed_.has_value(); }
+  [[nodiscard]] bool is_typing() const { return typed_.has_value(); }
+  // Does the action of this name; false where it is not one of a panel, or of one that is shut.
+  bool act(std::string_view action);
+  // A key while a name is typed, or one that moves in a list or leaves it; false for all others.
+  bool press(const Event& event);
+  // A click in it chooses a row, and marks one that is chosen already. False: it was beside it.
+  bool click(cv::Point at);
+  // Asks who a group is, without its list.
+  void name_group(std::int64_t group);
+  void shut();
+  // The gallery changed: reads the list again.
+  void refresh();
+
+  // Over `area` of the image.
+  void draw(cv::Mat& image, const cv::Rect& area);
+  // Where a row was drawn last, px; empty: it is not in view.
+  [[nodiscard]] cv::Rect row_box(std::size_t row) const;
+  // null where it is shut, else {"list", "of", "rows": [{"id", "title", "marked"}], "chosen",
+  // "typing": text or null, "asking"}: at most 100 rows.
+  [[nodiscard]] nlohmann::json state() const;
+
+  // What was done or why not, since the last call; empty: nothing.
+  [[nodiscard]] std::string take_message();
+  // Numbers of the corrections that were made since the last call.
+  [[nodiscard]] std::vector<std::int64_t> take_corrections();
+  // Whether people, groups or faces changed since the last call.
+  [[nodiscard]] bool take_changed();
+
+ private:
+  struct Row {
+    std::int64_t id = 0;
+    std::string title;
+    std::string detail;
+    std::string name;  // of a person, as it is enrolled
+  };
+  struct Cell {
+    std::size_t row = 0;
+    cv::Rect box;
+  };
+
+  void show_from_start();
+  void open(List list);
+  void open_faces();
+  void back();
+  void move(int by);
+  void begin_typing(std::vector<std::string> proposals);
+  void end_typing();
+  void ask_who();
+  void merge();
+  void split();
+  void not_these();
+  void undo();
+  void forget();
+  // Calls `work`, and says what cannot be done.
+  void correct(const std::function<void()>& work);
+  void done(std::int64_t correction, std::string message);
+  [[nodiscard]] const Row* chosen() const;
+  [[nodiscard]] std::vector<const Row*> touched() const;  // the marked ones, or the chosen one
+  [[nodiscard]] std::vector<std::int64_t> touched_ids() const;
+  [[nodiscard]] face::people::CorrectionStamp stamp() const;
+  [[nodiscard]] std::vector<std::string> proposals() const;
+  [[nodiscard]] std::string title() const;
+  [[nodiscard]] std::string hint() const;
+  [[nodiscard]] bool shows_faces() const;  // a grid of faces, not lines
+  const std::vector<std::int64_t>& best_faces(const Row& row);
+  const cv::Mat& thumbnail(std::int64_t face);  // of an enrolled face or a sighting; may be empty
+  void draw_rows(cv::Mat& image, const cv::Rect& area);
+  void draw_faces(cv::Mat& image, const cv::Rect& area);
+
+  face::people::Gallery& gallery_;
+  Options options_;
+  List list_ = List::kNone;
+  List from_ = List::kNone;  // of a list of faces: the list that it was opened from
+  std::int64_t group_ = 0;   // whose faces are shown, or who is named
+  std::string person_;       // whose faces are shown
+  std::vector<Row> rows_;
+  std::size_t chosen_ = 0;
+  std::size_t first_ = 0;  // row in view
+  std::set<std::int64_t> marked_;
+  std::optional<std::string> typed_;
+  std::vector<std::string> proposals_;
+  std::size_t proposal_ = 0;
+  bool asking_ = false;  // whether to forget the chosen row
+  std::string message_;
+  std::vector<std::int64_t> corrections_;
+  bool changed_ = false;
+  std::vector<Cell> cells_;
+  std::map<std::int64_t, std::vector<std::int64_t>> best_;
+  std::map<std::int64_t, cv::Mat> thumbnails_;
+};
+
+[[nodiscard]] std::string_view name_of(PeoplePanel::List list);  // "groups", "people" .., "none"
+
+// A face of a gallery as CV_8UC3 of `side` x `side` px.
+[[nodiscard]] cv::Mat face_thumbnail(const cv::Mat& crop, int side);
+
+}  // namespace tarsier

@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "ui/face/people_panel.h"
+#include <algorithm>
+
+namespace tarsier {
+namespace {
+
+const cv::Scalar kGround{38, 34, 30};
+const cv::Scalar kChosen{95, 80, 60};
+const cv::Scalar kMarked{60, 60, 235};
+const cv::Scalar kPale{170, 170, 170};
+constexpr int kThumb = 46;      // px, a face
+constexpr int kRow = 54;        // px, a row with faces
+constexpr int kLine = 34;       // px, a row of the log
+constexpr int kCellWidth = 62;  // px, a face of the grid with its number
+constexpr int kCellHeight = 68;
+constexpr int kTitle = 26;  // px
+constexpr int kHint = 22;
+constexpr int kText = 132;  // px, beside the faces of a row
+
+void write(cv::Mat& image, std::string_view text, cv::Point at, double height,
+           const cv::Scalar& color = {255, 255, 255}) {
+  image::draw::put_text(
+      image, text, at,
+      {.height_px = height, .color = color, .backing = image::draw::Backing::kNone});
+}
+
+// `text`, cut to `width` px.
+std::string fitted(std::string text, double height, int width) {
+  while (text.size() > 3 && image::draw::text_size(text, height).width > width)
+    text = text.substr(0, text.size() - 3) + "..";
+  return text;
+}
+
+}  // namespace
+
+cv::Mat face_thumbnail(const cv::Mat& crop, int side) {
+  const cv::Mat part =
+      crop(cv::Rect(0, crop.rows / 10, crop.cols, std::min(crop.cols, crop.rows - crop.rows / 10)));
+  cv::Mat small;
+  cv::resize(part, small, {side, side}, 0, 0, cv::INTER_AREA);
+  cv::cvtColor(small, small, cv::COLOR_GRAY2BGR);
+  return small;
+}
+
+const cv::Mat& PeoplePanel::thumbnail(std::int64_t face) {
+  const auto [entry, fresh] = thumbnails_.try_emplace(face);
+  if (!fresh) return entry->second;
+  cv::Mat crop;
+  if (list_ == List::kPeople || list_ == List::kFacesOfPerson) {
+    if (const auto stored = gallery_.face(face)) crop = stored->crop;
+  } else if (const auto seen = gallery_.sighting_face(face)) {
+    crop = seen->crop;
+  }
+  if (!crop.empty()) entry->second = face_thumbnail(crop, kThumb);
+  return entry->second;
+}
+
+cv::Rect PeoplePanel::row_box(std::size_t row) const {
+  for (const Cell& cell : cells_)
+    if (cell.row == row) return cell.box;
+  return {};
+}
+
+std::string PeoplePanel::title() const {
+  switch (list_) {
+    case List::kGroups:
+      return fmt::format("Unknown faces: {} group{}", rows_.size(), rows_.size() == 1 ? "" : "s");
+    case List::kPeople:
+      return fmt::format("People: {}", rows_.size());
+    case List::kFacesOfGroup:
+      return fmt::format("Faces of group {}", group_);
+    case List::kFacesOfPerson:
+      return fmt::format("Faces of {}", printable(person_));
+    case List::kCorrections:
+      return "What was corrected";
+    case List::kNone:
+      break;
+  }
+  return "";
+}
+
+std::string PeoplePanel::hint() const {
+  if (asking_ && chosen() != nullptr)
+    return fmt::format("Forget {} for good?   y: yes   n: no", chosen()->title);
+  switch (list_) {
+    case List::kGroups:
+      return "w: who it is   Enter: faces   m: mark   j: marked are this   f: forget   Esc";
+    case List::kPeople:
+      return "Enter: faces   m: mark   j: marked are this   f: forget   Esc: back";
+    case List::kFacesOfGroup:
+      return "m: mark   s: marked are a group of their own   w: who it is   Esc: back";
+    case List::kFacesOfPerson:
+      return "m: mark   x: marked are not   w: whose the marked are   Esc: back";
+    case List::kCorrections:
+      return "u: undo the chosen one   Esc: back";
+    case List::kNone:
+      break;
+  }
+  return "";
+}
+
+void PeoplePanel::draw_rows(cv::Mat& image, const cv::Rect& area) {
+  const bool log = list_ == List::kCorrections;
+  const int height = log ? kLine : kRow;
+  const auto room = static_cast<std::size_t>(std::max(1, area.height / height));
+  first_ = std::min(first_, chosen_);
+  if (chosen_ >= first_ + room) first_ = chosen_ + 1 - room;
+  for (std::size_t i = first_; i < std::min(rows_.size(), first_ + room); ++i) {
+    const Row& row = rows_[i];
+    const cv::Rect box(area.x, area.y + static_cast<int>(i - first_) * height, area.width,
+                       height - 2);
+    cells_.push_back({i, box});
+    if (i == chosen_) image::draw::fill_rounded(image, box, 4, kChosen, 0.9);
+    if (marked_.contains(row.id)) cv::rectangle(image, box, kMarked, 2);
+    if (log) {
+      write(image, fitted(row.title, 9, box.width - 12), {box.x + 6, box.y + 2}, 9);
+      write(image, fitted(row.detail, 8, box.width - 12), {box.x + 6, box.y + 17}, 8, kPale);
+      continue;
+    }
+    write(image, fitted(row.title, 10, kText - 8), {box.x + 6, box.y + 2}, 10);
+    write(image, row.detail, {box.x + 6, box.y + 19}, 8, kPale);
+    int x = box.x + kText;
+    for (const std::int64_t face : best_faces(row)) {
+      if (x + kThumb > box.br().x - 4) break;
+      const cv::Mat& small = thumbnail(face);
+      if (!small.empty()) small.copyTo(image(cv::Rect(x, box.y + 3, kThumb, kThumb)));
+      x += kThumb + 4;
+    }
+  }
+}
+
+void PeoplePanel::draw_faces(cv::Mat& image, const cv::Rect& area) {
+  const auto columns = static_cast<std::size_t>(std::max(1, area.width / kCellWidth));
+  const auto lines = static_cast<std::size_t>(std::max(1, area.height / kCellHeight));
+  first_ = first_ / columns * columns;
+  if (chosen_ < first_) first_ = chosen_ / columns * columns;
+  if (chosen_ >= first_ + columns * lines) first_ = (chosen_ / columns + 1 - lines) * columns;
+  for (std::size_t i = first_; i < std::min(rows_.size(), first_ + columns * lines); ++i) {
+    const std::size_t at = i - first_;
+    const cv::Rect box(area.x + static_cast<int>(at % columns) * kCellWidth,
+                       area.y + static_cast<int>(at / columns) * kCellHeight, kCellWidth - 4,
+                       kCellHeight - 4);
+    cells_.push_back({i, box});
+    if (i == chosen_) image::draw::fill_rounded(image, box, 4, kChosen, 0.9);
+    const cv::Mat& small = thumbnail(rows_[i].id);
+    if (!small.empty())
+      small.copyTo(image(cv::Rect(box.x + (box.width - kThumb) / 2, box.y + 3, kThumb, kThumb)));
+    image::draw::put_text(image, rows_[i].title, {box.x + box.width / 2, box.br().y},
+                          {.height_px = 8, .backing = image::draw::Backing::kNone},
+                          image::draw::Anchor::kBottom);
+    if (marked_.contains(rows_[i].id)) cv::rectangle(image, box, kMarked, 2);
+  }
+}
+
+void PeoplePanel::draw(cv::Mat& image, const cv::Rect& wanted) {
+  cells_.clear();
+  const cv::Rect area = wanted & cv::Rect({0, 0}, image.size());
+  if (!is_open() || area.width < 200 || area.height < kTitle + kHint + kRow) return;
+  if (list_ != List::kNone) {
+    image::draw::fill_rounded(image, area, 8, kGround, 0.88);
+    write(image, fitted(title(), 11, area.width - 16), {area.x + 8, area.y + 5}, 11);
+    const cv::Rect inner(area.x + 6, area.y + kTitle, area.width - 12,
+                         area.height - kTitle - kHint);
+    if (rows_.empty()) {
+      write(image,
+            list_ == List::kGroups ? "none: --keep keeps the faces of who is unknown" : "none",
+            {inner.x + 4, inner.y + 4}, 10, kPale);
+    } else {
+      try {
+        shows_faces() ? draw_faces(image, inner) : draw_rows(image, inner);
+      } catch (const InputError& error) {  // a face that is damaged
+        message_ = error.what();
+      }
+    }
+    const std::string keys = hint();
+    double height = 9;
+    while (height > 6 && image::draw::text_size(keys, height).width > area.width - 12)
+      height -= 0.5;
+    write(image, fitted(keys, height, area.width - 12), {area.x + 8, area.br().y - kHint + 3},
+          height, asking_ ? kMarked : kPale);
+  }
+  if (!typed_) return;
+  const std::string whose =
+      list_ == List::kFacesOfPerson
+          ? fmt::format("Whose {} the marked faces of {}?", touched().size() == 1 ? "is" : "are",
+                        printable(person_))
+          : fmt::format("Who is group {}?", group_);
+  const cv::Rect box(area.x + 10, area.y + area.height / 2 - 42, area.width - 20, 84);
+  image::draw::fill_rounded(image, box, 8, kGround, 0.95);
+  cv::rectangle(image, box, kPale, 1);
+  write(image, fitted(whose, 10, box.width - 16), {box.x + 8, box.y + 6}, 10);
+  image::draw::put_text(
+      image, printable(*typed_) + "_", {box.x + 10, box.y + 28},
+      {.height_px = 14, .backing = image::draw::Backing::kBox, .box_opacity = 0.9});
+  write(image, "Enter: yes   Up, Down: other names   Esc: no", {box.x + 8, box.br().y - 18}, 8,
+        kPale);
+}
+
+}  // namespace tarsier

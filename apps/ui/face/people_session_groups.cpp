@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/face/recognition/background_space.h"
+
+#include <fmt/format.h>
+
+#include "ui/face/people_session.h"
+#include <algorithm>
+#include <utility>
+
+// Unknown faces of `people live`: their groups, and what is corrected in the lists.
+namespace tarsier {
+namespace {
+
+// Sightings that are placed in one frame: a deep template takes some 10 ms.
+constexpr int kPlaced = 4;
+// Frames until the group of a followed face that is in none is looked for once more.
+constexpr int kLookAgain = 25;
+
+}  // namespace
+
+face::people::CorrectionStamp PeopleSession::stamp() const {
+  return {options_.now ? options_.now() : 0, options_.actor};
+}
+
+void PeopleSession::count_unknown() {
+  group_count_ = static_cast<std::int64_t>(gallery_.groups().size());
+  waiting_ = gallery_.ungrouped_count();
+}
+
+void PeopleSession::stored(int face, std::int64_t sighting) {
+  Followed& one = followed_[face];
+  if (one.sighting == sighting) return;
+  one.sighting = sighting;
+  count_unknown();
+}
+
+// Begins to place what waits; frames do the rest.
+void PeopleSession::place_unknown() {
+  if (grouping_ || gallery_.ungrouped_count() == 0) return;
+  const face::recognition::Background* background = identity_.background();
+  if (background == nullptr || background->basis.rows() == 0) {
+    message_ = "groups need a background: people-background.json, which ships";
+    return;
+  }
+  grouping_.emplace(gallery_, *background, face::people::GroupingOptions{});
+}
+
+void PeopleSession::place_more() {
+  if (!grouping_) return;
+  if (grouping_->step({}, kPlaced)) {
+    waiting_ = grouping_->waiting();
+    return;
+  }
+  const face::people::GroupingReport report = grouping_->report();
+  grouping_.reset();
+  message_ = fmt::format("{} unknown faces placed, {} new groups", report.placed, report.made);
+  for (auto& [id, face] : followed_) face.looked = 0;
+  finder_generation_ = -1;
+  count_unknown();
+  panel_.refresh();
+}
+
+// The group of each unknown face: that of its sighting, else the one that it is like.
+void PeopleSession::find_groups() {
+  groups_.assign(faces_.size(), 0);
+  std::map<int, Followed> still_there;
+  const face::recognition::Background* background = identity_.background();
+  const bool has_groups =
+      group_count_ > 0 && background != nullptr && background->basis.rows() > 0 && !grouping_;
+  if (has_groups) {
+    if (!finder_) finder_.emplace(gallery_, *background);
+    if (const std::int64_t now = gallery_.generation(); now != finder_generation_) {
+      finder_->reread();
+      finder_generation_ = now;
+      for (auto& [id, face] : followed_) face.looked = 0;
+    }
+  }
+  const bool names = mode_ == PeopleMode::kRecognize || mode_ == PeopleMode::kDetect;
+  for (std::size_t i = 0; i < faces_.size(); ++i) {
+    const face::NamedFace& face = faces_[i];
+    Followed one;
+    if (const auto old = followed_.find(face.face.id); face.face.id > 0 && old != followed_.end())
+      one = old->second;
+    if (names && !face.name.known && has_groups) {
+      if (one.looked == 0) {
+        one.group = 0;
+        if (one.sighting > 0)
+          if (const auto sighting = gallery_.sighting(one.sighting)) one.group = sighting->group;
+        if (one.group == 0)
+          one.group = finder_->find(face.face.crop, face.face.quality.score(), {});
+      }
+      one.looked = (one.looked + 1) % kLookAgain;
+      groups_[i] = one.group;
+    }
+    if (face.face.id > 0) still_there[face.face.id] = one;
+  }
+  followed_ = std::move(still_there);
+}
+
+void PeopleSession::name_largest() {
+  const auto unknown =
+      std::find_if(groups_.begin(), groups_.end(), [](std::int64_t group) { return group > 0; });
+  if (unknown == groups_.end()) {
+    message_ = "no unknown face of a group is seen: g places unknown faces into groups";
+    return;
+  }
+  panel_.name_group(*unknown);
+}
+
+bool PeopleSession::act_in_panel(const std::function<bool()>& work) {
+  const bool done = work();
+  if (std::string said = panel_.take_message(); !said.empty()) message_ = printable(said);
+  for (const std::int64_t id : panel_.take_corrections()) corrections_.push_back(id);
+  if (panel_.take_changed()) corrected();
+  return done;
+}
+
+// Something was corrected here: it holds from now on.
+void PeopleSession::corrected() {
+  grouping_.reset();  // it sees by itself what changed, but may place what is somebody's now
+  follow();
+  load_people();
+  count_unknown();
+  panel_.refresh();
+  identity_.forget_frames();
+  if (mode_ == PeopleMode::kCollect || training_) return;
+  const bool somebody = gallery_.face_count_up_to(1) > 0;
+  if (!somebody) {
+    identity_.replace(std::nullopt);
+    mode_ = PeopleMode::kDetect;
+  } else if (gallery_.model_generation() != gallery_.generation()) {
+    train();
+  }
+}
+
+}  // namespace tarsier
