@@ -85,6 +85,12 @@ TEST_F(Images, BecomeTheirCameras) {
   EXPECT_LT(scores.center_mean, 0.003 * scores.extent);
   EXPECT_LT(scores.rotation_mean_deg, 0.1);
   EXPECT_GT(result.reconstruction.models[0].points.size(), 200U);
+  const auto report = report_json(result);
+  const double stated = report["models"][0]["center_sigma_percent"].get<double>();
+  EXPECT_GT(stated, 100 * scores.center_mean / scores.extent / 4);
+  EXPECT_LT(stated, 100 * scores.center_mean / scores.extent * 4);
+  EXPECT_LE(report["images"][2]["center_sigma_percent"].get<double>(),
+            report["models"][0]["center_sigma_worst_percent"].get<double>());
 }
 
 TEST_F(Images, AreTheSameModelForAnyThreadsAndFromTheCache) {
