@@ -377,7 +377,7 @@ void PeoplePanel::end_typing() {
   const std::string name = *std::exchange(typed_, std::nullopt);
   correct([&] {
     if (list_ != List::kFacesOfPerson) {
-      done(gallery_.name_group(group_, name, options_.note, options_.most_faces, stamp()),
+      done(gallery_.name_group(group_, name, options_.note, options_.max_faces, stamp()),
            fmt::format("Group {} is {}", group_, printable(name)));
       if (list_ == List::kFacesOfGroup) back();
       return;

@@ -33,7 +33,7 @@ class PeoplePanel {
     std::function<face::people::CorrectionStamp()> stamp;  // who corrects, and when; empty: nobody
     std::string note;                                      // of consent, for those who are named
     std::vector<std::string> names;                        // that are proposed first
-    std::int64_t most_faces = 20;                          // of a group that are enrolled
+    std::int64_t max_faces = 20;                           // of a group that are enrolled
   };
 
   // The gallery must outlive it.

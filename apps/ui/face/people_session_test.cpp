@@ -293,7 +293,7 @@ TEST_F(PeopleSessionTest, UnknownFacesAreGroupedAndNamedInTheWindow) {
   EXPECT_EQ(view.state["unknown"]["groups"], 1);
   EXPECT_EQ(view.state["panel"]["rows"].size(), 1U);
   EXPECT_EQ(view.state["recognized"].at(0)["group"], 1);
-  // Escape leaves the list, not the session. The next window was told of no sighting.
+  // Escape leaves the list, not the session. The next window knows of no sighting.
   view = session.on_event(key_event(key::kEscape));
   EXPECT_FALSE(view.finished);
   EXPECT_TRUE(view.state["panel"].is_null());

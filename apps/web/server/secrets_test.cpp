@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "secrets.h"
 
+#include "tarsier/media/http_service.h"
+
 #include <gtest/gtest.h>
 
 #include <cstring>

@@ -289,7 +289,7 @@ std::int64_t GroupFinder::find(const cv::Mat& crop, double quality, const std::s
   if (!work_->groups)
     work_->groups = stored_groups(work_->gallery, work_->pairs, {}, work_->templates, stop);
   if (work_->groups->size() == 0) return 0;
-  return work_->groups->most_alike(work_->templates.of_crop(crop), quality);
+  return work_->groups->nearest_group(work_->templates.of_crop(crop), quality);
 }
 
 }  // namespace tarsier::face::people

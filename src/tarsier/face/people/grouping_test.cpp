@@ -183,7 +183,7 @@ TEST_F(GroupingTest, TheGroupOfAFaceThatIsNotPlaced) {
   EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // there are none
   see(gallery, 5, 0, 4);
   group(gallery);
-  EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // it was not told
+  EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // it has not read them
   finder.reread();
   for (std::int64_t p = 0; p < 5; ++p)
     EXPECT_EQ(finder.find(set.faces[static_cast<std::size_t>(5 * p + 4)], 0.9, {}), p + 1);

@@ -165,7 +165,7 @@ Placement SightingGroups::add(std::span<const float> features, double quality) {
   return placement;
 }
 
-std::int64_t SightingGroups::most_alike(std::span<const float> features, double quality) const {
+std::int64_t SightingGroups::nearest_group(std::span<const float> features, double quality) const {
   Group one;
   put(one, features, quality);
   derive(one);

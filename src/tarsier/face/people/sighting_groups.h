@@ -76,7 +76,7 @@ class SightingGroups {
   Placement add(std::span<const float> features, double quality);
   // The group that add() would compare it with and take it for first; 0: none is like it enough.
   // Throws as add().
-  [[nodiscard]] std::int64_t most_alike(std::span<const float> features, double quality) const;
+  [[nodiscard]] std::int64_t nearest_group(std::span<const float> features, double quality) const;
 
   [[nodiscard]] std::size_t size() const { return groups_.size(); }
   // Score of two groups, and the one that it must reach now. Throws std::out_of_range.

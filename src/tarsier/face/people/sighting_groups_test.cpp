@@ -203,10 +203,10 @@ TEST(SightingGroups, RefusesWhatCannotBeCompared) {
 TEST(SightingGroups, TheMostAlikeGroupIsTheOneThatAddTakes) {
   const Seen seen = seen_people(8, 6, 0.35, 11);
   SightingGroups groups(pairs(), {});
-  EXPECT_EQ(groups.most_alike(seen.faces[0], 1), 0);
+  EXPECT_EQ(groups.nearest_group(seen.faces[0], 1), 0);
   int asked = 0;
   for (std::size_t i = 0; i < seen.faces.size(); ++i) {
-    const std::int64_t alike = groups.most_alike(seen.faces[i], 0.8);
+    const std::int64_t alike = groups.nearest_group(seen.faces[i], 0.8);
     const std::size_t before = groups.size();
     SightingGroups copy = groups;
     const Placement placement = groups.add(seen.faces[i], 0.8);
@@ -218,7 +218,7 @@ TEST(SightingGroups, TheMostAlikeGroupIsTheOneThatAddTakes) {
     EXPECT_EQ(copy.size(), before);
   }
   EXPECT_GT(asked, 20);
-  EXPECT_THROW((void)groups.most_alike(std::vector<float>(3, 0.F), 1), std::invalid_argument);
+  EXPECT_THROW((void)groups.nearest_group(std::vector<float>(3, 0.F), 1), std::invalid_argument);
 }
 
 }  // namespace

@@ -18,7 +18,31 @@ interface Recognised {
   label: string | null;
   known: boolean;
   confidence: number;
+  group?: number | null; // of an unknown face
 }
+
+const whoOf = (one: Recognised) =>
+  one.known && one.label !== null
+    ? one.label
+    : typeof one.group === 'number'
+      ? `unknown, group ${one.group}`
+      : 'unknown';
+
+// Of the lists of groups, people, faces and corrections, over the image.
+const listActions = [
+  'groups',
+  'people',
+  'log',
+  'name',
+  'up',
+  'down',
+  'open',
+  'back',
+  'mark',
+  'merge',
+  'split',
+  'forget',
+];
 
 const recognisedOf = (value: Json | undefined): Recognised[] =>
   Array.isArray(value) ? (value as unknown as Recognised[]) : [];
@@ -38,7 +62,7 @@ export function LivePeople(props: { onChange: () => void }) {
     if (mode === 'live') {
       await adding.start(
         [source],
-        filled({ '--names': names.trim(), '--note': note.trim() }),
+        filled({ '--names': names.trim(), '--note': note.trim(), '--keep': keep }),
         'People, live',
       );
     } else {
@@ -61,11 +85,14 @@ export function LivePeople(props: { onChange: () => void }) {
         />
         <div class="stack">
           {adding.id !== undefined && (
-            <SessionActions
-              id={session.id}
-              label="Actions"
-              names={['add', 'train', 'not', 'undo', 'delete', 'confirm', 'cancel', 'debug', 'pause']}
-            />
+            <>
+              <SessionActions
+                id={session.id}
+                label="Actions"
+                names={['add', 'train', 'not', 'undo', 'delete', 'confirm', 'cancel', 'debug', 'pause']}
+              />
+              <SessionActions id={session.id} label="Lists of groups and corrections" names={listActions} />
+            </>
           )}
           {adding.id === undefined && (
             <SessionActions id={session.id} label="Actions" without={['quit', 'help']} />
@@ -83,7 +110,7 @@ export function LivePeople(props: { onChange: () => void }) {
             <Table
               caption="Who is there"
               columns={[
-                { name: 'Who', show: (one) => (one.known ? (one.label ?? 'unknown') : 'unknown') },
+                { name: 'Who', show: whoOf },
                 { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
               ]}
               rows={faces}
@@ -108,19 +135,17 @@ export function LivePeople(props: { onChange: () => void }) {
         ]}
         onChange={(value) => setMode(value as 'identify' | 'live')}
       />
-      {mode === 'identify' && (
-        <Select
-          label="Keep who was seen when"
-          value={keep}
-          options={[
-            { value: '', label: 'do not keep it' },
-            { value: '1d', label: 'for a day' },
-            { value: '7d', label: 'for a week' },
-            { value: '30d', label: 'for 30 days' },
-          ]}
-          onChange={setKeep}
-        />
-      )}
+      <Select
+        label="Keep who was seen when"
+        value={keep}
+        options={[
+          { value: '', label: 'do not keep it' },
+          { value: '1d', label: 'for a day' },
+          { value: '7d', label: 'for a week' },
+          { value: '30d', label: 'for 30 days' },
+        ]}
+        onChange={setKeep}
+      />
       {mode === 'live' && (
         <>
           <Notice>
