@@ -2,6 +2,7 @@
 // How the studio's server reads requests, forms, events, and the records of the windows of its
 // children.
 #include "tarsier/core/errors.h"
+#include "tarsier/media/http_service.h"
 
 #include "fuzz.h"
 #include "live_protocol.h"
@@ -71,7 +72,7 @@ TARSIER_FUZZ_TARGET(web_cookie, kBytes) {
   // What looks like a secret goes into the names of files.
   if (web::looks_like_secret(*cookie))
     expect(cookie->find_first_not_of("0123456789abcdef") == std::string::npos, "a path");
-  expect(web::equals_in_constant_time(*cookie, *cookie), "it is not equal to itself");
+  expect(equals_in_constant_time(*cookie, *cookie), "it is not equal to itself");
 }
 
 TARSIER_FUZZ_TARGET(web_events, kJson) {
