@@ -360,7 +360,7 @@ void PeoplePanel::correct(const std::function<void()>& work) {
     work();
   } catch (const InputError& error) {  // gone meanwhile, or changed by somebody else
     message_ = error.what();
-  } catch (const UsageError& error) {  // a name that is none
+  } catch (const UsageError& error) {  // an invalid name
     message_ = error.what();
   }
   refresh();

@@ -68,6 +68,7 @@ void PeopleSession::load_people() {
   for (const face::people::Person& person : gallery_.people()) {
     Enrolled entry{person.name, person.faces, {}};
     if (const auto face = gallery_.latest_face(person.id)) entry.latest = face->crop;
+    if (entry.name == pending_) pending_.clear();  // enrolled meanwhile
     people_.push_back(std::move(entry));
   }
   if (!pending_.empty()) people_.push_back({pending_, 0, {}});
@@ -149,21 +150,25 @@ void PeopleSession::learn() {
 // Who was enrolled here or anywhere, and who was forgotten.
 void PeopleSession::follow() {
   if (identity_.recognizer() == nullptr || !identity_.follow()) return;
-  reload_people();
+  if (people_changed()) reload_people();
   if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
     mode_ = PeopleMode::kDetect;
   if (mode_ == PeopleMode::kDetect && identity_.recognizer() != nullptr)
     mode_ = PeopleMode::kRecognize;
 }
 
-// People who came or went, by whatever program.
-void PeopleSession::reload_people() {
+// Whether people came or went, by whatever program.
+bool PeopleSession::people_changed() const {
   std::set<std::string> there;
   for (const face::people::Person& person : gallery_.people()) there.insert(person.name);
   std::set<std::string> shown;
   for (const Enrolled& person : people_)
     if (person.name != pending_) shown.insert(person.name);
-  if (there == shown) return;
+  return there != shown;
+}
+
+// Others may have gone: what is collected stays with its person.
+void PeopleSession::reload_people() {
   const std::string collecting =
       collecting_ >= 0 ? people_[static_cast<std::size_t>(collecting_)].name : "";
   load_people();

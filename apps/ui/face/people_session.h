@@ -115,6 +115,7 @@ class PeopleSession final : public Session {
   void train();
   void learn();
   void follow();
+  [[nodiscard]] bool people_changed() const;
   void reload_people();
   void collect();
   // people_session_groups.cpp

@@ -121,7 +121,7 @@ bool PeopleSession::act_in_panel(const std::function<bool()>& work) {
 void PeopleSession::corrected() {
   grouping_.reset();  // it sees by itself what changed, but may place what is somebody's now
   follow();
-  load_people();
+  reload_people();
   count_unknown();
   panel_.refresh();
   identity_.forget_frames();

@@ -320,6 +320,37 @@ TEST_F(PeopleSessionTest, UnknownFacesAreGroupedAndNamedInTheWindow) {
   EXPECT_EQ(view.state["recognized"].at(0)["group"], 1);
 }
 
+// Merged in the list meanwhile: there are fewer people than before.
+TEST_F(PeopleSessionTest, WhoIsCollectedStaysTheSameWhileOthersAreCorrected) {
+  face::people::Gallery gallery(path("p.db"));
+  for (const char* name : {"Ann", "Ben", "Cid", "Dan"}) gallery.enroll(name, "", face(name[0]));
+  PeopleSession session(opened(gallery), {});
+  (void)session.on_frame(frame(empty_, 0), live_);
+  View view = session.on_event(click(session.strip_box(2)));
+  EXPECT_EQ(view.state["collecting"], "Cid");
+  for (const char key : {'p', 'm'}) (void)session.on_event(key_event(key));
+  (void)session.on_event(key_event(key::kDown));
+  view = session.on_event(key_event('j'));
+  EXPECT_EQ(view.state["people"].size(), 3U);
+  EXPECT_EQ(view.state["collecting"], "Cid");
+  EXPECT_EQ(view.state["mode"], "collect");
+}
+
+// Who was to be added is enrolled by another program: they are shown once.
+TEST_F(PeopleSessionTest, APersonWithoutFacesWhoIsEnrolledElsewhereIsShownOnce) {
+  face::people::Gallery gallery(path("p.db"));
+  for (const char* name : {"Ann", "Ben"}) gallery.enroll(name, "", face(name[0]));
+  PeopleSessionOptions options;
+  options.names = {"Dan"};
+  PeopleSession session(opened(gallery), options);
+  (void)session.on_frame(frame(empty_, 0), live_);
+  EXPECT_EQ(session.on_event(key_event('a')).state["people"].size(), 3U);
+  gallery.enroll("Dan", "", face(9));
+  for (const char key : {'p', 'm'}) (void)session.on_event(key_event(key));
+  (void)session.on_event(key_event(key::kDown));
+  EXPECT_EQ(session.on_event(key_event('j')).state["people"].size(), 2U);
+}
+
 // What is learned is learned a piece in each frame: none waits for all of it.
 TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
   const auto set = face::recognition::synthetic_faces(20, 2, 0.3, 5, 0, {128, 160});

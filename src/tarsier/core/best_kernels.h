@@ -6,8 +6,8 @@
 namespace tarsier {
 
 // Of kernels that are compiled for several instruction sets, those of the best one that
-// simd_level() allows. Each function gives null where its set is none of this build's; the baseline
-// is always there.
+// simd_level() allows. Each function gives null where the build has no code for its set; the
+// baseline is always there.
 template <class Kernels>
 [[nodiscard]] const Kernels& best_kernels(const Kernels* (*baseline)(), const Kernels* (*avx2)(),
                                           const Kernels* (*avx512)(),

@@ -95,8 +95,8 @@ struct Reconstruction {
   std::vector<double>
       trust;  // of each model: the mean of its images; of scenes that repeat, what its shape leaves
   std::vector<ModelShape> shapes;  // of each model
-  std::vector<std::optional<CenterUncertainty>>
-      uncertainties;  // of each model; empty: not looked for
+  // Of each model; empty: not looked for.
+  std::vector<std::optional<CenterUncertainty>> uncertainties;
   std::vector<RefusedPair> refused;
   // Near images of a model lack what they should show (model_conflicts.h).
   bool has_conflicts = false;

@@ -635,7 +635,9 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                               : map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
   result.reconstruction.log.insert(result.reconstruction.log.begin(), log.begin(), log.end());
   for (Model& model : result.reconstruction.models) turn_upright(model);
-  add_uncertainty(options.mapper, result.reconstruction);
+  // Who interrupts waits for what there is; poses that are given are not found by the observations.
+  if (!result.reconstruction.interrupted && !options.fixed_poses)
+    add_uncertainty(options.mapper, result.reconstruction);
   stages.note();
   result.resumed = result.reconstruction.resumed;
   if (start) {
