@@ -14,7 +14,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numeric>
+#include <utility>
 
 namespace tarsier::sfm {
 namespace {
@@ -98,13 +100,20 @@ std::vector<int> IncrementalMapper::all_tracks() const {
 }
 
 std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) const {
+  std::vector<char> is_one(model_.images.size(), 0);
+  for (const int image : images) is_one[at(image)] = 1;
+  std::vector<char> is_asked(tracks_.size(), 0);
   std::vector<int> result;
   for (const int image : images) {
-    for (const int track : track_of_[at(image)])
-      if (track >= 0 && shows(model_.points[at(track)].track, image)) result.push_back(track);
+    for (const int track : track_of_[at(image)]) {
+      if (track < 0 || std::exchange(is_asked[at(track)], 1) != 0) continue;
+      const std::vector<Observation>& shown = model_.points[at(track)].track;
+      if (std::any_of(shown.begin(), shown.end(),
+                      [&](const Observation& seen) { return is_one[at(seen.image)] != 0; }))
+        result.push_back(track);
+    }
   }
   std::sort(result.begin(), result.end());
-  result.erase(std::unique(result.begin(), result.end()), result.end());
   return result;
 }
 
@@ -379,11 +388,6 @@ std::optional<double> IncrementalMapper::error_of(const Model& model, const Obse
   return cv::norm(*pixel - cv::Point2d(image.features[at(seen.feature)]));
 }
 
-bool IncrementalMapper::shows(const std::vector<Observation>& track, int image) {
-  return std::any_of(track.begin(), track.end(),
-                     [&](const Observation& seen) { return seen.image == image; });
-}
-
 void IncrementalMapper::measure_rays() {
   ray_cameras_ = model_.cameras;
   rays_.resize(model_.images.size());
@@ -479,30 +483,35 @@ int IncrementalMapper::triangulate_all(double min_angle, int image) {
   }
   std::vector<int> gained(chosen.size(), 0);
   cv::parallel_for_(cv::Range(0, static_cast<int>(chosen.size())), [&](const cv::Range& range) {
+    std::vector<int> shown_in(model_.images.size(), -1);
     for (int k = range.start; k < range.end; ++k)
-      gained[at(k)] = triangulate_track(chosen[at(k)], min_angle);
+      gained[at(k)] = triangulate_track(chosen[at(k)], min_angle, shown_in);
   });
   count_points(chosen);
   return std::accumulate(gained.begin(), gained.end(), 0);
 }
 
-int IncrementalMapper::triangulate_track(int track, double min_angle) {
+int IncrementalMapper::triangulate_track(int track, double min_angle, std::vector<int>& shown_in) {
   Point& point = model_.points[at(track)];
+  const std::vector<Observation>& all = tracks_[at(track)];
   const std::size_t before = point.track.size();
-  std::vector<Observation> there;
-  for (const Observation& seen : tracks_[at(track)])
-    if (model_.images[at(seen.image)].registered) there.push_back(seen);
-  if (there.size() < 2 || before == there.size()) return 0;
+  const auto is_there = [&](const Observation& seen) {
+    return model_.images[at(seen.image)].registered;
+  };
+  const auto number = static_cast<std::size_t>(std::count_if(all.begin(), all.end(), is_there));
+  if (number < 2 || before == number) return 0;
   if (before > 0) {
-    std::vector<char> is_known(model_.images.size(), 0);
-    for (const Observation& seen : point.track) is_known[at(seen.image)] = 1;
-    for (const Observation& seen : there) {
-      if (is_known[at(seen.image)] != 0) continue;
+    for (const Observation& seen : point.track) shown_in[at(seen.image)] = track;
+    for (const Observation& seen : all) {
+      if (!is_there(seen) || shown_in[at(seen.image)] == track) continue;
       const auto error = error_of(model_, seen, point.position);
       if (error && *error <= options_.reprojection_px) point.track.push_back(seen);
     }
     return static_cast<int>(point.track.size() - before);
   }
+  std::vector<Observation> there;
+  there.reserve(number);
+  std::copy_if(all.begin(), all.end(), std::back_inserter(there), is_there);
   // The pair of rays that most others agree with.
   std::vector<Observation> best;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
@@ -549,11 +558,16 @@ std::vector<Observation> IncrementalMapper::within(const std::vector<Observation
 
 bool IncrementalMapper::has_angle(const Model& model, const std::vector<Observation>& track,
                                   const Eigen::Vector3d& position, double least) {
+  const auto center = [&](const Observation& seen) {
+    return model.images[at(seen.image)].pose.center();
+  };
   // The first and the last are often the widest apart.
+  if (track.size() >= 2 &&
+      ray_angle(position, center(track.front()), center(track.back())) >= least)
+    return true;
   std::vector<Eigen::Vector3d> centers;
   centers.reserve(track.size());
-  for (const Observation& seen : track)
-    centers.push_back(model.images[at(seen.image)].pose.center());
+  for (const Observation& seen : track) centers.push_back(center(seen));
   for (std::size_t i = 0; i < track.size(); ++i)
     for (std::size_t k = track.size() - 1; k > i; --k)
       if (ray_angle(position, centers[i], centers[k]) >= least) return true;

@@ -113,7 +113,6 @@ class IncrementalMapper {
   // Drops observations of these points that are off, and points that are left with too few.
   int filter(const std::vector<int>& points);
   [[nodiscard]] double min_angle() const { return options_.min_angle_deg * CV_PI / 180; }
-  static bool shows(const std::vector<Observation>& track, int image);
   // The one of some features of an image that looks most like the point, and enough so; or -1.
   [[nodiscard]] int best_match(int track, int image, const std::vector<int>& features) const;
   // Joins a feature, or the track that it is part of, to a track that no image shows twice then. How many observations that
@@ -133,7 +132,8 @@ class IncrementalMapper {
   // Points for tracks that have none, and further observations for those that have one. Of all
   // tracks, or of those of one image. Returns how many observations came in.
   int triangulate_all(double min_angle, int image = -1);
-  int triangulate_track(int track, double min_angle);
+  // `shown_in`: scratch memory, a number of each image; each is below zero or that of a track asked for before.
+  int triangulate_track(int track, double min_angle, std::vector<int>& shown_in);
   [[nodiscard]] ObservationRay ray_of(const Observation& seen) const;
   [[nodiscard]] std::vector<Observation> within(const std::vector<Observation>& all,
                                                 const Eigen::Vector3d& position) const;

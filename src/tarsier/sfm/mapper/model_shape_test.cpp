@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_shape.h"
 
+#include "tarsier/sfm/mapper/testing_shown_points.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,6 +22,7 @@ Model row_of(int images) {
     image.registered = true;
     image.pose.translation = {-static_cast<double>(i), 0, 0};
   }
+  show_points(model, {images / 2.0, 0, 8}, 4);
   return model;
 }
 
@@ -28,7 +31,7 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
   pair.second = second;
-  pair.view.inliers = std::vector<Match>(inliers);
+  pair.view.inliers = shown_matches(inliers);
   pair.view.median_angle = 0.1;
   pair.view.second_from_first.translation = {first < second ? -1.0 : 1.0, 0, 0};
   return pair;
@@ -78,7 +81,8 @@ TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
     }
     return model;
   };
-  const Model truth = ring(9);
+  Model truth = ring(9);
+  show_points(truth, {0, 0, 0}, 0.3);
   std::vector<Pair> pairs;
   for (int i = 0; i < 40; ++i) {
     for (int step = 1; step <= 2; ++step) {
@@ -89,7 +93,11 @@ TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
     }
   }
   EXPECT_THAT(shape_of(truth, pairs).missed, testing::IsEmpty());
-  const ModelShape shape = shape_of(ring(9.5), pairs);
+  Model open = ring(9.5);
+  open.cameras = truth.cameras;
+  for (std::size_t i = 0; i < open.images.size(); ++i)
+    open.images[i].features = truth.images[i].features;
+  const ModelShape shape = shape_of(open, pairs);
   ASSERT_EQ(shape.missed.size(), 3U);
   for (const ModelShape::Missed& missed : shape.missed) {
     EXPECT_TRUE(missed.closes_loop);
@@ -103,17 +111,20 @@ TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
   std::vector<Pair> pairs = neighbours(20, 90);
   Pair far = pair_of(0, 19, 100);  // they look alike
   far.view.second_from_first.translation = {1, 0, 0};
+  far.view.inliers = shown_matches(100, 3);
   pairs.push_back(far);
   EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
   Pair behind = pair_of(3, 5, 100);  // of two sides that look alike
   behind.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
+  behind.view.inliers = shown_matches(100, 3);
   pairs.push_back(behind);
   // A weak one beside pairs that agree says little.
   Pair weak = pair_of(10, 12, 60);
   weak.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
+  weak.view.inliers = shown_matches(60, 3);
   pairs.push_back(weak);
   EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
-  weak.view.inliers = std::vector<Match>(80);
+  weak.view.inliers = shown_matches(80, 3);
   pairs.push_back(weak);
   EXPECT_EQ(shape_of(row_of(20), pairs).missed.size(), 1U);
 }

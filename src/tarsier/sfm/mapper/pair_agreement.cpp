@@ -2,8 +2,10 @@
 #include "tarsier/sfm/mapper/pair_agreement.h"
 
 #include "tarsier/core/at.h"
+#include "tarsier/geometry/epipolar.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <cmath>
@@ -21,9 +23,12 @@ constexpr double kRadians = CV_PI / 180;
 constexpr double kRotation = 3 * kRadians;
 constexpr double kDirection = 15 * kRadians;
 constexpr double kRays = 2 * kRadians;
-constexpr double kOnePlane = 0.7;  // share of the inliers
-constexpr double kPlanePx = 4;     // between a feature and where the plane takes its match
-constexpr int kRounds = 8;         // of reweighted least squares
+constexpr double kOnePlane = 0.7;   // share of the inliers
+constexpr double kPlanePx = 4;      // between a feature and where the plane takes its match
+constexpr int kRounds = 8;          // of reweighted least squares
+constexpr double kExplained = 0.9;  // share of the inliers
+constexpr double kExplainedPx = 2;
+constexpr double kMinCrossing = 1e-6;  // squared sine of rays that tell a depth
 
 // The inliers of a pair in normalised coordinates.
 struct Rays {
@@ -98,7 +103,39 @@ double share_on_plane(const Rays& rays, geometry::Rigid3 motion, double threshol
   return best / std::max(1.0, static_cast<double>(weights.size()));
 }
 
+// Whether the point of two rays lies in front of both cameras: x2 b = x1 R a + t.
+bool is_in_front(const geometry::Rigid3& motion, const Vector3d& first, const Vector3d& second) {
+  const Vector3d turned = motion.rotation * first;
+  const Vector3d across = turned.cross(second);
+  if (across.squaredNorm() < kMinCrossing * turned.squaredNorm() * second.squaredNorm())
+    return turned.dot(second) > 0;  // far away
+  return motion.translation.cross(second).dot(across) < 0 &&
+         motion.translation.cross(turned).dot(across) < 0;
+}
+
 }  // namespace
+
+std::size_t explained_matches(const Model& model, const Pair& pair, double threshold_px) {
+  const geometry::Camera& first = model.cameras[at(model.images[at(pair.first)].camera)];
+  const geometry::Camera& second = model.cameras[at(model.images[at(pair.second)].camera)];
+  const geometry::Rigid3 motion =
+      model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
+  const Matrix3d essential = geometry::essential_of(motion);
+  const double threshold = threshold_px * 4 / (first.fx + first.fy + second.fx + second.fy);
+  const Rays rays = rays_of(model, pair);
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < rays.first.size(); ++i) {
+    const Vector3d& a = rays.first[i];
+    const Vector3d b = rays.second[i].homogeneous();
+    const Vector3d line = essential * a;
+    const Vector3d back = essential.transpose() * b;
+    const double slope = line.head<2>().squaredNorm() + back.head<2>().squaredNorm();
+    const double error = b.dot(line);
+    if (slope > 0 && error * error <= threshold * threshold * slope && is_in_front(motion, a, b))
+      ++count;
+  }
+  return count;
+}
 
 bool agrees(const Model& model, const Pair& pair) {
   const geometry::Rigid3 relative =
@@ -109,6 +146,9 @@ bool agrees(const Model& model, const Pair& pair) {
     if (pair.view.median_angle < kRays || !(lengths > 0)) return true;
     if (relative.translation.dot(found.translation) >= std::cos(kDirection) * lengths) return true;
   }
+  if (static_cast<double>(explained_matches(model, pair, kExplainedPx)) >=
+      kExplained * static_cast<double>(pair.view.inliers.size()))
+    return true;
   if (!is_of_one_plane(pair)) return false;
   const double threshold = threshold_of(model.cameras[at(model.images[at(pair.second)].camera)]);
   return share_on_plane(rays_of(model, pair), relative, threshold) >= kOnePlane;

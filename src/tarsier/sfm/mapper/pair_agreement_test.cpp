@@ -69,15 +69,41 @@ TEST(PairAgreement, IsThatOfThePoses) {
   TwoImages images(uneven);
   images.pair.view.homography_inliers = 20;
   EXPECT_TRUE(agrees(images.model, images.pair));
-  Pair turned = images.pair;
-  turned.view.second_from_first.rotation =
-      geometry::rotation_by({0, 0.08, 0}) * turned.view.second_from_first.rotation;
-  EXPECT_FALSE(agrees(images.model, turned));
-  Pair beside = images.pair;
-  beside.view.second_from_first.translation = Vector3d(0.3, 1, 0.3).normalized();
-  EXPECT_FALSE(agrees(images.model, beside));
-  beside.view.median_angle = 0.01;  // hardly known
-  EXPECT_TRUE(agrees(images.model, beside));
+  Model turned = images.model;
+  turned.images[1].pose.rotation =
+      geometry::rotation_by({0.08, 0, 0}) * turned.images[1].pose.rotation;
+  EXPECT_FALSE(agrees(turned, images.pair));
+  Model beside = images.model;
+  beside.images[1].pose.translation = {0.3, 1, 0.3};
+  EXPECT_FALSE(agrees(beside, images.pair));
+  images.pair.view.median_angle = 0.01;  // the direction is hardly known
+  EXPECT_TRUE(agrees(beside, images.pair));
+}
+
+TEST(PairAgreement, IsThatOfThePosesThatExplainTheMatches) {
+  TwoImages images(uneven);
+  images.pair.view.homography_inliers = 20;
+  // The pair knows another pose than the model, but its matches lie where the model has them.
+  Pair& pair = images.pair;
+  pair.view.second_from_first = {geometry::rotation_by({0, -0.6, 0.1}), {1, 0.6, 0}};
+  EXPECT_EQ(explained_matches(images.model, pair, 0.01), 48);
+  EXPECT_TRUE(agrees(images.model, pair));
+  Model moved = images.model;
+  for (std::size_t k = 0; k < 4; ++k) moved.images[1].features[12 * k].y += 30;
+  EXPECT_EQ(explained_matches(moved, pair, 2), 44);
+  EXPECT_TRUE(agrees(moved, pair));
+  for (std::size_t k = 0; k < 8; ++k) moved.images[1].features[1 + 6 * k].y -= 30;
+  EXPECT_EQ(explained_matches(moved, pair, 2), 36);
+  EXPECT_FALSE(agrees(moved, pair));
+}
+
+TEST(PairAgreement, IsNotThatOfPointsBehindACamera) {
+  TwoImages images(uneven);
+  images.pair.view.homography_inliers = 20;
+  Model behind = images.model;  // the same epipolar lines
+  behind.images[1].pose.translation *= -1;
+  EXPECT_EQ(explained_matches(behind, images.pair, 2), 0);
+  EXPECT_FALSE(agrees(behind, images.pair));
 }
 
 TEST(PairAgreement, OfAPlaneIsThatOfEitherPose) {
@@ -102,13 +128,14 @@ TEST(PairAgreement, IsNotThatOfAnyPoseWhereAPlaneFits) {
   EXPECT_FALSE(agrees(folded, images.pair));
 }
 
-TEST(PairAgreement, OfPointsThatNoPlaneHasIsThatOfThePoseAlone) {
+TEST(PairAgreement, OfPointsThatNoPlaneHasIsNotThatOfAPlane) {
   TwoImages images(uneven);
   TwoImages wall(flat);
-  images.pair.view.second_from_first = wall.other_pose();
-  EXPECT_FALSE(agrees(images.model, images.pair));
+  Model other = images.model;  // the second pose of a plane, that these points do not lie on
+  other.images[1].pose = wall.other_pose();
+  EXPECT_FALSE(agrees(other, images.pair));
   images.pair.view.homography_inliers = 20;
-  EXPECT_FALSE(agrees(images.model, images.pair));
+  EXPECT_FALSE(agrees(other, images.pair));
 }
 
 }  // namespace

@@ -28,6 +28,7 @@ constexpr int kRows = 128;           // at a time, so that their scores stay in 
 constexpr int kBatch = 16;           // images whose descriptors are in memory at a time
 constexpr int kDepth = 512;          // of a product of VLAD vectors at a time, for the cache
 constexpr float kDense = 0.85F;      // of a similarity, that is left at twice the rank
+constexpr std::uint32_t kMix = 2654435769U;  // 2^32 / golden ratio: multiples are spread evenly
 constexpr int kMaxLineBytes = 1 << 16;
 
 std::size_t at(std::ptrdiff_t row, std::ptrdiff_t width) {
@@ -287,18 +288,21 @@ struct IsMoreSimilar {
   }
 };
 
-// The images at 2, 4, 8, .. times the rank `nearest`, as long as each is nearly as similar as the one before. Changes the order
-// of `images`.
-std::vector<int> farther_ones(std::vector<int>& images, int nearest, const float* similarities) {
+// Of the images at 2, 4, 8, .. times the rank `nearest` from image `from`, as long as each is nearly as similar as the one
+// before, those that `from` adds: one in 2, 4, 8, .. images does. Changes the order of `images`.
+std::vector<int> farther_ones(int from, std::vector<int>& images, int nearest,
+                              const float* similarities) {
   std::vector<int> farther;
+  const std::uint32_t mixed = static_cast<std::uint32_t>(from) * kMix;
   float before = std::numeric_limits<float>::infinity();
-  for (std::ptrdiff_t rank = nearest; rank <= std::ssize(images); rank *= 2) {
+  int doublings = 0;
+  for (std::ptrdiff_t rank = nearest; rank <= std::ssize(images); rank *= 2, ++doublings) {
     const auto other = images.begin() + rank - 1;
     std::nth_element(images.begin(), other, images.end(), IsMoreSimilar{similarities});
     const float similarity = similarities[*other];
-    if (rank > nearest) {
+    if (doublings > 0) {
       if (!(similarity > 0 && similarity >= kDense * before)) break;
-      farther.push_back(*other);
+      if (mixed >> (32 - doublings) == 0) farther.push_back(*other);
     }
     before = similarity;
   }
@@ -507,7 +511,7 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPlaces& places) const {
           row[other] *= scale;
           order.push_back(other);
         }
-        for (const int other : farther_ones(order, options_.nearest, row))
+        for (const int other : farther_ones(image, order, options_.nearest, row))
           of_block[static_cast<std::size_t>(block)].push_back(std::minmax(image, other));
         const IsMoreSimilar is_more_similar{row};
         const auto first_of = [&](std::ptrdiff_t most) {

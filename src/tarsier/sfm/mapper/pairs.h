@@ -79,7 +79,8 @@ class Retrieval {
   // in no pair. All similarities are computed, as one product of matrices.
   //
   // Where images lie so close that those at twice the rank have 0.85 of the similarity, the nearest ones are seen from
-  // nearly the same place. The images at 2, 4, 8, .. times the rank `options.nearest` are added there, as long as that holds.
+  // nearly the same place. The images at 2, 4, 8, .. times the rank `options.nearest` are added there, as long as that holds,
+  // by every second, fourth, eighth, .. image: views that far apart change slowly from image to image.
   //
   // `places`, one for each image or empty: where images were taken. Two thirds of the `nearest`
   // others of an image with a place are then the most similar among those that were taken nearest

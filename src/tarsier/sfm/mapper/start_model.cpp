@@ -9,7 +9,6 @@
 #include "tarsier/sfm/mapper/pair_agreement.h"
 #include "tarsier/sfm/scene/colmap.h"
 
-#include <Eigen/Geometry>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -25,53 +24,6 @@ namespace {
 
 constexpr double kMinShare = 0.3;  // of the matches of an image, in pairs that agree with its pose
 constexpr std::size_t kMinMatches = 16;
-constexpr double kMinCrossing = 1e-6;  // squared sine of rays that tell a depth
-
-Eigen::Vector3d ray_of(const geometry::Camera& camera, const cv::Point2f& pixel, bool& is_seen) {
-  const auto normalized = camera.normalized_of(cv::Point2d(pixel));
-  is_seen = is_seen && normalized.has_value();
-  return normalized ? Eigen::Vector3d(normalized->x, normalized->y, 1) : Eigen::Vector3d::Zero();
-}
-
-// Whether the point of two rays lies in front of both cameras: x2 b = x1 R a + t.
-bool is_in_front(const geometry::Rigid3& motion, const Eigen::Vector3d& first,
-                 const Eigen::Vector3d& second) {
-  const Eigen::Vector3d turned = motion.rotation * first;
-  const Eigen::Vector3d across = turned.cross(second);
-  if (across.squaredNorm() < kMinCrossing * turned.squaredNorm() * second.squaredNorm())
-    return turned.dot(second) > 0;  // far away
-  return motion.translation.cross(second).dot(across) < 0 &&
-         motion.translation.cross(turned).dot(across) < 0;
-}
-
-// Of the matches of a pair those that the poses explain: Sampson's distance (Hartley and Zisserman,
-// Multiple view geometry, 2nd edition, 11.4.3) within the threshold.
-std::size_t near_matches(const Model& model, const Pair& pair, double threshold_px) {
-  const Image& first = model.images[at(pair.first)];
-  const Image& second = model.images[at(pair.second)];
-  const geometry::Camera& camera = model.cameras[at(first.camera)];
-  const geometry::Camera& other = model.cameras[at(second.camera)];
-  const geometry::Rigid3 motion = second.pose * first.pose.inverse();
-  Eigen::Matrix3d cross;
-  const Eigen::Vector3d& t = motion.translation;
-  cross << 0, -t[2], t[1], t[2], 0, -t[0], -t[1], t[0], 0;
-  const Eigen::Matrix3d essential = cross * motion.rotation;
-  const double threshold = threshold_px * 4 / (camera.fx + camera.fy + other.fx + other.fy);
-  std::size_t count = 0;
-  for (const Match& match : pair.view.inliers) {
-    bool is_seen = true;
-    const Eigen::Vector3d a = ray_of(camera, first.features[at(match.first)], is_seen);
-    const Eigen::Vector3d b = ray_of(other, second.features[at(match.second)], is_seen);
-    if (!is_seen) continue;
-    const Eigen::Vector3d line = essential * a;
-    const Eigen::Vector3d back = essential.transpose() * b;
-    const double slope = line.head<2>().squaredNorm() + back.head<2>().squaredNorm();
-    const double error = b.dot(line);
-    if (slope > 0 && error * error <= threshold * threshold * slope && is_in_front(motion, a, b))
-      ++count;
-  }
-  return count;
-}
 
 // The images as a model, at the start poses.
 Model model_of(const StartPoses& start, const MapperInput& input) {
@@ -242,7 +194,8 @@ StartCheck check_start(const StartPoses& start, const MapperInput& input,
         check.fits[at(pair.second)] == 0)
       continue;
     throw_if_stopped(stop);
-    const JudgedPair judged{&pair, near_matches(model, pair, reprojection_px), agrees(model, pair)};
+    const JudgedPair judged{&pair, explained_matches(model, pair, reprojection_px),
+                            agrees(model, pair)};
     pairs.push_back(judged);
   }
   int with_pairs = 0;

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/sfm/mapper/testing_shown_points.h"
 
 #include <gtest/gtest.h>
 
@@ -15,9 +16,17 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
   pair.second = second;
-  pair.view.inliers = std::vector<Match>(inliers);
+  pair.view.inliers = shown_matches(inliers);
   pair.view.second_from_first.translation = {1, 0, 0};
   pair.view.median_angle = 0.1;
+  return pair;
+}
+
+// Of other matches, and a rotation by so many radians.
+Pair wrong_pair_of(int first, int second, std::size_t inliers, double angle) {
+  Pair pair = pair_of(first, second, inliers);
+  pair.view.inliers = shown_matches(inliers, 3);
+  pair.view.second_from_first.rotation = geometry::rotation_by({0, angle, 0});
   return pair;
 }
 
@@ -40,15 +49,15 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
     model.images[i].registered = true;
     model.images[i].pose.translation = {static_cast<double>(i), 0, 0};
   }
-  Pair wrong = pair_of(0, 2, 50);
-  wrong.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
+  show_points(model, {0, 0, 8}, 4);
+  const Pair wrong = wrong_pair_of(0, 2, 50, CV_PI / 2);
   const std::vector<Pair> pairs{pair_of(0, 1, 50), wrong, pair_of(2, 3, 50), pair_of(1, 2, 50)};
   const std::vector<Pair> left = without_contradicted(pairs, {model});
   EXPECT_EQ(left[0].view.inliers.size(), 50U);
   EXPECT_EQ(left[1].view.inliers.size(), 0U);
   EXPECT_EQ(left[2].view.inliers.size(), 50U);  // image 3 is in no model
-  Pair missed = pairs[1];                       // but by little: errors may have added up
-  missed.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
+  // But by little: errors may have added up.
+  const Pair missed = wrong_pair_of(0, 2, 50, 0.3);
   const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
   EXPECT_EQ(without_contradicted(with_missed, {model})[1].view.inliers.size(), 50U);
   std::vector<Pair> some = pairs;
@@ -75,6 +84,7 @@ struct FakeMapper {
       made.models[0].images[i].registered = true;
       made.models[0].images[i].pose.translation = {static_cast<double>(i), 0, 0};
     }
+    show_points(made.models[0], {0, 0, 8}, 4);
     made.trust = {trusts.at(calls.size())};
     made.shapes.resize(1);
     calls.push_back(std::move(inliers));
@@ -83,8 +93,7 @@ struct FakeMapper {
 };
 
 TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
-  Pair wrong = pair_of(0, 4, 70);
-  wrong.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
+  const Pair wrong = wrong_pair_of(0, 4, 70, CV_PI / 2);
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 85),  pair_of(1, 4, 30)};
@@ -105,8 +114,7 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
 }
 
 TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
-  Pair wrong = pair_of(0, 4, 100);
-  wrong.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
+  const Pair wrong = wrong_pair_of(0, 4, 100, CV_PI / 2);
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 100)};

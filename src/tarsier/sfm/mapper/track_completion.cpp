@@ -228,7 +228,11 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   std::vector<ObservationRay> rays;
   for (const Observation& observation : all) rays.push_back(ray_of(observation));
   const auto position = triangulate(rays);
-  if (!position || within(all, *position).size() != all.size()) return 0;
+  if (!position || !std::all_of(all.begin(), all.end(), [&](const Observation& one) {
+        const auto error = error_of(model_, one, *position);
+        return error && *error <= options_.reprojection_px;
+      }))
+    return 0;
   const int gained =
       static_cast<int>(all.size() - point.track.size() - model_.points[at(other)].track.size());
   extended_ = true;
