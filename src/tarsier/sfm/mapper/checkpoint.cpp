@@ -18,7 +18,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxBytes = 16'000'000'000;
-constexpr std::int32_t kVersion = 3;  // of what follows
+constexpr std::int32_t kVersion = 4;  // of what follows, and of how models are made
 
 void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
   writer.put(static_cast<std::uint64_t>(cameras.size()));
