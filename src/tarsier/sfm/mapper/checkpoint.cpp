@@ -38,6 +38,25 @@ void put(PackedWriter& writer, const std::vector<std::string>& texts) {
   for (const std::string& text : texts) writer.put(text);
 }
 
+void put(PackedWriter& writer, const std::vector<PatchDoubt>& doubts) {
+  writer.put(static_cast<std::uint64_t>(doubts.size()));
+  for (const PatchDoubt& doubt : doubts) {
+    writer.put(doubt.reason);
+    writer.put(static_cast<std::uint8_t>(doubt.patches_differ));
+  }
+}
+
+std::vector<PatchDoubt> get_patch_doubts(PackedReader& reader) {
+  const auto count = reader.get<std::uint64_t>();
+  std::vector<PatchDoubt> doubts;
+  for (std::uint64_t k = 0; k < count; ++k) {
+    PatchDoubt& doubt = doubts.emplace_back();
+    doubt.reason = reader.get_text();
+    doubt.patches_differ = reader.get<std::uint8_t>() != 0;
+  }
+  return doubts;
+}
+
 std::vector<std::string> get_texts(PackedReader& reader) {
   const auto count = reader.get<std::uint64_t>();
   std::vector<std::string> texts;
@@ -273,7 +292,7 @@ MapperState get_state(PackedReader& reader, bool is_try) {
   state.has_aside = numbers[3] != 0;
   state.is_global = numbers[4] != 0;
   if (reader.get<std::int32_t>() != 0) state.start = get_global_start(reader);
-  state.patch_doubts = get_texts(reader);
+  state.patch_doubts = get_patch_doubts(reader);
   const auto tries = reader.get<std::uint64_t>();
   if (is_try && tries > 0) throw Damaged();
   for (std::uint64_t k = 0; k < tries; ++k) state.tries.push_back(get_state(reader, true));

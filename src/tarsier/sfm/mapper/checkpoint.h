@@ -88,7 +88,7 @@ struct MapperState {
   std::optional<GlobalStartState> start;          // where all poses are being found at once
   // Of images that are mapped again from their strongest pairs (strong_pairs.h), once the above is done: what is said
   // against each pair by its patches, and each try so far. A try has no tries of its own.
-  std::vector<std::string> patch_doubts;
+  std::vector<PatchDoubt> patch_doubts;
   std::vector<MapperState> tries;
   // Images in all models.
   [[nodiscard]] int registered() const;

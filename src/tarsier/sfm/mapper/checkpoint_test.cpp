@@ -47,7 +47,7 @@ MapperState some_state() {
   start.points = {Eigen::Vector3d(1, 2, 3)};
   start.doubts = {Doubt::kNone, Doubt::kCycles, Doubt::kNone};
   start.log = {"global"};
-  state.patch_doubts = {"", "patches differ", ""};
+  state.patch_doubts = {{}, {"patches differ", true}, {"few patches", false}};
   MapperState of_try = state;
   of_try.log = {"of a try"};
   state.tries = {of_try, of_try};

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 
 namespace tarsier::sfm {
 
@@ -15,5 +16,14 @@ enum class Doubt : std::uint8_t {
   kModel = 5,     // a model with it lays different places over each other (model_conflicts.h)
 };
 [[nodiscard]] constexpr bool is_refused(Doubt doubt) { return doubt > Doubt::kBadStart; }
+
+// Whether and why the pixels of two images speak against their pair (patch_evidence.h).
+struct PatchDoubt {
+  std::string reason;           // empty: it is not
+  bool patches_differ = false;  // else few could be compared
+
+  [[nodiscard]] explicit operator bool() const { return !reason.empty(); }
+  friend bool operator==(const PatchDoubt&, const PatchDoubt&) = default;
+};
 
 }  // namespace tarsier::sfm

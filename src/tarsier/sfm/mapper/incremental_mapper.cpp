@@ -117,8 +117,8 @@ std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) co
   return result;
 }
 
-int IncrementalMapper::filter(const std::vector<int>& points) {
-  const int dropped = filter_these(model_, options_, points);
+int IncrementalMapper::filter(const std::vector<int>& points, const std::vector<int>& images) {
+  const int dropped = filter_these(model_, options_, points, images);
   count_points(points);
   return dropped;
 }
@@ -470,7 +470,8 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
     bundle.max_observations = kLocalObservations;
   }
   adjust_model(bundle, stop);
-  (void)filter(points);
+  // Of what other images show, the next adjustment of all drops what is off: a point may be in hundreds of them.
+  (void)filter(points, bundle.images);
 }
 
 int IncrementalMapper::triangulate_all(double min_angle, int image) {

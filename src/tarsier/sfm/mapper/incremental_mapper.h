@@ -110,8 +110,8 @@ class IncrementalMapper {
   [[nodiscard]] std::vector<int> all_tracks() const;
   // Tracks of the points that some of the images show, ascending.
   [[nodiscard]] std::vector<int> points_of(const std::vector<int>& images) const;
-  // Drops observations of these points that are off, and points that are left with too few.
-  int filter(const std::vector<int>& points);
+  // Drops observations of these points in `images` (empty: in all) that are off, and points that are left with too few.
+  int filter(const std::vector<int>& points, const std::vector<int>& images = {});
   [[nodiscard]] double min_angle() const { return options_.min_angle_deg * CV_PI / 180; }
   // The one of some features of an image that looks most like the point, and enough so; or -1.
   [[nodiscard]] int best_match(int track, int image, const std::vector<int>& features) const;

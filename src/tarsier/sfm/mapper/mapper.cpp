@@ -702,9 +702,9 @@ class Mapping {
 };
 
 // By their pixels, where these can be had.
-std::vector<std::string> doubts_about(const MapperInput& input, Progress& progress,
-                                      const std::stop_token& stop) {
-  if (!input.gray) return std::vector<std::string>(input.pairs.size());
+std::vector<PatchDoubt> doubts_about(const MapperInput& input, Progress& progress,
+                                     const std::stop_token& stop) {
+  if (!input.gray) return std::vector<PatchDoubt>(input.pairs.size());
   std::vector<std::vector<cv::Point2f>> features;
   for (const Image& image : input.images) features.push_back(image.features);
   return doubts_of_patches(input.pairs, features.size(),
@@ -746,7 +746,7 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   try {
     if (checkpoint.patch_doubts().empty())
       checkpoint.keep_patch_doubts(doubts_about(input, progress, stop));
-    const std::vector<std::string> doubts = checkpoint.patch_doubts();
+    const std::vector<PatchDoubt> doubts = checkpoint.patch_doubts();
     judge_by_all_pairs(input, options, stop, result);
     lower_trust(input.pairs, doubts, result);
     second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);

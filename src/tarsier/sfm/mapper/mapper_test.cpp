@@ -616,6 +616,20 @@ TEST(FilterPoints, TakesOutWhatIsOff) {
   EXPECT_LT(model.points[3].track.size(), seen);
 }
 
+TEST(FilterPoints, TakesOutOnlyWhatIsAskedFor) {
+  const Problem problem = problem_of(synth::make_point_problem(10, 5, 100, 0, 0));
+  Model model = run(problem).models.at(0);
+  ASSERT_GE(model.points[3].track.size(), 4U);
+  const std::vector<Observation> before = model.points[3].track;
+  for (const std::size_t k : {0U, 1U})
+    model.images[static_cast<std::size_t>(before[k].image)]
+        .features[static_cast<std::size_t>(before[k].feature)] += cv::Point2f(9, 0);
+  EXPECT_EQ(filter_these(model, {}, {3}, {before[1].image, before[2].image}), 1);
+  ASSERT_EQ(model.points[3].track.size(), before.size() - 1);
+  EXPECT_EQ(model.points[3].track[0].image, before[0].image);
+  EXPECT_EQ(model.points[3].track[1].image, before[2].image);
+}
+
 TEST(MapperOptions, ImpossibleOnesAreRefused) {
   MapperOptions options;
   options.pose_inliers = 2;

@@ -32,12 +32,16 @@ int filter_points(Model& model, const MapperOptions& options, const std::vector<
   return filter_these(model, options, points);
 }
 
-int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points) {
+int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points,
+                 const std::vector<int>& images) {
+  std::vector<char> is_tested(model.images.size(), images.empty() ? 1 : 0);
+  for (const int image : images) is_tested[at(image)] = 1;
   std::vector<int> dropped(points.size(), 0);
   const auto filter = [&](Point& point) {
     const std::size_t before = point.track.size();
     if (before == 0) return 0;
     std::erase_if(point.track, [&](const Observation& seen) {
+      if (is_tested[at(seen.image)] == 0) return false;
       const auto error = IncrementalMapper::error_of(model, seen, point.position);
       return !error || *error > options.reprojection_px;
     });

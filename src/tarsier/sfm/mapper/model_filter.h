@@ -14,8 +14,9 @@ struct MapperOptions;
 // than two; returns how many observations went. Looks at the points that some of `images` show;
 // empty: at all.
 int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images = {});
-// The same for the points of these numbers.
-int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points);
+// The same for the points of these numbers. Drops only observations of `images`; empty: of all.
+int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points,
+                 const std::vector<int>& images = {});
 
 // Root mean square reprojection error over all observations, px; mean track length.
 struct ModelStatistics {

@@ -354,8 +354,8 @@ std::vector<PatchEvidence> compare_all_patches(
   return evidence;
 }
 
-std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::size_t images,
-                                           const std::vector<PatchEvidence>& evidence) {
+std::vector<PatchDoubt> doubts_of_patches(const std::vector<Pair>& pairs, std::size_t images,
+                                          const std::vector<PatchEvidence>& evidence) {
   const Neighbourhoods near(pairs, images, evidence);
   std::map<std::pair<int, int>, bool> differs;  // of the pairs with enough patches
   for (std::size_t k = 0; k < pairs.size(); ++k) {
@@ -366,7 +366,7 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
     differs[{pairs[k].first, pairs[k].second}] =
         evidence[k].differ > expected + kDeviations * std::sqrt(expected);
   }
-  std::vector<std::string> doubts(pairs.size());
+  std::vector<PatchDoubt> doubts(pairs.size());
   std::vector<int> most(images, 0);  // patches of an image that could be compared in one pair
   std::size_t doubted = 0;
   for (std::size_t k = 0; k < pairs.size(); ++k) {
@@ -388,18 +388,18 @@ std::vector<std::string> doubts_of_patches(const std::vector<Pair>& pairs, std::
     if (!own->second && (evidence[k].differ == 0 || beside < kBeside || 3 * beside < 2 * others))
       continue;
     ++doubted;
-    doubts[k] = fmt::format(
-        "of {} patches that both images should show, {} differ: the images look alike, but show "
-        "different places",
-        compared, evidence[k].differ);
+    doubts[k] = {fmt::format("of {} patches that both images should show, {} differ: the images "
+                             "look alike, but show different places",
+                             compared, evidence[k].differ),
+                 true};
   }
   if (static_cast<double>(doubted) < kRepeating * static_cast<double>(differs.size()))
-    return std::vector<std::string>(pairs.size());
+    return std::vector<PatchDoubt>(pairs.size());
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const int compared = evidence[k].compared();
     const int usual = std::min(most[at(pairs[k].first)], most[at(pairs[k].second)]);
-    if (pairs[k].view.inliers.empty() || !doubts[k].empty() || compared >= kFew * usual) continue;
-    doubts[k] = fmt::format(
+    if (pairs[k].view.inliers.empty() || doubts[k] || compared >= kFew * usual) continue;
+    doubts[k].reason = fmt::format(
         "only {} patches could be compared, and other places of this scene look alike", compared);
   }
   return doubts;

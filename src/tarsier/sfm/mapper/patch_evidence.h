@@ -2,13 +2,13 @@
 #pragma once
 
 #include "tarsier/core/progress.h"
+#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/tracks.h"
 
 #include <opencv2/core/mat.hpp>
 
 #include <functional>
 #include <stop_token>
-#include <string>
 #include <vector>
 
 // Two places that look alike differ in details. Where the matches around an unmatched feature say where the other image
@@ -47,14 +47,15 @@ using GrayImages = std::function<cv::Mat(int image)>;
     const std::vector<std::vector<cv::Point2f>>& features, const std::vector<Pair>& pairs,
     const GrayImages& gray, Progress& progress, const std::stop_token& stop);
 
-// Of each pair why it is doubted, empty: it is not. Patches that differ are compared with those that differ in the best
+// Whether and why each pair is doubted. Patches that differ are compared with those that differ in the best
 // pair of either image (of those with 0.6 times the inliers of its strongest the one with the lowest share): relief that
 // hides points, and a change of scale, let patches differ, too. A pair is doubted where more differ than 0.4 % and 1.5
 // times that share, by two standard deviations (Poisson); and where any differ and so do two thirds of the pairs of the
 // images that surely are beside them, three or more. Of pairs with less than 30 patches nothing is known. Where less than
 // a quarter of the pairs are doubted, none is: wide pairs of a relief are, here and there. Otherwise those are, too, that
 // compare less than a fifth of the patches that other pairs of both images do.
-[[nodiscard]] std::vector<std::string> doubts_of_patches(
-    const std::vector<Pair>& pairs, std::size_t images, const std::vector<PatchEvidence>& evidence);
+[[nodiscard]] std::vector<PatchDoubt> doubts_of_patches(const std::vector<Pair>& pairs,
+                                                        std::size_t images,
+                                                        const std::vector<PatchEvidence>& evidence);
 
 }  // namespace tarsier::sfm

@@ -40,7 +40,7 @@ MapperHooks RemappingCheckpoint::next_try() {
   return next;
 }
 
-void RemappingCheckpoint::keep_patch_doubts(std::vector<std::string> doubts) {
+void RemappingCheckpoint::keep_patch_doubts(std::vector<PatchDoubt> doubts) {
   patch_doubts_ = std::move(doubts);
   if (hooks_.keep) keep();
 }

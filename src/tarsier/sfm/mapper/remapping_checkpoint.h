@@ -5,7 +5,6 @@
 #include "tarsier/sfm/mapper/mapper.h"
 
 #include <cstddef>
-#include <string>
 #include <vector>
 
 namespace tarsier::sfm {
@@ -24,15 +23,15 @@ class RemappingCheckpoint {
   [[nodiscard]] MapperHooks next_try();
 
   // Empty where there are none yet.
-  [[nodiscard]] const std::vector<std::string>& patch_doubts() const { return patch_doubts_; }
-  void keep_patch_doubts(std::vector<std::string> doubts);
+  [[nodiscard]] const std::vector<PatchDoubt>& patch_doubts() const { return patch_doubts_; }
+  void keep_patch_doubts(std::vector<PatchDoubt> doubts);
 
  private:
   void keep();
 
   const MapperHooks& hooks_;
   MapperState first_;  // without what follows
-  std::vector<std::string> patch_doubts_;
+  std::vector<PatchDoubt> patch_doubts_;
   std::vector<MapperState> tries_;
   std::size_t tried_ = 0;
 };

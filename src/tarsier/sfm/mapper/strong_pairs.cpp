@@ -17,6 +17,7 @@ namespace {
 
 constexpr double kShares[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the strongest pair
 constexpr int kUnchecked = 2;                     // images of a model that any poses fit
+constexpr double kNearly = 0.9;  // of a score: parts contradict themselves less than a whole
 
 // What the models that have both images of a pair say.
 struct Judgement {
@@ -80,9 +81,10 @@ std::vector<Pair> with_supported(const std::vector<Pair>& some, const std::vecto
   return result;
 }
 
-void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& doubts,
                  Reconstruction& reconstruction) {
-  if (std::all_of(doubts.begin(), doubts.end(), [](const std::string& why) { return why.empty(); }))
+  if (std::all_of(doubts.begin(), doubts.end(),
+                  [](const PatchDoubt& doubt) { return !doubt.patches_differ; }))
     return;
   struct Count {
     int supported = 0;
@@ -98,7 +100,7 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>&
         continue;
       for (const int image : {pair.first, pair.second}) {
         ++counts[at(image)].supported;
-        if (!doubts[k].empty()) ++counts[at(image)].doubted;
+        if (doubts[k].patches_differ) ++counts[at(image)].doubted;
       }
     }
     std::vector<double> trust(model.images.size(), 0);
@@ -123,6 +125,11 @@ double score_of(const Reconstruction& reconstruction) {
   return sum;
 }
 
+bool is_better(const Reconstruction& one, const Reconstruction& other) {
+  const double share = one.models.size() < other.models.size() ? kNearly : 1;
+  return score_of(one) >= share * score_of(other);
+}
+
 Reconstruction better_of(Reconstruction first, Reconstruction second) {
   const double before = score_of(first);
   const double after = score_of(second);
@@ -140,13 +147,13 @@ Reconstruction better_of(Reconstruction first, Reconstruction second) {
 }
 
 Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
-                                      const std::vector<std::string>& doubts, std::size_t images,
+                                      const std::vector<PatchDoubt>& doubts, std::size_t images,
                                       const MapPairs& map) {
   std::vector<std::string> log{
       "the models still lay different places over each other: mapped again"};
   std::vector<Pair> left = pairs;
   for (std::size_t k = 0; k < pairs.size(); ++k)
-    if (!doubts[k].empty()) left[k].view.inliers = {};
+    if (doubts[k]) left[k].view.inliers = {};
   std::vector<Pair> taken;
   Reconstruction best;
   double last = 0;  // score, whatever the shapes of the models
@@ -157,17 +164,18 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
         fmt::format("from pairs of {} times the inliers of the strongest: {} models, score {:.1f}",
                     share, tried.models.size(), score_of(tried)));
     const double score = score_without_shapes(tried);
-    if (score < last) break;
-    last = score;
+    if (score < kNearly * last) break;
+    last = std::max(last, score);
     left = without_contradicted(left, tried.models);
-    if (score_of(tried) < score_of(best)) continue;
+    if (!is_better(tried, best)) continue;
     best = std::move(tried);
     taken = std::move(strong);
   }
+  // Also where the score falls a little: a model of more pairs is more exact.
   std::vector<Pair> supported =
       with_supported(taken, without_contradicted(pairs, best.models), best.models);
   Reconstruction all = map(supported);
-  if (score_of(all) >= score_of(best)) {
+  if (all.models.size() <= best.models.size() && score_of(all) >= kNearly * score_of(best)) {
     best = std::move(all);
     taken = std::move(supported);
   }
@@ -176,7 +184,7 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
     const Pair& pair = pairs[k];
     if (pair.view.inliers.empty() || !taken[k].view.inliers.empty()) continue;
     best.refused.push_back({pair.first, pair.second, static_cast<int>(pair.view.inliers.size()),
-                            doubts[k].empty() ? reason : doubts[k]});
+                            doubts[k] ? doubts[k].reason : reason});
   }
   best.log.insert(best.log.begin(), log.begin(), log.end());
   return best;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/mapper.h"
 
 #include <cstddef>
 #include <functional>
-#include <string>
 #include <vector>
 
 // Other tries for scenes that repeat. An image has most in common with its true neighbours: of two places that look alike
@@ -32,11 +32,15 @@ namespace tarsier::sfm {
 // show; only further ones can contradict them.
 [[nodiscard]] double score_of(const Reconstruction& reconstruction);
 
+// Whether one is at least as good as another one: its score is as high, or nine tenths of it in fewer models.
+[[nodiscard]] bool is_better(const Reconstruction& one, const Reconstruction& other);
+
 // Of two the one with the higher score, of two alike the first. Its log tells of both.
 [[nodiscard]] Reconstruction better_of(Reconstruction first, Reconstruction second);
 
-// Takes the share of doubted pairs, among those that a model agrees with, off the trust of each image and so of the models.
-void lower_trust(const std::vector<Pair>& pairs, const std::vector<std::string>& doubts,
+// Takes the share of pairs whose patches differ, among those that a model agrees with, off the trust of each image and so of
+// the models. Where few patches could be compared nothing is taken off: of wide pairs of a relief few can.
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& doubts,
                  Reconstruction& reconstruction);
 
 // A mapper: makes models of all images by the pairs that have inliers.
@@ -44,11 +48,11 @@ using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
 
 // Maps by the pairs of 0.9 times the inliers of an image's strongest, then by those of 0.8, of 0.6 and by all, each time
 // without those that a model so far contradicts, as long as the score without shapes does not fall. Weaker pairs that the best models
-// agree with are added at the end. `doubts`: of each pair why it is left out until then, as doubts_of_patches()
-// (patch_evidence.h) says; empty: it is not. The pairs that are not taken are in `refused`. Calls `map` up to five times;
+// agree with are added at the end. `doubts`: whether and why each pair is left out until then, as doubts_of_patches()
+// (patch_evidence.h) says. The pairs that are not taken are in `refused`. Calls `map` up to five times;
 // what it throws goes through.
 [[nodiscard]] Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
-                                                    const std::vector<std::string>& doubts,
+                                                    const std::vector<PatchDoubt>& doubts,
                                                     std::size_t images, const MapPairs& map);
 
 }  // namespace tarsier::sfm

@@ -12,6 +12,8 @@
 namespace tarsier::sfm {
 namespace {
 
+const PatchDoubt kDiffer{"differ", true};
+
 Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
@@ -99,7 +101,7 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
       pair_of(1, 3, 85),  pair_of(1, 4, 30)};
   FakeMapper mapper{{0.5, 0.6, 0.4, 0.6}, {}};
   const Reconstruction made =
-      map_strong_pairs_first(pairs, std::vector<std::string>(pairs.size()), 5, std::ref(mapper));
+      map_strong_pairs_first(pairs, std::vector<PatchDoubt>(pairs.size()), 5, std::ref(mapper));
   using Inliers = std::vector<std::size_t>;
   ASSERT_EQ(mapper.calls.size(), 4U);
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0, 0}));
@@ -120,7 +122,7 @@ TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
       pair_of(1, 3, 100)};
   FakeMapper mapper{{0.5, 0.4, 0.6}, {}};
   const Reconstruction made =
-      map_strong_pairs_first(pairs, {"", "", "", "", "differ", "differ"}, 5, std::ref(mapper));
+      map_strong_pairs_first(pairs, {{}, {}, {}, {}, kDiffer, kDiffer}, 5, std::ref(mapper));
   using Inliers = std::vector<std::size_t>;
   ASSERT_EQ(mapper.calls.size(), 3U);
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0}));
@@ -139,17 +141,37 @@ TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
   }
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100)};
-  const std::vector<std::string> doubts{"differ", "", "", ""};
+  const std::vector<PatchDoubt> doubts{kDiffer, {}, {"few", false}, {}};
   lower_trust(pairs, doubts, made);
   EXPECT_DOUBLE_EQ(made.trust[0], (0 + 0.5 + 3 * 1) / 5);
   EXPECT_DOUBLE_EQ(made.outcomes[1].trust, 0.5);
+}
+
+TEST(StrongPairs, AWholeIsBetterThanPartsOfNearlyItsScore) {
+  const auto made_of = [](const std::vector<int>& sizes, double trust) {
+    Reconstruction made;
+    for (const int size : sizes) {
+      Model& model = made.models.emplace_back();
+      model.images.resize(static_cast<std::size_t>(size));
+      for (Image& image : model.images) image.registered = true;
+    }
+    made.trust.assign(sizes.size(), trust);
+    made.shapes.resize(sizes.size());
+    return made;
+  };
+  const Reconstruction parts = made_of({7, 7}, 0.6);
+  EXPECT_DOUBLE_EQ(score_of(parts), 6);
+  EXPECT_TRUE(is_better(made_of({14}, 0.46), parts));
+  EXPECT_FALSE(is_better(made_of({14}, 0.44), parts));
+  EXPECT_FALSE(is_better(made_of({7, 7}, 0.59), parts));
+  EXPECT_FALSE(is_better(parts, made_of({14}, 0.51)));
 }
 
 TEST(StrongPairs, AnInterruptionGoesThroughAndTheBetterOfTwoIsKept) {
   const MapPairs interrupted = [](const std::vector<Pair>&) -> Reconstruction {
     throw Interrupted();
   };
-  EXPECT_THROW((void)map_strong_pairs_first({pair_of(0, 1, 50)}, {""}, 2, interrupted),
+  EXPECT_THROW((void)map_strong_pairs_first({pair_of(0, 1, 50)}, {{}}, 2, interrupted),
                Interrupted);
   FakeMapper mapper{{0.5, 0.6}, {}};
   Reconstruction first = mapper({});

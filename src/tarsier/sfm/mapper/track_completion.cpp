@@ -20,6 +20,7 @@ constexpr std::size_t kFailedOfTrack = 16;  // pairs of tracks that are remember
 constexpr std::size_t kMaxFailed = std::size_t{1} << 22;  // .. and of all
 constexpr std::size_t kMaxCompared =
     12;  // views of a point, spread over all, that a feature is compared with
+constexpr std::size_t kMaxRays = 64;   // of two points that may be one, spread over all
 constexpr std::size_t kSureViews = 6;  // of a point that is not moved far by others
 constexpr double kFarOff = 4;          // reprojection_px: two such points are not one
 
@@ -59,6 +60,28 @@ class FailedMerges {
   std::vector<Pair> pairs_;
 };
 
+// A set of tracks, a bit each.
+class TrackSet {
+ public:
+  explicit TrackSet(std::size_t tracks) : words_((tracks + 63) / 64, 0) {}
+
+  void insert(int track) { words_[at(track) / 64] |= bit_of(track); }
+  void erase(int track) { words_[at(track) / 64] &= ~bit_of(track); }
+  // Visits all in ascending order, and is empty then.
+  template <typename Visit>
+  void take_all(const Visit& visit) {
+    for (std::size_t w = 0; w < words_.size(); ++w) {
+      for (std::uint64_t left = words_[w]; left != 0; left &= left - 1)
+        visit(static_cast<int>(64 * w) + std::countr_zero(left));
+      words_[w] = 0;
+    }
+  }
+
+ private:
+  static std::uint64_t bit_of(int track) { return std::uint64_t{1} << (at(track) % 64); }
+  std::vector<std::uint64_t> words_;
+};
+
 }  // namespace
 
 int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
@@ -72,7 +95,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
   norms_.resize(descriptors_.size());
   for (std::size_t i = 0; i < norms_.size(); ++i)
     if (norms_[i].empty()) norms_[i] = norms_of(descriptors_[i], kind_);
-  std::vector<int> asked_for(tracks_.size(), -1);  // by the last image
+  TrackSet nearby(tracks_.size());
   std::vector<int> covisible_with(model_.images.size(), -1);
   std::vector<int> shown_by(model_.images.size(), -1);  // the last track that an image is part of
   std::vector<int> joined_in(tracks_.size(), -1);  // the last image whose features joined a track
@@ -92,27 +115,23 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     const geometry::Camera& camera = model_.cameras[at(view.camera)];
     std::vector<int> covisible;
     for (const int track : shown[i]) {
-      asked_for[at(track)] = image;  // it is there already
       for (const Observation& seen : model_.points[at(track)].track) {
         if (covisible_with[at(seen.image)] == image) continue;
         covisible_with[at(seen.image)] = image;
         covisible.push_back(seen.image);
       }
     }
-    std::vector<std::pair<int, cv::Point2d>> candidates;  // where they should be
-    for (const int other : covisible) {
-      for (const int track : shown[at(other)]) {
-        if (asked_for[at(track)] == image) continue;
-        asked_for[at(track)] = image;
-        const auto pixel = camera.project(view.pose * model_.points[at(track)].position);
-        if (pixel && pixel->x >= 0 && pixel->y >= 0 && pixel->x < camera.width &&
-            pixel->y < camera.height) {
-          candidates.emplace_back(track, *pixel);
-        }
+    for (const int other : covisible)
+      for (const int track : shown[at(other)]) nearby.insert(track);
+    for (const int track : shown[i]) nearby.erase(track);  // it is there already
+    std::vector<std::pair<int, cv::Point2d>> candidates;   // where they should be
+    nearby.take_all([&](int track) {
+      const auto pixel = camera.project(view.pose * model_.points[at(track)].position);
+      if (pixel && pixel->x >= 0 && pixel->y >= 0 && pixel->x < camera.width &&
+          pixel->y < camera.height) {
+        candidates.emplace_back(track, *pixel);
       }
-    }
-    std::sort(candidates.begin(), candidates.end(),
-              [](const auto& a, const auto& b) { return a.first < b.first; });
+    });
     const FeatureGrid grid(view.features, camera, options_.extend_px);
     for (const auto& [track, pixel] : candidates) {
       const std::vector<Observation>& seen = model_.points[at(track)].track;
@@ -226,7 +245,8 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   for (const Observation& observation : more)
     if (model_.images[at(observation.image)].registered) all.push_back(observation);
   std::vector<ObservationRay> rays;
-  for (const Observation& observation : all) rays.push_back(ray_of(observation));
+  const std::size_t stride = (all.size() + kMaxRays - 1) / kMaxRays;
+  for (std::size_t k = 0; k < all.size(); k += stride) rays.push_back(ray_of(all[k]));
   const auto position = triangulate(rays);
   if (!position || !std::all_of(all.begin(), all.end(), [&](const Observation& one) {
         const auto error = error_of(model_, one, *position);
