@@ -125,8 +125,8 @@ double score_of(const Reconstruction& reconstruction) {
   return sum;
 }
 
-bool is_better(const Reconstruction& one, const Reconstruction& other) {
-  const double share = one.models.size() < other.models.size() ? kNearly : 1;
+bool is_as_good(const Reconstruction& one, const Reconstruction& other, double nearly) {
+  const double share = one.models.size() < other.models.size() ? nearly : 1;
   return score_of(one) >= share * score_of(other);
 }
 
@@ -157,6 +157,10 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
   std::vector<Pair> taken;
   Reconstruction best;
   double last = 0;  // score, whatever the shapes of the models
+  // Where pixels have told places apart, few pairs that are left are wrong.
+  const bool is_told = std::any_of(doubts.begin(), doubts.end(),
+                                   [](const PatchDoubt& doubt) { return doubt.patches_differ; });
+  const double nearly = is_told ? kNearly : 1;
   for (const double share : kShares) {
     std::vector<Pair> strong = strong_pairs(left, images, share);
     Reconstruction tried = map(strong);
@@ -164,18 +168,17 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
         fmt::format("from pairs of {} times the inliers of the strongest: {} models, score {:.1f}",
                     share, tried.models.size(), score_of(tried)));
     const double score = score_without_shapes(tried);
-    if (score < kNearly * last) break;
+    if (score < nearly * last) break;
     last = std::max(last, score);
     left = without_contradicted(left, tried.models);
-    if (!is_better(tried, best)) continue;
+    if (!is_as_good(tried, best, nearly)) continue;
     best = std::move(tried);
     taken = std::move(strong);
   }
-  // Also where the score falls a little: a model of more pairs is more exact.
   std::vector<Pair> supported =
       with_supported(taken, without_contradicted(pairs, best.models), best.models);
   Reconstruction all = map(supported);
-  if (all.models.size() <= best.models.size() && score_of(all) >= kNearly * score_of(best)) {
+  if (score_of(all) >= score_of(best)) {
     best = std::move(all);
     taken = std::move(supported);
   }

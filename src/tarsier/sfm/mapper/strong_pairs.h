@@ -32,8 +32,9 @@ namespace tarsier::sfm {
 // show; only further ones can contradict them.
 [[nodiscard]] double score_of(const Reconstruction& reconstruction);
 
-// Whether one is at least as good as another one: its score is as high, or nine tenths of it in fewer models.
-[[nodiscard]] bool is_better(const Reconstruction& one, const Reconstruction& other);
+// Whether one is at least as good as another one: its score is as high, or this share of it in fewer models.
+[[nodiscard]] bool is_as_good(const Reconstruction& one, const Reconstruction& other,
+                              double nearly);
 
 // Of two the one with the higher score, of two alike the first. Its log tells of both.
 [[nodiscard]] Reconstruction better_of(Reconstruction first, Reconstruction second);
@@ -47,7 +48,9 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& 
 using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
 
 // Maps by the pairs of 0.9 times the inliers of an image's strongest, then by those of 0.8, of 0.6 and by all, each time
-// without those that a model so far contradicts, as long as the score without shapes does not fall. Weaker pairs that the best models
+// without those that a model so far contradicts, as long as the score without shapes does not fall. Where patches have told
+// places apart, it may fall by a tenth, and a tenth less in fewer models is as good: parts contradict themselves less than a
+// whole. Weaker pairs that the best models
 // agree with are added at the end. `doubts`: whether and why each pair is left out until then, as doubts_of_patches()
 // (patch_evidence.h) says. The pairs that are not taken are in `refused`. Calls `map` up to five times;
 // what it throws goes through.
