@@ -24,7 +24,7 @@ constexpr int kCellWidth = 62;  // px, a face of the grid with its number
 constexpr int kCellHeight = 68;
 constexpr int kTitle = 26;  // px
 constexpr int kHint = 22;
-constexpr int kText = 132;  // px, beside the faces of a row
+constexpr int kText = 142;  // px, beside the faces of a row
 
 void write(cv::Mat& image, std::string_view text, cv::Point at, double height,
            const cv::Scalar& color = {255, 255, 255}) {
@@ -154,7 +154,7 @@ void PeoplePanel::draw_faces(cv::Mat& image, const cv::Rect& area) {
     const cv::Mat& small = thumbnail(rows_[i].id);
     if (!small.empty())
       small.copyTo(image(cv::Rect(box.x + (box.width - kThumb) / 2, box.y + 3, kThumb, kThumb)));
-    image::draw::put_text(image, rows_[i].title, {box.x + box.width / 2, box.br().y},
+    image::draw::put_text(image, rows_[i].title, {box.x + box.width / 2, box.br().y + 4},
                           {.height_px = 8, .backing = image::draw::Backing::kNone},
                           image::draw::Anchor::kBottom);
     if (marked_.contains(rows_[i].id)) cv::rectangle(image, box, kMarked, 2);
@@ -171,9 +171,9 @@ void PeoplePanel::draw(cv::Mat& image, const cv::Rect& wanted) {
     const cv::Rect inner(area.x + 6, area.y + kTitle, area.width - 12,
                          area.height - kTitle - kHint);
     if (rows_.empty()) {
-      write(image,
-            list_ == List::kGroups ? "none: --keep keeps the faces of who is unknown" : "none",
-            {inner.x + 4, inner.y + 4}, 10, kPale);
+      const std::string none =
+          list_ == List::kGroups ? "none: unknown faces are kept with --keep" : "none";
+      write(image, fitted(none, 10, inner.width - 8), {inner.x + 4, inner.y + 4}, 10, kPale);
     } else {
       try {
         shows_faces() ? draw_faces(image, inner) : draw_rows(image, inner);

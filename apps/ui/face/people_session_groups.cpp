@@ -55,7 +55,8 @@ void PeopleSession::place_more() {
   }
   const face::people::GroupingReport report = grouping_->report();
   grouping_.reset();
-  message_ = fmt::format("{} unknown faces placed, {} new groups", report.placed, report.made);
+  message_ = fmt::format("{} unknown face{} placed, {} new group{}", report.placed,
+                         report.placed == 1 ? "" : "s", report.made, report.made == 1 ? "" : "s");
   for (auto& [id, face] : followed_) face.looked = 0;
   finder_generation_ = -1;
   count_unknown();
