@@ -3,9 +3,10 @@
 # head-view-data.sh DATA OUT: what the head view model learns from beside Pointing'04, out of faces68 in DATA
 # (scripts/get-data.sh list), into the folder OUT:
 #   drawn/       500 synthetic heads with their rotations
+#   drawn1/      400 more, as different as real ones
 #   faces.txt    every second image of faces68: with their annotated points they teach which poses ordinary images have
-# Then, in OUT: tarsier pose train-view --pointing DATA/pointing04 --truth drawn/truth.jsonl --annotated faces.txt \
-#   -o head-view.json     (--leave-out prints how it does on people it has not seen)
+# Then, in OUT: tarsier pose train-view --pointing DATA/pointing04 --truth drawn/truth.jsonl \
+#   --truth drawn1/truth.jsonl --annotated faces.txt -o head-view.json     (--leave-out prints how it does on people it has not seen)
 # TARSIER names the program (build/release/bin/tarsier).
 set -euo pipefail
 data=$(realpath "${1:?the folder of the data}")
@@ -15,5 +16,6 @@ mkdir -p "$out"
 cd "$out"
 
 "$tarsier" pose synth --count 500 --seed 21 -o drawn
+"$tarsier" pose synth --count 400 --seed 22 --spread 1 -o drawn1
 find "$data/faces68" -name '*.jpg' | LC_ALL=C sort | awk 'NR % 2 == 1' >faces.txt
 wc -l faces.txt

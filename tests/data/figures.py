@@ -317,8 +317,8 @@ def poses():
         shutil.copytree(data("pointing04", person), f"heads/{person}", dirs_exist_ok=True)
     score = tarsier("pose", "eval", "--pointing", "heads")[0]
     at_least(f"pointing04: poses found of {score['images']}", score["found"], 115, touched=False)
-    at_most("pointing04: yaw, mean error after the constant offset, degrees", score["yaw_mae"], 4.2)
-    at_most("pointing04: pitch", score["pitch_mae"], 5.0)
+    at_most("pointing04: yaw, mean error after the constant offset, degrees", score["yaw_mae"], 3.2)
+    at_most("pointing04: pitch", score["pitch_mae"], 4.4)
 
 
 def cartoon():

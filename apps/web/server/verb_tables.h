@@ -78,6 +78,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--evil-axes",
     "--evil-median",
     "--evil-threshold",
+    "--exact-ridge",
     "--export",
     "--eyes",
     "--face",

@@ -66,6 +66,7 @@ nlohmann::json provenance(const TrainViewFlags& flags, const face::ViewTraining&
                           {"angle_weight", o.angle_weight},
                           {"gamma", o.gamma},
                           {"ridge", o.ridge},
+                          {"exact_ridge", o.exact_ridge},
                           {"group_error", o.group_error},
                           {"mirror", o.mirror},
                           {"tilt_share", flags.tilt_share}}}};

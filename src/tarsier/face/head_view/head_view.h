@@ -13,7 +13,7 @@
 #include <optional>
 
 // What a camera sees of a head whose pose is roughly known: an upright crop around the whole head
-// (hair, ears, chin and neck too, which landmarks do not have), as histograms of oriented
+// (hair, ears, neck and shoulders too, which landmarks do not have), as histograms of oriented
 // gradients (Dalal and Triggs, CVPR 2005), and how the face's landmarks lie beside those of the
 // mean head in the rough pose.
 //
@@ -22,12 +22,12 @@
 // turned in the camera's frame, not in the view's.
 namespace tarsier::face::head_view {
 
-inline constexpr int kSide = 96;  // px of the crop
-inline constexpr int kCell = 8;   // px of a cell
+inline constexpr int kSide = 120;  // px of the crop
+inline constexpr int kCell = 12;   // px of a cell
 inline constexpr int kCells = kSide / kCell;
 inline constexpr int kOrientations = 9;  // of lines: a direction and its opposite are one
 inline constexpr int kGradients = kCells * kCells * kOrientations;
-inline constexpr double kSideMm = 200;  // of the crop, at the head's distance
+inline constexpr double kSideMm = 280;  // of the crop, at the head's distance
 
 // Where a head looks, its roll being known: the forward direction in the view's frame, the roll
 // taken out, is (-sin yaw, -sin pitch cos yaw, -cos pitch cos yaw). Those of head/angles.h.

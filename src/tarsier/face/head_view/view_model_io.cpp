@@ -10,7 +10,7 @@ namespace {
 using nlohmann::json;
 
 constexpr const char* kType = "head-view";
-constexpr int kVersion = 2;
+constexpr int kVersion = 3;
 constexpr std::int64_t kMaxLandmarks = 1000;
 constexpr Eigen::Index kMaxCentres = 100'000;
 

@@ -161,12 +161,29 @@ TEST(ViewModel, WhatIsConstantOverAPersonIsNotLearnt) {
   EXPECT_LT(yaw_error({}), 0.9 * yaw_error({.group_error = 0}));
 }
 
+TEST(ViewModel, ExactTruthsAreFollowedMoreCloselyThanAskedOnes) {
+  const auto error_of_training = [](bool asked) {
+    std::vector<ViewSample> training = samples(100, 17);
+    for (ViewSample& sample : training) sample.asked = asked;
+    const ViewModel model = train_view_model(training, {.group_error = 0});
+    std::vector<Direction> found;
+    for (const ViewSample& sample : training)
+      found.push_back(looks_to(model, sample.view).direction);
+    return errors_of(training, found);
+  };
+  const Errors exact = error_of_training(false);
+  const Errors asked = error_of_training(true);
+  EXPECT_LT(exact.pitch, 0.6 * asked.pitch);
+  EXPECT_LT(exact.yaw, 0.6 * asked.yaw);
+}
+
 TEST(ViewModel, BadOptionsAndDataAreRefused) {
   const std::vector<ViewSample> few = samples(4, 8);
   EXPECT_THROW((void)train_view_model(few, {}), std::invalid_argument);
   const std::vector<ViewSample> alike(20, few.front());
   EXPECT_THROW((void)train_view_model(alike, {.mirror = false}), std::invalid_argument);
   EXPECT_THROW((void)train_view_model(samples(10, 9), {.ridge = 0}), std::invalid_argument);
+  EXPECT_THROW((void)train_view_model(samples(10, 9), {.exact_ridge = 0}), std::invalid_argument);
   std::vector<ViewSample> one_group = samples(10, 9);
   for (ViewSample& sample : one_group) sample.group = 0;
   EXPECT_THROW((void)leave_groups_out(one_group, {}), std::invalid_argument);

@@ -91,8 +91,9 @@ void set_angle_scale(const std::vector<ViewSample>& samples, double weight, View
   model.angle_scale.setConstant(static_cast<float>(std::sqrt(2 * variance) / weight));
 }
 
-// K + ridge I.
-MatrixXd kernel_of(const ViewModel& model, double ridge) {
+// K + N.
+MatrixXd kernel_of(const ViewModel& model, const std::vector<ViewSample>& samples,
+                   const TrainViewOptions& options) {
   const Index n = model.centres.cols();
   MatrixXd kernel(n, n);
   for (Index i = 0; i < n; ++i)
@@ -100,7 +101,9 @@ MatrixXd kernel_of(const ViewModel& model, double ridge) {
       kernel(i, j) = kernel(j, i) =
           std::exp(-model.gamma * static_cast<double>(
                                       (model.centres.col(i) - model.centres.col(j)).squaredNorm()));
-  kernel.diagonal().array() += ridge;
+  for (Index i = 0; i < n; ++i)
+    kernel(i, i) +=
+        samples[static_cast<std::size_t>(i)].asked ? options.ridge : options.exact_ridge;
   return kernel;
 }
 
@@ -146,7 +149,7 @@ ViewModel train_view_model(const std::vector<ViewSample>& samples,
   model.centres = rounded(model.centres);
   model.weights.resize(2, n);
   for (const int axis : {0, 1}) {  // pitch, yaw
-    MatrixXd kernel = kernel_of(model, options.ridge);
+    MatrixXd kernel = kernel_of(model, all, options);
     add_group_errors(all, samples.size(), axis == 1, options.group_error, kernel);
     model.weights.row(axis) =
         linalg::Cholesky(kernel).solve(corrections.col(axis)).transpose().cast<float>();

@@ -67,13 +67,11 @@ ViewTraining::Seen ViewTraining::see(const std::string& path, const Choice& choi
   return seen;
 }
 
-// Returns the index of the image in `seen_`, -1 where no head was found. `asked`: the forward
-// direction is where a person was asked to look, in the view's frame; else the truth in the
-// camera's.
+// Returns the index of the image in `seen_`, -1 where no head was found. `forward`: in the camera's
+// frame. `asked`: it is where a person was asked to look.
 int ViewTraining::add(Seen seen, int group, const Eigen::Vector3d& forward, bool asked) {
   if (!seen.view) return -1;
-  const Eigen::Vector3d in_view =
-      asked ? forward : seen.view->camera_from_view.transpose() * forward;
+  const Eigen::Vector3d in_view = seen.view->camera_from_view.transpose() * forward;
   samples_.push_back({*seen.view, head_view::direction_of(*seen.view, in_view), group, asked});
   seen_.push_back(std::move(seen));
   return static_cast<int>(seen_.size()) - 1;

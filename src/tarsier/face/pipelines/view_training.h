@@ -36,7 +36,8 @@ class ViewTraining {
   ViewTraining(const PoseModels& models, const PoseTrackerOptions& options);
 
   // Images of Pointing'04, also of larger angles than are scored: corrections near the limits are
-  // interpolated then. The truth is where the person was asked to look, the tilt times `tilt_share`
+  // interpolated then. The truth is where the person was asked to look, in the camera's frame (the
+  // marks are far from the head: where it moves, their directions stay), the tilt times `tilt_share`
   // (0.1..1.5: heads tilt less than the eyes). A group is a person. Throws InputError, Interrupted.
   void add_pointing(const std::string& folder, double tilt_share, Progress& progress,
                     const std::stop_token& stop);

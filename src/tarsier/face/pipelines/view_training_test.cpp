@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/face/head/angles.h"
+#include "tarsier/face/head/evaluation.h"
 #include "tarsier/face/pipelines/testing_messi.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
@@ -112,6 +113,12 @@ TEST_F(ViewTrainingTest, OfPointingIsWhereAPersonWasAskedToLook) {
   ASSERT_EQ(training.samples().size(), 1U) << "the other one shows no head";
   EXPECT_EQ(training.samples()[0].group, 3);
   EXPECT_TRUE(training.samples()[0].asked);
+  // In the camera's frame, though the head is beside the middle of the image.
+  const head_view::HeadView& view = training.samples()[0].view;
+  EXPECT_GT((view.camera_from_view - Eigen::Matrix3d::Identity()).norm(), 0.02);
+  const Eigen::Vector3d forward =
+      head_view::rotation_towards(view, training.samples()[0].truth) * Eigen::Vector3d(0, 0, -1);
+  EXPECT_LT((forward - head::forward_of_gaze({-30, -15 * 0.9})).norm(), 1e-9);
   const ViewTraining::Scores scores = training.score_landmarks();
   EXPECT_FALSE(scores.exact);
   ASSERT_TRUE(scores.pointing);
