@@ -157,10 +157,10 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
   std::vector<Pair> taken;
   Reconstruction best;
   double last = 0;  // score, whatever the shapes of the models
-  // Where pixels have told places apart, few pairs that are left are wrong.
-  const bool is_told = std::any_of(doubts.begin(), doubts.end(),
-                                   [](const PatchDoubt& doubt) { return doubt.patches_differ; });
-  const double nearly = is_told ? kNearly : 1;
+  // Where pixels have distinguished places, few pairs that are left are wrong.
+  const bool is_distinguished = std::any_of(
+      doubts.begin(), doubts.end(), [](const PatchDoubt& doubt) { return doubt.patches_differ; });
+  const double nearly = is_distinguished ? kNearly : 1;
   for (const double share : kShares) {
     std::vector<Pair> strong = strong_pairs(left, images, share);
     Reconstruction tried = map(strong);

@@ -48,12 +48,11 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& 
 using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
 
 // Maps by the pairs of 0.9 times the inliers of an image's strongest, then by those of 0.8, of 0.6 and by all, each time
-// without those that a model so far contradicts, as long as the score without shapes does not fall. Where patches have told
-// places apart, it may fall by a tenth, and a tenth less in fewer models is as good: parts contradict themselves less than a
-// whole. Weaker pairs that the best models
-// agree with are added at the end. `doubts`: whether and why each pair is left out until then, as doubts_of_patches()
-// (patch_evidence.h) says. The pairs that are not taken are in `refused`. Calls `map` up to five times;
-// what it throws goes through.
+// without those that a model so far contradicts, as long as the score without shapes does not fall. Where patches have
+// distinguished places, it may fall by a tenth, and a tenth less in fewer models is as good: parts contradict themselves
+// less than a whole. Weaker pairs that the best models agree with are added at the end. `doubts`: whether and why each pair
+// is left out until then, as doubts_of_patches() (patch_evidence.h) says. The pairs that are not taken are in `refused`.
+// Calls `map` up to five times; what it throws goes through.
 [[nodiscard]] Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
                                                     const std::vector<PatchDoubt>& doubts,
                                                     std::size_t images, const MapPairs& map);

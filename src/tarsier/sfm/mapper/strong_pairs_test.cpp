@@ -115,7 +115,7 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
   EXPECT_EQ(made.trust[0], 0.6);
 }
 
-TEST(StrongPairs, TheScoreMayFallALittleWherePatchesToldPlacesApart) {
+TEST(StrongPairs, TheScoreMayFallALittleWherePatchesDistinguishPlaces) {
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100), pair_of(1, 3, 85),  pair_of(1, 4, 30),
                                 pair_of(0, 4, 40)};
