@@ -470,8 +470,16 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
     bundle.max_observations = kLocalObservations;
   }
   adjust_model(bundle, stop);
-  // Of what other images show, the next adjustment of all drops what is off: a point may be in hundreds of them.
-  (void)filter(points, bundle.images);
+  if (bundle.points.empty()) {
+    (void)filter(points);
+    return;
+  }
+  // Where neither the point nor the image has moved, nothing is off that was not before: a point may be in hundreds.
+  std::vector<int> unmoved;
+  std::set_difference(points.begin(), points.end(), bundle.points.begin(), bundle.points.end(),
+                      std::back_inserter(unmoved));
+  (void)filter(bundle.points);
+  (void)filter(unmoved, bundle.images);
 }
 
 int IncrementalMapper::triangulate_all(double min_angle, int image) {

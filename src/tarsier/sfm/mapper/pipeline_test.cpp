@@ -181,13 +181,15 @@ TEST_F(Images, OfAnUnknownLensAreTrusted) {
 TEST_F(Images, OfAnUnknownLensAreTrustedWithThatOfTheModel) {
   TARSIER_LONG_TEST();
   struct Case {
+    int images;
     std::uint64_t seed;
     double focal_px;
     const char* line;
   };
   for (const Case& given :
-       {Case{35, 320, "mapped again with it"}, Case{31, 320, "pairs are judged with it"}}) {
-    synth::SceneOptions scene = small_scene(8);
+       {Case{8, 30, 240, "mapped again with it"}, Case{5, 45, 420, "pairs are judged with it"},
+        Case{8, 35, 320, "start from"}, Case{8, 31, 320, "start from"}}) {
+    synth::SceneOptions scene = small_scene(given.images);
     scene.trajectory = synth::Trajectory::kRing;
     scene.seed = given.seed;
     scene.focal_px = given.focal_px;
