@@ -19,8 +19,8 @@ enum class Doubt : std::uint8_t {
 
 // Whether and why the pixels of two images speak against their pair (patch_evidence.h).
 struct PatchDoubt {
-  std::string reason;           // empty: it is not
-  bool patches_differ = false;  // else few could be compared
+  std::string reason;           // empty: nothing does
+  bool patches_differ = false;  // else few could be compared, where there is a reason
 
   [[nodiscard]] explicit operator bool() const { return !reason.empty(); }
   friend bool operator==(const PatchDoubt&, const PatchDoubt&) = default;

@@ -146,8 +146,9 @@ bool agrees(const Model& model, const Pair& pair) {
     if (pair.view.median_angle < kRays || !(lengths > 0)) return true;
     if (relative.translation.dot(found.translation) >= std::cos(kDirection) * lengths) return true;
   }
-  if (static_cast<double>(explained_matches(model, pair, kExplainedPx)) >=
-      kExplained * static_cast<double>(pair.view.inliers.size()))
+  const std::size_t explained = explained_matches(model, pair, kExplainedPx);
+  if (explained > 0 &&
+      static_cast<double>(explained) >= kExplained * static_cast<double>(pair.view.inliers.size()))
     return true;
   if (!is_of_one_plane(pair)) return false;
   const double threshold = threshold_of(model.cameras[at(model.images[at(pair.second)].camera)]);

@@ -95,6 +95,8 @@ TEST(PairAgreement, IsThatOfThePosesThatExplainTheMatches) {
   for (std::size_t k = 0; k < 8; ++k) moved.images[1].features[1 + 6 * k].y -= 30;
   EXPECT_EQ(explained_matches(moved, pair, 2), 36);
   EXPECT_FALSE(agrees(moved, pair));
+  pair.view.inliers = {};  // nothing to explain
+  EXPECT_FALSE(agrees(images.model, pair));
 }
 
 TEST(PairAgreement, IsNotThatOfPointsBehindACamera) {

@@ -7,6 +7,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/words.h"
 #include "tarsier/linalg/gemm.h"
+#include "tarsier/sfm/mapper/mixed_index.h"
 
 #include <algorithm>
 #include <cmath>
@@ -28,7 +29,6 @@ constexpr int kRows = 128;           // at a time, so that their scores stay in 
 constexpr int kBatch = 16;           // images whose descriptors are in memory at a time
 constexpr int kDepth = 512;          // of a product of VLAD vectors at a time, for the cache
 constexpr float kDense = 0.85F;      // of a similarity, that is left at twice the rank
-constexpr std::uint32_t kMix = 2654435769U;  // 2^32 / golden ratio: multiples are spread evenly
 constexpr int kMaxLineBytes = 1 << 16;
 
 std::size_t at(std::ptrdiff_t row, std::ptrdiff_t width) {
@@ -293,7 +293,7 @@ struct IsMoreSimilar {
 std::vector<int> farther_ones(int from, std::vector<int>& images, int nearest,
                               const float* similarities) {
   std::vector<int> farther;
-  const std::uint32_t mixed = static_cast<std::uint32_t>(from) * kMix;
+  const std::uint32_t mixed = mixed_index(from);
   float before = std::numeric_limits<float>::infinity();
   int doublings = 0;
   for (std::ptrdiff_t rank = nearest; rank <= std::ssize(images); rank *= 2, ++doublings) {

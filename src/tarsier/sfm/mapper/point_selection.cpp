@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/point_selection.h"
 
 #include "tarsier/core/at.h"
+#include "tarsier/sfm/mapper/mixed_index.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -12,8 +13,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinKept = 0.5;             // of the observations, where there are anchors
-constexpr std::uint32_t kMix = 2654435769U;  // 2^32 / golden ratio: multiples are spread evenly
+constexpr double kMinKept = 0.5;  // of the observations, where there are anchors
 
 // Says of each of `count` things in turn whether it is among `share` that are spread evenly.
 class EvenShare {
@@ -72,7 +72,7 @@ void choose_observations(const Point& point, int index, const std::vector<ImageR
   const std::size_t movers = count(ImageRole::kMoves);
   const std::size_t anchors = count(ImageRole::kAnchor);
   const std::size_t fixed = track.size() - movers - anchors - near;
-  const std::uint32_t phase = static_cast<std::uint32_t>(index) * kMix;
+  const std::uint32_t phase = mixed_index(index);
   const std::size_t of_anchors = std::min(anchors, near > 0 ? at(limit) / 2 : at(limit));
   const std::size_t of_movers =
       std::min(movers, at(limit) - of_anchors - std::min(fixed, at(limit / 4)));
@@ -113,8 +113,7 @@ std::vector<int> select_points(const Model& model, const std::vector<int>& point
   const std::vector<ImageRole> roles = roles_of(model, images, limit);
   std::vector<std::pair<std::uint32_t, int>> order;
   order.reserve(points.size());
-  for (const int point : points)
-    order.emplace_back(static_cast<std::uint32_t>(point) * kMix, point);
+  for (const int point : points) order.emplace_back(mixed_index(point), point);
   std::sort(order.begin(), order.end());
   std::vector<int> chosen;
   std::vector<Observation> track;
