@@ -67,9 +67,16 @@ expect_status 0
 expect_out '"label":"Lena"'
 
 # An image without a face, one with several.
-run people enroll Nobody "$images/graf1.png"
+run people enroll Nobody "$images/blox.jpg"
 expect_status 1
 grep -q 'no face' stderr.txt || fail "no word about the missing face: $err"
+# Something that is hardly a face: named with a mark, and not enrolled unless the user insists.
+run people enroll Nobody "$images/graf1.png"
+expect_status 1
+grep -q 'uncertain face' stderr.txt || fail "no word about the uncertain face: $err"
+run people identify "$images/graf1.png" --json
+expect_status 1
+expect_out '"known":false,"trusted":false'
 run cartoon run "$leo" --mode none -o one.ppm --quiet
 expect_status 0
 $python - <<'END' || fail "no image of five faces"

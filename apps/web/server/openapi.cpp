@@ -310,7 +310,8 @@ Json schemas() {
   all["People"] = line_of("faces", object_of({{"box", numbers(4)},
                                               {"label", {{"type", {"string", "null"}}}},
                                               {"confidence", number()},
-                                              {"known", {{"type", "boolean"}}}}));
+                                              {"known", {{"type", "boolean"}}},
+                                              {"trusted", {{"type", "boolean"}}}}));
   all["Markers"] = line_of("markers", object_of({{"id", {{"type", "integer"}}},
                                                  {"corners", points(4)},
                                                  {"rvec", numbers(3)},

@@ -86,12 +86,14 @@ face::TemplateKind template_kind(const PeopleFlags& flags) {
   return face::TemplateKind::kDeep;
 }
 
-face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
+face::people::FaceReaderOptions reading_options(const PeopleFlags& flags,
+                                                UncertainFaces uncertain) {
   face::people::FaceReaderOptions options;
   options.eyes = face::people::parse_eye_method(flags.eyes);
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
   options.finder.rolled = face::landmarks::parse_rolled_search(flags.rolled);
+  if (uncertain == UncertainFaces::kToo) options.min_uncertain = face::people::kMinUncertain;
   if (!flags.detector_model.empty())
     options.finder.own = face::onnx::load_box_detector(flags.detector_model);
   return options;
@@ -103,7 +105,7 @@ face::IdentifierOptions identifier_options(const PeopleFlags& flags) {
   options.background = background_of(flags);
   options.templates = template_kind(flags);
   options.network = own_network(flags);
-  options.reading = reading_options(flags);
+  options.reading = reading_options(flags, UncertainFaces::kToo);
   return options;
 }
 
@@ -113,8 +115,8 @@ face::Identifier load_identifier(const face::IdentifierOptions& options) {
   return face::Identifier::load(ModelStore::find(), options);
 }
 
-face::people::FaceReader make_face_reader(const PeopleFlags& flags) {
-  const face::people::FaceReaderOptions options = reading_options(flags);
+face::people::FaceReader make_face_reader(const PeopleFlags& flags, UncertainFaces uncertain) {
+  const face::people::FaceReaderOptions options = reading_options(flags, uncertain);
   // A wrong path is reported before anything is written, also where the file is needed only at the end.
   if (!flags.background.empty()) static_cast<void>(find_background(flags));
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
@@ -169,7 +171,8 @@ std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gall
 }
 
 ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, bool classical,
-                              face::people::FaceReader* reader, Context& context) {
+                              face::people::FaceReader* reader, Context& context,
+                              UncertainFaces uncertain) {
   ListedFaces out;
   const auto faces = face::recognition::read_face_list(list);
   context.progress->begin("faces", static_cast<std::int64_t>(faces.size()), "images");
@@ -177,19 +180,22 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
     throw_if_stopped(context.stop);
     context.progress->advance();
     cv::Mat gray = read_gray_image(entry.path);
+    bool trusted = true;
     if (!raw) {
       std::optional<face::people::Face> face;
       if (entry.left_eye && entry.right_eye) {
         face = reader->at_eyes(gray, {*entry.left_eye, *entry.right_eye});
       } else {
         std::vector<face::people::Face> found = reader->read(gray);
-        if (!found.empty()) face = std::move(found.front());
+        if (!found.empty() && (found.front().trusted || uncertain == UncertainFaces::kToo))
+          face = std::move(found.front());
       }
       if (!face) {
         out.missed.push_back(entry.path);
         out.missed_labels.push_back(entry.label);
         continue;
       }
+      trusted = face->trusted;
       gray = face::people::recognizer_input(
           classical ? face::recognition::Algorithm::kEigen : face::recognition::Algorithm::kDefault,
           face->crop);
@@ -197,6 +203,7 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
     if (size.area() > 0) cv::resize(gray, gray, size, 0, 0, cv::INTER_LINEAR);
     out.faces.push_back(gray);
     out.labels.push_back(entry.label);
+    out.trusted.push_back(trusted);
   }
   context.progress->end();
   if (out.faces.empty()) throw InputError(list, "no face was found in any of its images");

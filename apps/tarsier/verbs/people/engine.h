@@ -43,14 +43,19 @@ void add_template_flags(Command& verb, PeopleFlags& flags);
 [[nodiscard]] std::string background_of(const PeopleFlags& flags);
 // What --template, --embedding say together; throws UsageError.
 [[nodiscard]] face::TemplateKind template_kind(const PeopleFlags& flags);
+// Whether an image without a face that is trusted gives its most likely one, see
+// face::people::FaceReaderOptions::min_uncertain.
+enum class UncertainFaces { kNone, kToo };
 // Throws UsageError for an unknown way to find eyes, ModelError for --detector-model.
-[[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags);
-// All that the flags say.
+[[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags,
+                                                              UncertainFaces uncertain);
+// All that the flags say; with uncertain faces.
 [[nodiscard]] face::IdentifierOptions identifier_options(const PeopleFlags& flags);
 // With the models that ship; a signal ends the program. Throws ModelError.
 [[nodiscard]] face::Identifier load_identifier(const face::IdentifierOptions& options);
 // With the models that ship. Throws UsageError, ModelError.
-[[nodiscard]] face::people::FaceReader make_face_reader(const PeopleFlags& flags);
+[[nodiscard]] face::people::FaceReader make_face_reader(
+    const PeopleFlags& flags, UncertainFaces uncertain = UncertainFaces::kNone);
 
 // face::load_background() of the flag.
 [[nodiscard]] std::optional<face::recognition::Background> find_background(
@@ -77,12 +82,14 @@ void add_template_flags(Command& verb, PeopleFlags& flags);
 struct ListedFaces {
   std::vector<cv::Mat> faces;
   std::vector<std::string> labels;
+  std::vector<bool> trusted;        // see face::people::Face
   std::vector<std::string> missed;  // paths
   std::vector<std::string> missed_labels;
 };
 [[nodiscard]] ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size,
                                             bool classical, face::people::FaceReader* reader,
-                                            Context& context);
+                                            Context& context,
+                                            UncertainFaces uncertain = UncertainFaces::kNone);
 
 // "2024-05-01T12:30:15.250Z"
 [[nodiscard]] std::string time_text(std::int64_t ms);

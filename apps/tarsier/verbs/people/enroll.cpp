@@ -35,7 +35,7 @@ class Enrolment {
   Enrolment(const EnrollFlags& flags, Context& context)
       : flags_(flags),
         context_(context),
-        faces_(make_face_reader(flags.people), nullptr),
+        faces_(make_face_reader(flags.people, UncertainFaces::kToo), nullptr),
         collector_(flags.collect),
         gallery_(flags.people.gallery, DatabaseAccess::kCreate),
         background_(background_to_enroll(gallery_, flags.people)),
@@ -169,7 +169,8 @@ void add_flags(Command& verb, EnrollFlags& flags) {
       .check(range(1, 100000))
       .show_default();
   verb.add_flag("--largest", flags.largest, "of several faces in an image the largest");
-  verb.add_flag("--any-quality", flags.any_quality, "also small, blurred, turned, dark faces");
+  verb.add_flag("--any-quality", flags.any_quality,
+                "also small, blurred, turned, dark, uncertain faces");
   verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time");
   (void)add_security_flags(verb, flags.source.security);
   bind_all(verb, flags.collect);

@@ -49,21 +49,28 @@ nlohmann::ordered_json json_of(const Rate& rate) {
           {"low", rounded(rate.interval.low, 4)}, {"high", rounded(rate.interval.high, 4)}};
 }
 
-// Images without a face count as wrong, as probes of every draw.
-Rate of_all(const Rate& found, std::size_t missed) {
-  Rate out = found;
-  if (missed == 0 || found.draws == 0) return out;
-  out.count.trials += static_cast<long>(missed) * found.draws;
+// Uncertain faces count as probes, and images without a face as probes that are wrong in every draw.
+Rate identified_of_all(const EvaluationResult& result, std::size_t missed) {
+  Rate out = result.rate(&SeedResult::identified);
+  const Rate uncertain = result.rate(&SeedResult::uncertain_identified);
+  if (out.draws == 0 || (missed == 0 && uncertain.draws == 0)) return out;
+  out.count.hits += uncertain.count.hits;
+  out.count.trials += uncertain.count.trials + static_cast<long>(missed) * out.draws;
   const auto trials = static_cast<double>(out.count.trials);
   out.value = static_cast<double>(out.count.hits) / trials;
   out.interval = wilson_interval_of_rate(out.value, trials / out.draws);
   return out;
 }
 
+// Faces that are asked for, and do not train.
+std::ptrdiff_t count_uncertain(const ListedFaces& listed) {
+  return std::count(listed.trusted.begin(), listed.trusted.end(), false);
+}
+
 nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces& listed,
                                const std::string& background) {
   const SeedResult m = result.mean();
-  const Rate identified = of_all(result.rate(&SeedResult::identified), listed.missed.size());
+  const Rate identified = identified_of_all(result, listed.missed.size());
   nlohmann::ordered_json line = {
       {"algorithm", face::recognition::name_of(result.algorithm)},
       {"training", result.options.gallery > 0 ? nlohmann::ordered_json(nullptr)
@@ -74,7 +81,9 @@ nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces
       {"accuracy", rounded(m.accuracy, 4)},
       {"accuracy_of_all", rounded(identified.value, 4)},
       {"identified", json_of(identified)},
-      {"not_found", listed.missed.size()}};
+      {"not_found", listed.missed.size()},
+      {"uncertain", count_uncertain(listed)},
+      {"uncertain_identified", json_of(result.rate(&SeedResult::uncertain_identified))}};
   line["background"] =
       result.with_background ? nlohmann::ordered_json(background) : nlohmann::ordered_json(nullptr);
   if (result.options.strangers) {
@@ -96,6 +105,8 @@ nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces
     line["stated_true"] = json_of(result.rate(&SeedResult::stated_true_count));
     line["stated_right"] = json_of(result.rate(&SeedResult::stated_right_count));
     line["stated_false"] = json_of(result.rate(&SeedResult::stated_false_count));
+    line["uncertain_true"] = json_of(result.rate(&SeedResult::uncertain_true_count));
+    line["uncertain_false"] = json_of(result.rate(&SeedResult::uncertain_false_count));
   }
   line["train_s"] = rounded(m.train_seconds, 4);
   line["identify_ms"] = rounded(m.identify_ms, 4);
@@ -113,7 +124,7 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
   const SeedResult m = result.mean();
   std::string text =
       fmt::format("{:<8} identified          {}\n", face::recognition::name_of(result.algorithm),
-                  text_of(of_all(result.rate(&SeedResult::identified), missed)));
+                  text_of(identified_of_all(result, missed)));
   if (result.options.strangers) {
     if (m.calibrated) {
       text += fmt::format(
@@ -134,6 +145,15 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
         "         equal error rate {:.2f} %, area under the curve {:.4f}\n",
         100 * result.options.false_accepts, text_of(result.rate(&SeedResult::true_count)),
         text_of(result.rate(&SeedResult::right_count)), 100 * m.equal_error, m.area);
+  }
+  if (result.rate(&SeedResult::uncertain_identified).draws > 0) {
+    text += fmt::format(
+        "         uncertain faces, which count only in the first line: identified {}\n"
+        "           true accepts      {}\n"
+        "           false accepts     {}\n",
+        text_of(result.rate(&SeedResult::uncertain_identified)),
+        text_of(result.rate(&SeedResult::uncertain_true_count)),
+        text_of(result.rate(&SeedResult::uncertain_false_count)));
   }
   return text + fmt::format("         training {:.2f} s, a probe {:.2f} ms\n", m.train_seconds,
                             m.identify_ms);
@@ -176,7 +196,8 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
 // train. Throws InputError where nobody whose face was found is in both.
 ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::FaceReader* reader,
                        Context& context, int& gallery) {
-  ListedFaces asked = read_listed_faces(flags.list, flags.raw, size, false, reader, context);
+  ListedFaces asked =
+      read_listed_faces(flags.list, flags.raw, size, false, reader, context, UncertainFaces::kToo);
   for (const std::string& image : asked.missed) log_warning("{}: no face", image);
   gallery = 0;
   if (flags.train_list.empty()) return asked;
@@ -192,6 +213,7 @@ ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::Face
   out.missed = std::move(asked.missed);
   std::move(asked.faces.begin(), asked.faces.end(), std::back_inserter(out.faces));
   std::move(asked.labels.begin(), asked.labels.end(), std::back_inserter(out.labels));
+  out.trusted.insert(out.trusted.end(), asked.trusted.begin(), asked.trusted.end());
   return out;
 }
 
@@ -242,12 +264,15 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
                                     : ModelStore::find().place_of("people-deep.json");
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
   std::optional<face::people::FaceReader> reader;
-  if (!flags.raw) reader.emplace(make_face_reader(flags.people));
+  if (!flags.raw)
+    reader.emplace(make_face_reader(
+        flags.people, flags.fit_same_camera ? UncertainFaces::kNone : UncertainFaces::kToo));
   // The cut faces serve all; the classical preparation is made from them.
   face::recognition::EvaluationOptions options;
   const ListedFaces listed =
       read_faces(flags, size, reader ? &*reader : nullptr, context, options.gallery);
   options.training = flags.training;
+  options.may_train = listed.trusted;
   options.seeds.clear();
   for (int i = 0; i < flags.seeds; ++i) options.seeds.push_back(static_cast<std::uint64_t>(i));
   options.stated_rate = flags.rate;
@@ -261,13 +286,14 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
             ? fmt::format("{} more of {} train", options.gallery, printable(flags.train_list))
             : fmt::format("{} training images each", flags.training);
     print_text(fmt::format(
-        "{} faces of {} people in {}, {}, {} draws; {} not found\n"
+        "{} faces of {} people in {}, {}, {} draws; {} not found, {} uncertain (these do not "
+        "train)\n"
         "background of the {} recogniser: {}\n"
         "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
         "share their images)\n",
         listed.faces.size() - static_cast<std::size_t>(options.gallery),
         face::recognition::count_people(listed.labels), printable(flags.list), training,
-        flags.seeds, listed.missed.size(), only_deep ? "deep" : "default",
+        flags.seeds, listed.missed.size(), count_uncertain(listed), only_deep ? "deep" : "default",
         only_deep    ? printable(deep_path)
         : background ? printable(path)
         : flags.raw && !named

@@ -66,6 +66,7 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
     if (!frame.still || context.json || context.quiet) return;
     std::string text = fmt::format("{}:", printable(frame.name));
     for (const face::NamedFace& face : session.faces()) {
+      if (!face.face.trusted) text += " uncertain face:";
       text += face.name.known ? fmt::format(" {} ({:.0f} %)", printable(face.name.label),
                                             100 * face.name.confidence)
               : face.name.label.empty()

@@ -21,6 +21,10 @@ face::people::SeenFace seen(const face::people::Face& face) {
 SightingWriter::SightingWriter(face::people::Gallery& gallery, std::int64_t keep_ms)
     : gallery_(gallery), retention_(gallery, keep_ms) {}
 
+bool SightingWriter::is_good(const face::people::Face& face) const {
+  return face.trusted && face::people::problems(face.quality, gate_).empty();
+}
+
 void SightingWriter::write(Track& track, std::int64_t time, const std::string& label, bool known) {
   const bool good = !track.best.crop.empty();
   track.sighting = gallery_.add_sighting(time, track.name, label, known, track.confidence,
@@ -39,7 +43,7 @@ void SightingWriter::look(Track& track, const face::NamedFace& face, const Frame
   track.last_time = frame.time;
   track.name = frame.name;
   track.confidence = face.name.confidence;
-  const bool good = face::people::problems(face.face.quality, gate_).empty();
+  const bool good = is_good(face.face);
   const bool changed = face.name.known && face.name.label != track.known_as;
   if (changed && !track.known_as.empty()) track.best = {};  // who knows whose those were
   if (good && (track.best.crop.empty() || face.face.quality.score() > track.best.quality))
@@ -77,10 +81,11 @@ void SightingWriter::frame(const Frame& frame, const std::vector<face::NamedFace
       look(track->second, face, frame, now);
       continue;
     }
+    if (!face.face.trusted && !face.name.known) continue;  // it may be no face
     Track one;
     one.name = frame.name;
     one.confidence = face.name.confidence;
-    if (face::people::problems(face.face.quality, gate_).empty()) one.best = seen(face.face);
+    if (is_good(face.face)) one.best = seen(face.face);
     write(one, now, face.name.label, face.name.known);
   }
   for (auto track = tracks_.begin(); track != tracks_.end();) {

@@ -44,6 +44,8 @@ class SightingWriter {
     std::int64_t sighting = 0;    // whose face may still become better
     double stored = 0;            // its quality
   };
+  // Worth to be kept.
+  [[nodiscard]] bool is_good(const face::people::Face& face) const;
   void look(Track& track, const face::NamedFace& face, const Frame& frame, std::int64_t now);
   void write(Track& track, std::int64_t time, const std::string& label, bool known);
   void end(Track& track);

@@ -30,12 +30,14 @@ struct Verdict {
   double score = 0;
   double threshold = 0;
   double confidence = 0;
+  bool trusted = true;
 };
 
 // Against the claimed person only: a stranger has one chance, not one with everybody.
 Verdict verdict_of(const face::recognition::Recognizer& model, const face::people::Face& face,
                    const std::string& name, double rate) {
   Verdict out;
+  out.trusted = face.trusted;
   const auto features = face::recognition::template_of(
       model, face::people::recognizer_input(model.options.algorithm, face.crop));
   for (const auto& person : face::recognition::identify_template(model, features)) {
@@ -61,7 +63,7 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     throw InputError(flags.people.gallery,
                      fmt::format("'{}' has no faces yet", printable(flags.name)));
   }
-  face::people::FaceReader reader = make_face_reader(flags.people);
+  face::people::FaceReader reader = make_face_reader(flags.people, UncertainFaces::kToo);
   bool all = true;
   bool any = false;
   std::unique_ptr<Batch> batch;
@@ -93,6 +95,7 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
       line["confidence"] = rounded(verdict->confidence, 4);
       line["score"] = verdict->score;
       line["threshold"] = verdict->threshold;
+      line["trusted"] = verdict->trusted;
     }
     if (batch) batch->record(frame->index, line, {});
     if (context.json) {
@@ -100,10 +103,10 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     } else if (!verdict) {
       print_text(fmt::format("{}: no face\n", printable(frame->name)));
     } else {
-      print_text(fmt::format("{}: {} {} ({:.0f} %; score {:.3f}, threshold {:.3f})\n",
+      print_text(fmt::format("{}: {} {} ({}{:.0f} %; score {:.3f}, threshold {:.3f})\n",
                              printable(frame->name), verdict->same ? "is" : "is not",
-                             printable(flags.name), 100 * verdict->confidence, verdict->score,
-                             verdict->threshold));
+                             printable(flags.name), verdict->trusted ? "" : "uncertain face; ",
+                             100 * verdict->confidence, verdict->score, verdict->threshold));
     }
   }
   if (batch) batch->finish();

@@ -304,6 +304,7 @@ std::vector<FoundFace> confirmed(const LandmarkModel& model, const FitOptions& o
     FoundFace face;
     face.box = candidate.box;
     face.detection = candidate.score;
+    face.sure = candidate.sure;
     std::optional<Fit> fit = fit_candidate(model, options, gray, start_at(model, finder, candidate),
                                            candidate.sure, min_score, workspace, debug);
     if (!fit) continue;
@@ -410,7 +411,7 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
       return is_good(face) &&
              overlap_of_smaller(area, box_around(model.box, face.fit.points)) > kSameFace;
     });
-    if (!known) added.push_back({candidate.box, *std::move(fit), candidate.score});
+    if (!known) added.push_back({candidate.box, *std::move(fit), candidate.score, candidate.sure});
   }
   if (added.empty()) return faces;
   std::move(added.begin(), added.end(), std::back_inserter(faces));

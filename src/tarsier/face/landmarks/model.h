@@ -118,6 +118,7 @@ struct FoundFace {
   cv::Rect2d box;  // of the detector
   Fit fit;
   double detection = 1;  // score of the detector, 0..1
+  bool sure = true;      // found by the strict search, see Candidate
 };
 
 // All faces of an image (CV_8UC1), surest first where they overlap, else largest first. Where the model

@@ -20,6 +20,7 @@ std::string Collector::offer(const Face& face, double time, bool video) {
     return reason;
   };
   if (options_.check_quality) {
+    if (!face.trusted) return refused("uncertain face");
     const std::vector<std::string> flaws = problems(face.quality, options_.gate);
     if (!flaws.empty()) return refused(flaws.front());
   }

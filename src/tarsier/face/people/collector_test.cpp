@@ -31,6 +31,17 @@ TEST(CollectorTest, InVideosFacesMustDifferAndTimePass) {
   EXPECT_EQ(collector.offer(face(2), 1.7, true), "");
 }
 
+TEST(CollectorTest, UncertainFacesAreRefusedUnlessNobodyChecks) {
+  Face uncertain = face(1);
+  uncertain.trusted = false;
+  Collector strict;
+  EXPECT_EQ(strict.offer(uncertain, 0, false), "uncertain face");
+  EXPECT_EQ(strict.taken(), 0);
+  CollectOptions any;
+  any.check_quality = false;
+  EXPECT_EQ(Collector(any).offer(uncertain, 0, false), "");
+}
+
 TEST(CollectorTest, StillImagesAreEachTaken) {
   Collector collector;
   EXPECT_EQ(collector.offer(face(1), 0, false), "");

@@ -16,10 +16,14 @@
 namespace tarsier::face::people {
 namespace {
 
-// Of the points, where the detector's score is no probability: of any face, and of one that it is not
-// sure of.
-constexpr double kMinPoints = 0.45;
+// How fast trust rises with the score of the points.
+constexpr double kOfPoints = 8.4;
+// Where the detector's score is no probability: the points' score at even odds, and the least one of
+// a face that only the less strict search saw.
+constexpr double kEvenPoints = 0.45;
 constexpr double kMinUnsure = 0.5;
+// Points below this score make no face, however sure the detector is.
+constexpr double kMinPoints = 0.1;
 
 // A detector's box around a face whose eyes are known.
 cv::Rect2d box_of_eyes(const Eyes& eyes) {
@@ -47,7 +51,6 @@ double trust_in(double detection, double points) {
   constexpr double kLeast = 0.02;  // a detector is never more certain than this, either way
   constexpr double kMost = 0.99;
   constexpr double kOfDetector = 0.65;
-  constexpr double kOfPoints = 8.4;
   // Even odds would be at -4.8. False faces, and faces whose points are wrong, harm the people
   // they are enrolled with: a face must be four times as likely as not.
   constexpr double kBias = -6.2;
@@ -104,25 +107,41 @@ Face FaceReader::at_eyes(const cv::Mat& gray, const Eyes& eyes) const {
   return face;
 }
 
+std::vector<Face> FaceReader::read_by_landmarks(const cv::Mat& gray) {
+  const double min_unsure = impl_->judged ? options_.min_score : kMinUnsure;
+  const bool uncertain_too = options_.min_uncertain < options_.min_trust;
+  std::vector<Face> faces;
+  std::optional<Face> uncertain;
+  double best_trust = options_.min_uncertain;
+  for (auto& found :
+       landmarks::find_faces(*impl_->model, {}, gray, impl_->finder, impl_->workspace,
+                             uncertain_too ? std::min(kMinPoints, min_unsure) : min_unsure)) {
+    Face face;
+    face.box = found.box;
+    face.points = std::move(found.fit.points);
+    face.score = found.fit.score;
+    face.eyes = eyes_of_points(face.points);
+    if (face.eyes.distance() < 2) continue;
+    const double trust = impl_->judged ? trust_in(found.detection, face.score)
+                                       : logistic(kOfPoints * (face.score - kEvenPoints));
+    face.trusted = trust >= options_.min_trust && (found.sure || face.score >= min_unsure);
+    if (face.trusted) {
+      faces.push_back(std::move(face));
+    } else if (uncertain_too && trust >= best_trust) {
+      best_trust = trust;
+      uncertain = std::move(face);
+    }
+  }
+  if (faces.empty() && uncertain) faces.push_back(*std::move(uncertain));
+  return faces;
+}
+
 std::vector<Face> FaceReader::read(const cv::Mat& gray, DebugSink* debug) {
   require_gray(gray);
   without_eyes_ = 0;
   std::vector<Face> faces;
   if (options_.eyes == EyeMethod::kLandmarks) {
-    for (auto& found :
-         landmarks::find_faces(*impl_->model, {}, gray, impl_->finder, impl_->workspace,
-                               impl_->judged ? options_.min_score : kMinUnsure)) {
-      Face face;
-      face.box = found.box;
-      face.points = std::move(found.fit.points);
-      face.score = found.fit.score;
-      face.eyes = eyes_of_points(face.points);
-      const bool trusted = impl_->judged
-                               ? trust_in(found.detection, face.score) >= options_.min_trust
-                               : face.score >= kMinPoints;
-      if (face.eyes.distance() < 2 || !trusted) continue;
-      faces.push_back(std::move(face));
-    }
+    faces = read_by_landmarks(gray);
   } else {
     for (const auto& candidate : impl_->finder.find(gray)) {
       const auto eyes = impl_->eyes->find(gray, candidate.box);

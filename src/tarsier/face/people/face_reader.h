@@ -25,27 +25,41 @@ struct Face {
   cv::Mat crop;             // CV_8UC1, cut_face() with the reader's options
   Eigen::Matrix2Xd points;  // 2 x 68, px; empty without landmarks
   double score = 1;         // of the points, 0..1
-  int id = 0;               // stays with a followed face; 0 in stills
+  // False: hardly likely to be a face, or its points are hardly right (hidden by sunglasses or a hand,
+  // far turned), see FaceReaderOptions::min_uncertain. To be asked for, not to be enrolled.
+  bool trusted = true;
+  int id = 0;  // stays with a followed face; 0 in stills
   Quality quality;
 };
 
 // How likely something is a face, 0..1, of which the detector is as certain as `detection` says and
 // whose points fit as `points` says (both 0..1): a logistic regression over faces68 as it is and
 // disguised (sunglasses, caps, beards, hands: of those the points' score is low), and images without
-// faces.
+// faces. Without the detector that users can install `detection` is no probability, and the points
+// alone count.
 [[nodiscard]] double trust_in(double detection, double points);
+
+// Of the images of faces-wild in which no face is trusted, half have one of this trust; below it, people
+// are named no better than by chance.
+inline constexpr double kMinUncertain = 0.1;
 
 struct FaceReaderOptions {
   EyeMethod eyes = EyeMethod::kLandmarks;
   CutOptions cut;
   landmarks::FaceFinderOptions finder;
-  // Both count only where the finder has the detector that users can install:
-  double min_score = 0.35;  // of the points of a face that only the less strict search saw
-  double min_trust = 0.5;   // of any face, see trust_in(): how likely it is one
+  // Of the points of a face that only the less strict search saw. Counts only where the finder has the
+  // detector that users can install.
+  double min_score = 0.35;
+  double min_trust = 0.5;  // of any face, how likely it is one: see trust_in()
+  // A still image without a face that is trusted gives the most likely one, if it has this trust at
+  // least, as one that is not trusted. 1: it gives none; kMinUncertain is a good value.
+  double min_uncertain = 1;
   landmarks::TrackerOptions tracker;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"min_score", min_score, range(0, 1)}, {"min_trust", min_trust, range(0, 1)}};
+    return {{"min_score", min_score, range(0, 1)},
+            {"min_trust", min_trust, range(0, 1)},
+            {"min_uncertain", min_uncertain, range(0, 1)}};
   }
   void check() const;
 };
@@ -82,6 +96,7 @@ class FaceReader {
 
  private:
   struct Impl;
+  [[nodiscard]] std::vector<Face> read_by_landmarks(const cv::Mat& gray);
   FaceReaderOptions options_;
   std::unique_ptr<Impl> impl_;
   int without_eyes_ = 0;

@@ -8,6 +8,8 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <memory>
+#include <vector>
 
 namespace tarsier::face::people {
 namespace {
@@ -42,6 +44,30 @@ TEST(FaceReaderTest, DetectorAndPointsTogetherSayWhetherItIsAFace) {
     EXPECT_LE(trust_in(p, 0.4), trust_in(p + 0.1, 0.4));
     EXPECT_LT(trust_in(0.9, p), trust_in(0.9, p + 0.1));
   }
+}
+
+TEST(FaceReaderTest, AFaceThatIsNotTrustedIsGivenMarkedWhereItIsAskedFor) {
+  if (!std::filesystem::exists(kImage)) GTEST_SKIP() << "needs the package opencv-doc";
+  const cv::Mat gray = read_gray_image(kImage);
+  const auto model = std::make_shared<const landmarks::LandmarkModel>(
+      landmarks::read_landmark_model(TARSIER_SOURCE_MODELS "/landmarks68.json"));
+  const auto networks = std::make_shared<const FaceNetworks>(
+      read_face_networks(TARSIER_SOURCE_MODELS "/face-detector.json"));
+  FaceReaderOptions options;
+  ASSERT_FALSE(FaceReader(options, model, networks).read(gray).empty());
+  EXPECT_TRUE(FaceReader(options, model, networks).read(gray).front().trusted);
+  options.min_trust = 0.999;  // so that no face is trusted
+  EXPECT_TRUE(FaceReader(options, model, networks).read(gray).empty());
+  options.min_uncertain = kMinUncertain;
+  const std::vector<Face> faces = FaceReader(options, model, networks).read(gray);
+  ASSERT_EQ(faces.size(), 1U);
+  EXPECT_FALSE(faces.front().trusted);
+  EXPECT_TRUE(faces.front().box.contains({245, 93}));  // the face of the image
+  EXPECT_EQ(faces.front().crop.size(), options.cut.size);
+  // Nor is there one where nothing is like a face.
+  EXPECT_TRUE(FaceReader(options, model, networks)
+                  .read(cv::Mat(240, 320, CV_8UC1, cv::Scalar(90)))
+                  .empty());
 }
 
 TEST(FaceReaderTest, NothingIsFoundWhereNothingIs) {

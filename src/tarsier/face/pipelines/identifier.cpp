@@ -231,7 +231,8 @@ nlohmann::ordered_json to_json(const NamedFace& face) {
       {"label", face.name.label.empty() ? nlohmann::ordered_json()
                                         : nlohmann::ordered_json(face.name.label)},
       {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
-      {"known", face.name.known}};
+      {"known", face.name.known},
+      {"trusted", face.face.trusted}};
   if (face.face.id > 0) object["id"] = face.face.id;
   return object;
 }

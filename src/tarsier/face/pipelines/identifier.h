@@ -127,8 +127,8 @@ struct NamedFace {
   people::Recognition name;
 };
 
-// {"box": [x, y, w, h], "label": the nearest person or null, "confidence", "known"}, and the "id"
-// of a tracked face.
+// {"box": [x, y, w, h], "label": the nearest person or null, "confidence", "known", "trusted": see
+// people::Face}, and the "id" of a tracked face.
 [[nodiscard]] nlohmann::ordered_json to_json(const NamedFace& face);
 
 // Latest templates of tracked faces, by the face's id.

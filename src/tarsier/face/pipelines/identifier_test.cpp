@@ -144,11 +144,12 @@ TEST_F(Names, AreWrittenAsJson) {
   IdentifierResult result{{face}, 1.234};
   EXPECT_EQ(
       to_json(result).dump(),
-      R"({"faces":[{"box":[10,21,30,40],"label":null,"confidence":0.0,"known":false}],"ms":1.23})");
+      R"({"faces":[{"box":[10,21,30,40],"label":null,"confidence":0.0,"known":false,"trusted":true}],"ms":1.23})");
   result.faces[0].face.id = 3;
   result.faces[0].name = {"Ann", 0, 0, 0.98765, true, 0};
-  EXPECT_EQ(to_json(result.faces[0]).dump(),
-            R"({"box":[10,21,30,40],"label":"Ann","confidence":0.9877,"known":true,"id":3})");
+  EXPECT_EQ(
+      to_json(result.faces[0]).dump(),
+      R"({"box":[10,21,30,40],"label":"Ann","confidence":0.9877,"known":true,"trusted":true,"id":3})");
 }
 
 TEST_F(Names, TheFaceOfAStillIsThatOfThePersonEnrolled) {

@@ -200,11 +200,15 @@ int count_people(const std::vector<std::string>& labels) {
 }
 
 Split split_of(const std::vector<std::string>& labels, int training, std::uint64_t seed,
-               int enrolled_people) {
-  std::map<std::string, std::vector<int>> images;
-  for (std::size_t i = 0; i < labels.size(); ++i) images[labels[i]].push_back(static_cast<int>(i));
-  const std::vector<bool> enrolled = choose_people(images.size(), seed, enrolled_people);
+               int enrolled_people, const std::vector<bool>& may_train) {
   Split split;
+  std::map<std::string, std::vector<int>> images;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    std::vector<int>& list = images[labels[i]];
+    const bool may = may_train.empty() || may_train[i];
+    (may ? list : split.probes).push_back(static_cast<int>(i));
+  }
+  const std::vector<bool> enrolled = choose_people(images.size(), seed, enrolled_people);
   std::mt19937 generator(static_cast<std::uint32_t>(seed));
   std::size_t person = 0;
   for (const auto& [label, list] : images) {
@@ -278,6 +282,9 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
                           Progress& progress, const std::stop_token& stop,
                           const Background* background) {
   options.check();
+  TARSIER_REQUIRE(options.may_train.empty() || options.may_train.size() == faces.size(),
+                  "{} faces, {} of which it is known whether they may train", faces.size(),
+                  options.may_train.size());
   TARSIER_REQUIRE(faces.size() == labels.size(), "{} faces, {} labels", faces.size(),
                   labels.size());
   const int people = count_people(labels);
@@ -315,16 +322,30 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
   const auto any = [](const ProbeResult&) { return true; };
   const auto known = [](const ProbeResult& r) { return r.known; };
   const auto stranger = [](const ProbeResult& r) { return !r.known; };
+  const auto is_right = [](const ProbeResult& r) { return r.right; };
+  const auto may_train = [&](int face) {
+    return options.may_train.empty() || options.may_train[static_cast<std::size_t>(face)];
+  };
+  // Removes the probes that may not train and returns them.
+  const auto take_uncertain = [&](std::vector<ProbeResult>& results) {
+    const auto first = std::stable_partition(
+        results.begin(), results.end(), [&](const ProbeResult& r) { return may_train(r.face); });
+    std::vector<ProbeResult> out(first, results.end());
+    results.erase(first, results.end());
+    return out;
+  };
   const auto split = [&](std::uint64_t seed, int enrolled) {
-    return options.gallery > 0 ? split_of_gallery(labels, options.gallery, seed, enrolled)
-                               : split_of(labels, options.training, seed, enrolled);
+    return options.gallery > 0
+               ? split_of_gallery(labels, options.gallery, seed, enrolled)
+               : split_of(labels, options.training, seed, enrolled, options.may_train);
   };
   for (const auto seed : options.seeds) {
     const Split closed = split(seed, 0);
-    if (closed.probes.empty() && options.gallery > 0)
+    const bool any_probe = std::any_of(closed.probes.begin(), closed.probes.end(), may_train);
+    if (!any_probe && options.gallery > 0)
       throw std::invalid_argument("all " + std::to_string(labels.size()) +
                                   " faces train, and none is left to be asked for");
-    if (closed.probes.empty())
+    if (!any_probe)
       throw std::invalid_argument("nobody has more images than those that train (" +
                                   std::to_string(options.training) + ")");
     SeedResult result;
@@ -332,16 +353,19 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
     Run first = run(faces, coordinates, labels, closed, recognizer, background, stop);
     result.people = static_cast<int>(first.model.labels.size());
     result.training = static_cast<int>(closed.training.size());
-    result.probes = static_cast<int>(closed.probes.size());
     result.train_seconds = first.train_seconds;
     result.identify_ms = first.identify_ms + describe_ms;
+    const std::vector<ProbeResult> uncertain = take_uncertain(first.results);
     result.closed = std::move(first.results);
-    result.identified = count_of(result.closed, any, [](const ProbeResult& r) { return r.right; });
+    result.probes = static_cast<int>(result.closed.size());
+    result.uncertain_identified = count_of(uncertain, any, is_right);
+    result.identified = count_of(result.closed, any, is_right);
     result.accuracy = share(result.identified);
     if (options.strangers) {
       const int enrolled = options.enrolled > 0 ? options.enrolled : people / 2;
       Run second =
           run(faces, coordinates, labels, split(seed, enrolled), recognizer, background, stop);
+      const std::vector<ProbeResult> uncertain_open = take_uncertain(second.results);
       result.open = std::move(second.results);
       auto [of_known, of_strangers] = open_scores(result.open);
       result.known_probes = static_cast<int>(of_known.size());
@@ -366,6 +390,8 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
         result.stated_right_count =
             count_of(result.open, known, [&](const ProbeResult& r) { return r.right && above(r); });
         result.stated_false_count = count_of(result.open, stranger, above);
+        result.uncertain_true_count = count_of(uncertain_open, known, above);
+        result.uncertain_false_count = count_of(uncertain_open, stranger, above);
         result.stated_true = share(result.stated_true_count);
         result.stated_right = share(result.stated_right_count);
         result.stated_false = share(result.stated_false_count);

@@ -34,6 +34,8 @@ struct EvaluationOptions {
   // In place of `training` random ones: the first so many faces train, all others are probes. 0: none.
   int gallery = 0;
   std::vector<std::uint64_t> seeds{0, 1, 2, 3, 4};  // 1..1000 of them, one random choice each
+  // For each face whether it may train; empty: all may. Probes that may not are counted apart.
+  std::vector<bool> may_train;
   bool strangers = true;  // once more with some of the people enrolled only
   int enrolled = 0;       // so many of them; 0: half, rounded down
   // Rate at which true accepts are counted with a threshold chosen on the very scores that are
@@ -62,8 +64,10 @@ struct Split {
   std::vector<int> probes;
 };
 // Only `enrolled` of the people (at random; 0: all) train; all images of the others are probes.
+// `may_train`: as in EvaluationOptions; the choice is among those that may.
 [[nodiscard]] Split split_of(const std::vector<std::string>& labels, int training,
-                             std::uint64_t seed, int enrolled = 0);
+                             std::uint64_t seed, int enrolled = 0,
+                             const std::vector<bool>& may_train = {});
 // The first `gallery` faces train, of so many people at random (as above; 0: of all), the faces
 // after them are probes. A gallery of 0 or of all faces leaves one of the two empty.
 [[nodiscard]] Split split_of_gallery(const std::vector<std::string>& labels, int gallery,
@@ -121,6 +125,11 @@ struct SeedResult {
   Count stated_true_count;
   Count stated_right_count;
   Count stated_false_count;
+  // The same of probes that may not train (EvaluationOptions::may_train). All other figures, `probes`,
+  // `closed` and `open` leave these out.
+  Count uncertain_identified;
+  Count uncertain_true_count;
+  Count uncertain_false_count;
   double train_seconds = 0;
   double identify_ms = 0;  // mean of a probe, describing included
   std::vector<ProbeResult> closed;

@@ -50,6 +50,20 @@ TEST(Split, IsThatOfNumpy) {
   EXPECT_THAT(split_of(names(1, 10), 5, 0).training, testing::ElementsAre(1, 2, 4, 8, 9));
 }
 
+TEST(Split, FacesThatMayNotTrainAreAskedForAndChangeNoChoice) {
+  // Two people with five faces each, and one more of each that may not train.
+  std::vector<std::string> labels = names(2, 5);
+  const Split without = split_of(labels, 3, 4);
+  labels.insert(labels.end(), {labels.front(), labels.back()});
+  std::vector<bool> may_train(10, true);
+  may_train.resize(12, false);
+  const Split with = split_of(labels, 3, 4, 0, may_train);
+  EXPECT_EQ(with.training, without.training);
+  std::vector<int> probes = without.probes;
+  probes.insert(probes.end(), {10, 11});
+  EXPECT_EQ(with.probes, probes);
+}
+
 TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
   const auto split = split_of(names(7, 4), 2, 1, 3);
   EXPECT_EQ(split.training.size(), 6U);  // three people
@@ -134,6 +148,33 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
   options.training = 5;
   EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
                std::invalid_argument);
+}
+
+TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
+  const auto set = synthetic_faces(5, 4, 0.3, 1);
+  EvaluationOptions options;
+  options.training = 2;
+  options.seeds = {0};
+  NoProgress quiet;
+  const SeedResult before = evaluate(set.faces, set.labels, {}, options, quiet, {}).seeds.front();
+  // A face of the first person, and one under a wrong name.
+  std::vector<cv::Mat> faces = set.faces;
+  std::vector<std::string> labels = set.labels;
+  faces.insert(faces.end(), {set.faces.front(), set.faces.front()});
+  labels.insert(labels.end(), {set.labels.front(), set.labels.back()});
+  options.may_train.assign(set.faces.size(), true);
+  EXPECT_THROW((void)evaluate(faces, labels, {}, options, quiet, {}), std::invalid_argument);
+  options.may_train.resize(faces.size(), false);
+  const auto result = evaluate(faces, labels, {}, options, quiet, {});
+  const SeedResult& after = result.seeds.front();
+  EXPECT_EQ(after.training, before.training);
+  EXPECT_EQ(after.probes, before.probes);
+  EXPECT_EQ(after.accuracy, before.accuracy);
+  EXPECT_EQ(after.stranger_probes, before.stranger_probes);
+  EXPECT_EQ(after.uncertain_identified.hits, 1);
+  EXPECT_EQ(after.uncertain_identified.trials, 2);
+  EXPECT_EQ(before.uncertain_identified.trials, 0);
+  EXPECT_NEAR(result.rate(&SeedResult::uncertain_identified).value, 0.5, 1e-12);
 }
 
 TEST(Evaluate, AsksForWhatIsNotInTheGallery) {
