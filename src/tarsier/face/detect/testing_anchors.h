@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-// A detector whose weights are written by hand: it takes cells that are bright for faces, of the
-// size of its first anchor.
+// A detector with hand-written weights: it detects bright cells as faces with the size of its first
+// anchor.
 namespace tarsier::face {
 
 inline linalg::NamedTensor tensor_of(std::string name, std::vector<std::int64_t> shape) {
