@@ -31,7 +31,7 @@ struct AnchorDetector {
 };
 
 // Builds the network from tensors with the names of face-api:
-// conv0/filters (3 x 3 x 3 x n), conv0/bias: without padding
+//   conv0/filters (3 x 3 x 3 x n), conv0/bias: without padding
 //   conv1/depthwise_filter (3 x 3 x c x 1), conv1/pointwise_filter (1 x 1 x c x n), conv1/bias; ..
 //   conv5: the same; conv8/filters (1 x 1 x c x 25), conv8/bias
 // Throws ModelError(path).

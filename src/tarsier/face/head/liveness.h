@@ -22,8 +22,8 @@
 // the affine map A from the reference's eye corners, mouth corners and sides of the nose to the
 // current ones (least squares) predicts the motion of a flat image. With the nose tip x and a lid
 // distance d,
-// parallax = (x_seen - A x_reference) . u / |A| e    u: from eye to eye, e: their distance, px
-// openness = d_seen / d_of(A lids of the reference)  the larger of both eyes
+//   parallax = (x_seen - A x_reference) . u / |A| e    u: from eye to eye, e: their distance, px
+//   openness = d_seen / d_of(A lids of the reference)  the larger of both eyes
 // For a plane, openness stays about 1 and parallax about 0, whatever its motion. For a head that is
 // turned by the angle a, the nose tip moves by about 0.3 sin a to 0.45 sin a. A blink is detected
 // from openness and from the appearance of the eyes at the positions given by A (blink.h).

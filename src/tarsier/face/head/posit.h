@@ -16,10 +16,10 @@
 // linear in the pose once w is known. POSIT starts with w = 1 (scaled orthography), solves with the
 // object's pseudo-inverse, which is computed once, makes the rows orthonormal, and updates w from
 // the result.
-// classic:     P_i relative to a reference point whose projection is assumed to be exact
-//              (DeMenton and Davis, "Model-based object pose in 25 lines of code", IJCV 1995)
-// homogeneous: all points have the same role, the translation is estimated too (DeMenton, David
-//              and Samarin's form); P_i relative to the centroid
+//   classic:     P_i relative to a reference point whose projection is assumed to be exact
+//                (DeMenton and Davis, "Model-based object pose in 25 lines of code", IJCV 1995)
+//   homogeneous: all points have the same role, the translation is estimated too (DeMenton, David
+//                and Samarin's form); P_i relative to the centroid
 // The translation has the unit of the object's points.
 namespace tarsier::face::head {
 

@@ -19,7 +19,7 @@
 // vector
 //   f = [B^T ([gradients ; offsets] - mean) ; (pitch, yaw, roll) / angle_scale]
 // and the correction, in degrees, is
-// (pitch, yaw) - (pitch, yaw) of the approximate pose = sum_i exp(-gamma |f - f_i|^2) weights_i.
+//   (pitch, yaw) - (pitch, yaw) of the approximate pose = sum_i exp(-gamma |f - f_i|^2) weights_i.
 // It is zero for views that differ from all training views.
 namespace tarsier::face::head_view {
 

@@ -45,10 +45,10 @@ struct Placement {
 // the older id is kept. With the templates x_i (directions of unit length or less), weights w_i
 // (their quality) and m_g the weighted mean of a group,
 //
-// v_g = m_g - sum_h m_h / (G + W)        G groups, W the background's weight: removes what all
-//                                        groups have in common (same camera, same light)
-// r_g = |v_g| / (weighted mean of |x_i|) 1 for one sighting, less for more diverse groups
-// s(g, h) = v_g . v_h / sqrt(r_g r_h)
+//   v_g = m_g - sum_h m_h / (G + W)        G groups, W the background's weight: removes what all
+//                                          groups have in common (same camera, same light)
+//   r_g = |v_g| / (weighted mean of |x_i|) 1 for one sighting, less for more diverse groups
+//   s(g, h) = v_g . v_h / sqrt(r_g r_h)
 //
 // v_g . v_h is the mean score of all pairs (average linkage, Sokal and Michener 1958). v_g . v_h /
 // (r_g r_h) is the score of the two pooled templates (Recognizer, pooled()). s is the geometric

@@ -49,7 +49,7 @@ struct DeepNetwork {
 
 // Builds the network from tensors with the names of face-api, in their order:
 //   S/conv/filters (7 x 7 x 3 x n), S/conv/bias, S/scale/weights, S/scale/biases: the stem
-// B/conv1/.., B/conv2/.. (3 x 3): a block; stride 2 if B contains "_down"
+//   B/conv1/.., B/conv2/.. (3 x 3): a block; stride 2 if B contains "_down"
 //   fc (channels x outputs)
 // Each layer is a convolution, then y = weight * x + bias for each channel. Throws ModelError(path)
 // if the tensors do not form a network that takes a chip.
