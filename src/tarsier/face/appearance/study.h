@@ -78,9 +78,9 @@ struct StudyOptions {
 [[nodiscard]] std::array<int, 2> widest(const shape::ShapeModel& model);
 
 // model.lost_error for a model of these images. A second model is trained on two thirds of the
-// people in them (of the images, if they show fewer than three people) and fitted to the rest, from
-// starts near the true points and from starts far away. 0 if there are fewer than 6 images. The
-// result does not depend on the number of threads.
+// people in them (of the images, if they show fewer than three people). It is fitted to the rest,
+// from starts near the true points and from starts far away. 0 if there are fewer than 6 images.
+// The result does not depend on the number of threads.
 [[nodiscard]] double learn_lost_error(const std::vector<TrainingImage>& images,
                                       const std::vector<int>& mirror,
                                       const AppearanceOptions& options, std::uint64_t seed,

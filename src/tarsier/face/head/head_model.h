@@ -11,7 +11,7 @@
 namespace tarsier::face::head {
 
 // 3D landmarks of a head and their deformation:
-//   shape = mean + modes b,  b_k of mean 0 and standard deviation deviation_k.
+//   shape = mean + modes b,  b_k has mean 0 and standard deviation deviation_k.
 // Frame: mm, the origin midway between the outer eye corners, x to image right, y down, z forward
 // (away from the camera) when the head looks straight into the camera. The nose has z < 0, and x=0
 // is the plane of symmetry. Shapes as vectors: x0 y0 z0 x1 ...

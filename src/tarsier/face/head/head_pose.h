@@ -20,9 +20,9 @@
 // together. The result is the maximum a posteriori estimate, which minimises
 //   sum_i w_i |x_i - project(R (mean_i + modes_i b) + t)|^2 / sigma_i^2 + sum_k b_k^2 /
 //   deviation_k^2,
-// where sigma_i combines the model's noise of the point, in px at the head's distance, and the
-// noise of its measurement: noise_px, or more according to `sigma_px`. w_i is the robust weight,
-// times a weight of the outline's far side in turned heads (as in training).
+// where w_i is the robust weight, times a weight of the outline's far side in turned heads (as in
+// training). sigma_i combines the model's noise of the point, in px at the head's distance, with
+// the noise of the measurement, which is noise_px, or more according to `sigma_px`.
 //
 // By the normal equations at the solution, the covariance of the pose (w, t) and of c = b /
 // deviation is (Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd edition 2004,

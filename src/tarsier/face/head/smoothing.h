@@ -14,10 +14,10 @@
 // angles may pass 180 degrees.
 //
 // A covariance of the rotation's error (rad^2, see head/angle_sigma.h), if given, is converted to
-// that of the smoothed rotation. It is the same mean of the poses' covariances, because errors of
-// one face in neighbouring frames are similar and do not average out (for fully dependent errors
-// this is the upper bound). d d^T is added, where d is the rotation vector by which the smoothed
-// pose lags behind the latest one.
+// that of the smoothed rotation. It is averaged with the same weights as the poses: errors of one
+// face in neighbouring frames are similar and do not average out (for fully dependent errors this
+// is the upper bound). d d^T is added, where d is the rotation vector by which the smoothed pose
+// lags behind the latest one.
 namespace tarsier::face::head {
 
 // The chordal mean of rotations (Markley et al., "Averaging quaternions", 2007) and the mean of

@@ -108,9 +108,9 @@ class FaceFinder {
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray);
   // Only the strict search.
   [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
-  // In a part of the image. Of the cascades' less strict searches, one is run, in turn. cascades =
-  // false disables the cascades that run together with the networks in a whole image: they take
-  // four times as long as the networks.
+  // Searches a part of the image. Of the cascades' less strict searches, only one is run, in turn.
+  // cascades = false disables the cascades that run together with the networks in a whole image,
+  // which take four times as long as the networks.
   [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile,
                                                bool cascades = true);
   // Rolled faces that the strict search is sure of, in the image rotated by -kSearchRoll and

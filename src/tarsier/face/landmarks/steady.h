@@ -8,9 +8,10 @@
 namespace tarsier::face::landmarks {
 
 // Smoothing with little lag: an alpha-beta filter (position and speed; Benedict and Bordner, 1962).
-// Its gain is low at rest and rises when fits deviate persistently from the prediction: for the
-// whole face when it moves, for a single point when, for example, the lips part. (An exponential
-// mean of the same steadiness lags nearly twice as far behind a moving head: docs/landmarks.md.)
+// Its gain is low at rest and rises when fits deviate persistently from the prediction. It rises
+// for the whole face when the face moves, or for a single point, for example when the lips part.
+// (An exponential mean of the same steadiness lags nearly twice as far behind a moving head:
+// docs/landmarks.md.)
 struct SteadyOptions {
   double gain = 0.12;         // alpha per 1/25 s at rest
   double face_gain = 12;      // increase per unit of persistent deviation of the face

@@ -75,9 +75,10 @@ struct TrackerState {
 // fourth such search uses OpenCV's cascades. The cost of a frame therefore does not depend on its
 // size, and a small face is found within as many frames as there are tiles.
 //
-// Rolled faces are searched for (FaceFinderOptions::rolled; by default while no face is tracked) in
-// the first frame and with each search that is due, alternating between the two sides, and around
-// the position of a lost face that was rolled. `debug` receives the stages of each fit.
+// Rolled faces (FaceFinderOptions::rolled; by default only while no face is tracked) are searched
+// for in the first frame and with each search that is due, alternating between the two sides. They
+// are also searched for around the position of a lost face that was rolled. `debug` receives the
+// stages of each fit.
 [[nodiscard]] std::vector<TrackedFace> track_faces(
     const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
     FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double time,

@@ -41,9 +41,9 @@ struct ClassicalOptions {
                                      const ClassicalOptions& options = {},
                                      DebugSink* debug = nullptr);
 
-// Reduces light from one side. The result is the equalised left half left of a quarter of the
-// width, the equalised right half right of three quarters, and the equalised whole in the middle,
-// blended linearly in between.
+// Reduces light from one side. Left of a quarter of the width, the result is the equalised left
+// half; right of three quarters, the equalised right half; in the middle, the equalised whole. In
+// between they are blended linearly.
 [[nodiscard]] cv::Mat equalize_halves(const cv::Mat& gray);
 
 // sqrt(sum of squared grey differences) / pixels. For the usual 70 x 70 faces, 0.3 is clearly

@@ -106,8 +106,8 @@ class GalleryIndex {
 };
 
 // Used by Gallery::forget(), so that no index file contains a forgotten person. prepare() is called
-// before the removal. It writes an index without the removed faces, or decides that the index must
-// be deleted: it was learned from one of them, does not belong to the gallery, or is damaged.
+// before the removal. It writes an index without the removed faces. It decides that the index must
+// be deleted if it was learned from one of them, does not belong to the gallery, or is damaged.
 // replace() moves the new index into place, within the transaction of the removal. finish()
 // overwrites the old file with zeros. An index that is being built by another program is deleted.
 class IndexRemoval {

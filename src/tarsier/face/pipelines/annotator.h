@@ -62,12 +62,13 @@ struct AnnotatorOptions {
 // The model is trained on these images alone, so no ModelStore is needed.
 //
 // With fewer than `min_faces` finished images, the points of the nearest image are moved by optical
-// flow. There is no proposal where the two images are too different. From `min_faces` on,
-// supervised descent (landmarks/descent.h) fits the points. It starts from the mean shape, placed
-// by the face detector if that finds the annotated object in most images, otherwise at the best
-// match of the mean appearance. Each point is then refined by comparing its surroundings with the
-// most similar finished images. The model is trained again when the finished images have changed.
-// The same requests give the same proposals. Not thread-safe.
+// flow. If the two images are too different, the points are transferred by the face detector's
+// boxes, if possible. From `min_faces` on, supervised descent (landmarks/descent.h) fits the
+// points. It starts from the mean shape, placed by the face detector if that finds the annotated
+// object in most images, otherwise at the best match of the mean appearance. Each point is then
+// refined by comparing its surroundings with the most similar finished images. The model is trained
+// again when the finished images have changed. The same requests give the same proposals. Not
+// thread-safe.
 class Annotator {
  public:
   explicit Annotator(const AnnotatorOptions& options = {});

@@ -58,9 +58,9 @@ class FaceTurner {
   [[nodiscard]] std::optional<Turned> turn(const cv::Mat& gray, const Eigen::Matrix2Xd& points,
                                            double pitch_deg, double yaw_deg) const;
 
-  // `count` shapes (2 x n px) as predicted from an approximate pose. The head model is in poses
-  // near that of `points`: scaled from 40 % less to 10 % more rotation, with 5 degrees (standard
-  // deviation) of noise, and with shapes between the mean and the face's own. Fewer if the points
+  // `count` shapes (2 x n px) as predicted from an approximate pose: the head model in random poses
+  // near that of `points`. The angles are multiplied by 0.6 to 1.1, plus noise of 5 degrees
+  // (standard deviation). The shapes are between the mean and the face's own. Fewer if the points
   // have no pose. Deterministic by the seed.
   [[nodiscard]] std::vector<Eigen::Matrix2Xd> shapes_near(const Eigen::Matrix2Xd& points, int count,
                                                           std::uint64_t seed) const;
