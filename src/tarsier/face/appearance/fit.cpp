@@ -23,8 +23,8 @@ constexpr NameTable<FitStatus, 3> kStatuses{"status",
 
 // Max share of folded triangles: thin ones between closed lips fold even in annotations.
 constexpr double kMaxFolded = 0.15;
-constexpr double kWorse =
-    1.03;  // a last error that exceeds the best one by this factor means divergence
+// A last error that exceeds the best one by this factor means divergence.
+constexpr double kWorse = 1.03;
 
 // Number of modes that explain a share of the shape's variance.
 int modes_for(const shape::ShapeModel& model, double share) {

@@ -180,8 +180,8 @@ void train_texture(Texture& texture, Sampled sampled, double variance, int max_m
     mode.normalize();
     Index place = 0;
     const float largest = mode.cwiseAbs().maxCoeff(&place);
-    const float step =
-        mode[place] < 0 ? -largest / 127 : largest / 127;  // a mode's sign is arbitrary
+    // A mode's sign is arbitrary.
+    const float step = mode[place] < 0 ? -largest / 127 : largest / 127;
     texture.packed_modes.col(k) =
         (mode / step).array().round().max(-127).min(127).cast<std::int8_t>();
     texture.steps[k] = std::abs(step);

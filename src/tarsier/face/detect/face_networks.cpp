@@ -18,14 +18,14 @@ namespace {
 constexpr int kBorder = 8;
 constexpr int kContrastReach = 8;    // 2 x 2 blocks on each side: 34 px, about twice a face
 constexpr float kContrastFloor = 8;  // grey values
-constexpr double kScanThreshold =
-    0.1;  // of the first network; later stages cannot recover its misses
+// Of the first network; later stages cannot recover its misses.
+constexpr double kScanThreshold = 0.1;
 constexpr std::size_t kMaxFinds = 3000;   // candidates per level: bounds the work for any image
 constexpr double kJudgeThreshold = 0.15;  // of the second
 constexpr double kClearlyNot = -3;        // logit of the third
 constexpr double kDeviationFloor = 4;     // grey values, of a window
-constexpr std::size_t kStack =
-    16;  // windows evaluated at once: they fit into the second-level cache
+// Windows evaluated at once: they fit into the second-level cache.
+constexpr std::size_t kStack = 16;
 
 bool is_same(const cv::Rect2d& a, const cv::Rect2d& b, double overlap) {
   const double width = std::min(a.x + a.width, b.x + b.width) - std::max(a.x, b.x);

@@ -28,8 +28,8 @@ namespace tarsier::face {
 // from the cell's centre, in kScanFace px, and the logarithm of its width / kScanFace.
 inline constexpr int kScanCell = 4;
 inline constexpr int kScanFace = 16;
-inline constexpr double kScanStep =
-    1.35;  // a pyramid level detects faces of 1 to 1.35 times kScanFace
+// A pyramid level detects faces of 1 to 1.35 times kScanFace.
+inline constexpr double kScanStep = 1.35;
 [[nodiscard]] linalg::Network scan_network();
 
 // --- the second and the third ---

@@ -60,8 +60,8 @@ constexpr int kHoldOut = 3;
 struct Material {
   std::vector<Image> faces;    // images with faces
   std::vector<Image> without;  // images without faces
-  std::vector<Image>
-      held_out;  // held-out images without faces: they determine the score of a sure face
+  // Held-out images without faces: they determine the score of a sure face.
+  std::vector<Image> held_out;
   std::vector<std::pair<int, int>> all;  // image and face indices
   double disguised = 0;                  // FaceTrainingOptions
   [[nodiscard]] bool wide() const { return disguised > 0; }

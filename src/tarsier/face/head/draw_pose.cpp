@@ -117,7 +117,6 @@ void draw_box(cv::Mat& image, const geometry::Camera& camera,
   };
   // A face is visible if the camera is on its outer side. Face 2 k + s: coordinate k at low (s = 0)
   // or high.
-  // 0) or high.
   const Eigen::Vector3d eye = camera_from_object.center();
   std::array<bool, 6> is_seen{};
   for (int k = 0; k < 3; ++k) {

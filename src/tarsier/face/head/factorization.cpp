@@ -88,7 +88,6 @@ std::optional<Factorization> factorize_symmetric(const std::vector<Eigen::Matrix
 
   // Remaining ambiguity: the sign of x, a rotation of y and z, the sign of z. The mean camera is
   // assumed to look straight at the face.
-  // straight at the face.
   Eigen::Vector2d down = Eigen::Vector2d::Zero();
   double right = 0;
   for (Index f = 0; f < count; ++f) {

@@ -20,8 +20,8 @@ struct ViewSample {
 
 struct TrainViewOptions {
   int components = 200;  // of the PCA, at most the number of views
-  double offset_weight =
-      0.5;  // of the landmarks' offsets relative to the gradients, both scaled to variance 1
+  // Of the landmarks' offsets relative to the gradients, both scaled to variance 1.
+  double offset_weight = 0.5;
   double angle_weight = 0.6;  // of the approximate angles, likewise
   // Of the kernel. f has a mean squared distance of 1 + offset_weight^2 + angle_weight^2 between
   // two views.

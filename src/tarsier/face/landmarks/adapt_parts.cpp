@@ -111,7 +111,6 @@ Problem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
   throw_if_stopped(stop);
   // The constant has the weight of all features together, so that the common offset of a person's
   // points is learned first.
-  // first.
   problem.constant = std::sqrt(
       std::max(1e-9, problem.features.leftCols(width).squaredNorm() / static_cast<double>(count)));
   problem.features.col(width).setConstant(problem.constant);
@@ -276,7 +275,6 @@ Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
   const std::size_t trees = walks.leaves.front().size();
   // A start's row has ones at the leaves it reaches, so products of rows count common leaves. A
   // constant of the same weight is added, which is finally distributed over all leaves.
-  // of the same weight is spread over all leaves in the end.
   Eigen::MatrixXd kernel(count, count);
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index k = 0; k <= i; ++k) {

@@ -18,8 +18,8 @@ constexpr double kAnchorShare = 0.08;
 // networks' score.
 constexpr double kJointSure = 0.3;
 constexpr double kJointUnlikely = 0.15;
-constexpr double kWorthALook =
-    0.02;                         // a place that only the anchors detect needs at least this score
+// A place that only the anchors detect needs at least this score.
+constexpr double kWorthALook = 0.02;
 constexpr double kOneView = 0.3;  // the same for a place that only one view has searched for
 
 double logit(double p) {

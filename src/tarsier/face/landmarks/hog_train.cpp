@@ -64,8 +64,8 @@ double scale_of(const shape::BoxedImage& image, const cv::Mat& gray, const HogOp
     const double side = std::sqrt(std::max(0.0, box.area()));
     if (side > 0 && (smallest == 0 || side < smallest)) smallest = side;
   }
-  const double wished =
-      rng.uniform(1.02, kLargestStart);  // one random number per image in any case
+  // One random number per image in any case.
+  const double wished = rng.uniform(1.02, kLargestStart);
   if (smallest == 0) return std::min(1.0, most);
   return std::min(most, options.window * wished / smallest);
 }

@@ -13,8 +13,8 @@ namespace tarsier::face::landmarks {
 namespace {
 
 constexpr int kCascadesEvery = 4;  // searches
-constexpr double kRolledShare =
-    0.05;  // share of the longer side: width of the smallest rolled face
+// Share of the longer side: width of the smallest rolled face.
+constexpr double kRolledShare = 0.05;
 
 // Distance between two faces' centres, in sizes of the second.
 double distance(const cv::Rect2d& a, const cv::Rect2d& b) {

@@ -216,8 +216,8 @@ cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size) {
   constexpr double kAspect = 1.25;  // height / width of the crop
   const double side = size.width / kAlignedSide;
   const double scale = kAlignedEyesApart * side / ((1 - 2 * kEyeX) * crop.cols);
-  const double scale_y =
-      scale * kAspect * crop.cols / crop.rows;  // also for crops with another aspect
+  // Also for crops with another aspect.
+  const double scale_y = scale * kAspect * crop.cols / crop.rows;
   cv::Mat source;  // never the crop's own pixels: the caller still uses them
   if (scale < 0.6)
     cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);

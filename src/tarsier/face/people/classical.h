@@ -15,8 +15,8 @@ struct ClassicalOptions {
   int size = 70;        // px, square
   double eye_x = 0.16;  // of the left eye, share of the size
   double eye_y = 0.14;
-  bool halves =
-      true;  // equalise the left half, the right half and the whole separately, and blend them
+  // Equalise the left half, the right half and the whole separately, and blend them.
+  bool halves = true;
   double smooth_color = 20;  // of the bilateral filter, grey levels; 0 disables it
   double smooth_space = 2;   // px
   bool mask = true;  // fill with grey outside an ellipse at (0.5, 0.4) with half axes (0.5, 0.8)

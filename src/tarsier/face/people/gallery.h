@@ -143,8 +143,8 @@ struct ForgetReport {
   bool unlearned = false;     // the model was trained on these faces, so it was removed too
   std::int64_t pieces = 0;    // number of 32-byte pieces of the removed crops and templates
   std::int64_t searched = 0;  // pieces that were searched for
-  std::int64_t shared =
-      0;  // pieces not searched for, because faces of other people contain them too
+  // Pieces not searched for, because faces of other people contain them too.
+  std::int64_t shared = 0;
   std::vector<std::string> shared_with;  // these other people
   // Number of removed crops and templates of which less than half of the pieces could be searched
   // for (the same image is enrolled under another name). Their removal is not proven.

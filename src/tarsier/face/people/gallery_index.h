@@ -27,7 +27,6 @@
 // The gallery stores the SHA-256 of its index. An index file of another state or another gallery,
 // or a modified one, is not used. Faces that were enrolled after the index was built are compared
 // exactly. Templates of another model make the index unusable: `people index` builds a new one.
-// another.
 namespace tarsier::face::people {
 
 // Below this number of faces an exact search is as fast (docs/results.md, large galleries).

@@ -87,8 +87,8 @@ struct GalleryTraining::Impl {
   std::vector<std::int64_t> learned;               // training faces
   std::vector<cv::Mat> inputs;
   std::optional<recognition::Training> training;
-  std::optional<Recognizer>
-      recognizer;  // computes templates of missing faces, with the model `stored`
+  // Computes templates of missing faces, with the model `stored`.
+  std::optional<Recognizer> recognizer;
   std::optional<GalleryModel> result;
 
   void look();

@@ -129,8 +129,8 @@ class Linkage {
       for (Eigen::Index i = 0; i < scores_.rows(); ++i)
         if (!gone_[at(i)] && (best < 0 || score(i) > score(best))) best = i;
       if (best < 0 || !(score(best) >= threshold)) return merged;
-      const Eigen::Index into =
-          std::min(best, nearest_[at(best)]);  // ids rise, so this is the older one
+      // Ids rise, so this is the older one.
+      const Eigen::Index into = std::min(best, nearest_[at(best)]);
       const Eigen::Index from = std::max(best, nearest_[at(best)]);
       join(from, into);
       merged.emplace_back(groups_[at(from)].id, groups_[at(into)].id);

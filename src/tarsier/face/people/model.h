@@ -178,8 +178,8 @@ struct Recognition {
   double threshold = 0;   // of the score, at the requested false accept rate
   double confidence = 0;  // 0..1
   bool known = false;
-  int nearest =
-      -1;  // index of the nearest template; -1: none, or the gallery is searched by its index
+  // Index of the nearest template; -1: none, or the gallery is searched by its index.
+  int nearest = -1;
 };
 
 // `false_accepts`: the rate at which strangers may become `known`, (0, 1). Without calibration (one

@@ -56,7 +56,7 @@ struct AnnotatorOptions {
 //   shape::LandmarkSet done;
 //   for each image:
 //     const auto proposal = annotator.propose({gray, done, nearest});
-// .. the person corrects the points (or begins without a proposal)
+//     .. the person corrects the points (or begins without a proposal)
 //     done.samples.push_back({path, points});
 //
 // The model is trained on these images alone, so no ModelStore is needed.

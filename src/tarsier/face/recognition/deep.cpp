@@ -122,8 +122,8 @@ cv::Mat chip_of_crop(const cv::Mat& crop) {
   constexpr double kAspect = 1.25;  // height / width of the crop
   cv::Mat source;                   // never the crop's own pixels: the caller still uses them
   const double scale = kChipEyes / ((1 - 2 * kEyeX) * crop.cols);
-  const double scale_y =
-      scale * kAspect * crop.cols / crop.rows;  // also for crops with another aspect
+  // Also for crops with another aspect.
+  const double scale_y = scale * kAspect * crop.cols / crop.rows;
   if (scale < 0.6)
     cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);
   else

@@ -188,8 +188,8 @@ bool remove_person(Recognizer& model, const std::string& label);
 
 // Inspection of eigen and fisher models.
 [[nodiscard]] cv::Mat mean_face(const Recognizer& model);  // CV_8UC1
-[[nodiscard]] cv::Mat component_image(const Recognizer& model,
-                                      int i);  // CV_8UC1, contrast stretched
+// CV_8UC1, contrast stretched.
+[[nodiscard]] cv::Mat component_image(const Recognizer& model, int i);
 // The least-squares reconstruction of a face in the subspace, CV_8UC1 of the model's size.
 [[nodiscard]] cv::Mat reconstruction(const Recognizer& model, const cv::Mat& face);
 // sqrt(sum of squared grey differences) / pixels, the classical measure; small means similar.

@@ -12,8 +12,8 @@
 namespace tarsier::face::shape {
 namespace {
 
-constexpr double kOnEdge =
-    -1e-9;  // barycentric coordinates down to this value count as on the edge
+// Barycentric coordinates down to this value count as on the edge.
+constexpr double kOnEdge = -1e-9;
 constexpr double kMaxCoordinate = 1e7;  // px
 
 // Barycentric coordinates of a triangle as affine functions of the position: the second is bx x +

@@ -141,8 +141,8 @@ void take_modes(ShapeModel& model, const Spectrum& spectrum, const MatrixXd& dir
     }
     Index largest = 0;
     mode.cwiseAbs().maxCoeff(&largest);
-    model.modes.col(k) =
-        mode[largest] < 0 ? VectorXd(-mode) : mode;  // the same sign on all machines
+    // The same sign on all machines.
+    model.modes.col(k) = mode[largest] < 0 ? VectorXd(-mode) : mode;
   }
 }
 
