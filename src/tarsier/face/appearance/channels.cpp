@@ -23,10 +23,11 @@ constexpr NameTable<Channels, 4> kChannels{"channels",
 
 constexpr double kSmoothing = 0.7;    // px of the crop, before derivatives
 constexpr double kPooling = 1.6;      // px, of the oriented channels
-constexpr double kContrast = 4.0;     // px, over which they are normalised
-constexpr float kMinContrast = 3.0F;  // grey levels a px: what is below fades out
+constexpr double kContrast = 4.0;     // px, radius of their normalisation
+constexpr float kMinContrast = 3.0F;  // grey levels per px; weaker gradients fade out
 
-// The image under the crop, in px of the crop or smaller ones. False where they do not meet.
+// The part of the image under the crop, at the crop's resolution or a higher one. False if they do
+// not overlap.
 bool cut(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::Size size,
          cv::Mat& reduced, cv::Mat& crop) {
   const double scale = image_from_crop.scale();
@@ -64,7 +65,7 @@ bool cut(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::S
   } else {
     source = &part;
   }
-  // Centres stay where they were under the reduction.
+  // Pixel centres are kept by the reduction.
   const cv::Matx23d map(sx * image_from_crop.a, -sx * image_from_crop.b,
                         sx * (image_from_crop.tx - area.x + 0.5) - 0.5, sy * image_from_crop.b,
                         sy * image_from_crop.a, sy * (image_from_crop.ty - area.y + 0.5) - 0.5);
@@ -93,7 +94,7 @@ void mark_inside(cv::Size image, const shape::Similarity2d& image_from_crop, cv:
   }
 }
 
-// Central differences, one-sided at the edges.
+// Central differences, one-sided at the border.
 struct Gradient {
   float x, y;
 };

@@ -23,12 +23,12 @@ constexpr NameTable<FaceEdit, 2> kEdits{
     "edit", {{{FaceEdit::kOpenMouth, "mouth"}, {FaceEdit::kRaiseBrows, "brows"}}}};
 
 constexpr int kPoints = 68;
-constexpr double kMouthShare = 0.22;  // of the face's height that the lower lip falls
+constexpr double kMouthShare = 0.22;  // movement of the lower lip, share of the face's height
 constexpr double kBrowShare = 0.09;
-constexpr double kInside = 0.45;   // light inside an open mouth
-constexpr double kFeather = 0.03;  // of the face's width, over which the edge is blended
+constexpr double kInside = 0.45;   // brightness inside an open mouth
+constexpr double kFeather = 0.03;  // blending width at the edge, share of the face's width
 
-// How far each point goes along the face's downward axis, in face heights.
+// Movement of each point along the face's downward axis, in face heights.
 double share_of(int point, FaceEdit edit) {
   const auto is_in = [&](int first, int last) { return point >= first && point <= last; };
   if (edit == FaceEdit::kRaiseBrows) return is_in(17, 26) ? -kBrowShare : 0;
@@ -55,7 +55,7 @@ cv::Point2f point_of(const Matrix2Xd& points, int i) {
   return {static_cast<float>(points(0, i)), static_cast<float>(points(1, i))};
 }
 
-// One triangle of `source` over `target` and into `mask`.
+// Draws one triangle of `source` into `target` and `mask`.
 void move_triangle(const cv::Mat& source, const cv::Point2f (&from)[3], const cv::Point2f (&to)[3],
                    cv::Mat& target, cv::Mat& mask) {
   const std::vector<cv::Point2f> corners(to, to + 3);
@@ -92,7 +92,7 @@ Matrix2Xd edited_points(const AppearanceModel& model, const Matrix2Xd& points, F
   Matrix2Xd moved = shape::shape_of(model.shape, before.b);
   const double height = moved.row(1).maxCoeff() - moved.row(1).minCoeff();
   for (int i = 0; i < kPoints; ++i) moved(1, i) += amount * height * share_of(i, edit);
-  // The modes have an opinion on what moves along; within limits.
+  // Add what the modes predict for the other points, within limits.
   const shape::ShapeFit after = shape::fit_shape(model.shape, before.image_from_model(moved));
   const Matrix2Xd change = after.image_from_model(shape::shape_of(model.shape, after.b)) -
                            before.image_from_model(shape::shape_of(model.shape, before.b));
@@ -107,7 +107,7 @@ void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::M
   const Explained seen = synthesis.explain(image, from);
   cv::Mat made = image.clone();
   synthesis.draw(seen.c, seen.offset, seen.gain, to, made);
-  // No light falls into a mouth that was closed in the image.
+  // The inside of a mouth that was closed in the image is darker.
   const double opened = 1 - std::min(1.0, mouth_area(from) / std::max(1.0, mouth_area(to)));
   made.convertTo(made, -1, 1 - (1 - kInside) * opened);
   cv::Mat changed = image.clone();
@@ -123,7 +123,7 @@ void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::M
     }
     move_triangle(is_hidden ? made : image, a, b, changed, mask);
   }
-  // Blended at its edge.
+  // Blend at the edge.
   const double width = to.row(0).maxCoeff() - to.row(0).minCoeff();
   const double feather = std::max(1.0, kFeather * width);
   cv::Mat weight;

@@ -21,11 +21,12 @@ constexpr NameTable<FitStatus, 3> kStatuses{"status",
                                               {FitStatus::kIterations, "iterations"},
                                               {FitStatus::kDiverged, "diverged"}}}};
 
-// Share of the triangles that may fold: thin ones between closed lips do in the annotations too.
+// Max share of folded triangles: thin ones between closed lips fold even in annotations.
 constexpr double kMaxFolded = 0.15;
-constexpr double kWorse = 1.03;  // a last error above the best one by this is a divergence
+// A last error that exceeds the best one by this factor means divergence.
+constexpr double kWorse = 1.03;
 
-// Modes that hold a share of the shape's variance.
+// Number of modes that explain a share of the shape's variance.
 int modes_for(const shape::ShapeModel& model, double share) {
   const double total = model.deviation.squaredNorm();
   double sum = 0;
@@ -129,7 +130,7 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
                   "a start that is not finite, or far outside any image");
   FitResult result;
   result.points = start;
-  // Nothing of an earlier image, unless it is asked for.
+  // Discard the templates of earlier images, unless they are requested.
   if (!with_last) {
     for (FitTemplate& made : w.templates) made.level = nullptr;
   }
@@ -191,7 +192,7 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
       }
       const double step = std::sqrt((w.points - w.last_points).squaredNorm() /
                                     static_cast<double>(w.points.cols()));
-      // One more look, for the error there.
+      // One more iteration, to compute the error at the final points.
       if (step < options.tolerance) result.status = FitStatus::kConverged;
     }
     if (is_out || state.error > kWorse * best.error) {

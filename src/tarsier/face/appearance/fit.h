@@ -13,55 +13,56 @@
 #include <vector>
 
 // Fitting by inverse compositional image alignment (Matthews and Baker, "Active appearance models
-// revisited", IJCV 2004). The warp is N(W(x; p); q): W piecewise affine with the shape's modes,
-// N the similarity of their eq. 42, both as steps of the points in the mean frame.
+// revisited", IJCV 2004). The warp is N(W(x; p); q): W is piecewise affine with the shape's modes,
+// N is the similarity of their eq. 42. Both are steps of the points in the mean frame.
 namespace tarsier::face::appearance {
 
 enum class Method {
-  kProjectOut,   // steepest-descent images of the mean with the modes projected out (their eq. 41),
-                 // everything but a few products precomputed
-  kAlternating,  // of mean + modes c, c and the warp in turn, each exact for the other: what the
-                 // simultaneous fit finds (Papandreou and Maragos, CVPR 2008; Tzimiropoulos and
-                 // Pantic, ICCV 2013, "fast-SIC"). Dearer, and better on what the model has not
-                 // seen
+  // Steepest-descent images of the mean with the modes projected out (their eq. 41). Everything
+  // except a few products is precomputed.
+  kProjectOut,
+  // Steepest-descent images of mean + modes c. c and the warp are solved in turn, each exactly
+  // given the other, which gives the result of the simultaneous fit (Papandreou and Maragos, CVPR
+  // 2008; Tzimiropoulos and Pantic, ICCV 2013, "fast-SIC"). Slower, and better on unseen faces.
+  kAlternating,
 };
 
 enum class FitStatus {
-  kConverged,   // steps below the tolerance
-  kIterations,  // the iterations ran out
+  kConverged,   // the step is below the tolerance
+  kIterations,  // max number of iterations reached
   kDiverged,    // the error rose, or the shape left the crop; the best state is returned
 };
 [[nodiscard]] std::string_view name_of(FitStatus status);
 
 struct FitOptions {
   Method method = Method::kProjectOut;
-  // Per level at most.
+  // Max number per level.
   int iterations = 50;
-  // Mean step of the points below which a fit has converged, px of the frame.
+  // Convergence: max mean step of the points, px of the frame.
   double tolerance = 0.02;
-  // Change of the error below which a fit has converged; 0: the steps decide.
+  // Convergence: max change of the error; 0 disables this test.
   double error_tolerance = 0;
   // |b_i| <= sigmas * deviation_i for each mode.
   double sigmas = 3;
-  // Pull of b towards 0: its variance against the texture noise, times this (neighbouring pixels
-  // err alike, so well above 1 is right).
+  // Regularisation of b: its variance relative to the texture noise, times this factor. Errors of
+  // neighbouring pixels are correlated, so that values well above 1 are appropriate.
   double shape_prior = 50;
-  // The same for c; 0: modes are projected out entirely.
+  // The same for c; 0: the modes are projected out completely.
   double texture_prior = 0;
-  // Alternating: the steepest-descent images are computed again where the texture has changed by
-  // more than this share since; 0: always.
+  // Alternating: the steepest-descent images are recomputed when the texture has changed by more
+  // than this share; 0: always.
   double refresh = 0.1;
-  // Pixels that the model does not explain count less (Huber, "Robust statistics", 1981); the
-  // Hessian is computed again each time.
+  // Down-weights pixels that the model does not explain (Huber, "Robust statistics", 1981). The
+  // Hessian is then recomputed in each iteration.
   bool robust = false;
-  // Share of the shape's variance whose modes take part at the coarsest level; all do at the
-  // finest.
+  // Share of the shape's variance in the modes that are used at the coarsest level; the finest
+  // level uses all modes.
   double coarse_modes = 1;
-  // Level to begin at; -1: the last. Level 0 is the finest.
+  // Level to start at; -1: the last. Level 0 is the finest.
   int coarsest = -1;
   // Level to end at.
   int finest = 0;
-  // Keep the points of each iteration.
+  // Store the points of each iteration.
   bool trace = false;
 
   [[nodiscard]] OptionFields fields() {
@@ -94,12 +95,12 @@ struct FitResult {
   double offset = 0;        // of the texture
   double gain = 0;
   double start_error = 1;  // at the start of the finest level
-  double error = 1;    // RMS of the texture that the model does not explain / RMS of the texture
-                       // less its offset; 0..1
-  int iterations = 0;  // all levels together
+  // RMS of the unexplained texture / RMS of the texture minus its offset; 0..1.
+  double error = 1;
+  int iterations = 0;                         // sum over all levels
   FitStatus status = FitStatus::kIterations;  // of the finest level
-  // Nothing like the model is there: error above model.lost_error, less than half of it in the
-  // image, a mesh that folds, no gain, or a shape that left its crop.
+  // The object is not there: error above model.lost_error, less than half of the frame in the
+  // image, a folded mesh, no gain, or a shape that left its crop.
   bool lost = false;
   double inside = 1;  // share of the frame in the image
   std::vector<FitStep> trace;
@@ -107,9 +108,9 @@ struct FitResult {
 
 struct FitLevel;
 
-// What the alternating fit precomputes for a texture.
+// Precomputed data of the alternating fit for a texture.
 struct FitTemplate {
-  const FitLevel* level = nullptr;  // nullptr: of none
+  const FitLevel* level = nullptr;  // nullptr: not set
   Eigen::VectorXf c;                // of mean and modes, 1 + m
   Eigen::MatrixXf descent;          // N x K, steepest-descent images of the texture
   Eigen::MatrixXf projected;        // the same with the modes projected out; robust only
@@ -117,9 +118,8 @@ struct FitTemplate {
   linalg::Cholesky solver;
 };
 
-// All that a fit writes to; nothing is allocated in the iterations of the plain project-out fit
-// once one has run (the alternating one needs buffers of Eigen's matrix product). One for each
-// thread.
+// Buffers of a fit. The iterations of the plain project-out fit allocate nothing after the first
+// fit (the alternating fit needs buffers of Eigen's matrix product). One per thread.
 struct FitWorkspace {
   Upright upright;
   std::vector<FrameSampler::Affine> maps;
@@ -127,7 +127,7 @@ struct FitWorkspace {
   std::vector<float> buffer;
   Eigen::VectorXf seen;
   Eigen::VectorXf residual;
-  Eigen::VectorXf weights;             // of pixels
+  Eigen::VectorXf weights;             // per pixel
   Eigen::VectorXf target;              // gain mean + modes c
   Eigen::VectorXf products;            // SD . error
   Eigen::VectorXf along;               // basis . seen
@@ -149,7 +149,8 @@ struct FitWorkspace {
   Eigen::VectorXd best_p;
 };
 
-// What can be precomputed. Immutable; shared by threads; refers to the model, which must live on.
+// Precomputed data of the fit. Immutable and thread-safe. Refers to the model, which must outlive
+// it.
 class Fitter {
  public:
   Fitter(const AppearanceModel& model, const FitOptions& options);
@@ -157,18 +158,18 @@ class Fitter {
   Fitter(Fitter&&) noexcept;
   Fitter& operator=(Fitter&&) noexcept;
 
-  // `image`: CV_8UC1 or CV_8UC3; `start`: 2 x n, px of it. Throws std::invalid_argument for
-  // points that are not finite, coincide, or of another number.
+  // `image`: CV_8UC1 or CV_8UC3; `start`: 2 x n, px. Throws std::invalid_argument for points that
+  // are not finite, coincide, or have another number.
   [[nodiscard]] FitResult fit(const cv::Mat& image, const Eigen::Matrix2Xd& start,
                               FitWorkspace& workspace) const;
 
-  // The same in the next frame of a video: the alternating fit begins with the texture that
-  // `workspace` has from the last fit, at the finest level alone.
+  // The same for the next frame of a video. Works at the finest level only; the alternating fit
+  // starts with the texture of the last fit in `workspace`.
   [[nodiscard]] FitResult follow(const cv::Mat& image, const Eigen::Matrix2Xd& start,
                                  FitWorkspace& workspace) const;
 
-  // From several starts: each is fitted down to the level before the finest, the best two by error
-  // to the end; the one with the least error.
+  // Fits from several starts down to the level before the finest, continues with the two best ones
+  // to the finest level, and returns the one with the smallest error.
   [[nodiscard]] FitResult fit_best(const cv::Mat& image,
                                    const std::vector<Eigen::Matrix2Xd>& starts,
                                    FitWorkspace& workspace) const;

@@ -12,9 +12,9 @@ using Eigen::VectorXf;
 
 namespace {
 
-constexpr double kHuber = 1.345;  // deviations within which a residual counts in full
+constexpr double kHuber = 1.345;  // residuals up to this number of deviations have full weight
 
-// Sum and sum of squares, in parts that float can hold.
+// Sum and sum of squares, accumulated in parts that single precision can represent.
 struct Sums {
   double sum = 0;
   double square = 0;
@@ -76,7 +76,7 @@ void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
   const double factor = rms > 1e-9 ? level.unit / rms : 0;
   w.seen.array() = (w.seen.array() - static_cast<float>(state.offset)) * static_cast<float>(factor);
   if (is_partial) {
-    // What is outside the image looks like the mean: it pulls nowhere.
+    // Pixels outside the image are set to the mean texture, so that they have no effect.
     double along = 0;
     double square = 0;
     const float* mean = texture.mean.data();
@@ -164,7 +164,7 @@ void solve_alternating(const FitLevel& level, const FitOptions& options, FitWork
   const Texture& texture = *level.texture;
   const Index m = texture.mode_count();
   const auto root = std::sqrt(static_cast<float>(texture.size()));
-  // Within what is usual: the part along the mean is the gain.
+  // Limit the coefficient of the mean, which is the gain.
   w.c[0] = std::clamp(w.c[0], 0.3F * root, 2 * root);
   const float gain = w.c[0] / root;
   for (Index k = 0; k < m; ++k) {
@@ -184,7 +184,7 @@ void solve_alternating(const FitLevel& level, const FitOptions& options, FitWork
         w.p.head(level.parameters - 4).array();
     w.step = made.solver.solve(w.right);
   }
-  // What the texture's parameters are once the warp has made its step.
+  // The texture parameters after the step of the warp.
   w.c = w.along - made.overlap * w.step.cast<float>();
   w.c = w.c.cwiseProduct(level.mode_weights);
 }
@@ -257,13 +257,13 @@ void set_points(const FitLevel& level, double a, double b, const Eigen::Vector2d
 bool update_warp(const FitLevel& level, const FitOptions& options, FitWorkspace& w) {
   if (!w.step.allFinite()) return false;
   const Index n = level.mean.cols();
-  // The inverse of a small step is the step back, to first order (their eq. 33).
+  // To first order, the inverse of a small step is the negative step (their eq. 33).
   w.frame_step.resize(2, n);
   Eigen::Map<Eigen::VectorXd>(w.frame_step.data(), 2 * n).noalias() = -level.basis * w.step;
   w.last_points = w.points;
   level.sampler.compose(w.maps, w.frame_step, w.points);
   if (!w.points.allFinite()) return false;
-  // q, then p: the similarity's directions are orthogonal to the modes at the mean.
+  // q, then p: at the mean, the similarity's directions are orthogonal to the modes.
   const Eigen::Vector2d center = w.points.rowwise().mean();
   double a = 0;
   double b = 0;

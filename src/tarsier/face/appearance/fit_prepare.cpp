@@ -17,7 +17,7 @@ using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
-// A basis for the points of the frame: outer ones follow theirs.
+// Extends a basis to the points of the frame: outer points move with the points they belong to.
 MatrixXd with_outer(const AppearanceModel& model, const MatrixXd& basis) {
   const Index n = model.points();
   MatrixXd all(2 * (n + static_cast<Index>(model.outer.size())), basis.cols());
@@ -63,7 +63,7 @@ void steepest_descent(const FitLevel& level, const float* target, MatrixXf& out)
   const auto pixels = static_cast<Index>(level.neighbours.size());
   const Index count = level.parameters;
   out.resize(pixels * channels, count);
-  // In blocks of pixels whose derivatives stay in the cache.
+  // Blocks of pixels whose derivatives fit into the cache.
   constexpr Index kBlock = 256;
   constexpr int kMaxChannels = 8;
   float gx[kBlock * kMaxChannels];
@@ -145,17 +145,17 @@ FitLevel make_level(const AppearanceModel& model, const Texture& texture, const 
   }
 
   steepest_descent(level, texture.mean.data(), level.descent);
-  // Constants are no part of a normalised texture either.
+  // Normalised textures contain no constants.
   if (has_offset(texture.channels)) level.descent.rowwise() -= level.descent.colwise().mean();
   const MatrixXf overlap = level.modes.transpose() * level.descent;
   level.descent.noalias() -= level.modes * (level.mode_weights.asDiagonal() * overlap);
-  // J^T (1 - A w A^T) J, symmetric: half of it from the plain images, half from the projected ones.
+  // J^T (1 - A w A^T) J, symmetrised: half from the plain images, half from the projected ones.
   MatrixXf plain;
   steepest_descent(level, texture.mean.data(), plain);
   if (has_offset(texture.channels)) plain.rowwise() -= plain.colwise().mean();
   MatrixXd hessian = (plain.transpose() * level.descent).cast<double>();
   hessian = (0.5 * (hessian + hessian.transpose())).eval();
-  // A direction that the texture does not show stays put.
+  // A direction that has no effect on the texture is not changed.
   hessian.diagonal().array() += 1e-6 * hessian.diagonal().maxCoeff() + 1e-12;
   hessian.diagonal() += level.shape_prior;
   level.inverse_hessian =

@@ -65,7 +65,7 @@ FrameSampler::FrameSampler(const shape::PiecewiseWarp& warp)
     const Eigen::Vector2d a = frame_points_.col(mesh_[t][0]);
     const Eigen::Vector2d u = frame_points_.col(mesh_[t][1]) - a;
     const Eigen::Vector2d v = frame_points_.col(mesh_[t][2]) - a;
-    const double area = u.x() * v.y() - u.y() * v.x();  // > 0: PiecewiseWarp saw to it
+    const double area = u.x() * v.y() - u.y() * v.x();  // > 0, ensured by PiecewiseWarp
     Inverse inverse{v.y() / area, -v.x() / area, 0, -u.y() / area, u.x() / area, 0};
     inverse.b0 = -(inverse.bx * a.x() + inverse.by * a.y());
     inverse.c0 = -(inverse.cx * a.x() + inverse.cy * a.y());
@@ -100,7 +100,7 @@ void FrameSampler::sample(const cv::Mat& values, const std::vector<Affine>& maps
   TARSIER_REQUIRE(values.depth() == CV_32F && values.cols >= 2 && values.rows >= 2,
                   "a crop of {} x {}, OpenCV's type {}", values.cols, values.rows, values.type());
   const int channels = values.channels();
-  // Where both ends lie inside, all between do.
+  // If both ends are inside, all points between them are.
   const auto is_safe = [&](double x, double y) {
     return x >= 0.01 && y >= 0.01 && x <= values.cols - 1.01 && y <= values.rows - 1.01;
   };

@@ -11,13 +11,13 @@
 
 namespace tarsier::face::appearance {
 
-// The piecewise affine warp for loops: nothing is allocated after the first call, and the affine
-// maps of the triangles, which warp composition needs too, are kept in the state.
+// A piecewise affine warp for use in loops. It allocates nothing after the first call. The affine
+// maps of the triangles, which warp composition also needs, are stored by the caller.
 class FrameSampler {
  public:
   explicit FrameSampler(const shape::PiecewiseWarp& warp);
 
-  // x of the frame goes to linear x + shift.
+  // Maps a point x of the frame to linear x + shift.
   struct Affine {
     double xx = 1, xy = 0, x0 = 0, yx = 0, yy = 1, y0 = 0;
     [[nodiscard]] Eigen::Vector2d operator()(double x, double y) const {
@@ -25,21 +25,22 @@ class FrameSampler {
     }
   };
 
-  // The map of each triangle when the frame's points go to `points` (2 x n).
+  // The map of each triangle from the frame's points to `points` (2 x n).
   void maps(const Eigen::Matrix2Xd& points, std::vector<Affine>& out) const;
 
-  // Bilinear samples of `values` (CV_32FC(any)): number c of pixel k of PiecewiseWarp::pixels() at
-  // out[k * channels + c]; beyond the edge, the edge. `out` has room for all.
+  // Bilinear samples of `values` (CV_32FC(any)): channel c of pixel k of PiecewiseWarp::pixels()
+  // goes to out[k * channels + c]. Outside, the border is replicated. `out` has room for all
+  // samples.
   void sample(const cv::Mat& values, const std::vector<Affine>& maps, float* out) const;
 
-  // For each pixel whether `inside` (CV_8UC1) is not 0 at the nearest place; beyond its edge it is
-  // not. Returns how many.
+  // For each pixel whether `inside` (CV_8UC1) is not 0 at the nearest position; false outside of
+  // it. Returns the number of such pixels.
   int look_up(const cv::Mat& inside, const std::vector<Affine>& maps,
               std::vector<std::uint8_t>& out) const;
 
-  // Each vertex i moved to frame_points + step in the frame, then through the warp: the mean of
-  // where its triangles take it (Matthews and Baker, IJCV 2004, section 4.2). `step`: 2 x n; `out`
-  // 2 x (columns asked for; the first ones).
+  // Moves each vertex i to frame_points + step in the frame, then through the warp: the mean of the
+  // results of its triangles (Matthews and Baker, IJCV 2004, section 4.2). `step`: 2 x n; `out` 2 x
+  // (requested columns; the first ones).
   void compose(const std::vector<Affine>& maps, const Eigen::Matrix2Xd& step,
                Eigen::Matrix2Xd& out) const;
 

@@ -26,7 +26,7 @@ void AppearanceOptions::check() const {
 MatrixXf Texture::modes() const {
   MatrixXf basis = packed_modes.cast<float>() * steps.asDiagonal();
   const Index n = basis.rows();
-  // Modified Gram-Schmidt, twice: once is not enough in single precision.
+  // Modified Gram-Schmidt, twice, because of single precision.
   const VectorXf along = mean.normalized();
   for (Index k = 0; k < basis.cols(); ++k) {
     auto column = basis.col(k);

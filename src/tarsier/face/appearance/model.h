@@ -25,20 +25,22 @@ namespace tarsier::face::appearance {
 
 struct AppearanceOptions {
   shape::ShapeModelOptions shape{.variance = 0.97, .max_modes = 30};
-  Channels channels = Channels::kGrey;  // of the fit
+  Channels channels = Channels::kGrey;  // for the fit
   int frame_width = 100;                // px of the finest mean frame
-  int levels = 2;                       // of resolution, halved from one to the next
-  double margin = 0;  // how far the frame reaches beyond the points' hull, share of their distance
-                      // from their centre: lets the fit see the outline from outside
-  double texture_variance = 0.95;  // share that the modes keep
-  int texture_modes = 100;         // at most
-  bool mirror = false;             // mirrored images train too; needs the symmetry
+  int levels = 2;                       // resolution levels, each half of the one before
+  // Extension of the frame beyond the points' hull, share of their distance from the centre, so
+  // that the fit sees both sides of the outline.
+  double margin = 0;
+  double texture_variance = 0.95;  // share of the variance that the modes keep
+  int texture_modes = 100;         // max number
+  bool mirror = false;             // also train on mirrored images; needs the symmetry
   double to_the_right = 0;         // see mirrored(), px
-  bool colour = true;              // a colour texture as well, for synthesis
+  bool colour = true;              // also train a colour texture, for synthesis
   int colour_width = 100;          // px
   double colour_variance = 0.97;
   int colour_modes = 60;
-  std::vector<shape::Triangle> mesh{};  // of the points; empty: Delaunay. Not with a margin
+  // Of the points; empty: Delaunay. Must be empty with a margin.
+  std::vector<shape::Triangle> mesh{};
 
   [[nodiscard]] OptionFields fields() {
     return {
@@ -63,11 +65,11 @@ struct AppearanceOptions {
   void check() const;
 };
 
-// Textures in the frame of one resolution: vectors g of `channels` numbers for each pixel of the
-// warp, pixel by pixel. A texture is normalised by its offset o (mean of all numbers, where
-// has_offset) and gain a (so that its part along the mean is the mean):
+// Textures in the frame of one resolution: vectors g with `channels` numbers per pixel of the warp,
+// pixel by pixel. A texture is normalised by its offset o (mean of all numbers, if has_offset) and
+// gain a (so that its projection on the mean is the mean):
 //   g = o + a (mean + modes c).
-// The mean has RMS 1. Modes are orthonormal, and orthogonal to the mean and (has_offset) to
+// The mean has RMS 1. Modes are orthonormal, and orthogonal to the mean and (if has_offset) to
 // constants.
 struct Texture {
   Texture(shape::PiecewiseWarp frame_warp, Channels seen)
@@ -75,16 +77,16 @@ struct Texture {
 
   shape::PiecewiseWarp warp;
   Channels channels;
-  double px_per_unit = 1;        // px of the frame to a unit of the shape model
-  Eigen::Vector2d origin{0, 0};  // px of the frame, where the shape model has 0
+  double px_per_unit = 1;        // px of the frame per unit of the shape model
+  Eigen::Vector2d origin{0, 0};  // px of the frame, origin of the shape model
   Eigen::VectorXf mean;          // N = pixels x channels
-  // Modes as they are stored: 8 bit numbers, each column with its own step. modes() makes them
+  // Modes in storage format: 8-bit numbers, each column with its own step. modes() makes them
   // orthonormal.
   Eigen::Matrix<std::int8_t, Eigen::Dynamic, Eigen::Dynamic> packed_modes;  // N x m
   Eigen::VectorXf steps;                                                    // m
   Eigen::VectorXd deviation;                                                // m, of c, falling
   double variance_kept = 1;
-  double noise = 0;         // RMS of what the modes leave out of a number, in training
+  double noise = 0;  // RMS of the part of a number that the modes do not explain, in training
   double usual_offset = 0;  // means over the training textures, for synthesis
   double usual_gain = 1;
 
@@ -93,51 +95,52 @@ struct Texture {
   [[nodiscard]] Eigen::MatrixXf modes() const;  // N x m
 };
 
-// Where a shape is in a detector's box, medians over training: shapes are placed upright with
-// their centre (mean of the points) at the box's centre + (dx, dy) * width and RMS radius
-// size * width.
+// The position of a shape in a detector's box, medians over training. Shapes are upright, with
+// their centre (mean of the points) at the box centre + (dx, dy) * width and RMS radius size *
+// width.
 struct BoxPlace {
   double dx = 0;
   double dy = 0;
   double size = 0.4;
-  int seen = 0;  // boxes; 0: not known
+  int seen = 0;  // boxes; 0: unknown
 };
 
 struct AppearanceModel {
   shape::ShapeModel shape;
-  // Points of the frame: the shape's, then for each of `outer` one that lies outside of it, at
-  // p + margin (p - centre of all points).
+  // Points of the frame: the shape's, and for each of `outer` an additional point outside, at p +
+  // margin (p - centre of all points).
   double margin = 0;
   std::vector<int> outer;
   std::vector<shape::Triangle> mesh;
   std::vector<Texture> levels;    // for the fit, finest first
   std::optional<Texture> colour;  // for synthesis
-  // Fit errors (FitResult::error) above this say that no object is there; 0: not known.
+  // Fit errors (FitResult::error) above this mean that the object is not there; 0: unknown.
   double lost_error = 0;
   BoxPlace place;
 
   [[nodiscard]] int points() const { return shape.points(); }
-  // The points of the frame of a shape (2 x points() to 2 x (points() + outer.size())).
+  // The points of the frame for a shape (2 x points() to 2 x (points() + outer.size())).
   [[nodiscard]] Eigen::Matrix2Xd extended(const Eigen::Matrix2Xd& points) const;
   void check() const;  // throws std::invalid_argument
 };
 
-// Throws std::invalid_argument for fewer than 2 images, a mesh that folds in the mean shape;
-// Interrupted. Same result for any number of threads.
+// Throws std::invalid_argument for fewer than 2 images, or a mesh that folds in the mean shape;
+// Interrupted. The result does not depend on the number of threads.
 [[nodiscard]] AppearanceModel train_appearance_model(const std::vector<TrainingImage>& images,
                                                      const std::vector<int>& mirror,
                                                      const AppearanceOptions& options,
                                                      Progress& progress,
                                                      const std::stop_token& stop);
 
-// A texture taken from an image, as the model explains it.
+// A texture sampled from an image, and its reconstruction by the model.
 struct Explained {
   Eigen::VectorXf seen;  // N, as sampled
   double offset = 0;
   double gain = 0;
   Eigen::VectorXd c;  // m
-  double error = 0;   // RMS of (seen - offset) that the model does not explain / RMS of
-                      // (seen - offset): 0 all explained, 1 nothing
+  // RMS of the part of (seen - offset) that the model does not explain / RMS of (seen - offset): 0
+  // everything is explained, 1 nothing.
+  double error = 0;
   double inside = 1;  // share of the frame's pixels in the image
 };
 // `points`: 2 x points(), px of `image` (CV_8UC1, CV_8UC3). `modes` = texture.modes().
@@ -145,14 +148,14 @@ struct Explained {
                                 const Eigen::MatrixXf& modes, const cv::Mat& image,
                                 const Eigen::Matrix2Xd& points);
 
-// The shape of the crop in which a texture is sampled: the frame with room around.
+// The crop in which a texture is sampled: the frame with a margin.
 struct CropPlace {
   shape::Similarity2d crop_from_model;
   cv::Size size;
 };
 [[nodiscard]] CropPlace crop_place(const Texture& texture);
 
-// Frame of a model for a width in px.
+// The frame of a model at a given resolution, with an empty texture.
 [[nodiscard]] Texture empty_texture(const AppearanceModel& model, Channels channels,
                                     double px_per_unit);
 

@@ -24,7 +24,7 @@ void list_texture(linalg::ModelFields& file, Texture& texture) {
   file.named("channels", texture.channels, parse_channels, 32);
   file.number("px_per_unit", texture.px_per_unit, 1e-3, 1e5);
   file.list<float>("mean", texture.mean, size);
-  // Mode by mode; 8 bit numbers with sign as the bytes 0..255 of theirs + 128.
+  // Mode by mode; signed 8-bit numbers are stored as bytes 0..255 with an offset of 128.
   PackedArray<std::uint8_t> modes{{texture.packed_modes.cols(), texture.packed_modes.rows()}, {}};
   modes.values.reserve(static_cast<std::size_t>(texture.packed_modes.size()));
   for (Index k = 0; k < texture.packed_modes.size(); ++k)
@@ -67,7 +67,7 @@ void require_points(const linalg::ModelFields& file, const char* name,
     file.require(index >= 0 && index < points, "{}: point {} of {}", name, index, points);
 }
 
-// All but the textures.
+// Lists all fields except the textures.
 void list_shape(linalg::ModelFields& file, AppearanceModel& model) {
   file.item("shape", model.shape, shape::shape_model_from_json);
   const int n = model.points();

@@ -15,8 +15,8 @@
 namespace tarsier::face::appearance {
 namespace {
 
-// The Delaunay triangles of points of size 1, but for slivers along a hull that is nearly straight:
-// they hold no pixels, and fold at once.
+// The Delaunay triangles of points of size 1 without slivers along a nearly straight hull. These
+// contain no pixels and fold easily.
 std::vector<shape::Triangle> sound_mesh(const Eigen::Matrix2Xd& points) {
   constexpr double kMinHeight = 0.02;
   std::vector<shape::Triangle> mesh = shape::delaunay(points);
@@ -36,7 +36,7 @@ using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
-// A given mesh, each triangle of positive area.
+// A given mesh with positive area of each triangle.
 std::vector<shape::Triangle> turned_alike(std::vector<shape::Triangle> mesh,
                                           const Eigen::Matrix2Xd& points) {
   for (shape::Triangle& triangle : mesh) {
@@ -48,7 +48,7 @@ std::vector<shape::Triangle> turned_alike(std::vector<shape::Triangle> mesh,
   return mesh;
 }
 
-// The points on the outline of a triangulation: ends of the edges that only one triangle has.
+// The points on the outline of a triangulation: ends of the edges that belong to one triangle only.
 std::vector<int> outline(const std::vector<shape::Triangle>& mesh) {
   std::map<std::pair<int, int>, int> edges;
   for (const auto& t : mesh) {
@@ -70,13 +70,13 @@ std::vector<int> outline(const std::vector<shape::Triangle>& mesh) {
 }
 
 struct Sampled {
-  MatrixXf textures;  // N x samples, normalised to the mean's tangent
+  MatrixXf textures;  // N x samples, normalised to the tangent at the mean
   VectorXf mean;
   double offset = 0;
   double gain = 0;
 };
 
-// All textures, sampled as a fit samples them.
+// Samples all textures as a fit does.
 MatrixXf sample_all(const AppearanceModel& model, const Texture& texture,
                     const std::vector<TrainingImage>& images, const std::vector<int>& mirror,
                     const AppearanceOptions& options, Progress& progress,
@@ -111,8 +111,8 @@ MatrixXf sample_all(const AppearanceModel& model, const Texture& texture,
   return textures;
 }
 
-// Offset and gain out; the mean is what all of them, scaled so that their part along it is it,
-// have as their mean (Cootes and Taylor 2004, section 4.2).
+// Removes offset and gain. The mean is the fixed point: textures are scaled so that their
+// projection on it equals it, and their mean is the new mean (Cootes and Taylor 2004, section 4.2).
 Sampled normalise(MatrixXf textures, bool with_offset) {
   Sampled result;
   const auto n = static_cast<double>(textures.rows());
@@ -134,7 +134,7 @@ Sampled normalise(MatrixXf textures, bool with_offset) {
     TARSIER_REQUIRE(rms > 1e-6, "the training images have no texture in common");
     mean /= static_cast<float>(rms);
     const VectorXf along = textures.transpose() * mean / static_cast<float>(n);
-    // An image that has little in common with the rest is not blown up.
+    // Limits the scale of images that have little in common with the others.
     factors = along.unaryExpr([](float a) { return 1 / std::max(a, 0.2F); });
     mean = textures * factors / static_cast<float>(textures.cols());
   }
@@ -142,7 +142,7 @@ Sampled normalise(MatrixXf textures, bool with_offset) {
   textures = textures * factors.asDiagonal();
   result.gain = (norms.array() / factors.cast<double>().array()).mean();
   result.offset /= static_cast<double>(textures.cols());
-  // What is left of the mean's direction goes.
+  // Remove the remaining part along the mean.
   const VectorXf along = textures.transpose() * mean / static_cast<float>(n);
   textures.noalias() -= mean * along.transpose();
   result.textures = std::move(textures);  // residuals
@@ -180,7 +180,8 @@ void train_texture(Texture& texture, Sampled sampled, double variance, int max_m
     mode.normalize();
     Index place = 0;
     const float largest = mode.cwiseAbs().maxCoeff(&place);
-    const float step = mode[place] < 0 ? -largest / 127 : largest / 127;  // a mode's sign is free
+    // A mode's sign is arbitrary.
+    const float step = mode[place] < 0 ? -largest / 127 : largest / 127;
     texture.packed_modes.col(k) =
         (mode / step).array().round().max(-127).min(127).cast<std::int8_t>();
     texture.steps[k] = std::abs(step);

@@ -25,7 +25,7 @@ double rms_radius(const Matrix2Xd& points) {
   return std::sqrt((points.colwise() - center).colwise().squaredNorm().mean());
 }
 
-// Turned about its centre, scaled and shifted.
+// The points rotated about their centre, scaled and shifted.
 Matrix2Xd moved(const Matrix2Xd& points, double scale, double angle, const Vector2d& shift) {
   const Vector2d center = points.rowwise().mean();
   const double a = scale * std::cos(angle);
@@ -66,7 +66,7 @@ std::vector<Matrix2Xd> starts_around(const Matrix2Xd& start, int count, double s
   TARSIER_REQUIRE(spread >= 0 && std::isfinite(spread), "spread {}", spread);
   std::vector<Matrix2Xd> starts{start};
   const double size = rms_radius(start);
-  // A sequence that fills its cube evenly (Roberts' R4: powers of the root of x^5 = x + 1).
+  // A low-discrepancy sequence (Roberts' R4: powers of the root of x^5 = x + 1).
   constexpr double kRoot = 1.1673039782614187;
   double steps[4];
   for (int k = 0; k < 4; ++k) steps[k] = std::pow(1 / kRoot, k + 1);
@@ -117,8 +117,8 @@ std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& image
   const double step = std::max(1.0, options.place_step * width);
   for (double size = options.smallest; size <= options.largest * 1.0001;
        size *= options.scale_step) {
-    // The whole image at which the object is as large as in the coarsest frame, in one go.
-    const double scale = size * side / width;  // px of the image to one of this
+    // Reduces the whole image so that the object has the size of the coarsest frame.
+    const double scale = size * side / width;  // px of the image per px of the reduced image
     const cv::Size all(std::max(2, static_cast<int>(image.cols / scale)),
                        std::max(2, static_cast<int>(image.rows / scale)));
     make_upright(image, {scale, 0, (scale - 1) / 2, (scale - 1) / 2}, all, level.texture->channels,
@@ -137,7 +137,7 @@ std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& image
   }
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.error < b.error; });
-  // The best ones that are not neighbours of a better one.
+  // The best places, without neighbours of better ones.
   std::vector<Matrix2Xd> starts;
   for (const Place& place : places) {
     if (static_cast<int>(starts.size()) >= options.best) break;

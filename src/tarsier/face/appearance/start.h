@@ -14,25 +14,25 @@
 #include <utility>
 #include <vector>
 
-// Where a fit begins.
+// Starts of a fit.
 namespace tarsier::face::appearance {
 
-// Medians over boxes and the points (2 x n) in them. Throws std::invalid_argument where there are
-// none.
+// Medians over boxes and the points (2 x n) in them. Throws std::invalid_argument for an empty
+// list.
 [[nodiscard]] BoxPlace learn_box_place(
     const std::vector<std::pair<cv::Rect2d, Eigen::Matrix2Xd>>& boxes);
 
-// The mean shape in a detector's box, or a shape b of the model.
+// The mean shape, or a shape b of the model, in a detector's box.
 [[nodiscard]] Eigen::Matrix2Xd start_in_box(const AppearanceModel& model, const cv::Rect2d& box,
                                             const Eigen::VectorXd& b = {});
 
-// The start, and around it others: turned, scaled and shifted. `count` >= 1, the first as it is;
+// The start, followed by rotated, scaled and shifted copies. `count` >= 1; the first is unchanged.
 // `spread` 1: shifts of about 8 % of the size, 8 % of scale, 6 deg. Deterministic.
 [[nodiscard]] std::vector<Eigen::Matrix2Xd> starts_around(const Eigen::Matrix2Xd& start, int count,
                                                           double spread = 1);
 
-// A random start: the shape scaled by 1 +- scale, turned by +- angle_deg and shifted by
-// +- shift times its width and height, each uniform.
+// A random start: the shape scaled by 1 +- scale, rotated by +- angle_deg and shifted by +- shift
+// times its width and height, each uniform.
 struct Disturbance {
   double scale = 0.1;
   double angle_deg = 10;
@@ -45,8 +45,8 @@ struct SearchOptions {
   double smallest = 0.15;  // width of the object, share of the image's smaller side
   double largest = 0.9;
   double scale_step = 1.2;
-  double place_step = 0.12;  // of the width
-  int best = 5;              // places fitted at the coarsest level
+  double place_step = 0.12;  // share of the width
+  int best = 5;              // places that are fitted at the coarsest level
 
   [[nodiscard]] OptionFields fields() {
     return {{"scale_step", scale_step, range(1.02, 4)},
@@ -57,9 +57,9 @@ struct SearchOptions {
   }
   void check() const;
 };
-// Exhaustive search of the image for the mean shape, upright: the coarsest texture's error at all
-// places and sizes, then fits from the best of them. The start with the least error; nothing where
-// all are lost.
+// Exhaustive search of the image for the upright mean shape: computes the coarsest texture's error
+// at all positions and sizes, then fits from the best of them. Returns the start with the smallest
+// error; empty if all fits are lost.
 [[nodiscard]] std::optional<Eigen::Matrix2Xd> search_start(const Fitter& fitter,
                                                            const cv::Mat& image,
                                                            const SearchOptions& options,

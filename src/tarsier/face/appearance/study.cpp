@@ -34,7 +34,7 @@ bool holds(const cv::Rect2d& box, const Matrix2Xd& points) {
 
 using Images = std::vector<TrainingImage>;
 
-// Every third person (image, where there are fewer than three people) is left out.
+// Holds out every third person (image, if there are fewer than three people).
 std::pair<Images, Images> split_by_person(const Images& images) {
   std::map<std::string, std::size_t> people;
   for (const TrainingImage& image : images) people.try_emplace(image.person, people.size());
@@ -47,7 +47,7 @@ std::pair<Images, Images> split_by_person(const Images& images) {
   return parts;
 }
 
-// At most so many, evenly.
+// Keeps at most `most` images, evenly chosen.
 void thin_out(Images& images, std::size_t most) {
   if (images.size() <= most) return;
   Images kept;
@@ -163,7 +163,7 @@ double lost_error_of(const std::vector<StudyItem>& items, double good) {
     if (item.detected) fits.emplace_back(item.fit.error, item.error < good);
   }
   std::sort(fits.begin(), fits.end());
-  int mistakes = 0;  // with the limit below all: each right one is called lost
+  int mistakes = 0;  // with the limit below all errors, each successful fit is called lost
   double largest = 0;
   for (const auto& [error, is_right] : fits) {
     mistakes += is_right ? 1 : 0;
@@ -202,7 +202,7 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
   constexpr std::size_t kMaxFitted = 150;
   constexpr Disturbance kNear{0.1, 8, 0.08};
   constexpr Disturbance kFar{0.4, 60, 0.8};
-  constexpr double kGood = 0.06;  // of the widest distance in the shape
+  constexpr double kGood = 0.06;  // share of the widest distance in the shape
   if (images.size() < 6) return 0;
   auto [learnt, left_out] = split_by_person(images);
   thin_out(learnt, kMaxLearnt);
@@ -258,7 +258,7 @@ std::vector<ConvergencePoint> study_convergence(const Fitter& fitter,
     FitWorkspace workspace;
     for (int i = range.start; i < range.end; ++i) {
       const TrainingImage& image = images[static_cast<std::size_t>(i)];
-      // The mean shape where the face is, not the face's own shape.
+      // Start from the mean shape at the face's position, not from the face's own shape.
       const Matrix2Xd mean =
           shape::fit_similarity(fitter.model().shape.mean, image.points)(fitter.model().shape.mean);
       for (int k = 0; k < each && !stop.stop_requested(); ++k) {

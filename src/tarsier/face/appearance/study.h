@@ -19,25 +19,25 @@
 
 namespace tarsier::face::appearance {
 
-// Finds the object in an image: its box, if it is there. Called from one thread at a time.
+// Detects the object in an image: its box, if found. Called from one thread at a time.
 using Detect = std::function<std::optional<cv::Rect2d>(const cv::Mat& image)>;
 
-// Mean distance of the points to the truth by the distance of two points of the truth (`eyes`).
-// Throws std::invalid_argument where that is 0.
+// Mean distance of the points from the ground truth, divided by the distance of two ground-truth
+// points (`eyes`). Throws std::invalid_argument if this distance is 0.
 [[nodiscard]] double point_error(const Eigen::Matrix2Xd& points, const Eigen::Matrix2Xd& truth,
                                  const std::array<int, 2>& eyes);
 
-// model.place from a detector over training images; how many of them it found. A box counts where
-// the points' centre lies in it. Left as it is where none is found.
+// Sets model.place from a detector's boxes on training images; returns how many were used. A box
+// counts if it contains the points' centre. Without any box, model.place is not changed.
 int learn_place(AppearanceModel& model, const std::vector<TrainingImage>& images,
                 const Detect& detect);
 
 struct StudyItem {
   std::string name;
-  bool detected = false;   // a box was found, and it holds the points' centre
-  double start_error = 0;  // shares of the eye distance
+  bool detected = false;   // a box was found, and it contains the points' centre
+  double start_error = 0;  // share of the eye distance
   double error = 0;
-  double floor = 0;            // of the best shape that the model can make
+  double floor = 0;            // of the best shape that the model can represent
   double truth_fit_error = 0;  // FitResult::error of a texture at the true points
   FitResult fit;
   Eigen::Matrix2Xd start;
@@ -46,62 +46,63 @@ struct StudyItem {
 struct StudySummary {
   int images = 0;
   int detected = 0;
-  double mean = 0;  // of the error over detected ones, share of the eye distance
+  double mean = 0;  // of the error over detected objects, share of the eye distance
   double median = 0;
   double within = 0;  // share of all images with an error <= limit
   double start_mean = 0;
   double floor_mean = 0;
-  double lost = 0;  // share of the detected that the fit calls lost
+  double lost = 0;  // share of the detected objects that the fit reports as lost
   double iterations = 0;
 };
 struct StudyOptions {
   std::array<int, 2> eyes{-1, -1};
   int starts = 1;     // around the detector's
-  double spread = 1;  // of them
+  double spread = 1;  // spread of these
   double limit = 0.04;
   void check(int points) const;
 };
-// Fits the model to images, from the detector's boxes.
+// Fits the model to images, starting from the detector's boxes.
 [[nodiscard]] std::vector<StudyItem> study_images(const Fitter& fitter,
                                                   const std::vector<TrainingImage>& images,
                                                   const Detect& detect, const StudyOptions& options,
                                                   Progress& progress, const std::stop_token& stop);
 [[nodiscard]] StudySummary summarise(const std::vector<StudyItem>& items, double limit);
 
-// model.lost_error from fits that were right and wrong (right: point error below `good`): the value
-// that tells them apart with the fewest mistakes. 0 where there are no wrong ones: then twice the
-// largest right one, at most 1.
+// model.lost_error from successful and failed fits (successful: point error below `good`): the
+// value that separates them with the fewest errors. Without failed fits: twice the largest error of
+// the successful ones, at most 1.
 [[nodiscard]] double lost_error_of(const std::vector<StudyItem>& items, double good);
 
-// The two points of the mean shape that are farthest apart: a unit where the eyes are not known.
+// The two points of the mean shape that are farthest apart: a unit of length if the eyes are
+// unknown.
 [[nodiscard]] std::array<int, 2> widest(const shape::ShapeModel& model);
 
-// model.lost_error for a model of these images: another one is learnt of two thirds of the people
-// in them (of the images, where they show fewer than three), and fitted to the rest: from near
-// the truth, and from far off. 0 where there are fewer than 6 images. Same result for any number
-// of threads.
+// model.lost_error for a model of these images. A second model is trained on two thirds of the
+// people in them (of the images, if they show fewer than three people). It is fitted to the rest,
+// from starts near the true points and from starts far away. 0 if there are fewer than 6 images.
+// The result does not depend on the number of threads.
 [[nodiscard]] double learn_lost_error(const std::vector<TrainingImage>& images,
                                       const std::vector<int>& mirror,
                                       const AppearanceOptions& options, std::uint64_t seed,
                                       Progress& progress, const std::stop_token& stop);
 
-// Frequency of convergence from random starts about the truth, at rising disturbance.
+// Frequency of convergence from random starts around the true points, for increasing disturbance.
 struct ConvergencePoint {
   double disturbance = 0;  // share of options.most
   int tries = 0;
   int converged = 0;      // point error below `limit`
-  double mean_error = 0;  // of those, share of the eye distance
+  double mean_error = 0;  // of these, share of the eye distance
 };
 struct ConvergenceOptions {
   Disturbance most{0.1, 10, 0.1};
   std::vector<double> steps{0, 0.25, 0.5, 0.75, 1, 1.5, 2};
-  int tries = 5;  // an image and step
+  int tries = 5;  // per image and step
   double limit = 0.05;
   std::array<int, 2> eyes{-1, -1};
   std::uint64_t seed = 1;
   void check(int points) const;
 };
-// Same result for any number of threads.
+// The result does not depend on the number of threads.
 [[nodiscard]] std::vector<ConvergencePoint> study_convergence(
     const Fitter& fitter, const std::vector<TrainingImage>& images,
     const ConvergenceOptions& options, Progress& progress, const std::stop_token& stop);

@@ -26,12 +26,12 @@ const cv::Scalar kGround(58, 52, 48);
 constexpr std::array<double, 5> kColumns{-3, -1.5, 0, 1.5, 3};
 
 cv::Point fixed(const Eigen::Vector2d& point) {
-  // 4 bits of fraction; far outside any image is as good as its edge.
+  // 4 fractional bits. Coordinates far outside the image are limited.
   const Eigen::Vector2d at = point.cwiseMax(-1e5).cwiseMin(1e5) * 16;
   return {static_cast<int>(std::lround(at.x())), static_cast<int>(std::lround(at.y()))};
 }
 
-// Numbers of a texture as an image: brightness is drawn as it is.
+// A texture as an image; brightness is drawn unchanged.
 cv::Mat to_frame(const Texture& texture, const VectorXf& values) {
   cv::Mat frame(texture.warp.size(), CV_8UC3, cv::Scalar(0, 0, 0));
   const int channels = channel_count(texture.channels);
@@ -46,7 +46,7 @@ cv::Mat to_frame(const Texture& texture, const VectorXf& values) {
   return frame;
 }
 
-// Length of a pixel's numbers, as brightness.
+// The norm of each pixel's channels, as brightness.
 cv::Mat lengths(const Texture& texture, const VectorXf& values, double factor, double base) {
   cv::Mat frame(texture.warp.size(), CV_8UC3, cv::Scalar(0, 0, 0));
   const int channels = channel_count(texture.channels);
@@ -195,7 +195,7 @@ void draw_mesh(const AppearanceModel& model, const Matrix2Xd& points, cv::Mat& i
       cv::line(image, fixed(all.col(a)), fixed(all.col(b)), {230, 200, 90}, width, cv::LINE_AA, 4);
     }
   }
-  // Small faces would be hidden by their points.
+  // Points would hide a small face.
   if (size < 80) return;
   const double radius = std::clamp(size / 110, 1.0, 20.0);
   for (Index i = 0; i < points.cols(); ++i)

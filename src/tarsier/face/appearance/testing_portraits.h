@@ -11,8 +11,8 @@
 
 namespace tarsier::face::appearance::testing {
 
-// A 4 x 4 grid of points on a smooth coloured pattern that stretches with it: two modes of shape
-// (height, and a bend of the middle), one of texture.
+// A 4 x 4 grid of points on a smooth coloured pattern that deforms with it: two shape modes
+// (height, and a bend of the middle), one texture mode.
 inline TrainingImage portrait(Rng& rng) {
   const double height = 1 + rng.uniform(-0.15, 0.15);
   const double bend = rng.uniform(-0.12, 0.12);

@@ -16,14 +16,14 @@ double size_of(const Matrix2Xd& points) {
   return std::sqrt(centered.squaredNorm() / static_cast<double>(points.cols()));
 }
 
-// Centres nearer than one RMS radius: the same object.
+// The same object: the centres are nearer than one RMS radius.
 bool is_same_place(const Matrix2Xd& a, const Matrix2Xd& b) {
   return (a.rowwise().mean() - b.rowwise().mean()).norm() < std::max(size_of(a), size_of(b));
 }
 
 bool is_held(const Fitter& fitter, const TrackOptions& options, const FitResult& fit) {
   if (!fit.lost) return true;
-  // Only the error may be somewhat above what a new object is allowed.
+  // Of all tests, only that of the error is less strict than for a new object.
   const double limit = fitter.model().lost_error;
   return limit > 0 && fit.error > limit && fit.error <= options.hold_error * limit &&
          fit.inside > 0.5 && fit.gain > 0 && fit.status != FitStatus::kDiverged;
@@ -86,7 +86,7 @@ std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOption
     object.seen = time;
     ++followed;
   }
-  // Two that came to lie on one another are one: the older stays.
+  // If two objects overlap, the older one is kept.
   for (std::size_t i = 0; i < track.objects.size(); ++i) {
     for (std::size_t j = i + 1; j < track.objects.size(); ++j) {
       Track::Object& a = track.objects[i];

@@ -10,20 +10,22 @@
 #include <functional>
 #include <vector>
 
-// The same objects, frame after frame.
+// Tracks objects through the frames of a video.
 namespace tarsier::face::appearance {
 
-// Where objects may be in an image (CV_8UC3): for each a list of starts (2 x n, px), best first.
+// Candidate objects in an image (CV_8UC3): for each a list of starts (2 x n, px), best first.
 using FindStarts = std::function<std::vector<std::vector<Eigen::Matrix2Xd>>(const cv::Mat&)>;
 
 struct TrackOptions {
-  int search_every = 10;  // frames between searches for further objects
+  int search_every = 10;  // frames between searches for new objects
   int max_objects = 4;
-  double remember_s = 3;    // in which a lost one that appears near its place keeps its id
-  double worse = 1.25;      // a fit at the finest level alone whose error rose by this factor is
-                            // done again at all levels
-  double hold_error = 1.3;  // an object that is followed is lost only above this times the
-                            // model's lost_error
+  // s; a lost object that reappears near its last position within this time keeps its id.
+  double remember_s = 3;
+  // If the error of a fit at the finest level rises by this factor, the fit is repeated at all
+  // levels.
+  double worse = 1.25;
+  // A tracked object is lost only above this factor times the model's lost_error.
+  double hold_error = 1.3;
 
   [[nodiscard]] OptionFields fields() {
     return {
@@ -42,12 +44,12 @@ struct TrackedObject {
   FitResult fit;
 };
 
-// State of a video; {} before its first frame.
+// State for a video; {} before its first frame.
 struct Track {
   struct Object {
     TrackedObject now;
     FitWorkspace workspace;
-    double seen = 0;  // s, when it was last fitted
+    double seen = 0;  // s, time of the last fit
     bool is_lost = false;
   };
   std::vector<Object> objects;
@@ -55,14 +57,15 @@ struct Track {
   int until_search = 0;
 };
 
-// One more frame at `time` (s): each object is fitted from where it was; a lost one is looked for,
-// new ones as options say. Largest first where they are new.
+// Processes one frame at `time` (s). Each object is fitted from its last position. Lost objects are
+// searched for, and new ones as often as the options say. New objects are ordered by size, largest
+// first.
 [[nodiscard]] std::vector<TrackedObject> track_objects(const Fitter& fitter,
                                                        const TrackOptions& options,
                                                        const FindStarts& find, Track& track,
                                                        const cv::Mat& image, double time);
 
-// The objects of an image by itself: fits from the starts that are not lost, each place once.
+// The objects of a single image: all fits from the starts that are not lost, one per place.
 [[nodiscard]] std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
                                                       const cv::Mat& image, int most,
                                                       FitWorkspace& workspace);

@@ -22,15 +22,15 @@ namespace {
 
 constexpr int kVersion = 1;
 constexpr int kSeparable = 5;       // conv1 .. conv5
-constexpr int kNumbers = 5;         // dx, dy, width, height, face: of a box
+constexpr int kNumbers = 5;         // of a box: dx, dy, width, height, face
 constexpr float kLeak = 0.1F;       // of the rectifiers
-constexpr double kMaxGrowth = 4;    // logarithm; a box is not e^4 times its anchor
+constexpr double kMaxGrowth = 4;    // logarithm: a box is at most e^4 times its anchor
 constexpr int kMaxChannels = 4096;  // of a layer
 
-// Of the images that the network was trained on, red, green, blue.
+// Mean colour of the network's training images: red, green, blue.
 constexpr std::array<float, 3> kMeanRgb{117.001F, 114.697F, 97.404F};
 
-// Boxes that the network knows, cells.
+// The network's anchor boxes, in cells.
 struct Anchor {
   double width;
   double height;
@@ -59,7 +59,7 @@ linalg::Layer mixing_layer(linalg::TensorReader& tensors, const std::string& fil
   return layer;
 }
 
-// The first layer for grey images, which are 0..255 in the files and 0..1 for the network.
+// The first layer for grey images. Values are 0..255 in the files and 0..1 for the network.
 linalg::Layer grey_layer(linalg::TensorReader& tensors) {
   std::vector<std::int64_t> shape;
   const std::vector<float> from = tensors.take("conv0/filters", 4, shape);
@@ -157,7 +157,7 @@ std::vector<ScoredFace> search_anchors(const cv::Mat& gray, const AnchorDetector
   const double longer = std::max(gray.cols, gray.rows) * (1 + 2 * options.margin);
   const double scale = options.side / longer;
   const int left = cvRound(options.margin * options.side / (1 + 2 * options.margin));
-  // What is left of the square at the right and below is black, as the network was trained.
+  // The rest of the square on the right and below is black, as in the network's training.
   const cv::Size size(std::clamp(cvRound(gray.cols * scale), 1, options.side - left),
                       std::clamp(cvRound(gray.rows * scale), 1, options.side - left));
   cv::resize(gray, workspace.scaled, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
@@ -209,7 +209,7 @@ std::vector<ScoredFace> search_anchors(const cv::Mat& gray, const AnchorDetector
 }
 
 cv::Rect2d cascade_square(const cv::Rect2d& box) {
-  // Medians over the faces of faces68 that both find.
+  // Medians over the faces of faces68 that both detectors find.
   constexpr double kWidth = 1.0;
   constexpr double kDown = -0.136;
   const double width = kWidth * std::sqrt(box.width * box.height);

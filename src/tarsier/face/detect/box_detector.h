@@ -9,12 +9,12 @@
 
 namespace tarsier::face {
 
-// A face detector that somebody else's code runs (face/onnx), in place of ours.
+// Interface of an external face detector (face/onnx) that replaces the built-in ones.
 class BoxDetector {
  public:
   virtual ~BoxDetector() = default;
-  // Faces in `gray` (CV_8UC1), in any order: squares as OpenCV's frontal cascade draws them, px;
-  // scores 0..1. Any number of threads may call it. Throws ModelError where the network fails.
+  // Faces in `gray` (CV_8UC1), in any order: squares like those of OpenCV's frontal cascade, px;
+  // scores 0..1. Thread-safe. Throws ModelError if the network fails.
   [[nodiscard]] virtual std::vector<ScoredFace> find(const cv::Mat& gray) const = 0;
 };
 

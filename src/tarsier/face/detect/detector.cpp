@@ -89,7 +89,7 @@ std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame, double min_face
                     cvRound(face.height / scale)) &
            cv::Rect(0, 0, frame.cols, frame.rows);
   }
-  // Largest first; the position breaks ties, so that the order is always the same.
+  // Largest first. The position breaks ties, so that the order is deterministic.
   std::sort(faces.begin(), faces.end(), [](const cv::Rect& a, const cv::Rect& b) {
     return std::tuple(-a.area(), a.x, a.y) < std::tuple(-b.area(), b.x, b.y);
   });
@@ -98,7 +98,7 @@ std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame, double min_face
 
 struct FaceFollower::Impl {
   FaceDetector detector;
-  FaceDetector near;  // finds one face in a part of the image
+  FaceDetector near;  // detects one face in a part of the image
   FaceFollowerOptions options;
   std::vector<Face> faces;
   int frame = 0;
@@ -126,7 +126,7 @@ void FaceFollower::reset() {
 
 const std::vector<FaceFollower::Face>& FaceFollower::follow(const cv::Mat& frame) {
   constexpr double kSame = 0.25;   // overlap of two boxes of one face
-  constexpr double kFollow = 0.5;  // share of the way to the newly seen place
+  constexpr double kFollow = 0.5;  // weight of the new position in the smoothing
   Impl& my = *impl_;
   const bool search = my.frame++ % my.options.search_every == 0 || my.faces.empty();
   std::vector<cv::Rect> seen;

@@ -13,17 +13,17 @@
 
 namespace tarsier::face {
 
-// Width of the smallest face that is looked for where nothing else is asked, px of the image: 40,
-// and 24 in images of up to half a megapixel, where it costs little.
+// Default width of the smallest face that is searched for, px of the image: 40, or 24 in images of
+// up to half a megapixel, where it costs little.
 [[nodiscard]] double usual_min_face(cv::Size image);
 
 struct FaceDetectorOptions {
-  double min_face = 0;  // px of the image, width of the smallest box; 0: the usual
-  // px; wider images are searched at this width, whatever min_face says; 0: at the
-  // width that min_face needs.
+  double min_face = 0;  // px of the image, width of the smallest box; 0: the default
+  // px; wider images are searched at this width, whatever min_face is; 0: at the width that
+  // min_face requires.
   int max_width = 0;
-  int neighbors = 3;  // rectangles that must agree
-  double step = 1.1;  // from one size of face that is looked for to the next
+  int neighbors = 3;  // overlapping detections that are required
+  double step = 1.1;  // ratio between successive face sizes
   std::string cascade = "haarcascade_frontalface_alt2.xml";
 
   [[nodiscard]] OptionFields fields() {
@@ -32,12 +32,12 @@ struct FaceDetectorOptions {
   void check() const;
 };
 
-// Finds upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001), in the image
+// Detects upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001), in the image
 // reduced so that min_face is kCascadeWindow px. Not thread-safe.
 inline constexpr int kCascadeWindow = 24;
 class FaceDetector {
  public:
-  // Throws ModelError when no cascade file is found (Debian: package opencv-data).
+  // Throws ModelError if no cascade file is found (Debian: package opencv-data).
   explicit FaceDetector(const FaceDetectorOptions& options = {});
   ~FaceDetector();
   FaceDetector(FaceDetector&&) noexcept;
@@ -45,10 +45,11 @@ class FaceDetector {
 
   // Faces in `frame` (CV_8UC3 BGR or CV_8UC1), px, largest first.
   [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame);
-  // Other sizes than those of the options; max_face 0: as large as the image.
+  // With other sizes than those of the options; max_face 0: as large as the image.
   [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame, double min_face,
                                              double max_face);
-  // Pixels of all images so far, as they were searched: what the searches cost.
+  // Cost of the searches so far: pixels of all images at the resolution at which they were
+  // searched.
   [[nodiscard]] std::int64_t pixels() const;
 
  private:
@@ -58,7 +59,7 @@ class FaceDetector {
 
 struct FaceFollowerOptions {
   int search_every = 8;   // frames between two searches of the whole image
-  int forget_after = 15;  // frames without the face after which it is dropped
+  int forget_after = 15;  // a face is dropped after this number of frames without detection
 
   [[nodiscard]] OptionFields fields() {
     return {{"search_every", search_every, at_least(1)},
@@ -67,11 +68,12 @@ struct FaceFollowerOptions {
   void check() const { check_fields(*this); }
 };
 
-// Faces followed through a video: found again every few frames, looked for near their last place in
-// between, positions smoothed, short misses bridged. Not thread-safe.
+// Tracks faces through a video. The whole image is searched every few frames; in between, each face
+// is searched for near its last position. Positions are smoothed, short misses are bridged. Not
+// thread-safe.
 class FaceFollower {
  public:
-  // The whole image is searched at 320 px: faces of 7.5 % of its width and more.
+  // The whole image is searched at 320 px: for faces of at least 7.5 % of its width.
   explicit FaceFollower(FaceDetectorOptions detector = {.max_width = 320},
                         FaceFollowerOptions options = {});
   ~FaceFollower();
@@ -79,9 +81,9 @@ class FaceFollower {
   FaceFollower& operator=(FaceFollower&&) noexcept;
 
   struct Face {
-    int id = 0;      // stays with the face
+    int id = 0;      // constant over frames
     cv::Rect box;    // px in the frame
-    int missed = 0;  // frames since it was seen
+    int missed = 0;  // frames since the last detection
   };
   const std::vector<Face>& follow(const cv::Mat& frame);
   void reset();

@@ -10,7 +10,8 @@
 namespace tarsier::face::training {
 namespace {
 
-// The face's own axes in the view: its eyes, the distance between them, to the right and down.
+// The face's axes in the view: positions of the eyes, their distance, the directions right and
+// down.
 struct FaceAxes {
   cv::Point2d left, right, across, down;
   double eyes = 0;
@@ -31,7 +32,7 @@ FaceAxes axes_of(const std::vector<cv::Point2d>& points) {
   axes.right = mean_of(points, 42, 47);
   const cv::Point2d mouth = mean_of(points, 48, 59);
   const cv::Point2d down = mouth - (axes.left + axes.right) * 0.5;
-  // Turned heads have eyes close together: the height of the face counts, too.
+  // The eyes of turned heads are close together, so the height of the face is used too.
   axes.eyes = std::max({2.0, cv::norm(axes.right - axes.left), 0.8 * cv::norm(down)});
   axes.down = down * (1 / std::max(1e-9, cv::norm(down)));
   axes.across = {axes.down.y, -axes.down.x};
@@ -39,7 +40,7 @@ FaceAxes axes_of(const std::vector<cv::Point2d>& points) {
   return axes;
 }
 
-// Shapes are drawn between pixels, from the corners of pixels.
+// Shapes are drawn with sub-pixel coordinates, measured from the corners of pixels.
 constexpr int kShift = 4;
 cv::Point fixed(const cv::Point2d& p) {
   const double unit = 1 << kShift;
@@ -76,7 +77,7 @@ void blend(cv::Mat& view, const cv::Mat& mask, const cv::Mat& paint, double gain
   }
 }
 
-// A tone with a slope over the view and grain; or the texture.
+// A tone with a gradient over the view and grain; or the texture.
 cv::Mat paint_of(const cv::Mat& texture, double tone, double grain, bool textured, Rng& rng) {
   cv::Mat paint(texture.size(), CV_32F);
   const double slope = rng.normal(0, 0.6);
@@ -106,7 +107,7 @@ void wear_glasses(cv::Mat& view, const std::vector<cv::Point2d>& points, const F
       fill_ellipse(mask, axes, center, rx, ry);
     }
   }
-  // The bridge and the temples.
+  // The bridge and the temples of the glasses.
   const double thick = rng.uniform(0.02, 0.06);
   const double high = low - rng.uniform(0, 0.6) * ry;
   const auto bar = [&](const cv::Point2d& a, const cv::Point2d& b) {
@@ -117,7 +118,7 @@ void wear_glasses(cv::Mat& view, const std::vector<cv::Point2d>& points, const F
   bar(axes.at(axes.left, 0, high), points[0]);
   bar(axes.at(axes.right, 0, high), points[16]);
   const double tone = rng.uniform() < 0.8 ? rng.uniform(0, 70) : rng.uniform(70, 220);
-  const bool textured = rng.uniform() < 0.2;  // it mirrors what is before it
+  const bool textured = rng.uniform() < 0.2;  // reflection of the surroundings
   const cv::Mat paint = paint_of(texture, tone, 0, textured, rng);
   blend(view, mask, paint, 0, rng.uniform(0.7, 1));
 }
@@ -125,7 +126,7 @@ void wear_glasses(cv::Mat& view, const std::vector<cv::Point2d>& points, const F
 void wear_cap(cv::Mat& view, const std::vector<cv::Point2d>& points, const FaceAxes& axes,
               const cv::Mat& texture, Rng& rng) {
   const double height = rng.uniform(0.7, 1.6);
-  const double lift = rng.uniform(-0.12, 0.4);  // from the brows up to its edge
+  const double lift = rng.uniform(-0.12, 0.4);  // from the eyebrows up to its edge
   std::vector<cv::Point2d> outline;
   const cv::Point2d left = axes.at(points[0], -0.12, -0.1 - lift);
   const cv::Point2d right = axes.at(points[16], 0.12, -0.1 - lift);
@@ -138,7 +139,7 @@ void wear_cap(cv::Mat& view, const std::vector<cv::Point2d>& points, const FaceA
   outline.push_back(right);
   outline.push_back(axes.at(brow, 0.4, 0));
   outline.push_back(axes.at(brow, -0.4, 0));
-  // Its shadow first.
+  // Draw its shadow first.
   cv::Mat mask(view.size(), CV_8UC1, cv::Scalar(0));
   const cv::Mat nothing(view.size(), CV_32F, cv::Scalar(0));
   if (rng.uniform() < 0.6) {
@@ -167,7 +168,7 @@ void wear_beard(cv::Mat& view, const std::vector<cv::Point2d>& points, const Fac
   std::vector<cv::Point2d> outline(points.begin() + 2, points.begin() + 15);
   const double longer = rng.uniform(0, 0.3);
   for (std::size_t i = 3; i < 10; ++i) outline[i] = axes.at(outline[i], 0, longer);
-  const double cheek = rng.uniform(0.2, 0.8);  // how far down the cheeks it begins
+  const double cheek = rng.uniform(0.2, 0.8);  // where it starts on the cheeks
   outline.push_back(points[13] * (1 - cheek) + points[54] * cheek);
   outline.push_back(axes.at(points[35], 0.05, 0.08));
   outline.push_back(axes.at(points[33], 0, 0.1));
@@ -179,11 +180,11 @@ void wear_beard(cv::Mat& view, const std::vector<cv::Point2d>& points, const Fac
   const double grain = rng.uniform(2, 12);
   const double tone = rng.uniform(0, 40);
   const cv::Mat paint = paint_of(texture, tone, grain, false, rng);
-  const double skin = rng.uniform(0.1, 0.45);  // that is seen through it
+  const double skin = rng.uniform(0.1, 0.45);  // skin that shows through
   blend(view, mask, paint, skin, rng.uniform(0.6, 1));
 }
 
-// A hand, a racket, a microphone.
+// Draws a hand, a racket or a microphone.
 void hold_object(cv::Mat& view, const std::vector<cv::Point2d>& points, const FaceAxes& axes,
                  const cv::Mat& texture, Rng& rng) {
   const auto where = static_cast<std::size_t>(rng.integer(0, 67));

@@ -14,15 +14,18 @@
 namespace tarsier::face {
 namespace {
 
-constexpr int kBorder = 8;  // px of a level repeated around it, so that faces may touch its edge
-constexpr int kContrastReach = 8;        // 2 x 2 blocks on each side: 34 px, about twice a face
-constexpr float kContrastFloor = 8;      // grey values
-constexpr double kScanThreshold = 0.1;   // of the first network: its misses are final
-constexpr std::size_t kMaxFinds = 3000;  // of a level: whatever an image holds, the work has an end
+// px; the border of a level is replicated by this, so that faces may touch its edge.
+constexpr int kBorder = 8;
+constexpr int kContrastReach = 8;    // 2 x 2 blocks on each side: 34 px, about twice a face
+constexpr float kContrastFloor = 8;  // grey values
+// Of the first network; later stages cannot recover its misses.
+constexpr double kScanThreshold = 0.1;
+constexpr std::size_t kMaxFinds = 3000;   // candidates per level: bounds the work for any image
 constexpr double kJudgeThreshold = 0.15;  // of the second
 constexpr double kClearlyNot = -3;        // logit of the third
 constexpr double kDeviationFloor = 4;     // grey values, of a window
-constexpr std::size_t kStack = 16;        // windows judged at once: they stay in the second cache
+// Windows evaluated at once: they fit into the second-level cache.
+constexpr std::size_t kStack = 16;
 
 bool is_same(const cv::Rect2d& a, const cv::Rect2d& b, double overlap) {
   const double width = std::min(a.x + a.width, b.x + b.width) - std::max(a.x, b.x);
@@ -35,19 +38,19 @@ bool is_same(const cv::Rect2d& a, const cv::Rect2d& b, double overlap) {
          common > 0.75 * std::max(1e-9, std::min(a.area(), b.area()));
 }
 
-// What a box holds, as a network sees it: form.side x form.side values, between pixels linear.
+// Cuts the content of a box as a network's input: form.side x form.side values, bilinear.
 void cut_window(const std::vector<cv::Mat>& halves, const cv::Rect2d& box, FaceWindow form,
                 float* window) {
   constexpr int kMaxSide = 64;
   const double scale = form.box / box.width;
   const int level = half_for(scale, halves.size());
   const cv::Mat& source = halves[static_cast<std::size_t>(level)];
-  const double unit = std::ldexp(1.0, level);  // px of the image in one of this half
+  const double unit = std::ldexp(1.0, level);  // px of the image per px of this half
   const double step = 1 / (scale * unit);
   // Pixel centres: the window's (u + 0.5) * step + left - 0.5.
   const double x0 = (box.x + box.width / 2) / unit - 0.5 * (form.side - 1) * step - 0.5;
   const double y0 = (box.y + box.height / 2) / unit - 0.5 * (form.side - 1) * step - 0.5;
-  // Beyond its edge the image repeats it.
+  // Outside the image, the border is replicated.
   const auto between = [&](double at, int count, int& low, int& high, float& share) {
     const double inside = std::clamp(at, 0.0, count - 1.0);
     low = static_cast<int>(inside);
@@ -79,13 +82,13 @@ void cut_window(const std::vector<cv::Mat>& halves, const cv::Rect2d& box, FaceW
   }
 }
 
-// The input of a network that judges windows: mean 0 and deviation 1, in four planes `stride`
-// numbers apart. `flipped`: mirrored.
+// The input of a window network: mean 0 and deviation 1, in four planes that are `stride` elements
+// apart. `flipped`: mirrored.
 void normalize_window(const float* window, int side, bool flipped, float* planes,
                       std::size_t stride) {
   double sums[4] = {};
   double squares[4] = {};
-  for (int i = 0; i < side * side; i += 4) {  // chains of additions side by side
+  for (int i = 0; i < side * side; i += 4) {  // independent chains of additions
     for (int k = 0; k < 4; ++k) {
       const auto value = static_cast<double>(window[i + k]);
       sums[k] += value;
@@ -122,7 +125,7 @@ struct Judgement {
   cv::Rect2d box;
 };
 
-// What a network says of windows: four numbers for each, of the window as it is or mirrored.
+// A network's output for windows: four numbers for each, for the unchanged or the mirrored window.
 void say(const linalg::Network& network, FaceWindow form, const std::vector<const float*>& windows,
          bool flipped, FaceSearchWorkspace& workspace,
          std::vector<std::array<double, 4>>& answers) {
@@ -148,8 +151,8 @@ void say(const linalg::Network& network, FaceWindow form, const std::vector<cons
   }
 }
 
-// What the network says of the boxes; with `both` the mean of that and of what it says of the
-// mirror image, unless the first is clear: no.
+// The network's output for the boxes. With `both`, the mean with the output for the mirror image,
+// unless the first output is clearly negative.
 std::vector<Judgement> judge_boxes(const std::vector<ScoredFace>& boxes,
                                    const linalg::Network& network, FaceWindow form, bool both,
                                    FaceSearchWorkspace& workspace) {
@@ -192,7 +195,7 @@ std::vector<Judgement> judge_boxes(const std::vector<ScoredFace>& boxes,
   return result;
 }
 
-// Smallest scale of a level, from the size of the largest face.
+// Width of the largest face to search for, which sets the smallest scale of a level.
 double largest_face(const cv::Mat& gray, const FaceSearchOptions& options) {
   const double fits = 1.1 * std::min(gray.cols, gray.rows);
   return options.max_face > 0 ? std::min(options.max_face, fits) : fits;
@@ -303,7 +306,7 @@ void make_halves(const cv::Mat& gray, double smallest_scale, std::vector<cv::Mat
   halves[0] = gray;
   for (std::size_t i = 1; i < count; ++i) {
     const cv::Mat& from = halves[i - 1];
-    // The same place at every level needs whole blocks; an odd last row is given a twin.
+    // All levels need whole blocks at the same positions; an odd last row is duplicated.
     cv::Mat even = from;
     if (from.cols % 2 != 0 || from.rows % 2 != 0) {
       cv::copyMakeBorder(from, even, 0, from.rows % 2, 0, from.cols % 2, cv::BORDER_REPLICATE);
@@ -329,8 +332,8 @@ void scan_input(const cv::Mat& gray, FaceSearchWorkspace& workspace, std::vector
   const int rows = gray.rows / 2;  // of blocks
   const int cols = gray.cols / 2;
   const auto width = static_cast<std::size_t>(cols);
-  // Sums of the values and of their squares: of each block, then of the columns of blocks around a
-  // row, then of the blocks around a block.
+  // Sums of the values and of their squares: first of each block, then of the columns of blocks
+  // around a row, then of the blocks around a block.
   workspace.sums.create(rows, cols, CV_32S);
   workspace.squares.create(rows, cols, CV_32S);
   for (int y = 0; y < rows; ++y) {
@@ -352,7 +355,7 @@ void scan_input(const cv::Mat& gray, FaceSearchWorkspace& workspace, std::vector
   const auto row_at = [&](const cv::Mat& of, int y) {
     return of.ptr<std::int32_t>(std::clamp(y, 0, rows - 1));
   };
-  // The sums of columns, with the first and the last of them repeated beside them.
+  // Column sums, with the first and last one replicated on both sides.
   std::vector<std::int32_t>& columns = workspace.columns;
   columns.assign(2 * (width + 2 * kReach), 0);
   std::int32_t* sums = columns.data() + kReach;
@@ -363,7 +366,7 @@ void scan_input(const cv::Mat& gray, FaceSearchWorkspace& workspace, std::vector
       squares[x] += row_at(workspace.squares, y)[x];
     }
   }
-  std::vector<float>& local = workspace.local;  // mean and 1 / (deviation + floor) of a row
+  std::vector<float>& local = workspace.local;  // mean and 1 / (deviation + floor) for a row
   local.resize(2 * width);
   float* mean = local.data();
   float* gain = mean + width;
@@ -423,13 +426,14 @@ void window_input(const cv::Mat& window, std::vector<float>& input) {
 }
 
 std::vector<ScoredFace> suppress_overlaps(std::vector<ScoredFace> faces, double overlap) {
-  // The place breaks ties, so that the order is always the same.
+  // The position breaks ties, so that the order is deterministic.
   std::sort(faces.begin(), faces.end(), [](const ScoredFace& a, const ScoredFace& b) {
     return std::tuple(-a.score, a.box.x, a.box.y, a.box.width) <
            std::tuple(-b.score, b.box.x, b.box.y, b.box.width);
   });
   if (faces.empty()) return faces;
-  // Boxes that share something lie in the same or in neighbouring cells as wide as the widest.
+  // A grid with cells as wide as the widest box: boxes that intersect are in the same or in
+  // neighbouring cells.
   constexpr int kMaxCells = 256;
   double cell = 1;
   cv::Rect2d all = faces[0].box;
@@ -485,8 +489,8 @@ std::vector<ScoredFace> scan_faces(const cv::Mat& gray, const FaceNetworks& netw
                        [](const ScoredFace& a, const ScoredFace& b) { return a.score > b.score; });
       found.resize(kMaxFinds);
     }
-    // Within a level the same face fires in several cells; a neighbouring level's box may be
-    // better.
+    // Within a level, several cells respond to the same face. A neighbouring level's box may be
+    // better, so the overlap threshold is high.
     for (ScoredFace& place : suppress_overlaps(std::move(found), 0.6)) all.push_back(place);
     if (face * kScanStep >= largest) break;
   }
@@ -503,7 +507,7 @@ std::vector<ScoredFace> search_faces(const cv::Mat& gray, const FaceNetworks& ne
   const std::vector<ScoredFace> places = scan_faces(gray, networks, options, workspace);
   const double least = options.threshold > 0 ? options.threshold : networks.likely;
   std::vector<ScoredFace> faces;
-  // Several places move onto one face: it is looked at closely once.
+  // Several candidates may move to one face: the third network evaluates it once.
   std::vector<ScoredFace> judged;
   workspace.places += static_cast<std::int64_t>(places.size());
   for (const Judgement& first :
@@ -513,14 +517,14 @@ std::vector<ScoredFace> search_faces(const cv::Mat& gray, const FaceNetworks& ne
   }
   judged = suppress_overlaps(std::move(judged), 0.6);
   if (!options.checked) return judged;
-  // A quarter of the places at most is worth the third.
+  // At most a quarter of the candidates is passed to the third network.
   const auto most = static_cast<std::size_t>(std::max(1, options.max_places / 4));
   if (judged.size() > most) judged.resize(most);
   workspace.checked += static_cast<std::int64_t>(judged.size());
   for (const Judgement& second :
        judge_boxes(judged, networks.check, kCheckWindow, true, workspace)) {
     const double score = logistic(second.logit);
-    // Levels reach a little below the size that was asked for.
+    // Levels extend slightly below the requested size.
     if (score >= least && second.box.width >= 0.85 * options.min_face) {
       faces.push_back({second.box, score});
     }

@@ -38,13 +38,13 @@ using training::place;
 using training::Turn;
 using training::view_of;
 
-constexpr double kLargestFace = 72;         // px; images with larger faces are reduced
-constexpr double kLargestSide = 900;        // px of images without faces
-constexpr int kPatch = 64;                  // px, what the first network learns from
-constexpr double kFits[2] = {14.0, 23.5};   // px, widths of faces that the first network answers
-constexpr double kNearly[2] = {9.5, 34.0};  // and those where either answer will do
+constexpr double kLargestFace = 72;        // px; images with larger faces are reduced
+constexpr double kLargestSide = 900;       // px of images without faces
+constexpr int kPatch = 64;                 // px, training crop of the first network
+constexpr double kFits[2] = {14.0, 23.5};  // px, widths of faces that the first network must detect
+constexpr double kNearly[2] = {9.5, 34.0};  // px, widths for which either answer is accepted
 
-// A place that was taken for a face.
+// A place that was wrongly detected as a face.
 struct Mistake {
   int image = 0;
   cv::Rect2d box;
@@ -54,14 +54,15 @@ constexpr double kHighestSure = 0.98;
 
 constexpr std::size_t kFacePoints = 68;
 
-// Every so manyth image without faces is not learned from.
+// Every kHoldOut-th image without faces is held out.
 constexpr int kHoldOut = 3;
 
 struct Material {
-  std::vector<Image> faces;              // images with faces
-  std::vector<Image> without;            // and those without
-  std::vector<Image> held_out;           // of the latter: they decide what is sure
-  std::vector<std::pair<int, int>> all;  // image and face
+  std::vector<Image> faces;    // images with faces
+  std::vector<Image> without;  // images without faces
+  // Held-out images without faces: they determine the score of a sure face.
+  std::vector<Image> held_out;
+  std::vector<std::pair<int, int>> all;  // image and face indices
   double disguised = 0;                  // FaceTrainingOptions
   [[nodiscard]] bool wide() const { return disguised > 0; }
   [[nodiscard]] const Image& image(int number) const {
@@ -76,9 +77,9 @@ double shared(const cv::Rect2d& a, const cv::Rect2d& b) {
   return common / std::max(1e-9, a.area() + b.area() - common);
 }
 
-// --- what the first network learns from ---
+// --- training examples of the first network ---
 
-// Planes: label, is the box known, dx, dy, log of the growth.
+// Planes: label, is the box known, dx, dy, log of the scale.
 constexpr std::size_t kScanPlanes = 5;
 
 void label_scan(const Image& image, const Place& where, std::vector<float>& target) {
@@ -121,7 +122,7 @@ void label_scan(const Image& image, const Place& where, std::vector<float>& targ
   }
 }
 
-// A mistake stays nearly as it was seen.
+// A mistake is shown with small changes only.
 Turn slight_turn(Rng& rng) {
   const double angle = rng.normal(0, 0.08);
   return {angle, rng.uniform() < 0.5, 1};
@@ -132,7 +133,7 @@ const Image& any_without(const Material& material, Rng& rng) {
       rng.integer(0, static_cast<int>(material.without.size()) - 1))];
 }
 
-// Beside the image its edge goes on, or something else begins. Perhaps the face is in disguise.
+// Outside the image, the border is replicated or another image is shown. The face may be disguised.
 cv::Mat view_of_face(const Material& material, const Image& image, std::size_t face,
                      const Place& where, int side, Rng& rng) {
   const bool repeats_edge = rng.uniform() < 0.5;
@@ -200,11 +201,11 @@ double scan_loss(const linalg::Example& example, const std::vector<float>& outpu
                           output, shape, derivative);
 }
 
-// --- what the others learn from ---
+// --- training examples of the other networks ---
 
 void make_window_example(const Material& material, const std::vector<Mistake>& mistakes,
                          FaceWindow form, Rng& rng, linalg::Example& example) {
-  // Target: label, is the box known, dx, dy, log of the growth.
+  // Target: label, is the box known, dx, dy, log of the scale.
   example.target.assign(kScanPlanes, 0.0F);
   const double middle = form.side / 2.0;
   cv::Mat view;
@@ -214,17 +215,17 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
         rng.integer(0, static_cast<int>(material.all.size()) - 1))];
     const Image& image = material.faces[static_cast<std::size_t>(number)];
     const cv::Rect2d& box = image.faces[static_cast<std::size_t>(face)];
-    // The box is off by (dx, dy) widths of the face and `growth` too large.
+    // The box is shifted by (dx, dy) face widths and enlarged by `growth`.
     double dx = rng.uniform(-0.17, 0.17);
     double dy = rng.uniform(-0.17, 0.17);
     double growth = log_uniform(rng, 0.78, 1.28);
     const bool is_near = kind >= 0.45;
     Turn turn = face_turn(material.wide(), rng);
-    if (is_near) {  // too far off to pass, or not upright
+    if (is_near) {  // too far shifted for a face, or not upright
       const double how = rng.uniform();
       if (how < 0.2) {
         const double quarters = rng.integer(1, 3);
-        // Rolled further, a face would pass for one that lies on its side.
+        // With a larger roll, a face could look like one that lies on its side.
         turn.angle = (material.wide() ? 0.5 : 1) * turn.angle + quarters * CV_PI / 2;
       } else if (how < 0.7) {
         const double angle = rng.uniform(0, 2 * CV_PI);
@@ -278,7 +279,7 @@ double window_loss(const linalg::Example& example, const std::vector<float>& out
   return loss;
 }
 
-// --- both ---
+// --- shared ---
 
 Material load(const std::vector<FaceImage>& images, Progress& progress, const std::stop_token& stop,
               std::vector<std::string>& skipped) {
@@ -351,7 +352,7 @@ void add_drawings(int count, Rng rng, Material& material) {
 
 enum class Stage { kScan, kJudge, kCheck };
 
-// Places that are taken for faces, up to the given network, and are none.
+// Finds places that the networks, up to the given one, wrongly detect as faces.
 std::vector<Mistake> find_mistakes(const Material& material, const FaceNetworks& networks,
                                    Stage stage, double threshold, Progress& progress,
                                    const std::stop_token& stop) {
@@ -388,8 +389,8 @@ std::vector<Mistake> find_mistakes(const Material& material, const FaceNetworks&
   return all;
 }
 
-// Faces that nobody drew a box around: what the second network firmly holds for a face in an image
-// that shows some. They become ignored.
+// Finds faces without an annotated box: confident detections of the second network in images that
+// show faces. They are added to the ignored regions.
 void ignore_missing_boxes(Material& material, const FaceNetworks& networks, Progress& progress,
                           const std::stop_token& stop) {
   const auto first = static_cast<int>(material.without.size());
@@ -400,7 +401,7 @@ void ignore_missing_boxes(Material& material, const FaceNetworks& networks, Prog
   }
 }
 
-// Those in ignored places go.
+// Removes the mistakes in ignored regions.
 void forget_ignored(const Material& material, std::vector<Mistake>& mistakes) {
   std::erase_if(mistakes, [&](const Mistake& mistake) {
     const std::vector<cv::Rect2d>& ignored = material.image(mistake.image).ignored;
@@ -409,7 +410,7 @@ void forget_ignored(const Material& material, std::vector<Mistake>& mistakes) {
   });
 }
 
-// The hard ones are as often seen as all others together.
+// Repeats the hard mistakes, so that they are as frequent as all others together.
 void add_hard(const std::vector<Mistake>& hard, std::vector<Mistake>& mistakes) {
   if (hard.empty()) return;
   const std::size_t times = std::clamp<std::size_t>(mistakes.size() / hard.size(), 1, 20);
@@ -418,13 +419,13 @@ void add_hard(const std::vector<Mistake>& hard, std::vector<Mistake>& mistakes) 
   }
 }
 
-// The scores in the images that were held out, searched as the program searches them, of what is
-// likely a face: all of them wrong. Each image is looked at in several sizes, between two levels
-// of the pyramid, which shows it to the networks in other pixels.
+// Scores of likely faces in the held-out images, all of them false. Images are searched as in use.
+// Each image is searched at several sizes between two pyramid levels, which gives different pixels
+// to the networks.
 constexpr double kViews[] = {1, 0.9, 0.81};
 struct HeldOutScores {
-  std::vector<double> all;       // of all views
-  std::vector<double> as_it_is;  // of the images as they are
+  std::vector<double> all;       // of all sizes
+  std::vector<double> as_it_is;  // at the original size
 };
 HeldOutScores score_held_out(const Material& material, const FaceNetworks& networks,
                              Progress& progress, const std::stop_token& stop) {
@@ -474,7 +475,7 @@ double sure_score(const std::vector<double>& scores, double lowest, double allow
   double sum = 0;
   double highest = lowest;
   double count = 0;
-  double below = 0;  // of those, below kHighestSure; of the others only that is taken
+  double below = 0;  // sum for scores below kHighestSure; higher ones are censored there
   for (const double score : scores) {
     if (score < lowest) continue;
     const double inside = std::min(score, kHighestSure);
@@ -484,7 +485,7 @@ double sure_score(const std::vector<double>& scores, double lowest, double allow
     if (score < kHighestSure) ++below;
   }
   if (count <= allowed) return lowest;
-  // Nothing at all: halfway, as 1 - score, from the highest to a score of 1.
+  // Allow no false alarm: halfway between the highest score and 1.
   if (allowed == 0) return std::min(kHighestSure, 1 - 0.5 * (1 - highest));
   if (below == 0) return kHighestSure;
   const double beyond = sum / below * std::log(count / allowed);
@@ -557,8 +558,8 @@ FaceTraining train_face_networks(const std::vector<FaceImage>& images, const std
   train_window(networks.judge, kJudgeWindow, "second network",
                options.judge_steps - options.judge_steps / 2, 1.5e-3, 3);
 
-  // The third sees what passed the second before and after its second half, and then twice what
-  // passes itself.
+  // The third network is trained on what passed the second one before and after its second half,
+  // and then twice on what passes itself.
   mistakes = mistakes_of(Stage::kJudge, 0.1);
   mistakes.insert(mistakes.end(), hard.begin(), hard.end());
   const std::vector<Mistake> passed = mistakes;

@@ -13,32 +13,35 @@
 #include <string>
 #include <vector>
 
-// Training of the three networks that find faces, from boxes.
+// Training of the three face detection networks from boxes.
 namespace tarsier::face {
 
-// An image and where its faces are.
+// An image and the boxes of its faces.
 struct FaceImage {
-  std::string image;                // path
-  std::vector<cv::Rect2d> faces;    // px, squares as FaceNetworks draws them; none: shows no face
-  std::vector<cv::Rect2d> ignored;  // px, neither faces nor anything else
-  cv::Mat gray = cv::Mat();         // CV_8UC1; where it is not empty, in place of the file
-  // Of each face its 68 points (300-W, px) or none: those with points learn in disguise, too.
+  std::string image;  // path
+  // px, squares like those of FaceNetworks; empty: no face in the image
+  std::vector<cv::Rect2d> faces;
+  std::vector<cv::Rect2d> ignored;  // px, regions that are neither faces nor background
+  cv::Mat gray = cv::Mat();         // CV_8UC1; if not empty, used instead of the file
+  // For each face its 68 points (300-W, px), or none. Faces with points are also trained in
+  // disguise.
   std::vector<std::vector<cv::Point2d>> points = {};
 };
 
 struct FaceTrainingOptions {
-  // Batches of 32 of each network, in two halves: the second knows the mistakes of the first.
+  // Number of batches of 32 for each network. The second half of them includes the mistakes of the
+  // first.
   int scan_steps = 7000;
   int judge_steps = 7000;
   int check_steps = 8000;  // in thirds
-  // Images without faces that the program draws itself (chessboards, writing, shapes), from the
-  // seed, to learn from.
+  // Number of synthetic images without faces (chessboards, text, shapes) for training, drawn by the
+  // seed.
   int drawings = 60;
-  // How many false alarms there may be in 1000 images without faces: a score is sure from where
-  // the scores in every third of those images, which is not learned from, let no more expect.
+  // Allowed false alarms per 1000 images without faces. It determines the score of a sure face,
+  // from the scores in every third of these images, which is held out.
   double false_alarms = 100;
-  // Share of the faces with 68 points that learn in disguise (disguise.h), 0..1. Where it is not 0,
-  // all faces are rolled by up to 48 degrees in place of 36.
+  // Share of the faces with 68 points that are trained in disguise (disguise.h), 0..1. If it is not
+  // 0, all faces are rolled by up to 48 degrees instead of 36.
   double disguised = 0;
   std::uint64_t seed = 1;
 
@@ -63,30 +66,32 @@ struct FaceTraining {
   FaceNetworks networks;
   int images = 0;
   int faces = 0;
-  int without = 0;          // images without faces that were learned from, without the drawings
-  int held_out = 0;         // those that were not
-  int held_out_alarms = 0;  // false ones there, sure
-  int held_out_likely = 0;  // and likely
-  // The mistakes that the second halves learned from: places that show no face.
+  // Training images without faces, not counting the drawings.
+  int without = 0;
+  int held_out = 0;         // held-out images without faces
+  int held_out_alarms = 0;  // sure false alarms in these
+  int held_out_likely = 0;  // likely false alarms in these
+  // The mistakes used in the second halves: places without a face.
   int scan_mistakes = 0;
   int judge_mistakes = 0;
   int check_mistakes = 0;
   std::vector<std::string> skipped;  // "path: reason"
 };
 
-// Faces are turned, mirrored, lit, blurred and partly hidden at random, and shown at all sizes from
-// 14 px on. Other places of their images count as no face where the first half of the training
-// does not firmly hold them for one (their boxes may be missing). The same result for any number of
-// threads. Throws InputError(name) where no face or no image without faces is left, Interrupted.
+// Faces are randomly rotated, mirrored, relit, blurred and partly hidden, at all sizes from 14 px
+// on. Other places in their images count as background, unless the first half of the training is
+// confident that they show a face (whose box may be missing). The result does not depend on the
+// number of threads. Throws InputError(name) if no face or no image without faces is left,
+// Interrupted.
 [[nodiscard]] FaceTraining train_face_networks(const std::vector<FaceImage>& images,
                                                const std::string& name,
                                                const FaceTrainingOptions& options,
                                                Progress& progress, std::stop_token stop);
 
-// The score, from `lowest` to 0.98, from which on `allowed` of such `scores` are to be expected. Above
-// `lowest` the logits of what is no face are taken as exponentially distributed, with their mean as
-// its maximum likelihood estimate (from 0.98 on censored): all scores count and not only the few highest, which chance
-// decides. With `allowed` = 0 it lies above all scores.
+// The score, from `lowest` to 0.98, that `allowed` of these `scores` are expected to reach. Above
+// `lowest`, the logits of non-faces are modelled as exponentially distributed. Their mean is the
+// maximum likelihood estimate (censored from 0.98 on), so that all scores contribute and not only
+// the few highest ones, which are random. With `allowed` = 0, the result is above all scores.
 [[nodiscard]] double sure_score(const std::vector<double>& scores, double lowest, double allowed);
 
 }  // namespace tarsier::face

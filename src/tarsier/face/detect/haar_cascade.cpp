@@ -17,11 +17,11 @@
 namespace tarsier::face {
 namespace {
 
-constexpr float kSlack = 1e-5F;  // of a stage's threshold, against rounding
-constexpr float kCoarse = 2;     // scale below which every second window is judged
+constexpr float kSlack = 1e-5F;  // tolerance of a stage's threshold for rounding errors
+constexpr float kCoarse = 2;     // below this scale only every second window is evaluated
 constexpr int kRowsAtOnce = 8;
 
-// Room for the rows of all sizes, so that a rectangle has one place in all of them.
+// Row length for all scales, so that a rectangle has the same offset in all of them.
 int stride_of(int width) { return (width + 1 + 2 * kHaarPadding + 63) / 64 * 64; }
 
 cv::Size scaled(cv::Size size, float scale) {
@@ -37,7 +37,7 @@ bool are_alike(const cv::Rect& a, const cv::Rect& b, double eps) {
          std::abs(a.br().x - b.br().x) <= slack && std::abs(a.br().y - b.br().y) <= slack;
 }
 
-// The rectangles of a feature; false where it has others than the kernels know.
+// Reads the rectangles of a feature; false if the kernels do not support them.
 bool read_feature(const cv::FileNode& from, std::array<cv::Rect, 3>& rects,
                   std::array<float, 3>& weights) {
   if (static_cast<int>(from["tilted"]) != 0) return false;
@@ -85,7 +85,7 @@ std::optional<HaarCascade> HaarCascade::read(const std::string& path) {
                               static_cast<float>(stage["stageThreshold"]) - kSlack});
     for (const cv::FileNode& tree : weak) {
       const cv::FileNode numbers =
-          tree["internalNodes"];  // of each: below, above, feature, threshold
+          tree["internalNodes"];  // of each node: below, above, feature, threshold
       const cv::FileNode leaves = tree["leafValues"];
       const int count = static_cast<int>(numbers.size() / 4);
       if (count < 1 || count > kMaxHaarNodes || numbers.size() != 4 * at(count) ||
@@ -173,7 +173,7 @@ void HaarCascade::prepare(const cv::Mat& gray, Level& level) const {
   cv::Mat small;
   cv::resize(gray, small, size, 1. / static_cast<double>(level.scale),
              1. / static_cast<double>(level.scale), cv::INTER_LINEAR_EXACT);
-  // A row more than needed: behind the last one is read, too.
+  // One extra row, because the kernels read beyond the last row.
   level.sum.create(size.height + 2, stride_);
   level.squares.create(size.height + 2, stride_);
   const cv::Rect inner(0, 0, size.width + 1, size.height + 1);
@@ -220,7 +220,7 @@ void HaarCascade::search_row(const Level& level, int row, std::vector<cv::Rect>&
     return kernels.pass(stage, trees_.data(), nodes, sum, norms.data(), windows.data(), count);
   };
   const int first = pass(stages_.front(), static_cast<int>(windows.size()));
-  // After a window that fails the first stage the next one is not judged.
+  // The window after one that fails the first stage is skipped.
   int count = 0;
   for (int i = 0, k = 0; i < level.columns; ++i) {
     while (k < first && windows[at(k)] < i) ++k;

@@ -9,7 +9,7 @@
 namespace tarsier::face {
 namespace {
 
-// Beginnings of parts of `part` px that cover `length`, each sharing `shared` px with the next.
+// Start positions of parts of `part` px that cover `length`; adjacent ones share `shared` px.
 std::vector<int> beginnings(int length, int part, int shared) {
   if (length <= part) return {0};
   const int steps = (length - shared + part - shared - 1) / (part - shared);
@@ -26,9 +26,9 @@ SearchPlan plan_search(cv::Size image, double min_face, double window, double ti
   TARSIER_REQUIRE(image.width > 0 && image.height > 0, "{}x{}", image.width, image.height);
   TARSIER_REQUIRE(min_face > 0 && window > 0 && tile >= 8 * window, "{} px, {}, {}", min_face,
                   window, tile);
-  constexpr double kMargin = 1.5;  // of a part's largest face is shared with the next part
+  constexpr double kMargin = 1.5;  // share of a part's largest face that adjacent parts share
   SearchPlan plan;
-  // An octave of sizes after the other, until the image is small enough for one look.
+  // One octave of sizes after the other, until one search covers the reduced image.
   double smallest = min_face;
   while (std::max(image.width, image.height) * window / smallest > tile) {
     const double largest = 2 * smallest;

@@ -5,10 +5,11 @@
 
 #include <vector>
 
-// A search of a large image in many small ones, so that a video can spread it over its frames.
+// Divides the search of a large image into many small ones, so that a video can spread it over its
+// frames.
 namespace tarsier::face {
 
-// A part of an image, and the widths of faces to look for there.
+// A part of an image, and the widths of faces to search for in it.
 struct SearchTile {
   cv::Rect area;        // px
   double min_face = 0;  // px
@@ -17,16 +18,16 @@ struct SearchTile {
 };
 
 struct SearchPlan {
-  // The whole image, for the large faces, in one go.
+  // The whole image, for large faces, in one search.
   SearchTile whole;
-  // The parts for the smaller ones, small faces first. A face lies in one of them at least with a
-  // margin of a quarter of its width. Empty where `whole` looks for all sizes.
+  // The parts for smaller faces, smallest faces first. Each face is inside at least one part, with
+  // a margin of a quarter of its width. Empty if `whole` covers all sizes.
   std::vector<SearchTile> tiles;
 };
 
-// For faces from `min_face` px on, by a detector whose smallest face is `window` px (it reduces or
-// enlarges what it is given accordingly). No part has a longer side than `tile` px there, so that
-// a tile costs about the same whatever the image's size is; tile >= 8 window.
+// For faces from `min_face` px on, and a detector whose smallest face is `window` px (parts are
+// scaled accordingly). After scaling, no part has a side longer than `tile` px, so that a tile
+// costs about the same for any image size; tile >= 8 window.
 [[nodiscard]] SearchPlan plan_search(cv::Size image, double min_face, double window,
                                      double tile = 320);
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-// A detector whose weights are written by hand: it takes cells that are bright for faces, of the
-// size of its first anchor.
+// A detector with hand-written weights: it detects bright cells as faces with the size of its first
+// anchor.
 namespace tarsier::face {
 
 inline linalg::NamedTensor tensor_of(std::string name, std::vector<std::int64_t> shape) {
@@ -23,10 +23,10 @@ inline linalg::NamedTensor tensor_of(std::string name, std::vector<std::int64_t>
 inline linalg::NamedTensors bright_anchors() {
   linalg::NamedTensors tensors;
   tensors.push_back(tensor_of("conv0/filters", {3, 3, 3, 2}));
-  for (int c = 0; c < 3; ++c)  // the middle pixel, a third of each colour, channel 0
+  for (int c = 0; c < 3; ++c)  // the centre pixel, a third of each colour, channel 0
     tensors.back().values[static_cast<std::size_t>(((1 * 3 + 1) * 3 + c) * 2)] = 1.0F / 3;
   tensors.push_back(tensor_of("conv0/bias", {2}));
-  // Adds the mean that is taken off: (117.001 + 114.697 + 97.404) / 3 / 255.
+  // Adds the mean that is subtracted: (117.001 + 114.697 + 97.404) / 3 / 255.
   tensors.back().values[0] = 0.430198F;
   for (int i = 1; i <= 5; ++i) {
     const std::string name = "conv" + std::to_string(i);

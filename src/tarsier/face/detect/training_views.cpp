@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kStretch = 0.04;
 
-// A lens that moved while the shutter was open.
+// Motion blur.
 void blur_along(cv::Mat& view, double length, double angle) {
   constexpr int kSide = 9;
   cv::Mat kernel = cv::Mat::zeros(kSide, kSide, CV_32F);
@@ -76,7 +76,7 @@ Turn face_turn(bool wide, Rng& rng) {
 cv::Mat view_of(const Image& image, const Place& where, int side, const cv::Mat* behind) {
   const int level = half_for(where.scale, image.halves.size());
   const double unit = std::ldexp(1.0, level);
-  // From corners to centres of pixels, on both sides.
+  // Convert from pixel corners to pixel centres, in both images.
   cv::Matx23d m = where.view_from_image;
   cv::Matx23d warp(m(0, 0) * unit, m(0, 1) * unit, 0, m(1, 0) * unit, m(1, 1) * unit, 0);
   warp(0, 2) = m(0, 2) + 0.5 * (warp(0, 0) + warp(0, 1)) - 0.5;
@@ -100,7 +100,7 @@ void disturb(cv::Mat& view, Rng& rng) {
   if (lens < 0.22) {
     const double sigma = rng.uniform(0.4, 1.1);
     cv::GaussianBlur(view, view, cv::Size(0, 0), sigma);
-  } else if (lens < 0.46) {  // a small face, enlarged; perhaps from a compressed image
+  } else if (lens < 0.46) {  // a small face, enlarged; sometimes from a compressed image
     const int side = cvRound(view.cols * rng.uniform(0.4, 0.9));
     cv::Mat small;
     cv::resize(view, small, cv::Size(side, side), 0, 0, cv::INTER_AREA);
@@ -274,7 +274,7 @@ void draw_shapes(cv::Mat& sheet, Rng& rng) {
   }
 }
 
-// Seen at an angle.
+// Shows the sheet in perspective.
 void tilt(cv::Mat& sheet, Rng& rng) {
   cv::Point2f from[4] = {{0, 0}, {kWide, 0}, {kWide, kHigh}, {0, kHigh}};
   cv::Point2f to[4];

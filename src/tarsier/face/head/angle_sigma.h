@@ -5,25 +5,25 @@
 
 #include <Eigen/Core>
 
-// How uncertain the angles of a head are. A rotation R with an error w, a small rotation vector in
-// the camera's frame: the true rotation is exp([w]x) R. With R = Rz(roll) Rx(-pitch) Ry(yaw)
+// Uncertainty of a head's angles. The error of a rotation R is a small rotation vector w in the
+// camera's frame: the true rotation is exp([w]x) R. With R = Rz(roll) Rx(-pitch) Ry(yaw),
 //   d(yaw, pitch, roll) = A w,
 //   A = [0, 1 / cos pitch, 0; -1, 0, 0; 0, tan pitch, 1] Rz(roll)^T,
 // so that the covariance of the angles is A cov(w) A^T (first-order propagation: Hartley and
 // Zisserman, Multiple View Geometry in Computer Vision, 2nd edition 2004, section 5.2).
 namespace tarsier::face::head {
 
-// Of (yaw, pitch, roll), deg^2, of cov(w), rad^2. Near a pitch of +-90 degrees, where yaw and roll
-// are one, cos pitch is kept at 0.01 or above.
+// Covariance of (yaw, pitch, roll), deg^2, from cov(w), rad^2. Near a pitch of +-90 degrees, where
+// yaw and roll coincide, cos pitch is limited to at least 0.01.
 [[nodiscard]] Eigen::Matrix3d angle_covariance(const HeadAngles& angles,
                                                const Eigen::Matrix3d& turn_covariance);
 
-// The inverse: of w, rad^2, of that of the angles, deg^2.
+// The inverse: covariance of w, rad^2, from that of the angles, deg^2.
 [[nodiscard]] Eigen::Matrix3d turn_covariance(const HeadAngles& angles,
                                               const Eigen::Matrix3d& angle_covariance);
 
-// What errors of real points add to a computed covariance: those of neighbouring landmarks are
-// alike, and some do not show in the points at all. A variance s^2 of an axis becomes
+// Correction of a computed covariance for the errors of real landmarks: errors of neighbouring
+// landmarks are similar, and some do not show in the points. A variance s^2 of an axis becomes
 //   (factor s)^2 + floor_deg^2.
 struct AxisCalibration {
   double factor = 1;     // > 0
@@ -39,7 +39,7 @@ struct AngleCalibration {
   return {c.yaw.floor_deg, c.pitch.floor_deg, c.roll.floor_deg};
 }
 
-// Of (yaw, pitch, roll), deg^2.
+// Covariance of (yaw, pitch, roll), deg^2.
 [[nodiscard]] Eigen::Matrix3d calibrated(const Eigen::Matrix3d& angle_covariance,
                                          const AngleCalibration& calibration);
 

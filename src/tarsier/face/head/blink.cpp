@@ -16,12 +16,12 @@ namespace {
 constexpr Eigen::Index kPoints = 68;
 // Outer and inner corners of the eyes.
 constexpr std::array<std::array<int, 2>, 2> kCorners{{{36, 39}, {42, 45}}};
-// Sides of what is sampled, in distances of the corners.
+// Size of the sampled area, in distances of the corners.
 constexpr double kWide = 1.1;
 constexpr double kHigh = 0.75;
 
 struct Correlation {
-  float low = 0;  // of the two eyes
+  float low = 0;  // minimum of the two eyes
   float high = 0;
 };
 
@@ -31,7 +31,7 @@ Correlation correlation(const EyePatches& a, const EyePatches& b) {
   return {std::min(first, second), std::max(first, second)};
 }
 
-// Where the samples of one eye are in the image: kEyeHeight x kEyeWidth, CV_32FC2.
+// Positions of one eye's samples in the image: kEyeHeight x kEyeWidth, CV_32FC2.
 cv::Mat sample_places(const Eigen::Vector2d& outer, const Eigen::Vector2d& across,
                       const AffineMap& map) {
   const Eigen::Vector2d down(-across.y(), across.x());
@@ -47,7 +47,7 @@ cv::Mat sample_places(const Eigen::Vector2d& outer, const Eigen::Vector2d& acros
   return places;
 }
 
-// The part of the image that holds `area`, in grey and without what is finer than the samples.
+// The part of the image that contains `area`, in grey, low-pass filtered to the sampling distance.
 cv::Mat smooth_part(const cv::Mat& image, const cv::Rect2d& area, double step, cv::Point& corner) {
   const double sigma = std::clamp(0.5 * step, 0.7, 16.0);
   const int margin = static_cast<int>(std::ceil(3 * sigma)) + 2;

@@ -9,29 +9,29 @@
 #include <array>
 #include <deque>
 
-// Blinks of a face in a video, by the lids' points and by the eyes' pixels, with no threshold that
-// depends on the person: a shut eye is compared with the same eye shortly before and after.
+// Detects blinks of a face in a video from the lid points and the eyes' pixels. A shut eye is
+// compared with the same eye shortly before and after, so that no threshold depends on the person.
 //
-// A frame's eyes are sampled at the places that an affine map A takes from a reference face, so that
-// they stay alike when a flat image of a face is moved, turned or nodded. With the correlation
-// c(i, j) of the eyes of two frames and the lids' distance o, relative to that of A lids, a blink is
-// a shut frame s between an open one b before and the present one a (Soukupova and Cech 2016 use o
-// alone, with a learnt temporal window):
+// The eyes are sampled at positions given by an affine map A from a reference face, so that they
+// stay similar when a flat image of a face is moved, turned or nodded. c(i, j) is the correlation
+// of the eyes of two frames, and o the lid distance relative to that of the mapped reference lids.
+// A blink is a shut frame s between an open one b before and the present one a (Soukupova and Cech
+// 2016 use o alone, with a learnt temporal window):
 //   closing = 1 - o(s) / min(o(b), o(a))
 //   change  = min c(b, a) - max(max c(b, s), max c(s, a))    min, max: of both eyes
-// s is the frame most unlike a, b the frame before s most like a.
+// s is the frame least similar to a; b is the frame before s that is most similar to a.
 namespace tarsier::face::head {
 
 using AffineMap = Eigen::Matrix<double, 2, 3>;
 
 inline constexpr int kEyeWidth = 32;  // samples
 inline constexpr int kEyeHeight = 20;
-// Both eyes, each less its mean and of norm 1 (or zero, where it is of one colour).
+// Both eyes, each with its mean subtracted and norm 1 (or zero, if uniform).
 using EyePatches = std::array<Eigen::VectorXf, 2>;
 
-// The eyes of `image` (8 bits, 1 or 3 channels, BGR), with some of what is about them, at the places that
-// `map` takes from `reference` (68 points). Places beyond the image repeat its edge.
-// Throws std::invalid_argument for other images and other points.
+// The eyes of `image` (8 bits, 1 or 3 channels, BGR) with some surroundings, at the positions to
+// which `map` moves those of `reference` (68 points). Outside the image, the border is replicated.
+// Throws std::invalid_argument for other image types and other points.
 [[nodiscard]] EyePatches eye_patches(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
                                      const AffineMap& map);
 
@@ -52,8 +52,8 @@ class BlinkDetector {
  public:
   // Throws std::invalid_argument for bad options.
   explicit BlinkDetector(const BlinkOptions& options) : options_(options) { options_.check(); }
-  // The next frame of the same face, of which `lids` (o above) and `eyes` are known, at `time` (s,
-  // rising). True where it ends a blink; the detector begins again then.
+  // Processes the next frame of the same face with its `lids` (o above) and `eyes`, at `time` (s,
+  // rising). Returns true if the frame ends a blink; the detector is then reset.
   bool step(double time, double lids, EyePatches eyes);
   void clear() { frames_.clear(); }
 

@@ -21,8 +21,8 @@ int line_width(const cv::Mat& image) {
   return std::max(2, (std::min(image.cols, image.rows) + 120) / 240);
 }
 
-// The part of a segment before the camera, in px; empty if there is none. Far beyond the image it
-// is cut too: drawing counts in whole numbers.
+// The part of a segment in front of the camera, in px; empty if there is none. It is also clipped
+// far outside the image, because drawing uses integers.
 std::optional<std::array<cv::Point2d, 2>> visible_part(const geometry::Camera& camera,
                                                        Eigen::Vector3d a, Eigen::Vector3d b) {
   const double near = 1e-3 * std::max(a.norm(), b.norm());
@@ -32,7 +32,7 @@ std::optional<std::array<cv::Point2d, 2>> visible_part(const geometry::Camera& c
   const auto p = camera.project(a);
   const auto q = camera.project(b);
   if (!p || !q) return std::nullopt;
-  // Liang-Barsky against a square much larger than any image.
+  // Liang-Barsky clipping to a square much larger than any image.
   const double limit = 30000;
   double from = 0;
   double to = 1;
@@ -91,7 +91,7 @@ void draw_axes(cv::Mat& image, const geometry::Camera& camera,
     draw_line(image, *ends, axis.color, width);
     const cv::Point2d at = (*ends)[1];
     if (!with_names || !(std::abs(at.x) < 20000 && std::abs(at.y) < 20000)) continue;
-    // Beyond the end, so that the line does not run through the letter.
+    // Beyond the end, so that the line does not cross the letter.
     const cv::Point2d way = at - (*ends)[0];
     const double length = std::max(1.0, std::hypot(way.x, way.y));
     const double step = 0.9 * image::draw::fitting_text_height(image.size());
@@ -115,8 +115,8 @@ void draw_box(cv::Mat& image, const geometry::Camera& camera,
                                                 (code & 2) != 0 ? high[1] : low[1],
                                                 (code & 4) != 0 ? high[2] : low[2]);
   };
-  // A face is seen where the camera lies on its outer side. Face 2 k + s: coordinate k at low (s =
-  // 0) or high.
+  // A face is visible if the camera is on its outer side. Face 2 k + s: coordinate k at low (s = 0)
+  // or high.
   const Eigen::Vector3d eye = camera_from_object.center();
   std::array<bool, 6> is_seen{};
   for (int k = 0; k < 3; ++k) {

@@ -217,7 +217,7 @@ std::vector<PosePair> match_poses(const std::vector<PoseLine>& found,
 std::optional<PointingName> parse_pointing_name(const std::string& path) {
   const std::string stem = std::filesystem::path(path).stem().string();
   std::string_view rest = stem;
-  // Each number by its least and most digits; the last two have a sign.
+  // Each number with its min and max count of digits; the last two have a sign.
   const auto number = [&](std::size_t least, std::size_t most, bool is_signed) {
     const std::size_t begin = is_signed && (rest.starts_with('+') || rest.starts_with('-')) ? 1 : 0;
     std::size_t end = begin;
@@ -340,7 +340,7 @@ HeadComparison compare_head(const HeadModel& head, const std::string& path) {
   if (truth.cols() != head.points()) {
     throw InputError(path, fmt::format("has {} points, the head {}", truth.cols(), head.points()));
   }
-  // In the head's mm: the truth may be in cm.
+  // In the head's mm: the ground truth may be in cm.
   HeadComparison comparison;
   comparison.all_mm = aligned_error(truth, head.mean);
   if (head.points() == 68) {

@@ -14,13 +14,13 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// The `count` strongest directions of the rows, n x count.
+// The `count` principal directions of the rows, n x count.
 MatrixXd strongest(const MatrixXd& rows, Index count) {
   const linalg::SymmetricEigen solver = linalg::symmetric_eigen(rows.transpose() * rows);
   return solver.vectors.rightCols(count).rowwise().reverse();
 }
 
-// The rotation whose first two rows are nearest to two rows of like length.
+// The rotation whose first two rows are nearest to two rows of similar length.
 Eigen::Matrix3d rotation_of_rows(const Eigen::Vector3d& first, const Eigen::Vector3d& second) {
   const Eigen::Vector3d sum = (first.normalized() + second.normalized()).normalized();
   const Eigen::Vector3d difference = (first.normalized() - second.normalized()).normalized();
@@ -68,7 +68,7 @@ std::optional<Factorization> factorize_symmetric(const std::vector<Eigen::Matrix
     normal += length * length.transpose() + 4 * angle * angle.transpose();
   }
   const linalg::SymmetricEigen solver = linalg::symmetric_eigen(normal);
-  // Two solutions: the views do not tell depth from width.
+  // Two solutions: the views do not separate depth from width.
   if (!(solver.values[1] > 1e-9 * solver.values[3])) return std::nullopt;
   Eigen::Vector4d g = solver.vectors.col(0);
   if (g[0] < 0) g = -g;
@@ -86,8 +86,8 @@ std::optional<Factorization> factorize_symmetric(const std::vector<Eigen::Matrix
   rows.col(0) *= std::sqrt(g[0]);
   rows.rightCols(2) *= lower;
 
-  // What is still free: the sign of x, a rotation of y and z, the sign of z. The mean camera looks
-  // straight at the face.
+  // Remaining ambiguity: the sign of x, a rotation of y and z, the sign of z. The mean camera is
+  // assumed to look straight at the face.
   Eigen::Vector2d down = Eigen::Vector2d::Zero();
   double right = 0;
   for (Index f = 0; f < count; ++f) {
@@ -99,7 +99,7 @@ std::optional<Factorization> factorize_symmetric(const std::vector<Eigen::Matrix
     rows.col(0) *= -1;
   }
   down.normalize();
-  Eigen::Matrix2d turn;  // to new y, z from old
+  Eigen::Matrix2d turn;  // new y, z from old
   turn << down[0], down[1], -down[1], down[0];
   result.shape.bottomRows(2) = turn * result.shape.bottomRows(2);
   rows.rightCols(2) = rows.rightCols(2) * turn.transpose();

@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-// The start of train_head: rigid factorisation of a symmetric object.
+// Initialisation of train_head: rigid factorisation of a symmetric object.
 namespace tarsier::face::head {
 
 struct ScaledOrthography {
@@ -20,9 +20,9 @@ struct Factorization {
   std::vector<ScaledOrthography> cameras;
 };
 
-// Faces (2 x n each, of like size, complete) as s R shape + t. The mean head has pitch 0 and the
-// rim of the shape lies behind its middle (which decides between the shape and its reflection in
-// depth, that scaled orthography cannot tell apart). Empty where the views do not determine depth.
+// Factorises faces (2 x n each, of similar size, complete) as s R shape + t. The mean head has
+// pitch 0, and the rim of the shape is behind its middle. The latter resolves the reflection in
+// depth, which scaled orthography cannot. Empty if the views do not determine depth.
 [[nodiscard]] std::optional<Factorization> factorize_symmetric(
     const std::vector<Eigen::Matrix2Xd>& faces, const std::vector<int>& mirror);
 

@@ -12,7 +12,7 @@ namespace tarsier::face::head {
 using Eigen::Index;
 
 namespace {
-constexpr double kLargest = 1e6;    // mm, of any number of a model
+constexpr double kLargest = 1e6;    // mm, limit for all numbers of a model
 constexpr double kMinNoise = 1e-6;  // mm
 }  // namespace
 

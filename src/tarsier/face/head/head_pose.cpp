@@ -26,11 +26,11 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr int kFewest = 6;
-// Of a Gaussian of deviation 1 in both coordinates 68 % lie within this: sqrt(-2 ln 0.32).
+// For a Gaussian of deviation 1 in both coordinates, 68 % are within this radius: sqrt(-2 ln 0.32).
 constexpr double kRadiusOf68 = 1.51;
 
-// Of the normal equations' turns (the first three unknowns) only that about the unit vector `axis`
-// is left free; those across it come out as 0.
+// Restricts the rotation in the normal equations (the first three unknowns) to the unit vector
+// `axis`; the other components of the solution are 0.
 void only_about(const Vector3d& axis, MatrixXd& normal, VectorXd& right) {
   const Matrix3d share = axis * axis.transpose();
   normal.topRows<3>() = (share * normal.topRows<3>()).eval();
@@ -81,13 +81,13 @@ HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
   }
 }
 
-// x = half the squared residual over its true variance, of density exp(-x) for Gaussian residuals of
-// two coordinates; the weight is w = (1 + scale x / a)^-2 with a = robust_sigmas^2 / 2. The influence
-// of a residual r on the estimate is r w, for each coordinate E[(r w)^2] = scale E[x w^2] and
-// E[d(r w)/dr] = E[w + x dw/dx].
+// x = half the squared residual over its true variance, with density exp(-x) for Gaussian residuals
+// of two coordinates. The weight is w = (1 + scale x / a)^-2 with a = robust_sigmas^2 / 2. The
+// influence of a residual r on the estimate is r w; for each coordinate E[(r w)^2] = scale E[x w^2]
+// and E[d(r w)/dr] = E[w + x dw/dx].
 HeadPoser::RobustMeans HeadPoser::robust_means(double scale) const {
   const double a = options_.robust_sigmas * options_.robust_sigmas / 2 / scale;
-  constexpr int kSteps = 1000;  // of Simpson's rule, to where nothing is left
+  constexpr int kSteps = 1000;  // of Simpson's rule, up to where the density vanishes
   constexpr double kEnd = 30;
   RobustMeans means{0, 0, 0};
   for (int k = 0; k <= kSteps; ++k) {
@@ -114,8 +114,8 @@ Matrix3d HeadPoser::covariance_of(const MatrixXd& normal, std::vector<double> st
   RobustMeans means = robust_;
   linalg::Cholesky curvature(with_prior(normal * (means.slope / means.weight)));
   if (!strange.empty() && with_shape) {
-    // Of half the squared residuals three quarters are below ln 4 of the variance; the fit took its
-    // share.
+    // Three quarters of half the squared residuals are below ln 4 times the variance. The degrees
+    // of freedom of the fit are corrected for.
     const double taken = curvature.solve(normal * (means.slope / means.weight)).trace();
     const double left = 1 - taken / (2.0 * static_cast<double>(strange.size()));
     std::sort(strange.begin(), strange.end());
@@ -188,7 +188,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
     return {std::nullopt, "the landmarks are not as many as the model's points"};
   TARSIER_REQUIRE(sigma_px.size() == 0 || (sigma_px.size() == n && sigma_px.minCoeff() > 0),
                   "{} deviations of {} points, or one that is not above 0", sigma_px.size(), n);
-  // Normalised coordinates; points that are missing do not count.
+  // Normalised coordinates without missing points.
   Matrix2Xd seen(2, n);
   std::vector<Index> present;
   for (Index i = 0; i < n; ++i) {
@@ -213,7 +213,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   }
   if (!start.pose) return {std::nullopt, start.reason};
 
-  // c = b / deviation: prior of mean `expected`, information `prior`.
+  // c = b / deviation: prior with mean `expected` and information `prior`.
   const Index all_modes = model_.mode_count();
   const Index m = options_.fit_shape ? all_modes : 0;
   VectorXd expected = VectorXd::Zero(all_modes);
@@ -233,18 +233,18 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   auto [rotation, translation] = start.pose->camera_from_object;
   if (towards) rotation = *towards;
   VectorXd c = expected;
-  const Index solved = 6 + m;  // unknowns; behind them the shape that is not fitted
+  const Index solved = 6 + m;  // unknowns; the following ones are a shape that is not fitted
   const Index size = 6 + all_modes;
   MatrixXd normal(size, size);
   VectorXd right(size);
   const auto rows = static_cast<Index>(2 * present.size());
-  MatrixXd jacobian(size, rows);  // transposed, each row over its standard deviation
+  MatrixXd jacobian(size, rows);  // transposed, each row divided by its standard deviation
   VectorXd residuals(rows);
   Eigen::MatrixX3d turned(all_modes, 3);
   Matrix3Xd shape(3, n);
   double sum = 0;
   double weight_sum = 0;
-  std::vector<double> strange_of;  // squared residuals over their variances
+  std::vector<double> strange_of;  // squared residuals divided by their variances
   bool is_done = false;
   for (int iteration = 0; iteration <= options_.iterations; ++iteration) {
     shape = model_.mean;
@@ -308,14 +308,15 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
     }
     translation += update.segment<3>(3);
     if (m > 0) c += update.tail(m);
-    // A hundredth of a degree and of a deviation, a ten-thousandth of the distance: done after
-    // one more linearisation.
+    // Converged: less than a hundredth of a degree and of a deviation, and a ten-thousandth of the
+    // distance. One more linearisation follows.
     is_done = spin.norm() < 1e-4 && update.segment<3>(3).norm() < 1e-4 * translation.norm() &&
               (m == 0 || update.tail(m).cwiseAbs().maxCoeff() < 5e-3);
   }
 
   if (learning != nullptr && m > 0) {
-    // What this frame says of c whatever the pose; expression is noise of the same direction.
+    // Information of this frame on c with the pose eliminated; expression is noise in the same
+    // directions.
     const linalg::Cholesky pose_part(normal.topLeftCorner(6, 6));
     const MatrixXd coupling = pose_part.solve(normal.topRightCorner(6, m));
     MatrixXd information =
@@ -338,7 +339,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   HeadPose found;
   found.camera_from_head = {rotation, translation};
   found.turn_covariance = covariance_of(normal, std::move(strange_of), m > 0 || all_modes == 0);
-  // Points that leave the last linearisation open say nothing.
+  // The last linearisation is degenerate: the points do not determine the rotation.
   if (!found.turn_covariance.allFinite())
     found.turn_covariance = std::pow(std::numbers::pi, 2) * Matrix3d::Identity();
   set_angles(found);

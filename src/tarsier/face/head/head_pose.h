@@ -17,43 +17,44 @@
 #include <vector>
 
 // Pose of a head from its landmarks: POSIT with the mean head, then Gauss-Newton for pose and shape
-// together, the most probable given
+// together. The result is the maximum a posteriori estimate, which minimises
 //   sum_i w_i |x_i - project(R (mean_i + modes_i b) + t)|^2 / sigma_i^2 + sum_k b_k^2 /
 //   deviation_k^2,
-// sigma_i = the model's noise of the point, in px at the head's distance, and of its measurement
-// together: noise_px, or more where `sigma_px` says so;
-// w_i = robust weight, times that of the outline's far side in turned heads (as in training).
+// where w_i is the robust weight, times a weight of the outline's far side in turned heads (as in
+// training). sigma_i combines the model's noise of the point, in px at the head's distance, with
+// the noise of the measurement, which is noise_px, or more according to `sigma_px`.
 //
-// The covariance of the pose (w, t) and of c = b / deviation is, by the normal equations at the
-// solution (Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd edition 2004,
-// section 5.2; of robust weights: Huber, Robust Statistics, 1981, section 6.3),
+// By the normal equations at the solution, the covariance of the pose (w, t) and of c = b /
+// deviation is (Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd edition 2004,
+// section 5.2; for robust weights: Huber, Robust Statistics, 1981, section 6.3)
 //   cov = A^-1 B A^-1,  A = a J^T W J + P,  B = f J^T W J + P,  W = w_i / sigma_i^2,
-// P the unit prior of c, a and f what the robust weights do to points without outliers; with all
-// weights 1 that is (J^T W J + P)^-1. Its first 3 x 3 block has shape and translation marginalised:
-// what people differ by from the mean head, as far as it could also be a turn, is in it. Where no
-// sigma_px is given and the residuals are larger than noise_px and the model's noise explain, f
-// grows with their scale (the upper quartile of their squares over that of a Gaussian). P is that of
-// one image also where earlier frames are known: their landmarks err alike. Without `fit_shape` A is
-// of the pose alone, and what the shape's variance does to it is in B.
+// where P is the unit prior of c, and a and f are the expected effect of the robust weights on
+// points without outliers. If all weights are 1, this is (J^T W J + P)^-1. In its first 3 x 3
+// block, shape and translation are marginalised: it includes the uncertainty from shape differences
+// that look like a rotation. If no sigma_px is given and the residuals are larger than noise_px and
+// the model's noise explain, f grows with their scale (the upper quartile of their squares over
+// that of a Gaussian). P is that of a single image even if earlier frames are known, because the
+// errors of their landmarks are similar. Without `fit_shape`, A is for the pose alone, and the
+// effect of the shape's variance is in B.
 namespace tarsier::face::head {
 
-// The head's own camera where none is known: no distortion, the middle of the image, focal length
-// 1.3 times its larger side (42 degrees across): between webcams and phones, which have 0.7 .. 1,
-// and portraits, which have 1.4 .. 2.8. A focal length that is wrong by a factor makes the distance
-// wrong by as much, the rotation by a few degrees.
+// The default camera: no distortion, principal point in the middle of the image, focal length 1.3
+// times the larger side (42 degrees field of view). This is between webcams and phones (0.7 .. 1)
+// and portraits (1.4 .. 2.8). A wrong focal length scales the distance by the same factor and
+// changes the rotation by a few degrees.
 [[nodiscard]] geometry::Camera guess_camera(cv::Size image);
 
 struct HeadPoseOptions {
-  double noise_px = 1;          // of a landmark's coordinate, beside the model's
-  bool fit_shape = true;        // false: the mean head (or the identity's) as it is
+  double noise_px = 1;          // of a landmark's coordinate, in addition to the model's
+  bool fit_shape = true;        // false: keeps the shape of the mean head (or of the identity)
   int iterations = 8;           // of Gauss-Newton
-  double robust_sigmas = 4;     // residuals beyond count less
-  std::vector<int> outline;     // model points, beside those of the model
-  double outline_yaw_deg = 10;  // weight exp(-(yaw / this)^2 / 2) of the outline's far side
-  // Of the variance of each mode: what changes from frame to frame (expression) in one person, the
-  // rest is identity.
+  double robust_sigmas = 4;     // larger residuals get less weight
+  std::vector<int> outline;     // model points, in addition to those of the model
+  double outline_yaw_deg = 10;  // the weight of the outline's far side is exp(-(yaw / this)^2 / 2)
+  // Share of each mode's variance that changes between frames of one person (expression); the rest
+  // is identity.
   double expression_share = 0.05;
-  // How much of what was learnt about the identity is kept per frame.
+  // Factor per frame on the information about the identity.
   double memory = 0.995;
 
   [[nodiscard]] OptionFields fields() {
@@ -67,9 +68,9 @@ struct HeadPoseOptions {
   void check() const { check_fields(*this); }
 };
 
-// What is known of one person's shape, from frames seen so far: a Gaussian of c = b / deviation in
-// information form. Identity is constant, so each frame's normal equations (pose taken out by the
-// Schur complement, expression added as noise) are summed up, older ones fading.
+// The shape of one person, learned from earlier frames: a Gaussian of c = b / deviation in
+// information form. Identity is constant, so each frame's normal equations are summed, with the
+// pose eliminated by the Schur complement and expression added as noise. Older frames fade.
 struct HeadIdentity {
   Eigen::MatrixXd information;  // m x m, without the prior (which is the unit matrix)
   Eigen::VectorXd vector;       // information * mean
@@ -84,19 +85,21 @@ struct HeadPose {
   HeadAngles angles;
   Eigen::VectorXd b;  // of this frame
   double rms_px = 0;  // weighted
-  // Of the rotation's error w, rad^2 (head/angle_sigma.h): the true rotation is exp([w]x) rotation.
+  // Covariance of the rotation's error w, rad^2 (head/angle_sigma.h): the true rotation is
+  // exp([w]x) rotation.
   Eigen::Matrix3d turn_covariance = Eigen::Matrix3d::Zero();
   // Standard deviations of the angles' errors, up to 180.
   double yaw_sigma_deg = 0;
   double pitch_sigma_deg = 0;
   double roll_sigma_deg = 0;
-  // Of yaw, pitch, roll: how much of these is the calibration's floor, the same for every image.
+  // For yaw, pitch and roll: the part of these that is the calibration's floor, which is the same
+  // for every image.
   Eigen::Vector3d sigma_floor_deg = Eigen::Vector3d::Zero();
 };
 
-// Sets the angles and their deviations to those of rotation and turn_covariance.
+// Sets the angles and their deviations from rotation and turn_covariance.
 void set_angles(HeadPose& pose);
-// Calibrates the covariance, and sets the angles.
+// Calibrates the covariance and sets the angles.
 void calibrate_sigmas(HeadPose& pose, const AngleCalibration& calibration);
 
 // A pose, or why there is none.
@@ -107,38 +110,39 @@ struct HeadPoseResult {
 
 class HeadPoser {
  public:
-  // Throws std::invalid_argument for a model or options that do not pass their check.
+  // Throws std::invalid_argument for an invalid model or invalid options.
   explicit HeadPoser(HeadModel model, HeadPoseOptions options = {});
 
   [[nodiscard]] const HeadModel& model() const { return model_; }
   [[nodiscard]] const HeadPoseOptions& options() const { return options_; }
 
-  // points: 2 x n px in the order of the model's points; for another markup, with a
-  // LandmarkMapping: the poser of select_points(model, mapping.model_points), and
-  // landmarks(Eigen::all, mapping.landmarks). NaN
-  // where missing, at least 6 not coplanar must be there. No pose: too few points, points that are
-  // no head (the iteration leaves the space before the camera).
-  // sigma_px: n, the distance from the truth that 68 % of such a point's measurements stay within
-  // (landmarks/visibility.h), each above 0, so that hidden points count less; empty: not known.
+  // points: 2 x n px in the order of the model's points, NaN where missing; at least 6 points that
+  // are not coplanar are needed. For another markup, use a LandmarkMapping: the poser of
+  // select_points(model, mapping.model_points), and landmarks(Eigen::all, mapping.landmarks).
+  // No pose is returned for too few points, or points that are not a head (the iteration moves it
+  // behind the camera).
+  // sigma_px: n, each above 0: the distance from the true position that 68 % of such measurements
+  // stay within (landmarks/visibility.h), so that hidden points get less weight; empty: unknown.
   [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
                                     const Eigen::VectorXd& sigma_px = {}) const;
-  // The same with what earlier frames showed of the person, and learns from this one. A frame without
-  // an answer leaves `identity` as it was.
+  // The same with the identity from earlier frames, which is updated by this frame. If there is no
+  // pose, `identity` is not changed.
   [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
                                     HeadIdentity& identity,
                                     const Eigen::VectorXd& sigma_px = {}) const;
 
-  // The pose that looks where `camera_from_head` looks: of its rotation only the direction of the
-  // head's z axis counts, the turn about it, the translation and the shape are found. `identity`
-  // may be null; it is not changed. The result's angles are those of the rotation found; its
-  // covariance is that of the points alone, as if the direction were theirs.
+  // The pose whose head looks in the same direction as with `camera_from_head`. Only the direction
+  // of the head's z axis is fixed; the rotation about it, the translation and the shape are
+  // estimated. `identity` may be null; it is not changed. The angles are those of the estimated
+  // rotation. The covariance is computed from the points alone, as if they determined the
+  // direction.
   [[nodiscard]] HeadPoseResult pose_towards(const Eigen::Matrix2Xd& points,
                                             const geometry::Camera& camera,
                                             const Eigen::Matrix3d& camera_from_head,
                                             const HeadIdentity* identity = nullptr,
                                             const Eigen::VectorXd& sigma_px = {}) const;
 
-  // Where the head's points are in the image, 2 x n px; NaN behind the camera.
+  // The head's points in the image, 2 x n px; NaN behind the camera.
   [[nodiscard]] Eigen::Matrix2Xd project(const HeadPose& pose,
                                          const geometry::Camera& camera) const;
 
@@ -153,16 +157,18 @@ class HeadPoser {
   std::vector<char> is_outline_;
   PositModel mean_;         // of the mean head
   Eigen::MatrixXd scaled_;  // modes times deviation, transposed: m x 3n
-  // Of points without outliers whose variance is `scale` times what is assumed: means of the robust
-  // weight, of the squared influence of a residual and of the slope of that influence.
+  // Expectations over points without outliers whose variance is `scale` times the assumed one: of
+  // the robust weight, of the squared influence of a residual, and of the derivative of that
+  // influence.
   struct RobustMeans {
     double weight = 1;
     double square = 1;
     double slope = 1;
   };
   [[nodiscard]] RobustMeans robust_means(double scale) const;
-  // Of the turn, rad^2, from the normal equations of pose and shape, without the prior. strange:
-  // squared residuals over their variances, where these are to be scaled by them; else empty.
+  // Covariance of the rotation, rad^2, from the normal equations of pose and shape, without the
+  // prior. strange: squared residuals over their variances, if the variances are to be scaled by
+  // them; otherwise empty.
   [[nodiscard]] Eigen::Matrix3d covariance_of(const Eigen::MatrixXd& normal,
                                               std::vector<double> strange, bool with_shape) const;
   RobustMeans robust_;

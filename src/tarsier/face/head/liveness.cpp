@@ -27,12 +27,12 @@ constexpr NameTable<LivenessTask, 3> kTaskNames{"task",
 
 constexpr Eigen::Index kPoints = 68;
 constexpr int kNoseTip = 30;
-// Nearly in one plane, and little moved by expressions.
+// Nearly coplanar points that expressions move little.
 constexpr std::array<int, 8> kPlane{36, 39, 42, 45, 31, 35, 48, 54};
-// Upper and lower lids, pairs of each eye.
+// Upper and lower lids, pairs for each eye.
 constexpr std::array<std::array<int, 4>, 2> kLids{{{37, 41, 38, 40}, {43, 47, 44, 46}}};
-// Blinks count only while the head looks where it looked first: the lids of heads and images that
-// are turned or nodded look narrower than the map of the eyes' corners says.
+// Blinks count only while the head keeps its first direction: the lids of turned or nodding heads
+// and images look narrower than the affine map predicts.
 constexpr double kFacingDeg = 12;
 
 AffineMap affine_between(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to) {
@@ -111,7 +111,7 @@ void Liveness::next_task(double time) {
   status_.left_s = options_.task_s;
 }
 
-// Sums up the reference.
+// Accumulates the reference.
 void Liveness::look(const LivenessFrame& frame) {
   if (!frame.yaw_deg || std::abs(*frame.yaw_deg) > kFacingDeg) return;
   if (!start_) {
@@ -155,7 +155,8 @@ void Liveness::ask(const LivenessFrame& frame) {
     done = facing &&
            blinks_.step(frame.time, status_.openness, eye_patches(frame.image, reference_, map));
   } else {
-    // Yaw and parallax have the sign of the image's left and right: their own left is its right.
+    // Yaw and parallax are signed by the image's left and right; the person's left is the image's
+    // right.
     const double sign = *status_.task == LivenessTask::kTurnLeft ? 1 : -1;
     const bool far_enough = -sign * turned >= options_.turn_deg;
     done = far_enough && sign * status_.parallax >= options_.min_parallax;
@@ -188,7 +189,7 @@ const LivenessStatus& Liveness::step(const LivenessFrame& frame) {
     seen_ = frame.time;
     if (status_.state == LivenessState::kLook) {
       look(frame);
-      // Who never looks into the camera is not asked.
+      // A person who never looks into the camera gets no task.
       if (status_.state == LivenessState::kLook && frame.time - task_start_ > options_.task_s)
         fail("time");
     } else {

@@ -44,7 +44,7 @@ std::vector<double> numbers_of(std::string_view line, const std::string& path, i
   }
 }
 
-// `header`: a first line of whole numbers, fewer than `dimensions`, tells how many points follow.
+// `header`: a first line of integers, fewer than `dimensions`, gives the number of points.
 Eigen::MatrixXd read(const std::string& path, int dimensions, bool header) {
   const std::string text = read_file(path, 10'000'000);
   std::vector<double> all;

@@ -53,7 +53,7 @@ PositModel::PositModel(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& we
 
   const Matrix3d scatter = from_centroid_.transpose() * weights_.asDiagonal() * from_centroid_;
   const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(scatter);
-  const Vector3d extent = solver.eigenvalues().cwiseMax(0).cwiseSqrt();  // rising
+  const Vector3d extent = solver.eigenvalues().cwiseMax(0).cwiseSqrt();  // ascending
   if (!std::isfinite(extent[2]) || !(extent[2] > 0)) {
     defect_ = planar_defect_ = "the points of the object have no extent";
     return;
@@ -79,7 +79,7 @@ PositModel::PositModel(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& we
 
 namespace {
 
-// Copies image points into the workspace; why that cannot be, or "".
+// Copies image points into the workspace; returns the reason if that is impossible, or "".
 const char* load(const PositModel& model, const Eigen::Ref<const Eigen::Matrix2Xd>& image,
                  PositWorkspace& space) {
   if (image.cols() != model.points()) return "the image's points are not as many as the object's";

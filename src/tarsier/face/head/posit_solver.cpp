@@ -22,7 +22,7 @@ namespace {
 constexpr const char* kBehind = "the points come out behind the camera";
 constexpr const char* kNoScale = "the points of the image coincide";
 
-// inverse' * v, and 1 + points * forward, without memory of their own.
+// inverse' * v, and 1 + points * forward, without allocation.
 Vector3d times(const Eigen::MatrixX3d& inverse, const Eigen::VectorXd& v) {
   return {inverse.col(0).dot(v), inverse.col(1).dot(v), inverse.col(2).dot(v)};
 }
@@ -33,7 +33,7 @@ void depths(const Eigen::MatrixX3d& points, const Vector3d& forward, Eigen::Vect
       1;
 }
 
-// The rotation whose first two rows are nearest to the directions of both vectors alike.
+// The rotation whose first two rows are equally near to the directions of both vectors.
 bool rotation_of_rows(const Vector3d& first, const Vector3d& second, Matrix3d& rotation) {
   const double a = first.norm();
   const double b = second.norm();
@@ -93,7 +93,8 @@ PositResult PositSolver::classic() {
     const Vector3d second = times(model.reference_inverse_, space.wy);
     const double scale = std::sqrt(first.norm() * second.norm());
     if (!(scale > 0)) return {std::nullopt, kNoScale};
-    // As published: the first row as it is, the third normal to both, the second from them.
+    // As published: the first row is kept, the third is normal to both, the second follows from
+    // them.
     state.rotation.row(0) = first.normalized();
     const Vector3d third = first.cross(second);
     if (!(third.norm() > 0)) return {std::nullopt, kNoScale};
@@ -126,13 +127,14 @@ double PositSolver::cost(const Matrix3d& rotation, const Vector3d& translation) 
   return nearest > 0 && std::isfinite(sum) ? sum : std::numeric_limits<double>::infinity();
 }
 
-// Residual r = projection - measured; a small turn w moves q = R p by w x q:
-// du = ((w x q)_x + dt_x - u ((w x q)_z + dt_z)) / z, dv alike.
+// Residual r = projection - measured; a small rotation w moves q = R p by w x q: du = ((w x q)_x +
+// dt_x - u ((w x q)_z + dt_z)) / z, dv likewise.
 void PositSolver::refine(State& state, int steps) const {
   const auto equations = [this](const Matrix3d& rotation, const Vector3d& translation) {
     geometry::PoseEquations sums;
     auto& [normal, gradient] = sums;
-    // Sums over the rows of u: h(0..5), of v: the same with its own zero; only the lower triangle.
+    // Sums over the rows of u: h(0..5), and of v likewise with its own zero; only the lower
+    // triangle.
     for (Index i = 0; i < space.x.size(); ++i) {
       const Vector3d q = rotation * model.from_centroid_.row(i).transpose();
       const double inverse = 1 / (q[2] + translation[2]);
@@ -182,7 +184,7 @@ void PositSolver::refine(State& state, int steps) const {
 }
 
 PositResult PositSolver::finish(State& state, int refine_steps) const {
-  // Numbers that ran away make no rotation.
+  // A diverged solution is not a rotation.
   const Matrix3d square = state.rotation * state.rotation.transpose();
   if (!state.translation.allFinite() || !((square - Matrix3d::Identity()).norm() < 1e-6))
     return {std::nullopt, "the iteration does not come to an end"};
@@ -201,13 +203,13 @@ PositResult PositSolver::finish(State& state, int refine_steps) const {
   return {pose, ""};
 }
 
-// Within the plane the rows are known, I0 and J0; along its normal they are lambda and mu with
+// Within the plane the rows I0 and J0 are known. Along its normal they are lambda and mu with
 // (lambda + i mu)^2 = J0^2 - I0^2 - 2 i I0.J0, so that I.J = 0 and |I| = |J|: two signs.
 PositResult PositSolver::planar_branch(double sign) {
   State state{Matrix3d::Identity(), Vector3d::Zero()};
   const auto n = static_cast<double>(space.x.size());
   space.w.setOnes();
-  Vector3d before = Vector3d::Zero();  // the last third row
+  Vector3d before = Vector3d::Zero();  // the previous third row
   while (state.iterations < options.max_iterations) {
     ++state.iterations;
     space.wx = space.w.cwiseProduct(space.x);
@@ -220,7 +222,8 @@ PositResult PositSolver::planar_branch(double sign) {
     Matrix3d chosen = Matrix3d::Identity();
     double scale = 0;
     for (const double side : {1.0, -1.0}) {
-      // At first the branch's own; then whichever continues what was.
+      // The first iteration uses the branch's sign; later ones use the sign nearest to the previous
+      // result.
       if (state.iterations == 1 && side != sign) continue;
       const Vector3d first = flat_first + side * root.real() * model.normal_;
       const Vector3d second = flat_second + side * root.imag() * model.normal_;
@@ -258,8 +261,8 @@ PlanarPositResult PositSolver::planar() {
     }
     return best;
   };
-  // From far away a plane looks the same mirrored in depth: where both branches came to one pose,
-  // that is where the other lies. R' = (I - 2 v v') R (I - 2 u u'), v the view, u the normal.
+  // From far away, a plane looks the same when mirrored in depth. If both branches converged to one
+  // pose, this gives the other one: R' = (I - 2 v v') R (I - 2 u u'), v the view, u the normal.
   const geometry::Rigid3& known = best_of()->camera_from_object;
   State state{known.rotation, known * model.centroid_};
   const Vector3d view = state.translation.normalized();

@@ -5,7 +5,7 @@
 
 #include <Eigen/Core>
 
-// The inside of posit(): iterations on a loaded workspace.
+// Implementation of posit(): iterations on a loaded workspace.
 namespace tarsier::face::head {
 
 struct PositSolver {
@@ -24,15 +24,15 @@ struct PositSolver {
     int iterations = 0;
     bool converged = false;
   };
-  // The depths of space.wx become those of space.w; true where they hardly change any more.
+  // Replaces the depths space.w by space.wx; true if they hardly changed.
   bool takes_depths(State& state);
-  // Levenberg-Marquardt from `state`, at most `steps` of it.
+  // Levenberg-Marquardt from `state`, at most `steps` steps.
   void refine(State& state, int steps) const;
-  // Sum of weighted squared residuals; infinite where a point is behind the camera.
+  // Sum of weighted squared residuals; infinite if a point is behind the camera.
   [[nodiscard]] double cost(const Eigen::Matrix3d& rotation,
                             const Eigen::Vector3d& translation) const;
   [[nodiscard]] PositResult finish(State& state, int refine_steps) const;
-  // One branch of the planar form: `sign` chooses the first solution.
+  // One branch of the planar form; `sign` selects the first solution.
   [[nodiscard]] PositResult planar_branch(double sign);
 };
 

@@ -30,7 +30,7 @@ Scene random_scene(const Eigen::Matrix3Xd& points, double noise_px, Rng rng) {
   scene.truth.rotation =
       rotation_of_angles({rng.uniform(-45, 45), rng.uniform(-30, 30), rng.uniform(-20, 20)});
   const double away = rng.uniform(450, 900);
-  // The middle of the head within an image of 640 x 480.
+  // The centre of the head within an image of 640 x 480.
   scene.truth.translation = {away * rng.uniform(-160, 160) / kFocal,
                              away * rng.uniform(-80, 80) / kFocal, away};
   scene.pixels.resize(2, points.cols());
@@ -70,7 +70,7 @@ std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
       PositOptions with;
       with.method = method == 0 ? PositMethod::kClassic : PositMethod::kHomogeneous;
       with.refine_steps = method == 2 ? 3 : 0;
-      // Before a refinement a rough answer will do.
+      // Before a refinement, a rough solution is enough.
       if (method == 2) with.tolerance = 1e-3;
       PositStudyRow row;
       row.method = kMethods[method];

@@ -13,7 +13,7 @@
 namespace tarsier::face::head {
 namespace {
 
-// Share of the new value in a first-order low pass.
+// Weight of the new value in a first-order low pass.
 double share(double cutoff_hz, double seconds) {
   const double r = 2 * std::numbers::pi * cutoff_hz * seconds;
   return r / (1 + r);

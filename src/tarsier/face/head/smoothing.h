@@ -10,17 +10,18 @@
 #include <optional>
 #include <vector>
 
-// Steadier poses of a sequence. Rotations are averaged as unit quaternions of like sign, so that
-// nothing happens where an angle passes 180 degrees.
+// Smoothing of pose sequences. Rotations are averaged as unit quaternions of equal sign, so that
+// angles may pass 180 degrees.
 //
-// A covariance of the rotation's error (rad^2, see head/angle_sigma.h), where one is given, becomes
-// that of the smoothed rotation: the same mean of those of the poses, as the errors of one face in
-// neighbouring frames are alike and do not average out (of wholly dependent errors this is the
-// upper bound), and d d^T, d the rotation vector by which the smoothed pose lags behind the latest.
+// A covariance of the rotation's error (rad^2, see head/angle_sigma.h), if given, is converted to
+// that of the smoothed rotation. It is averaged with the same weights as the poses: errors of one
+// face in neighbouring frames are similar and do not average out (for fully dependent errors this
+// is the upper bound). d d^T is added, where d is the rotation vector by which the smoothed pose
+// lags behind the latest one.
 namespace tarsier::face::head {
 
 // The chordal mean of rotations (Markley et al., "Averaging quaternions", 2007) and the mean of
-// translations. Throws std::invalid_argument for none.
+// translations. Throws std::invalid_argument for an empty list.
 [[nodiscard]] geometry::Rigid3 mean_pose(const std::vector<geometry::Rigid3>& poses);
 
 // Mean of the last `length` poses.
@@ -40,10 +41,10 @@ class MeanFilter {
   std::deque<Eigen::Matrix3d> covariances_;
 };
 
-// Casiez, Roussel and Vogel, "1 euro filter", CHI 2012: a low pass whose cut-off rises with speed:
-// steady when still, without lag when moving. Rotation and translation each have their own.
+// Casiez, Roussel and Vogel, "1 euro filter", CHI 2012: a low pass whose cut-off frequency rises
+// with speed: steady at rest, little lag in motion. Rotation and translation have separate filters.
 struct OneEuroOptions {
-  double rotation_cutoff_hz = 1;  // when still
+  double rotation_cutoff_hz = 1;  // at rest
   double rotation_beta = 0.05;    // cut-off in Hz per degree/s
   double translation_cutoff_hz = 1;
   double translation_beta = 0.02;  // cut-off in Hz per mm/s
@@ -62,7 +63,7 @@ struct OneEuroOptions {
 class OneEuroFilter {
  public:
   explicit OneEuroFilter(const OneEuroOptions& options = {});
-  // `time` in s, rising. A pose at or before the last one's time starts again.
+  // `time` in s, rising. A pose at or before the last one's time restarts the filter.
   [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose, double time,
                                             Eigen::Matrix3d* turn_covariance = nullptr);
   void reset() { is_started_ = false; }

@@ -14,13 +14,13 @@ namespace {
 constexpr int kRings = 16;
 constexpr int kAround = 32;
 
-// The head above and behind the face. Shares of an adult's head, in units of its half width (the
-// farthest landmark from the plane of symmetry, about 74 mm): depth 1.3 half widths, the crown 1.5
+// The head above and behind the face, with the proportions of an adult's head. Unit: its half width
+// (the farthest landmark from the plane of symmetry, about 74 mm). Depth 1.3 half widths, crown 1.5
 // above the eyes.
 void add_skull(HeadSurface& surface, const Eigen::Matrix3Xd& shape) {
   const double half = shape.row(0).cwiseAbs().maxCoeff();
   const Eigen::Vector3d radii(0.98 * half, 1.45 * half, 1.25 * half);
-  // Its front lies behind the brow: landmarks above the eyes' line near the middle.
+  // Its front is behind the brow: landmarks above the eye line near the middle.
   double front = 0;
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
     if (shape(1, i) < 0 && std::abs(shape(0, i)) < 0.4 * half) {
@@ -61,9 +61,9 @@ HeadSurface head_surface(const HeadModel& model, const Eigen::Matrix3Xd& shape) 
                   "a shape of {} points for a head of {}", shape.cols(), model.points());
   HeadSurface surface;
   surface.points = shape;
-  // Over the mean, so that the surface of one head has the same triangles in every pose.
+  // Triangulate the mean, so that the surface of a head has the same triangles in every pose.
   for (const shape::Triangle& t : shape::delaunay(model.mean.topRows<2>())) {
-    surface.triangles.push_back({t[0], t[2], t[1]});  // y is down: turned round, seen from z < 0
+    surface.triangles.push_back({t[0], t[2], t[1]});  // y is down: reversed, as seen from z < 0
   }
   add_skull(surface, shape);
   return surface;

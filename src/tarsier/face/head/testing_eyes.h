@@ -8,10 +8,10 @@
 #include <cmath>
 #include <vector>
 
-// Images of 640 x 480 px with nothing but two drawn eyes, for tests of blinks.
+// Images of 640 x 480 px with two drawn eyes, for tests of blinks.
 namespace tarsier::face::head::testing {
 
-constexpr int kShift = 4;  // of fixed-point pixels
+constexpr int kShift = 4;  // fractional bits of pixel coordinates
 
 inline std::vector<cv::Point> pixels_of(const Eigen::Matrix2Xd& points, Eigen::Index first,
                                         Eigen::Index count, cv::Point corner) {
@@ -22,8 +22,8 @@ inline std::vector<cv::Point> pixels_of(const Eigen::Matrix2Xd& points, Eigen::I
   return out;
 }
 
-// `points`: iBUG's 68 and behind them the two irises' outlines (the same number of points each),
-// which are seen between the lids only.
+// `points`: iBUG's 68, then the outlines of the two irises (the same number of points each), which
+// are visible only between the lids.
 inline cv::Mat image_of_eyes(const Eigen::Matrix2Xd& points) {
   cv::Mat image(480, 640, CV_8UC1, cv::Scalar(150));
   const Eigen::Index outline = (points.cols() - 68) / 2;

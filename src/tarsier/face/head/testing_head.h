@@ -13,7 +13,7 @@
 #include <cmath>
 #include <numeric>
 
-// A head of formulas with exact truth, for tests: 25 points on an ellipsoid with a nose.
+// A synthetic head with exact ground truth, for tests: 25 points on an ellipsoid with a nose.
 namespace tarsier::face::head {
 
 inline geometry::Camera testing_camera() {
@@ -26,7 +26,7 @@ inline geometry::Camera testing_camera() {
   return camera;
 }
 
-// 11 pairs and 3 points of the plane of symmetry (nose tip, mouth, chin: 22, 23, 24). Points 0 and
+// 11 pairs and 3 points in the plane of symmetry (nose tip, mouth, chin: 22, 23, 24). Points 0 and
 // 1 are the outer eye corners, 89 mm apart.
 inline HeadModel testing_head(int modes, std::uint64_t seed = 3) {
   HeadModel model;
@@ -53,7 +53,7 @@ inline HeadModel testing_head(int modes, std::uint64_t seed = 3) {
   model.connections = {{0, 1}, {22, 23}};
   model.noise = Eigen::VectorXd::Constant(25, 0.5);
   model.trained_on = 10;
-  // Symmetric modes that neither move, turn nor scale the head.
+  // Symmetric modes that neither move, rotate nor scale the head.
   Rng rng(seed);
   Eigen::MatrixXd all = Eigen::MatrixXd::Zero(75, 4 + modes);
   const Eigen::Matrix3Xd centred = model.mean.colwise() - model.mean.rowwise().mean();

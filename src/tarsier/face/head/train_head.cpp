@@ -28,15 +28,15 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// What is believed of one image; `moment` is E[(1, b)(1, b)'], b in units of its deviation.
+// The current estimate for one image; `moment` is E[(1, b)(1, b)'], b in units of its deviation.
 struct View {
   Matrix2Xd points;  // centred, RMS radius 1
   ScaledOrthography camera;
   VectorXd b;
   MatrixXd moment;
-  Matrix2Xd flat;    // the points as scaled orthography would see them
-  VectorXd visible;  // 0..1: the outline's far side
-  VectorXd weight;   // visible, times the robust weight
+  Matrix2Xd flat;    // the points under scaled orthography
+  VectorXd visible;  // 0..1: low on the outline's far side
+  VectorXd weight;   // visible times the robust weight
   VectorXd squared;  // expected squared residual of each point
 };
 
@@ -76,8 +76,8 @@ void Trainer::start() {
   settle_gauge();
 }
 
-// Visibility of the outline by the present yaw: with yaw > 0 the head turns to image left, and the
-// outline at image left (x < 0) is the edge of the cheek, not the jaw.
+// Visibility of the outline by the current yaw. With yaw > 0 the head turns to image left, and the
+// outline at image left (x < 0) is the edge of the cheek instead of the jaw.
 void Trainer::see(View& view) const {
   const double yaw = angles_of_rotation(view.camera.rotation).yaw_deg;
   const double far = std::exp(-0.5 * std::pow(yaw / options.outline_yaw_deg, 2));
@@ -87,8 +87,8 @@ void Trainer::see(View& view) const {
   }
 }
 
-// Camera and deformation together, most probable given the shape (Gauss-Newton); their covariance
-// gives the second moment of b.
+// Maximum a posteriori camera and deformation for the current shape (Gauss-Newton). Their
+// covariance gives the second moment of b.
 void Trainer::estimate(View& view, int steps) const {
   const Index size = 6 + m;
   MatrixXd normal(size, size);
@@ -104,7 +104,7 @@ void Trainer::estimate(View& view, int steps) const {
     right.setZero();
     for (Index i = 0; i < n; ++i) {
       const Vector3d q = turned.col(i);
-      // As in POSIT: with the depth taken as known, the equations are those of orthography.
+      // As in POSIT: with known depth, the equations are those of orthography.
       const double factor = 1 + q[2] / distance();
       view.flat.col(i) = camera.shift + factor * (view.points.col(i) - camera.shift);
       const Vector2d residual = view.flat.col(i) - camera.shift - camera.scale * q.head<2>();
@@ -155,8 +155,8 @@ void Trainer::estimate(View& view, int steps) const {
   }
 }
 
-// Least squares for the mean and the modes of each pair of points; the mirrored point's equations
-// are those of this point with x reversed.
+// Least squares for the mean and the modes of each pair of points. The equations of the mirrored
+// point are those of this point with x reversed.
 void Trainer::update_shape() {
   const Index terms = m + 1;
   cv::parallel_for_(cv::Range(0, static_cast<int>(n)), [&](const cv::Range& range) {
@@ -187,7 +187,7 @@ void Trainer::update_shape() {
         for (Index l = 0; l < k; ++l)
           normal.block<3, 3>(3 * l, 3 * k) = normal.block<3, 3>(3 * k, 3 * l).transpose();
         if (other != i) continue;
-        // A point of the plane of symmetry stays in it.
+        // A point in the plane of symmetry stays in it.
         normal.row(3 * k).setZero();
         normal.col(3 * k).setZero();
         normal(3 * k, 3 * k) = 1;
@@ -211,8 +211,8 @@ void Trainer::update_shape() {
   });
 }
 
-// What the images leave open: b has mean 0 and variance 1, the modes do not move, turn or scale
-// the head as a whole, the origin is midway between the eyes, the eyes' distance is given.
+// Fixes the gauge: b has mean 0 and variance 1; the modes do not move, rotate or scale the head as
+// a whole; the origin is midway between the eyes; the eye distance is given.
 void Trainer::settle_gauge() {
   if (m > 0) {
     MatrixXd moment = MatrixXd::Zero(m + 1, m + 1);
@@ -264,7 +264,7 @@ void Trainer::update_noise() {
         weight += 2 * view.weight[point];
       }
     }
-    // A tenth of a percent of the head: no point becomes infinitely certain.
+    // At least a tenth of a percent of the head, so that no point gets an infinite weight.
     noise[i] = std::sqrt(std::max(sum / std::max(weight, 1e-12), 1e-6));
   }
 }
@@ -272,7 +272,7 @@ void Trainer::update_noise() {
 HeadModel model_of(const Trainer& trainer) {
   HeadModel model;
   model.mean = trainer.mean;
-  // Both sides exactly alike.
+  // Make both sides exactly symmetric.
   for (Index i = 0; i < trainer.n; ++i) {
     const Index other = trainer.markup.mirror[static_cast<std::size_t>(i)];
     if (other > i) model.mean.col(other) = Vector3d(-1, 1, 1).cwiseProduct(model.mean.col(i));
@@ -295,7 +295,7 @@ HeadModel model_of(const Trainer& trainer) {
   return model;
 }
 
-// Turns the head about x so that the median face has pitch 0.
+// Rotates the head about x so that the median face has pitch 0.
 void settle_pitch(Trainer& trainer) {
   std::vector<double> pitches;
   for (const View& view : trainer.views)
@@ -358,7 +358,7 @@ TrainedHead train_head(const std::vector<Matrix2Xd>& faces, const shape::Markup&
   TARSIER_REQUIRE(used.size() >= 10, "{} complete faces", used.size());
 
   trainer.start();
-  // The rigid head first; the modes come when poses are near.
+  // The rigid head first; modes are added when the poses are approximately known.
   const int rigid_iterations = std::min(10, options.iterations / 2);
   if (progress != nullptr) progress->begin("head", options.iterations, "iterations");
   for (int iteration = 0; iteration < options.iterations; ++iteration) {

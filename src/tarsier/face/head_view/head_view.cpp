@@ -14,24 +14,24 @@ namespace tarsier::face::head_view {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-// The middle of what is seen of a head, in its frame, mm: between nose and ears.
+// Centre of the visible head, in its frame, mm: between nose and ears.
 const Eigen::Vector3d kMiddle(0, 30, 40);
 constexpr double kMinPx = 16;
 constexpr float kMaxPart = 0.2F;
 
-// The smallest rotation that takes z to the unit vector d, d z > 0.
+// The smallest rotation that maps z to the unit vector d, d z > 0.
 Eigen::Matrix3d rotation_from_z(const Eigen::Vector3d& d) {
   const Eigen::Matrix3d cross{{0, 0, d[0]}, {0, 0, d[1]}, {-d[0], -d[1], 0}};
   return Eigen::Matrix3d::Identity() + cross + cross * cross * (1 / (1 + d[2]));
 }
 
-// The crop, of less noise and aliasing where it reduces: drawn some powers of two too large first.
+// The crop. To reduce noise and aliasing, it is first sampled at a power of two times its size.
 cv::Mat upright_crop(const cv::Mat& gray, const cv::Point2d& middle, double px_per_mm,
                      double roll_deg) {
   int times = 1;
   while (times < 8 && kSide * times < kSideMm * px_per_mm) times *= 2;
   const int side = kSide * times;
-  const double scale = kSideMm * px_per_mm / side;  // image px of a crop px
+  const double scale = kSideMm * px_per_mm / side;  // image px per crop px
   const double c = scale * std::cos(roll_deg * kDegree);
   const double s = scale * std::sin(roll_deg * kDegree);
   const double half = (side - 1) / 2.0;
@@ -46,7 +46,7 @@ cv::Mat upright_crop(const cv::Mat& gray, const cv::Point2d& middle, double px_p
   return crop;
 }
 
-// Lower cell (-1 .. kCells - 1) and the upper one's share, of a pixel along one axis.
+// For a pixel along one axis: the lower cell (-1 .. kCells - 1) and the upper one's share.
 struct Share {
   int cell = 0;
   float upper = 0;
@@ -106,7 +106,7 @@ Cells histograms(const cv::Mat& crop) {
   return cells;
 }
 
-// Fills the view's offsets; its roll is known. False where a point of the mean head is behind the
+// Sets the view's offsets; its roll must be set. False if a point of the mean head is behind the
 // camera.
 bool set_offsets(const geometry::Camera& camera, const geometry::Rigid3& camera_from_head,
                  const head::HeadModel& head, const Eigen::Matrix2Xd& points, double px_per_mm,
@@ -145,8 +145,9 @@ Eigen::VectorXf gradients_of(const cv::Mat& crop) {
       const float part = cells[static_cast<std::size_t>(i * kOrientations + k)];
       energy[static_cast<std::size_t>(i)] += part * part;
     }
-  // Block (r, c) has the cells r - 1, r and c - 1, c; cells outside are those at the rim.
-  constexpr float kFlat = 1e-3F * kCell * kCell;  // less than this is noise
+  // Block (r, c) contains the cells r - 1, r and c - 1, c; cells outside are replaced by border
+  // cells.
+  constexpr float kFlat = 1e-3F * kCell * kCell;  // smaller values are noise
   const auto block = [&](int r, int c) {
     float sum = kFlat;
     for (int row = r - 1; row <= r; ++row)

@@ -14,7 +14,7 @@
 #include <optional>
 #include <vector>
 
-// A head of formulas that can be seen from everywhere: a sphere with painted spots, for tests.
+// A synthetic head that can be seen from all sides, for tests: a sphere with painted spots.
 namespace tarsier::face::head_view {
 
 inline geometry::Camera testing_camera() {
@@ -27,7 +27,7 @@ inline geometry::Camera testing_camera() {
   return camera;
 }
 
-// Spots at fixed places of a ball around the middle of the head, symmetric left and right.
+// Spots at fixed positions on a ball around the centre of the head, symmetric left and right.
 inline cv::Mat painted_head(const geometry::Rigid3& camera_from_head,
                             const geometry::Camera& camera) {
   cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(70));
@@ -78,8 +78,7 @@ inline Eigen::Matrix2Xd projected_points(const geometry::Rigid3& camera_from_hea
   return points;
 }
 
-// The view with the landmarks of an image where they truly are: those of `truth` (the rough pose,
-// if none is given).
+// The view of an image with exact landmarks: those of `truth`, or of the approximate pose if null.
 inline std::optional<HeadView> view_of_painted(const cv::Mat& image, const geometry::Camera& camera,
                                                const geometry::Rigid3& rough,
                                                const geometry::Rigid3* truth = nullptr) {

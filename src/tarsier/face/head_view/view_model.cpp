@@ -47,7 +47,7 @@ VectorXf ViewModel::point_of(const HeadView& view) const {
 
 namespace {
 
-// The covariance of a rotation after its direction was corrected, in the camera's frame, rad^2.
+// The covariance of a rotation after the correction of its direction, in the camera's frame, rad^2.
 Eigen::Matrix3d corrected_covariance(const ViewAnswer& answer, const HeadView& view,
                                      const Eigen::Matrix3d& rough) {
   const Eigen::Matrix3d& r = view.camera_from_view;
@@ -115,7 +115,7 @@ std::optional<head::HeadPose> refined_pose(const ViewModel& model, const head::H
                                            const Eigen::VectorXd& sigma_px) {
   const std::optional<HeadView> view =
       view_of_head(gray, camera, pose.camera_from_head, poser.model(), points);
-  // A head seen from behind is no face.
+  // A head seen from behind shows no face.
   if (!view || std::abs(view->angles.yaw_deg) > 89) return std::nullopt;
   return refined_pose(looks_to(model, *view), *view, poser, points, camera, pose, identity,
                       sigma_px);

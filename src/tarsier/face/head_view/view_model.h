@@ -11,61 +11,61 @@
 #include <optional>
 #include <string>
 
-// Where a head looks, learnt from how heads look: corrects the direction of a pose that landmarks
-// gave. Landmarks slip over faces that are turned far: the tilt of such heads comes out at a third
-// of what it is (docs/results.md).
+// Corrects the direction of a pose from landmarks by the appearance of the whole head. Landmarks
+// are inaccurate on faces that are turned far: the estimated tilt of such heads is a third of the
+// true one (docs/results.md).
 //
-// Kernel ridge regression (Saunders, Gammerman and Vovk, ICML 1998). A view becomes the point
+// Kernel ridge regression (Saunders, Gammerman and Vovk, ICML 1998). A view is converted to the
+// vector
 //   f = [B^T ([gradients ; offsets] - mean) ; (pitch, yaw, roll) / angle_scale]
 // and the correction, in degrees, is
-//   (pitch, yaw) - (pitch, yaw) of the rough pose = sum_i exp(-gamma |f - f_i|^2) weights_i.
-// It is nothing for views unlike all that were learnt.
+//   (pitch, yaw) - (pitch, yaw) of the approximate pose = sum_i exp(-gamma |f - f_i|^2) weights_i.
+// It is zero for views that differ from all training views.
 namespace tarsier::face::head_view {
 
 struct ViewModel {
-  Eigen::VectorXf mean;         // kGradients + 2n, n: landmarks, 0 where offsets are not used
-  Eigen::MatrixXf basis;        // (kGradients + 2n) x k, scaled as f needs it
+  Eigen::VectorXf mean;         // kGradients + 2n, n: landmarks, 0 if offsets are not used
+  Eigen::MatrixXf basis;        // (kGradients + 2n) x k, scaled for f
   Eigen::Vector3f angle_scale;  // degrees, > 0
   Eigen::MatrixXf centres;      // (k + 3) x n, the f_i
   Eigen::MatrixXf weights;      // 2 x n, degrees: of pitch and yaw
   double gamma = 0.3;           // > 0
-  double max_deg = 25;          // corrections are cut off here, (0, 90]
+  double max_deg = 25;          // limit of corrections, (0, 90]
   int trained_on = 0;           // views
 
   [[nodiscard]] int landmarks() const { return static_cast<int>(mean.size() - kGradients) / 2; }
-  // Throws std::invalid_argument for a view of another number of offsets.
+  // Throws std::invalid_argument for a view with another number of offsets.
   [[nodiscard]] Eigen::VectorXf point_of(const HeadView& view) const;
   void check() const;  // throws std::invalid_argument
 };
 
-// Where the head of a view looks.
+// The corrected direction of a view's head.
 struct ViewAnswer {
   Direction direction;
-  // d(pitch, yaw) of the direction by the view's rough (pitch, yaw), gradients and offsets as they
-  // are: how errors of the points go on.
+  // d(pitch, yaw) of the direction by the view's approximate (pitch, yaw), with constant gradients
+  // and offsets: the propagation of errors of the points.
   Eigen::Matrix2d slope = Eigen::Matrix2d::Identity();
 };
 [[nodiscard]] ViewAnswer looks_to(const ViewModel& model, const HeadView& view);
 
-// Errors of the angles after a correction by head-view.json. With the factors 71 to 73 % of the errors
-// of 1307 drawn heads and annotated faces that it had not learnt from are within one sigma, 93 to
-// 97 % within two. The floors then cover 68 % of the errors of the seven people of Pointing'04, each left out of the
-// view in turn, against the names of the images (docs/pose.md, Uncertainty). These do not say how
-// heads roll: that has no floor.
+// Errors of the angles after a correction by head-view.json. With these factors, 71 to 73 % of the
+// errors on 1307 held-out synthetic heads and annotated faces are within one sigma, 93 to 97 %
+// within two. The floors cover 68 % of the errors on the seven people of Pointing'04 against the
+// angles in the file names, each person held out of the view model in turn (docs/pose.md,
+// Uncertainty). These names do not contain the roll, so it has no floor.
 inline constexpr head::AngleCalibration kViewSigma{{1.7, 6.6}, {1.7, 9.7}, {2.4, 0}};
 
-// The pose with that direction: the turn about it, the place and the shape are those which explain
-// the points best (see head::HeadPoser::pose_towards). `pose` and `identity` (may be null, is not
-// changed) as they came from the poser for these points. Nothing where the head cannot be seen or
-// the points do not fit.
+// The pose with the corrected direction. The rotation about it, the translation and the shape are
+// those that explain the points best (see head::HeadPoser::pose_towards). `pose` and `identity`
+// (may be null, is not changed) are those of the poser for these points. Empty if the head is not
+// visible or the points do not fit.
 [[nodiscard]] std::optional<head::HeadPose> refined_pose(
     const ViewModel& model, const head::HeadPoser& poser, const Eigen::Matrix2Xd& points,
     const cv::Mat& gray, const geometry::Camera& camera, const head::HeadPose& pose,
     const head::HeadIdentity* identity, const Eigen::VectorXd& sigma_px = {});
 
-// The same with an answer that is there already. The covariance of the rotation is that of `pose`,
-// as its poser gave it, in the view's yaw, pitch and roll, carried on by the slope; then calibrated
-// by kViewSigma.
+// The same with a known answer. The covariance of the rotation is that of `pose` from its poser, in
+// the view's yaw, pitch and roll, propagated by the slope and calibrated by kViewSigma.
 [[nodiscard]] std::optional<head::HeadPose> refined_pose(
     const ViewAnswer& answer, const HeadView& view, const head::HeadPoser& poser,
     const Eigen::Matrix2Xd& points, const geometry::Camera& camera, const head::HeadPose& pose,

@@ -18,7 +18,7 @@ using Eigen::VectorXd;
 
 constexpr std::size_t kMaxViews = 20'000;
 
-// The samples, then their mirrored ones in the same order.
+// The samples, followed by their mirrored copies in the same order.
 std::vector<ViewSample> with_mirrored(const std::vector<ViewSample>& samples) {
   std::vector<ViewSample> all = samples;
   all.reserve(2 * samples.size());
@@ -35,8 +35,8 @@ Eigen::MatrixXf rounded(Eigen::MatrixXf matrix) {
   return matrix.unaryExpr([](float value) { return rounded_to_half(value); });
 }
 
-// The unit vectors along which the columns, whose mean is 0, vary most; as many as are asked for,
-// or as differ from none.
+// The unit vectors of greatest variance of the columns, whose mean is 0; `wanted` of them, or fewer
+// if the others have none.
 MatrixXd principal_directions(const MatrixXd& columns, Index wanted) {
   const bool few = columns.cols() < columns.rows();
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(
@@ -64,13 +64,13 @@ void set_basis(const std::vector<ViewSample>& samples, const TrainViewOptions& o
   appearance.colwise() -= mean;
   const double gradients = appearance.topRows(kGradients).squaredNorm();
   TARSIER_REQUIRE(gradients / static_cast<double>(n) > 1e-9, "the views are all alike");
-  // Offsets have `scale` times their size in the PCA.
+  // Offsets are multiplied by `scale` in the PCA.
   const double of_offsets = appearance.bottomRows(offsets).squaredNorm();
   const double scale =
       of_offsets > 0 ? options.offset_weight * std::sqrt(gradients / of_offsets) : 0;
   appearance.bottomRows(offsets) *= scale;
-  // The mean squared distance of two views' gradients becomes 1 (less what is beyond the
-  // components).
+  // Scale so that the mean squared distance of two views' gradients is 1 (except for the part
+  // outside the components).
   MatrixXd basis = principal_directions(appearance, options.components) /
                    std::sqrt(2 * gradients / static_cast<double>(n));
   basis.bottomRows(offsets) *= scale;
@@ -107,7 +107,7 @@ MatrixXd kernel_of(const ViewModel& model, const std::vector<ViewSample>& sample
   return kernel;
 }
 
-// Adds variance * S; the samples from `mirrored_from` on have the other sign.
+// Adds variance * S; samples from `mirrored_from` on have the opposite sign.
 void add_group_errors(const std::vector<ViewSample>& samples, std::size_t mirrored_from,
                       bool sign_changes, double variance, MatrixXd& kernel) {
   for (std::size_t i = 0; i < samples.size(); ++i) {

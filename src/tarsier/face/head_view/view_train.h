@@ -8,28 +8,32 @@
 
 namespace tarsier::face::head_view {
 
-// A view and where its head truly looks, the view's roll taken out (direction_of).
+// A view and the true direction of its head, with the view's roll removed (direction_of).
 struct ViewSample {
   HeadView view;
   Direction truth;
-  int group = 0;  // a person, or another part of the data that is left out as a whole
-  // The truth is where a person was asked to look: it has more noise than an exact one, and those of
-  // a group share an unknown error.
+  int group = 0;  // a person, or another part of the data that is held out together
+  // The ground truth is where a person was asked to look. It has more noise than an exact one, and
+  // the views of a group share an unknown error.
   bool asked = false;
 };
 
 struct TrainViewOptions {
-  int components = 200;        // of the PCA, at most the views
-  double offset_weight = 0.5;  // of the landmarks' offsets beside the gradients, both of variance 1
-  double angle_weight = 0.6;   // of the rough angles, likewise
-  double gamma = 2.5;          // of the kernel: f has a mean squared distance of
-                               // 1 + offset_weight^2 + angle_weight^2 between two views
-  double ridge = 0.5;          // variance of the noise of asked truths, that of the kernel being 1:
-                               // the larger, the smoother
-  double exact_ridge = 0.1;    // of the others
-  double group_error = 0.1;    // variance of the error that a group's truths share, where they are
-                               // asked; that of the kernel is 1. 0: none
-  bool mirror = true;          // learn the mirrored views too
+  int components = 200;  // of the PCA, at most the number of views
+  // Of the landmarks' offsets relative to the gradients, both scaled to variance 1.
+  double offset_weight = 0.5;
+  double angle_weight = 0.6;  // of the approximate angles, likewise
+  // Of the kernel. f has a mean squared distance of 1 + offset_weight^2 + angle_weight^2 between
+  // two views.
+  double gamma = 2.5;
+  // Noise variance of asked ground truths, relative to the kernel's variance of 1; larger values
+  // give a smoother result.
+  double ridge = 0.5;
+  double exact_ridge = 0.1;  // of exact ground truths
+  // Variance of the error that the asked ground truths of a group share, relative to the kernel's
+  // variance of 1. 0 disables it.
+  double group_error = 0.1;
+  bool mirror = true;  // train on mirrored views too
 
   [[nodiscard]] OptionFields fields() {
     return {{"components", components, range(1, 500), "--components",
@@ -52,17 +56,17 @@ struct TrainViewOptions {
 };
 
 // PCA of gradients and offsets, then (K + N + group_error S) weights = corrections. N is diagonal:
-// ridge for asked views, exact_ridge for others. S_ij is 1 for two asked views of one group, else 0;
-// for yaw it is -1 where one of the two is mirrored. This is a Gaussian process with noise of known
-// variances and a constant random effect for each group and axis (Rasmussen and Williams, Gaussian
-// Processes for Machine Learning, 2006, sections 2.2 and 2.7): what is constant over a group is not
-// learnt as an effect of how its heads look. All views have as many offsets.
-// Needs 8 views or more that are not all alike, and at most 20 000 (mirrored ones included): throws
-// std::invalid_argument.
+// ridge for asked views, exact_ridge for others. S_ij is 1 for two asked views of one group,
+// otherwise 0; for yaw it is -1 if one of the two is mirrored. This is a Gaussian process with
+// known noise variances and a constant random effect for each group and axis (Rasmussen and
+// Williams, Gaussian Processes for Machine Learning, 2006, sections 2.2 and 2.7): an error that is
+// constant over a group is not attributed to the appearance. All views need the same number of
+// offsets. Needs at least 8 views that are not all equal, and at most 20 000 (including mirrored
+// ones); otherwise throws std::invalid_argument.
 [[nodiscard]] ViewModel train_view_model(const std::vector<ViewSample>& samples,
                                          const TrainViewOptions& options);
 
-// Where each head looks by a model that was learnt without its group.
+// The direction of each view's head by a model that was trained without its group.
 [[nodiscard]] std::vector<ViewAnswer> leave_groups_out(const std::vector<ViewSample>& samples,
                                                        const TrainViewOptions& options);
 

@@ -19,7 +19,7 @@ namespace {
 
 constexpr int kMinForChoice = 3;  // images
 constexpr int kMaxFolds = 5;
-constexpr int kMaxStarts = 1500;  // of all images together: the dual problem is so large
+constexpr int kMaxStarts = 1500;  // for all images together: the size of the dual problem
 constexpr int kTestStarts = 5;
 constexpr std::uint64_t kTestSeed = 0x7e57;
 
@@ -53,7 +53,7 @@ double error_of(const LandmarkModel& model, const std::vector<TrainingFace>& fac
   return std::accumulate(errors.begin(), errors.end(), 0.0) / static_cast<double>(errors.size());
 }
 
-// Errors on images left out: of the base, then of each choice.
+// Errors on held-out images: of the base, then of each choice.
 std::vector<double> errors_left_out(const LandmarkModel& base,
                                     const std::vector<TrainingFace>& faces,
                                     const AdaptOptions& options, const std::vector<double>& choices,

@@ -22,7 +22,7 @@ Eigen::MatrixXd dual(Eigen::MatrixXd kernel, const Eigen::MatrixXd& errors, doub
   return linalg::solve_symmetric(kernel, errors);
 }
 
-// As the caller gave it, times the starts of an image and the mean norm of a row.
+// Scales the caller's value by the starts per image and the mean norm of a row.
 double lambda_of(double ridge, const Eigen::MatrixXd& kernel, std::size_t faces) {
   const double starts = static_cast<double>(kernel.rows()) / static_cast<double>(faces);
   return ridge * starts * std::max(1e-9, kernel.diagonal().mean());
@@ -78,7 +78,7 @@ std::vector<Sample> reduced_samples(const Descent& base, const std::vector<Train
   return samples;
 }
 
-// Rows of features with the constant last, and what R0 leaves of the steps.
+// Rows of features with the constant last, and the residuals of the steps after R0.
 struct Problem {
   Eigen::MatrixXd features;
   Eigen::MatrixXd base_steps;
@@ -109,8 +109,8 @@ Problem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
     }
   });
   throw_if_stopped(stop);
-  // The constant is worth as much as all features: what a person's points have in common moves
-  // first.
+  // The constant has the weight of all features together, so that the common offset of a person's
+  // points is learned first.
   problem.constant = std::sqrt(
       std::max(1e-9, problem.features.leftCols(width).squaredNorm() / static_cast<double>(count)));
   problem.features.col(width).setConstant(problem.constant);
@@ -127,9 +127,9 @@ void move(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowVectorXd
   if (moved.allFinite() && shape_size(moved) > 1) sample.points = moved;
 }
 
-// Moves the samples of each part by what was learned from the others. Of a single image starts
-// are divided: were its samples moved by the base, each stage would learn the person's whole
-// difference once more.
+// Moves the samples of each part by a regression that was trained on the other parts. For a single
+// image, its starts are divided into parts. If the base moved these samples, each stage would learn
+// the person's whole offset again.
 void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,
                   const Problem& problem, const Eigen::MatrixXd& kernel, double lambda, int faces) {
   const int parts = faces > 1 ? std::min(faces, kMaxParts) : 2;
@@ -222,7 +222,7 @@ RegressionNetwork adapt_network(const RegressionNetwork& base,
 
 namespace {
 
-// Leaves of the last level that each start ends in, and what is left to its true points there.
+// Leaves of the last level that each start reaches, and the remaining residuals to its true points.
 struct Walks {
   std::vector<std::vector<int>> leaves;
   Eigen::MatrixXd errors;
@@ -273,8 +273,8 @@ Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
   const Walks walks = walks_of(base, faces, starts, stop);
   const auto count = static_cast<Eigen::Index>(starts.size());
   const std::size_t trees = walks.leaves.front().size();
-  // Rows of ones in the leaves that a start ends in: their products count common leaves. A constant
-  // of the same weight is spread over all leaves in the end.
+  // A start's row has ones at the leaves it reaches, so products of rows count common leaves. A
+  // constant of the same weight is added, which is finally distributed over all leaves.
   Eigen::MatrixXd kernel(count, count);
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index k = 0; k <= i; ++k) {

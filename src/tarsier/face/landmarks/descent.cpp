@@ -42,7 +42,7 @@ Reduced reduce_around(const cv::Mat& gray, const Eigen::Matrix2Xd& points, doubl
     reduced.gray = gray;
     return reduced;
   }
-  // Wide enough for the largest cells around a start that is off.
+  // Large enough for the largest cells around an inaccurate start.
   const double margin = 2.2 * size;
   const Eigen::Vector2d least = points.rowwise().minCoeff().array() - margin;
   const Eigen::Vector2d most = points.rowwise().maxCoeff().array() + margin;
@@ -58,8 +58,8 @@ Reduced reduce_around(const cv::Mat& gray, const Eigen::Matrix2Xd& points, doubl
   }
   const cv::Size target(std::max(1, static_cast<int>(std::lround(area.width / factor))),
                         std::max(1, static_cast<int>(std::lround(area.height / factor))));
-  // The same factor along x and y, so that the way back is a similarity: the part of the image
-  // that makes whole pixels.
+  // Use the same factor for x and y, so that the inverse is a similarity. The reduced part of the
+  // image has a size of whole pixels.
   const double scale = std::max(static_cast<double>(area.width) / target.width,
                                 static_cast<double>(area.height) / target.height);
   cv::Mat map = (cv::Mat_<double>(2, 3) << scale, 0, area.x + 0.5 * scale - 0.5, 0, scale,
@@ -71,7 +71,7 @@ Reduced reduce_around(const cv::Mat& gray, const Eigen::Matrix2Xd& points, doubl
     reduced.offset = {map.at<double>(0, 2), map.at<double>(1, 2)};
     return reduced;
   }
-  // Whole pixels are averaged first.
+  // Average whole pixels first.
   const int whole = static_cast<int>(scale);
   cv::Rect even = area;
   even.width -= even.width % whole;

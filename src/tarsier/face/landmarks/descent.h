@@ -16,15 +16,15 @@
 #include <vector>
 
 // Supervised descent (Xiong and De la Torre, "Supervised descent method and its applications to
-// face alignment", CVPR 2013): a few linear regressions, each from descriptors at the current
-// points to the step towards the true ones.
+// face alignment", CVPR 2013): a few linear regressions, each from the descriptors at the current
+// points to the step towards the true points.
 namespace tarsier::face::landmarks {
 
 struct DescentOptions {
   std::vector<FeatureScale> stages = {{24, 0.36}, {32, 0.25}, {40, 0.18}, {48, 0.14}};
-  int components = 32;  // numbers kept of a descriptor, by PCA over all points
-  // Regularisation, share of the mean squared feature times the samples. Much of it and several
-  // stages beat little of it (as shrinkage does in boosting).
+  int components = 32;  // components of a descriptor, by PCA over all points
+  // Regularisation, relative to the mean squared feature times the samples. Strong regularisation
+  // with several stages is better than weak regularisation (like shrinkage in boosting).
   double ridge = 2;
   int folds = 4;  // parts of the faces for cross-fitting (see train_descent)
   std::uint64_t seed = 1;
@@ -51,23 +51,23 @@ struct Descent {
   void check() const;
 };
 
-// What cross-fitting tells.
+// Results of cross-fitting.
 struct DescentReport {
-  std::vector<double> errors;  // after each stage: RMS distance of a point from its true place on
-                               // faces left out, units
-  // Where the set's points lie to the right of the places that a mirror-symmetric model gives them,
-  // px of the images, mean over the faces: not 0 where pixels were counted from 1, or by habit of
-  // the annotators. Only known where mirrored faces take part, else 0.
+  // After each stage: RMS distance of a point from its true position on held-out faces, units.
+  std::vector<double> errors;
+  // Horizontal offset of the set's points from those of a mirror-symmetric model, px of the images,
+  // positive to the right; mean over the faces. Not 0 if pixels were counted from 1 or the
+  // annotators were biased. Needs mirrored faces; otherwise 0.
   double to_the_right = 0;
 };
 
-// One stage: upright = similarity that takes the current points to the mean; features f of all
-// points there; the new points are upright^-1 (upright x + W f + b).
+// One stage: upright = similarity from the current points to the mean; f = features of all points
+// in that frame; the new points are upright^-1 (upright x + W f + b).
 //
-// Faces are divided into `folds` parts. In each stage the starts of a part move by a regression
-// learned from the other parts, so that the next stage learns from errors as they are on faces
-// never seen; the regression that is kept learns from all. The same result for any number of
-// threads.
+// Faces are divided into `folds` parts. In each stage, the starts of a part are moved by a
+// regression that was trained on the other parts. The next stage is therefore trained on the errors
+// of held-out faces. The stored regression is trained on all faces. The result does not depend on
+// the number of threads.
 [[nodiscard]] Descent train_descent(const std::vector<TrainingFace>& faces,
                                     const std::vector<Start>& starts, const DescentOptions& options,
                                     Progress& progress, const std::stop_token& stop,
@@ -81,8 +81,8 @@ struct DescentWorkspace {
   Eigen::VectorXf step;
 };
 
-// The fit from `start` (px of `gray`, CV_8UC1). `compressed` of the workspace holds the last
-// stage's features afterwards.
+// The fit from `start` (px of `gray`, CV_8UC1). Afterwards, `compressed` of the workspace holds the
+// last stage's features.
 [[nodiscard]] Eigen::Matrix2Xd fit_descent(const Descent& model, const cv::Mat& gray,
                                            const Eigen::Matrix2Xd& start,
                                            DescentWorkspace& workspace);
@@ -91,14 +91,14 @@ struct DescentWorkspace {
 void stage_features(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean, const cv::Mat& gray,
                     const Eigen::Matrix2Xd& points, DescentWorkspace& workspace, float* out);
 
-// Sets the stage's scale, mean descriptor and `components` directions of most variance, of all
-// points of the shapes together. images[i] shows points[i].
+// Sets the stage's scale, mean descriptor and the `components` directions of greatest variance,
+// over all points of the shapes together. images[i] shows points[i].
 void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int components,
                           const Eigen::Matrix2Xd& mean, const std::vector<const cv::Mat*>& images,
                           const std::vector<Eigen::Matrix2Xd>& points);
 
-// The image around a shape of size `size_px`, reduced so that its unit is at most 1.5 times
-// `px_per_unit`; image_from_reduced: x = scale * x_reduced + offset.
+// The image around a shape, reduced so that the shape's unit is at most 1.5 times `px_per_unit`;
+// image_from_reduced: x = scale * x_reduced + offset.
 struct Reduced {
   cv::Mat gray;
   double scale = 1;

@@ -24,14 +24,14 @@ struct Sample {
   Eigen::Matrix2Xd points;  // px of the reduced face
 };
 
-// The faces at the resolution that the finest stage sees.
+// The faces at the resolution of the finest stage.
 struct ReducedFace {
   cv::Mat gray;
   Eigen::Matrix2Xd points;
   Reduced reduced;
 };
 
-// Moves the points by a step given in the frame of the mean.
+// Moves the points by a step in the frame of the mean.
 void move(Eigen::Matrix2Xd& points, const Eigen::Matrix2Xd& mean, const float* step) {
   const shape::Similarity2d back = shape::fit_similarity(points, mean).inverse();
   Eigen::Matrix2Xd moved = points;
@@ -44,7 +44,7 @@ void move(Eigen::Matrix2Xd& points, const Eigen::Matrix2Xd& mean, const float* s
   if (moved.allFinite() && shape_size(moved) > 1) points = moved;
 }
 
-// Half the difference of the mean errors along x of faces as they are and of mirrored ones.
+// Half the difference between the mean x errors of unmirrored and mirrored faces.
 double shift_of_mirrored(const std::vector<TrainingFace>& faces,
                          const std::vector<ReducedFace>& reduced,
                          const std::vector<Sample>& samples) {
@@ -69,7 +69,7 @@ void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int 
   TARSIER_REQUIRE(components >= 1 && components <= kDescriptor, "{} components", components);
   TARSIER_REQUIRE(!images.empty() && images.size() == points.size(), "{} images, {} shapes",
                   images.size(), points.size());
-  // A few hundred faces are enough for 128 x 128 numbers.
+  // A few hundred faces are enough for a 128 x 128 covariance.
   const std::size_t step = std::max<std::size_t>(1, images.size() / 600);
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(kDescriptor);
   Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(kDescriptor, kDescriptor);
@@ -93,7 +93,8 @@ void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int 
   stage.scale = scale;
   stage.center = center.cast<float>();
   stage.components = eigen.vectors.rightCols(components).rowwise().reverse().cast<float>();
-  // An eigenvector's sign is free: its largest part is positive, so that all machines agree.
+  // The sign of an eigenvector is arbitrary. Make its largest element positive, so that all
+  // machines agree.
   for (Eigen::Index c = 0; c < stage.components.cols(); ++c) {
     Eigen::Index place = 0;
     stage.components.col(c).cwiseAbs().maxCoeff(&place);
@@ -127,7 +128,7 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
     to.points = (faces[f].points.colwise() - to.reduced.offset) / to.reduced.scale;
   }
 
-  // A face and what was made of it belong to the same part, and a part's samples lie in a row.
+  // A face and the faces made from it are in the same part; a part's samples are contiguous.
   const int folds = std::min<int>(options.folds, static_cast<int>(faces.size()));
   std::vector<int> fold_of(faces.size());
   Rng rng(options.seed);
@@ -226,7 +227,7 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
     stage.weights = kept.topRows(features.columns - 1).transpose();
     stage.bias = kept.bottomRows(1).transpose();
 
-    std::vector<double> errors(samples.size());  // of each where it was left out
+    std::vector<double> errors(samples.size());  // of each sample when it was held out
     cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) {
       Eigen::VectorXf step(2 * n);
       for (int i = range.start; i < range.end; ++i) {

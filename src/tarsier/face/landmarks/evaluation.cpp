@@ -70,7 +70,7 @@ LandmarkScore score_of(const std::vector<FitOutcome>& outcomes) {
     score.median = quantile(errors, 0.5);
     score.p90 = quantile(errors, 0.9);
   }
-  // Trapezoids over 0, 0.008 .. 8 %.
+  // Trapezoidal rule over 0, 0.008 .. 8 %.
   std::vector<double> at(1001);
   for (std::size_t i = 0; i < at.size(); ++i) at[i] = kFailure * static_cast<double>(i) / 1000;
   const std::vector<double> curve = cumulative(outcomes, at);

@@ -8,16 +8,16 @@
 #include <string>
 #include <vector>
 
-// Accuracy of fitted points. NME: mean distance of the points from the truth, % of the distance of
-// two points (outer eye corners).
+// Accuracy of fitted points. NME: mean distance of the points from the ground truth, % of the
+// distance of two points (outer eye corners).
 namespace tarsier::face::landmarks {
 
 struct FitOutcome {
   std::string image;
   std::string person;
-  double nme = 0;       // %, where a face was found and it is the right one
+  double nme = 0;       // %, if the right face was found
   bool missed = false;  // no face found
-  bool wrong = false;   // another face: its centre is more than one eye distance off
+  bool wrong = false;   // another face: its centre is off by more than one eye distance
   double dx = 0;        // mean error, % of the eye distance
   double dy = 0;
   double ms = 0;
@@ -27,7 +27,7 @@ struct LandmarkScore {
   int faces = 0;
   int missed = 0;
   int wrong = 0;
-  double mean = 0;  // NME, %, over faces found and right; 0 where there are none
+  double mean = 0;  // NME, %, over the faces that were found correctly; 0 if there are none
   double median = 0;
   double p90 = 0;
   double failures = 0;  // share of all faces with NME above 8 %, missed or wrong
@@ -36,8 +36,8 @@ struct LandmarkScore {
   double dy = 0;
 };
 
-// Points fitted (nothing: no face found) against the truth (2 x n each, px). Throws
-// std::invalid_argument where sizes disagree or the eyes coincide.
+// Compares fitted points (empty: no face found) with the ground truth (2 x n each, px). Throws
+// std::invalid_argument for different sizes or coinciding eyes.
 [[nodiscard]] FitOutcome judge(const std::optional<Eigen::Matrix2Xd>& fitted,
                                const Eigen::Matrix2Xd& truth, const std::array<int, 2>& eyes);
 

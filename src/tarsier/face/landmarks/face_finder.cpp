@@ -94,23 +94,23 @@ constexpr NameTable<RolledSearch, 3> kRolledSearches{"search of rolled faces",
                                                        {RolledSearch::kAuto, "auto"},
                                                        {RolledSearch::kAlways, "always"}}}};
 
-// Longer side of an image that is turned, px: it grows to twice its area.
+// Longer side of an image before rotation, px; rotation up to doubles its area.
 constexpr double kTurnedSide = 2048;
-// Size at which a turned part shows its smallest face, px.
+// Size of the smallest face in a rotated part, px.
 constexpr double kTurnedFace = 40;
 
-// How far under its threshold a trained detector is still asked, margins of the training.
+// How far below its threshold a trained detector is evaluated, in margins of the training.
 constexpr double kBelow = 0.5;
-// Longest side of a video's tile, in windows of the detector; of a still image's.
+// Longest side of a tile of a video, and of a still image, in windows of the detector.
 constexpr double kTile = 12;
 constexpr double kHogTile = 8;
 constexpr double kHogStill = 16;
-// Beside the networks the cascade looks for large faces: at this width, px, from this share of the
-// image's smaller side on. Its boxes are those that landmark models start from.
+// Besides the networks, the cascade detects large faces: at this image width, px, from this share
+// of the image's smaller side on. Landmark models are trained to start from its boxes.
 constexpr int kLargeWidth = 320;
-// A tile of a video is searched again and again: the networks judge few places of it.
+// Tiles of a video are searched repeatedly, so the networks evaluate few places per search.
 constexpr int kPlacesInTile = 48;
-// What the cascades' finds are worth, as scores of the networks: of the strict search, of the others.
+// Scores of the cascades' detections on the scale of the networks: strict search, other searches.
 constexpr double kCascadeScore = 0.9;
 constexpr double kLooseScore = 0.5;
 constexpr double kLargeShare = 0.1;
@@ -136,11 +136,11 @@ struct FaceFinder::Impl {
   std::optional<FaceDetector> strict;  // or
   std::optional<HogFinder> trained;    // or
   std::shared_ptr<const FaceNetworks> networks;
-  std::shared_ptr<const AnchorDetector> anchors;  // beside the networks, or null
+  std::shared_ptr<const AnchorDetector> anchors;  // in addition to the networks, or null
   AnchorWorkspace anchor_workspace;
-  std::optional<FaceDetector> large;  // beside the networks, where the cascade's file is there
+  std::optional<FaceDetector> large;  // in addition to the networks, if the cascade's file exists
   FaceSearchWorkspace workspace;
-  // The other cascades, made when they are first needed; nothing where the file is missing.
+  // The other cascades, loaded when first needed; empty if the file is missing.
   std::vector<std::optional<FaceDetector>> others;
   bool tried = false;
   std::size_t turn = 0;  // of the less strict searches of tiles
@@ -150,18 +150,19 @@ struct FaceFinder::Impl {
   std::int64_t anchor_pixels = 0;
 
   void load();
-  // What the user's own network sees in a part of the image.
+  // Detects faces in a part of the image with the user's own network.
   void search_own(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found) const;
   [[nodiscard]] double window() const;
   [[nodiscard]] double min_face(cv::Size image) const;
-  // The networks judge `max_places` places there.
+  // The networks evaluate `max_places` places.
   void search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
                    std::vector<Scored>& found, int max_places = FaceSearchOptions().max_places);
   void search_strict(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found);
-  // Beside the networks, in the whole image: the cascade, and where nobody is surely seen its
-  // less strict relatives, all of them or the next one.
+  // In addition to the networks, in the whole image: the cascade. If it is sure of no face, also
+  // its less strict searches, all of them or the next one.
   void search_large(const cv::Mat& gray, bool thorough, bool all, std::vector<Scored>& found);
-  // Beside the networks, in the whole image: all views, or the next one. Returns the places of all.
+  // In addition to the networks, in the whole image: all views, or the next one. Returns the places
+  // of all detectors.
   [[nodiscard]] std::vector<Place> search_anchored(const cv::Mat& gray, bool all,
                                                    std::vector<Scored> found);
   std::size_t anchor_turn = 0;  // of the views, for videos
@@ -171,7 +172,7 @@ struct FaceFinder::Impl {
                       std::vector<Scored>& found);
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray, bool thorough);
   cv::Mat reduced, turned;
-  double turned_min_face = 0;  // px, while a turned image is searched; else 0
+  double turned_min_face = 0;  // px, while a rotated image is searched; otherwise 0
 };
 
 void FaceFinder::Impl::load() {
@@ -254,7 +255,7 @@ void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, 
     for (const ScoredBox& scored :
          trained->find(gray(tile.area), tile.min_face, thorough ? kBelow : 0)) {
       if (tile.max_face > 0 && scored.box.width > 1.3 * tile.max_face) continue;
-      const double score = logistic(4 * scored.score);  // half at the threshold
+      const double score = logistic(4 * scored.score);  // 0.5 at the threshold
       found.push_back({{scored.box + corner, scored.score >= 0, score}, scored.score});
     }
     return;
@@ -307,7 +308,7 @@ std::vector<Place> FaceFinder::Impl::search_anchored(const cv::Mat& gray, bool a
     for (const ScoredFace& face : search_anchors(seen, *anchors, search, anchor_workspace)) {
       cv::Rect2d square = cascade_square(face.box);
       if (mirrored) square.x = gray.cols - square.x - square.width;
-      // Boxes of the others are better starts for points: they come first.
+      // Boxes of other detectors are better starts for landmarks, so they come first.
       constexpr double kBehindOthers = -1;
       if (square.width >= smallest)
         found.push_back(
@@ -414,7 +415,7 @@ std::vector<Candidate> FaceFinder::find_rolled_in(const cv::Mat& gray, const Sea
     cv::resize(part, my.reduced, {}, scale, scale, cv::INTER_AREA);
     part = my.reduced;
   }
-  // Turned about its middle, so that what has this roll is upright.
+  // Rotate about the centre, so that faces with this roll become upright.
   const double cosine = std::cos(roll);
   const double sine = std::sin(roll);
   const cv::Size size(cvCeil(part.cols * std::abs(cosine) + part.rows * std::abs(sine)),

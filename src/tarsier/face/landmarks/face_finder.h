@@ -23,8 +23,8 @@
 
 namespace tarsier::face::landmarks {
 
-// From a detector's box to a first shape: the mean shape, upright, with its centre at
-// (dx, dy) * box width from the box's centre and its size `size` * box width.
+// From a detector's bounding box to an initial shape: the mean shape, upright, with its centre at
+// (dx, dy) * box width from the box centre and the size `size` * box width.
 struct BoxModel {
   double dx = 0;
   double dy = 0;
@@ -33,69 +33,72 @@ struct BoxModel {
   void check() const;
 };
 
-// Medians over the faces whose box holds at least `fraction` of the points (0..1); others were
-// found wrong. Throws std::invalid_argument where no box is right.
+// Medians over the faces whose box contains at least `fraction` of the points (0..1); other boxes
+// are false detections. Throws std::invalid_argument if no box is correct.
 [[nodiscard]] BoxModel train_box_model(const std::vector<Eigen::Matrix2Xd>& shapes,
                                        const std::vector<cv::Rect2d>& boxes, double fraction = 0.8);
 
 // `mean` is centred and of size 1; `roll` as in Candidate.
 [[nodiscard]] Eigen::Matrix2Xd start_in_box(const BoxModel& model, const Eigen::Matrix2Xd& mean,
                                             const cv::Rect2d& box, double roll = 0);
-// Where the 68 points of 300-W lie in the boxes of the frontal cascade, measured on faces68.
+// The position of the 68 points of 300-W in the boxes of the frontal cascade, measured on faces68.
 [[nodiscard]] BoxModel cascade_box();
-// The box that a detector would have drawn around a shape of this place and size.
+// The box that a detector would give for a shape of this position and size.
 [[nodiscard]] cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points);
 
 struct HogDetector;
 
-// A place where a face may be.
+// A possible face.
 struct Candidate {
-  cv::Rect2d box;    // px, as the frontal cascade, or the trained detector, draws it
-  bool sure = true;  // found by the strict search; else only a fit can tell
+  cv::Rect2d box;    // px, in the form of the frontal cascade or the trained detector
+  bool sure = true;  // detected by the strict search; otherwise the fit decides
   double score = 1;  // of the detector, 0..1
-  // Radians, clockwise in the image, of the face within the box, which is that of the face turned
-  // upright about the box's middle. 0: found upright.
+  // Radians, clockwise in the image: roll of the face in the box. The box is that of the face after
+  // rotating it upright about the box centre. 0: detected upright.
   double roll = 0;
 };
 
-// When faces are looked for in the image turned to the left and to the right, too.
+// When faces are also searched for in the image rotated to the left and to the right.
 enum class RolledSearch {
   kNever,
-  kAuto,    // where no face with a good fit was found upright
+  kAuto,    // if no upright face with a good fit was found
   kAlways,  // in every still image; in videos in each search of the whole image
 };
 [[nodiscard]] std::string_view name_of(RolledSearch search);  // "never", "auto", "always"
-// Throws std::invalid_argument naming the choices.
+// Throws std::invalid_argument that names the choices.
 [[nodiscard]] RolledSearch parse_rolled_search(std::string_view name);
 
-// Radians by which the image is turned to either side. Detectors find faces whose roll differs by
-// some 25 degrees from upright: with this angle up to 65 degrees.
+// Radians by which the image is rotated to each side. Detectors find faces up to about 25 degrees
+// of roll; with this rotation up to 65 degrees.
 inline constexpr double kSearchRoll = 40 * CV_PI / 180;
 
 struct FaceFinderOptions {
-  // Of the cascades; of other detectors only the sizes of faces count.
+  // For the cascades; other detectors use only the face sizes.
   FaceDetectorOptions detector;
-  // Look less strictly, too: below the detector's threshold, or with other cascades (one for
+  // Also search less strictly: below the detector's threshold, or with other cascades (one for
   // profiles) everywhere.
   bool thorough = true;
-  // In place of all others; or null. What it scores 0.6 and more is sure.
+  // Used instead of all others; or null. Faces with a score of 0.6 or more are sure.
   std::shared_ptr<const BoxDetector> own;
-  // What find_faces() and track_faces() do besides find().
+  // What find_faces() and track_faces() do in addition to find().
   RolledSearch rolled = RolledSearch::kAuto;
 };
 
-// Faces of any size in images of any size, by one of four detectors: the networks of
-// detect/face_networks.h with OpenCV's frontal cascade beside them for large faces (a tenth of the
-// image's smaller side and more, searched at 320 px), a detector of one's own (hog_detector.h),
-// a network of one's own (FaceFinderOptions::own), or OpenCV's cascades alone. What the strict and the less strict search see is put together: of
-// boxes that overlap a sure one stays, so that one found face never hides another. Not thread-safe.
+// Detects faces of any size in images of any size, with one of four detectors:
+// - the networks of detect/face_networks.h together with OpenCV's frontal cascade for large faces
+//   (at least a tenth of the image's smaller side, searched at 320 px);
+// - a detector trained by the user (hog_detector.h);
+// - the user's own network (FaceFinderOptions::own);
+// - OpenCV's cascades alone.
+// The results of the strict and the less strict search are merged. Of overlapping boxes a sure one
+// is kept, so that one detected face never hides another. Not thread-safe.
 class FaceFinder {
  public:
-  // The cascades. Throws ModelError where they are missing (Debian: opencv-data).
+  // Uses the cascades. Throws ModelError if they are missing (Debian: opencv-data).
   explicit FaceFinder(const FaceFinderOptions& options = {});
   FaceFinder(const HogDetector& detector, const FaceFinderOptions& options);
-  // `anchors`, which may be null, look beside the networks for large faces in the whole image, at
-  // several sizes; what both see is judged by both.
+  // `anchors`, which may be null, additionally detect large faces in the whole image at several
+  // sizes. Faces that both detect are scored jointly.
   FaceFinder(std::shared_ptr<const FaceNetworks> networks, const FaceFinderOptions& options,
              std::shared_ptr<const AnchorDetector> anchors = nullptr);
   ~FaceFinder();
@@ -105,27 +108,28 @@ class FaceFinder {
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray);
   // Only the strict search.
   [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
-  // In a part of the image. Of the cascades' less strict searches one is made, each in its turn.
-  // cascades = false leaves out those that run beside the networks in a whole image: they take four
-  // times as long as the networks.
+  // Searches a part of the image. Of the cascades' less strict searches, only one is run, in turn.
+  // cascades = false disables the cascades that run together with the networks in a whole image,
+  // which take four times as long as the networks.
   [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile,
                                                bool cascades = true);
-  // Faces rolled to either side that the strict search is sure of: in the image turned by -kSearchRoll and kSearchRoll, the better
-  // of those that overlap, largest first. Middles of boxes are inside the image.
+  // Rolled faces that the strict search is sure of, in the image rotated by -kSearchRoll and
+  // kSearchRoll. Keeps the better of overlapping ones, largest first. Box centres are inside the
+  // image.
   [[nodiscard]] std::vector<Candidate> find_rolled(const cv::Mat& gray);
   // The same in a part of the image, for faces of about this roll, radians within -pi/2 .. pi/2.
-  // The part is searched at a size at which the tile's smallest face is still found.
+  // The part is searched at a resolution at which the tile's smallest face is still detected.
   [[nodiscard]] std::vector<Candidate> find_rolled_in(const cv::Mat& gray, const SearchTile& tile,
                                                       double roll);
   [[nodiscard]] RolledSearch rolled_search() const;
-  // How the search of images of this size is spread over a video. A tile costs about the
-  // same whatever the size is.
+  // How the search of images of this size is spread over the frames of a video. A tile costs about
+  // the same for any image size.
   [[nodiscard]] SearchPlan plan(cv::Size image) const;
-  // What the searches cost so far: pixels of images and their pyramids as they were looked at.
+  // Cost of the searches so far: searched pixels of images and their pyramids.
   [[nodiscard]] std::int64_t pixels() const;
-  // Width of the smallest face that is looked for in such an image, px.
+  // Width of the smallest face that is searched for in an image of this size, px.
   [[nodiscard]] double min_face(cv::Size image) const;
-  // Where shapes lie in the boxes of a trained detector; nothing: as in those of the cascade.
+  // Positions of shapes in the boxes of a trained detector; empty: as for the cascade.
   [[nodiscard]] const std::optional<BoxModel>& box_model() const;
 
  private:

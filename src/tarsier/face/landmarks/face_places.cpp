@@ -12,21 +12,24 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr double kAnchorShare = 0.08;  // of the longer side: smaller faces they often do not see
-// Of all together: from here on a find is sure; below this it is not, whatever the networks say.
+// Share of the longer side; the anchors often miss smaller faces.
+constexpr double kAnchorShare = 0.08;
+// Joint score of all detectors: sure from here on; below the second value not sure, whatever the
+// networks' score.
 constexpr double kJointSure = 0.3;
 constexpr double kJointUnlikely = 0.15;
-constexpr double kWorthALook = 0.02;  // what only the anchors see is no candidate below this
-constexpr double kOneView = 0.3;      // nor what one view alone sees below this
+// A place that only the anchors detect needs at least this score.
+constexpr double kWorthALook = 0.02;
+constexpr double kOneView = 0.3;  // the same for a place that only one view has searched for
 
 double logit(double p) {
   const double inside = std::clamp(p, kAnchorUnseen, 0.999);
   return std::log(inside / (1 - inside));
 }
 
-// How likely a place is a face that the networks or the cascades give `own`, and the views `seen`
-// (0: not seen): a logistic regression over 370 images of faces68, more than half of them disguised,
-// and 235 images without faces.
+// Probability of a face at a place with the score `own` of networks or cascades and the scores
+// `seen` of the views (0: not detected). A logistic regression on 370 images of faces68, more than
+// half of them disguised, and 235 images without faces.
 double joint_score(double own, const AnchorScores& seen) {
   constexpr double kOwn = 0.497;
   constexpr double kAnchored = 3.81;

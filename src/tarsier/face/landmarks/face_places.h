@@ -7,11 +7,11 @@
 #include <cstddef>
 #include <vector>
 
-// What several detectors see at one place, and what it is worth together. Internal to this module.
+// Combines the candidates and scores of several detectors at one place. Internal to this module.
 namespace tarsier::face::landmarks {
 
-// The anchors look at the image in these ways: what they agree on is a face, what only one of them
-// sees rarely is.
+// Views in which the anchors search the image. A place that several views agree on is usually a
+// face; one that only a single view sees rarely is.
 struct AnchorView {
   int side = 0;  // px, see AnchorSearchOptions
   bool mirrored = false;
@@ -19,16 +19,16 @@ struct AnchorView {
 inline constexpr std::array<AnchorView, 4> kAnchorViews{
     {{416, false}, {416, true}, {320, false}, {608, false}}};
 using AnchorScores = std::array<double, kAnchorViews.size()>;
-// Score that a view counts for that does not see a face.
+// Score used for a view that does not detect the face.
 inline constexpr double kAnchorUnseen = 0.05;
 
 struct Scored {
   Candidate candidate;
   double score = 0;
-  int view = -1;  // of the anchors; -1: found by others
+  int view = -1;  // of the anchors; -1: found by other detectors
 };
 
-// Candidates of one place.
+// The combined candidates of one place.
 struct Place {
   Candidate candidate;
   double own = 0;
@@ -36,14 +36,14 @@ struct Place {
   bool only_anchored = true;
 };
 
-// Sure ones first, then the better ones, then the larger; those that overlap an earlier one are of
-// its place.
+// Sorts candidates: sure ones first, then by score, then by size. Candidates that overlap an
+// earlier one are merged into its place.
 [[nodiscard]] std::vector<Place> places_of(std::vector<Scored> all);
 
-// What the anchors make of the places in an image with this longer side, px. Where all views looked,
-// scores are the probability of a face then, and sure is what is likely enough; one view alone only
-// adds candidates. Places go that hardly anything speaks for, and those that only the anchors see
-// between faces.
+// Scores the places by the anchors in an image with this longer side, px. If all views searched,
+// scores become the probability of a face, and probable faces become sure. A single view only adds
+// candidates. Removes places with very low scores, and places that only the anchors see and that
+// overlap a sure face.
 void judge(std::vector<Place>& places, bool all_views, double longer_side);
 
 // Largest first.

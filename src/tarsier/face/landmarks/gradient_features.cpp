@@ -15,7 +15,7 @@ namespace {
 
 constexpr float kClip = 0.25F;
 constexpr int kLargestCell = 41;  // px
-constexpr int kBorder = 2;        // px around what the cells need, for gradients and rounding
+constexpr int kBorder = 2;        // px around the cells, for gradients and rounding
 
 using Number = std::uint16_t;
 
@@ -48,7 +48,7 @@ void project(const cv::Mat& frame, int shift, std::vector<Number>& out) {
   }
 }
 
-// Running sums of `side` (odd) pixels along x, then along y; the border repeats.
+// Running sums of `side` (odd) pixels along x, then along y; the border is replicated.
 void pool(const std::vector<Number>& map, int width, int height, int side,
           FeatureWorkspace& workspace) {
   const int half = side / 2;
@@ -110,7 +110,7 @@ void gradient_features(const cv::Mat& gray, const Eigen::Matrix<double, 2, 3>& u
                        const Eigen::Matrix2Xd& points, const FeatureScale& scale,
                        FeatureWorkspace& workspace, float* out) {
   require_gray(gray);
-  // The points in the frame, and the frame's size: all cells of all points.
+  // The points in the frame, and the frame's size: it contains all cells of all points.
   const Eigen::Matrix2Xd in_units =
       (upright.leftCols<2>() * points).colwise() + Eigen::Vector2d(upright.col(2));
   const double cell_px = scale.cell * scale.px_per_unit;
@@ -118,7 +118,7 @@ void gradient_features(const cv::Mat& gray, const Eigen::Matrix<double, 2, 3>& u
   const Eigen::Vector2d least = in_units.rowwise().minCoeff() * scale.px_per_unit;
   const Eigen::Vector2d most = in_units.rowwise().maxCoeff() * scale.px_per_unit;
   TARSIER_REQUIRE(least.allFinite() && most.allFinite(), "points are not finite");
-  constexpr double kLargest = 1000;  // px; a shape that flew apart is cut off
+  constexpr double kLargest = 1000;  // px; a degenerate shape is cut off
   const Eigen::Vector2d origin = (least.array() - reach).floor();
   const int width =
       static_cast<int>(std::min(kLargest, std::ceil(most.x() + reach - origin.x()) + 1));
@@ -136,7 +136,7 @@ void gradient_features(const cv::Mat& gray, const Eigen::Matrix<double, 2, 3>& u
                  cv::BORDER_REPLICATE);
   const int side =
       std::clamp(2 * static_cast<int>(std::lround(cell_px / 2 - 0.5)) + 1, 1, kLargestCell);
-  // A projection is at most 361; `side` squared of them must have room in 16 bits.
+  // A projection is at most 361; the sum of `side` squared projections must fit into 16 bits.
   int shift = 0;
   while (((361 >> shift) + 1) * side * side > 65535) ++shift;
   project(workspace.frame, shift, workspace.gradients);

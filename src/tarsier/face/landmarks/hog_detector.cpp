@@ -73,7 +73,7 @@ struct HogFinder::Impl {
     filters = scanner.build_fhog_filterbank(weights);
   }
 
-  // Best first. However low the threshold of a model is, the work has an end.
+  // Best first. Bounds the work even if a model's threshold is very low.
   std::vector<std::pair<double, dlib::rectangle>> detect(double below) {
     scanner.load(resized);
     std::vector<std::pair<double, dlib::rectangle>> places;
@@ -153,8 +153,8 @@ cv::Mat draw_hog_detector(const HogDetector& detector, int zoom) {
   TARSIER_REQUIRE(zoom >= 4 && zoom <= 200, "zoom {}", zoom);
   constexpr int kDirections = 9;
   const cv::Size cells = detector.cells();
-  // Of the 31 planes 18 are signed directions, the next 9 unsigned ones; a direction counts with
-  // all that it has.
+  // Of the 31 planes, 18 are signed directions and the next 9 unsigned ones. The weight of a
+  // direction is the sum of its three planes.
   const auto weight = [&](int cell, int direction) {
     return detector.weights(direction, cell) + detector.weights(direction + kDirections, cell) +
            detector.weights(direction + 2 * kDirections, cell);
@@ -172,7 +172,7 @@ cv::Mat draw_hog_detector(const HogDetector& detector, int zoom) {
       for (int d = 0; d < kDirections; ++d) {
         const double value = sign * static_cast<double>(weight(c, d) / most);
         if (value <= 0.02) continue;
-        // An edge runs across its gradient.
+        // An edge is perpendicular to its gradient.
         const double angle = CV_PI * d / kDirections + CV_PI / 2;
         const cv::Point2d reach(0.45 * zoom * std::cos(angle), 0.45 * zoom * std::sin(angle));
         cv::Mat stroke(half, CV_8UC1, cv::Scalar(0));

@@ -18,40 +18,41 @@
 #include <string>
 #include <vector>
 
-// Detectors of faces, or whatever boxes are drawn around, learned from boxes: one linear filter on
-// histograms of oriented gradients, tried at every place and size (Dalal and Triggs, CVPR 2005;
-// features of Felzenszwalb et al., PAMI 2010), trained by a structural SVM over whole images
-// (King, "Max-margin object detection", arXiv:1502.00046; dlib's implementation).
+// Detectors of faces or other annotated objects, trained on boxes: a linear filter on histograms of
+// oriented gradients, applied at every position and size (Dalal and Triggs, CVPR 2005; features of
+// Felzenszwalb et al., PAMI 2010). Trained by a structural SVM over whole images (King, "Max-margin
+// object detection", arXiv:1502.00046; dlib's implementation).
 namespace tarsier::face::landmarks {
 
 inline constexpr int kHogPlanes = 31;
 
 struct HogDetector {
-  int width = 80;  // px, the window: the smallest object it sees
+  int width = 80;  // px, the window: the smallest object that is detected
   int height = 80;
   int cell = 8;             // px of a histogram's cell
   int padding = 1;          // cells around the window
   Eigen::MatrixXf weights;  // kHogPlanes x (rows * columns): the filter of a plane, row by row
-  double threshold = 0;     // of filter . features; above: an object
-  double overlap = 0.3;  // of two detections that overlap more, the weaker goes: intersection over
-                         // union,
-  double covered = 1;    // or share of the smaller that the other covers
-  // Where shapes lie in its boxes (see BoxModel); nothing where it was trained on boxes alone.
+  double threshold = 0;     // minimum of filter . features for a detection
+  // Non-maximum suppression: of two detections with a larger intersection over union, the weaker is
+  // removed,
+  double overlap = 0.3;
+  double covered = 1;  // or if this share of the smaller one is covered by the other
+  // Position of shapes in its boxes (see BoxModel); empty if it was trained on boxes alone.
   std::optional<BoxModel> box;
 
-  // Cells of the filter, padding included.
+  // Cells of the filter, including padding.
   [[nodiscard]] cv::Size cells() const;
   void check() const;
 };
 
 struct HogOptions {
   int window = 80;        // px, square root of the window's area
-  double c = 5;           // weight of the losses against that of a large margin
-  double epsilon = 0.02;  // stop when the risk is this near its least value
-  int rounds = 500;       // at most, of the optimisation
-  bool mirror = true;     // learn from mirrored images too
-  int upsample = 0;       // times that an image with a small object is doubled
-  int largest = 640;      // px, longer images are reduced
+  double c = 5;           // weight of the losses relative to that of a large margin
+  double epsilon = 0.02;  // stop when the risk is within this distance of its minimum
+  int rounds = 500;       // max number, of the optimisation
+  bool mirror = true;     // also train on mirrored images
+  int upsample = 0;       // number of doublings of an image with a small object
+  int largest = 640;      // px; longer images are reduced
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -70,18 +71,18 @@ struct HogOptions {
 struct HogTraining {
   HogDetector detector;
   int images = 0;   // without mirrored ones
-  int boxes = 0;    // learned from
-  int ignored = 0;  // too small, cut off by the edge, of another form
-  int found = 0;    // of the boxes, by the detector itself
+  int boxes = 0;    // used for training
+  int ignored = 0;  // too small, cut off by the border, or with another aspect ratio
+  int found = 0;    // of the boxes, by the trained detector
   int rounds = 0;
   std::vector<std::string> skipped;  // "path: reason"
 };
 
-// Each image is brought to a size where its smallest object is 1 to 1.5 times the window (at
-// random, from the seed): the filter sees all positions between two levels of its pyramid. The
-// window has the median form of the boxes. Memory: about 5 kB for 1000 px of the images as
-// they are used. The same result for any number of threads. Throws InputError(set_path) where no
-// box is left, Interrupted.
+// Each image is scaled so that its smallest object is 1 to 1.5 times the window (random, by the
+// seed), so that the filter is trained for all sizes between two pyramid levels. The window has the
+// median aspect ratio of the boxes. Memory: about 5 kB per 1000 px of the scaled images. The result
+// does not depend on the number of threads. Throws InputError(set_path) if no box is usable,
+// Interrupted.
 [[nodiscard]] HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
                                              const std::string& set_path, const HogOptions& options,
                                              Progress& progress, const std::stop_token& stop);
@@ -91,7 +92,7 @@ struct ScoredBox {
   double score = 0;  // above the threshold
 };
 
-// A detector ready for use. Not thread-safe.
+// A detector that is ready for use. Not thread-safe.
 class HogFinder {
  public:
   explicit HogFinder(const HogDetector& detector);
@@ -100,7 +101,8 @@ class HogFinder {
   HogFinder& operator=(HogFinder&&) noexcept;
   [[nodiscard]] const HogDetector& detector() const;
   // Objects of at least `least` px (square root of the area) in `gray` (CV_8UC1), best first. The
-  // image is enlarged at most four times and to 2 MP. `below`: so far under the threshold, too.
+  // image is enlarged at most four times and to 2 MP. `below`: also returns detections that are
+  // below the threshold by up to this value.
   [[nodiscard]] std::vector<ScoredBox> find(const cv::Mat& gray, double least, double below = 0);
 
  private:
@@ -108,13 +110,13 @@ class HogFinder {
   std::unique_ptr<Impl> impl_;
 };
 
-// Files of type "face-detector". read throws ModelError naming path and reason.
+// Files of type "face-detector". read throws ModelError that names path and reason.
 void write_hog_detector(const std::string& path, const HogDetector& detector,
                         const nlohmann::json& provenance);
 [[nodiscard]] HogDetector read_hog_detector(const std::string& path);
 
-// The filter as oriented strokes, bright where an edge of that direction speaks for the object, and
-// beside it those that speak against (CV_8UC3, `zoom` px a cell).
+// The filter as oriented strokes: on the left, edge directions with positive weights are bright; on
+// the right, those with negative weights (CV_8UC3, `zoom` px per cell).
 [[nodiscard]] cv::Mat draw_hog_detector(const HogDetector& detector, int zoom);
 
 }  // namespace tarsier::face::landmarks

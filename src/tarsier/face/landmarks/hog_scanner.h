@@ -10,13 +10,13 @@
 #include <dlib/opencv/cv_image.h>
 #include <stop_token>
 
-// dlib, for the .cpp files of this module only.
+// Access to dlib for the .cpp files of this module only.
 namespace tarsier::face::landmarks::inner {
 
 using HogPyramid = dlib::pyramid_down<6>;
 using HogScannerBase = dlib::scan_fhog_pyramid<HogPyramid>;
 
-// dlib's scanner, reading images of OpenCV. A stopped one loads no more.
+// dlib's scanner for images of OpenCV. After a stop request it loads no more images.
 class HogScanner : public HogScannerBase {
  public:
   void load(const cv::Mat& gray) {

@@ -22,19 +22,19 @@ namespace {
 
 using inner::HogScanner;
 
-constexpr double kLargestStart = 1.5;    // windows, of the smallest object
-constexpr double kSmallest = 0.85;       // of the window: what is smaller cannot be found
-constexpr double kInside = 0.6;          // of a box must lie in its image
-constexpr double kDouble = 0.5;          // overlap of two boxes that mean the same object
-constexpr double kMatch = 0.5;           // overlap of a box with the best place of the window
-constexpr std::size_t kMaxForBox = 400;  // images by which the boxes' relation to shapes is known
+constexpr double kLargestStart = 1.5;    // windows; max size of the smallest object
+constexpr double kSmallest = 0.85;       // of the window; smaller objects cannot be detected
+constexpr double kInside = 0.6;          // min share of a box inside its image
+constexpr double kDouble = 0.5;          // overlap of two boxes that are the same object
+constexpr double kMatch = 0.5;           // overlap of a box with the best position of the window
+constexpr std::size_t kMaxForBox = 400;  // max number of images for the relation of boxes to shapes
 
-// An image as the training sees it.
+// A training image.
 struct Image {
   cv::Mat gray;
   std::vector<cv::Rect2d> boxes;
   std::vector<cv::Rect2d> ignored;
-  std::vector<Eigen::Matrix2Xd> shapes;  // of the boxes, or empty
+  std::vector<Eigen::Matrix2Xd> shapes;  // one per box, or empty
 };
 
 double median_form(const std::vector<shape::BoxedImage>& images) {
@@ -54,7 +54,7 @@ cv::Rect2d scaled(const cv::Rect2d& box, double sx, double sy) {
   return {box.x * sx, box.y * sy, box.width * sx, box.height * sy};
 }
 
-// The size at which an image is learned from.
+// The scale at which an image is used for training.
 double scale_of(const shape::BoxedImage& image, const cv::Mat& gray, const HogOptions& options,
                 Rng& rng) {
   const double longest = std::max(gray.cols, gray.rows);
@@ -64,7 +64,8 @@ double scale_of(const shape::BoxedImage& image, const cv::Mat& gray, const HogOp
     const double side = std::sqrt(std::max(0.0, box.area()));
     if (side > 0 && (smallest == 0 || side < smallest)) smallest = side;
   }
-  const double wished = rng.uniform(1.02, kLargestStart);  // always one draw an image
+  // One random number per image in any case.
+  const double wished = rng.uniform(1.02, kLargestStart);
   if (smallest == 0) return std::min(1.0, most);
   return std::min(most, options.window * wished / smallest);
 }
@@ -118,8 +119,8 @@ Image mirrored(const Image& image) {
 using Objects = std::vector<std::vector<dlib::full_object_detection>>;
 using Ignored = std::vector<std::vector<dlib::rectangle>>;
 
-// dlib's problem, but summed in an order that does not depend on the number of threads, and able to
-// stop between two images.
+// dlib's problem, but with a summation order that does not depend on the number of threads, and
+// with a stop check between images.
 class Problem final
     : public dlib::structural_svm_object_detection_problem<HogScanner, std::vector<cv::Mat>> {
  public:
@@ -178,7 +179,7 @@ void take_weights(const dlib::matrix<double, 0, 1>& weights, HogDetector& detect
   detector.threshold = weights(at);
 }
 
-// What the trained detector sees of its own images; and where shapes lie in its boxes.
+// Applies the detector to its training images, and measures the positions of shapes in its boxes.
 void look_back(const std::vector<Image>& images, HogTraining& result, Progress& progress,
                const std::stop_token& stop) {
   HogFinder finder(result.detector);
@@ -207,7 +208,7 @@ void look_back(const std::vector<Image>& images, HogTraining& result, Progress& 
     }
   }
   progress.end();
-  // Of those looked at; as if of all.
+  // Extrapolated from the tried boxes to all.
   if (tried > 0) {
     result.found =
         static_cast<int>(std::lround(static_cast<double>(result.found) * result.boxes / tried));

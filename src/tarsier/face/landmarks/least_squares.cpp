@@ -15,8 +15,8 @@ namespace tarsier::face::landmarks {
 Eigen::MatrixXf cross_products(const Rows& left, const Rows& right, int begin, int end) {
   TARSIER_REQUIRE(left.rows() == right.rows() && begin >= 0 && begin <= end && end <= left.rows(),
                   "{} and {} rows, {}..{}", left.rows(), right.rows(), begin, end);
-  constexpr int kBlock = 256;  // rows summed in single precision before they are added up
-  constexpr int kLeft = 192;   // columns of `left` at a time: their rows stay in the cache
+  constexpr int kBlock = 256;  // rows summed in single precision before accumulation
+  constexpr int kLeft = 192;   // columns of `left` at a time, whose rows fit into the cache
   const bool is_same = &left == &right;
   const int panels = (right.columns + linalg::kPanel - 1) / linalg::kPanel;
   Eigen::MatrixXf result = Eigen::MatrixXf::Zero(left.columns, right.columns);
@@ -35,7 +35,7 @@ Eigen::MatrixXf cross_products(const Rows& left, const Rows& right, int begin, i
           std::copy(from, from + width, to);
           std::fill(to + width, to + linalg::kPanel, 0.F);
         }
-        // Of a symmetric product only what lies left of and in the panel is needed.
+        // A symmetric product needs only the columns up to the end of the panel.
         const int last = is_same ? std::min(left.columns, first + linalg::kPanel) : left.columns;
         for (int column = 0; column < last; column += kLeft) {
           const int count = std::min(kLeft, last - column);

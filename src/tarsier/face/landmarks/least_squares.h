@@ -8,7 +8,7 @@
 
 namespace tarsier::face::landmarks {
 
-// Dense rows of single precision, one after the other.
+// Contiguous rows of single-precision numbers.
 struct Rows {
   int columns = 0;
   std::vector<float> values;
@@ -23,12 +23,12 @@ struct Rows {
   }
 };
 
-// left^T right over rows [begin, end): left.columns x right.columns. Sums in an order that does not
-// depend on the number of threads. Uses OpenCV's threads.
+// left^T right over rows [begin, end): left.columns x right.columns. The order of summation does
+// not depend on the number of threads. Uses OpenCV's threads.
 [[nodiscard]] Eigen::MatrixXf cross_products(const Rows& left, const Rows& right, int begin,
                                              int end);
 
-// W (D x k) that minimises |X W - Y|^2 + lambda |W|^2 given X^T X (destroyed) and X^T Y; the last
+// W (D x k) that minimises |X W - Y|^2 + lambda |W|^2 given X^T X (overwritten) and X^T Y. The last
 // row of W, of the constant feature, is not penalised.
 [[nodiscard]] Eigen::MatrixXf ridge(Eigen::MatrixXf squares, const Eigen::MatrixXf& products,
                                     float lambda);

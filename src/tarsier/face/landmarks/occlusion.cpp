@@ -13,7 +13,7 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr int kShift = 4;  // of fixed-point coordinates of cv::fillPoly
+constexpr int kShift = 4;  // fractional bits of the coordinates of cv::fillPoly
 
 void fill(cv::Mat& mask, const std::vector<Eigen::Vector2d>& outline) {
   std::vector<cv::Point> corners;
@@ -23,11 +23,11 @@ void fill(cv::Mat& mask, const std::vector<Eigen::Vector2d>& outline) {
                kShift);
 }
 
-// What is hidden, 0..255, around `center`; `reach` px is half its size.
+// Mask of the occlusion, 0..255, around `center`; `reach` px is half its size.
 cv::Mat draw_mask(cv::Size size, const Eigen::Vector2d& center, double reach, Rng& rng) {
   cv::Mat mask(size, CV_8UC1, cv::Scalar(0));
   const double turn = rng.uniform(0, 2 * CV_PI);
-  const double narrow = rng.uniform(0.35, 1.0);  // short side over long side
+  const double narrow = rng.uniform(0.35, 1.0);  // short side / long side
   const Eigen::Vector2d along(std::cos(turn), std::sin(turn));
   const Eigen::Vector2d across(-along.y(), along.x());
   const auto at = [&](double x, double y) -> Eigen::Vector2d {
@@ -75,7 +75,7 @@ cv::Mat draw_surface(cv::Size size, const cv::Mat& texture, Rng& rng) {
   }
   const double noise = kind == 3 ? rng.uniform(5, 40) : rng.uniform(0, 4);
   if (noise > 0.5) {
-    // The sum of two even numbers is near enough to normal, and quick.
+    // The sum of two uniform numbers is close enough to normal, and fast.
     const double reach = noise * std::sqrt(1.5);
     cv::Mat grain(size, CV_32FC1);
     for (int y = 0; y < size.height; ++y)
@@ -117,7 +117,7 @@ std::vector<bool> draw_occlusion(cv::Mat& gray, const Eigen::Matrix2Xd& points,
         hidden[static_cast<std::size_t>(p)] = is_hidden;
         count += is_hidden ? 1 : 0;
       }
-      // A face that is nearly all hidden teaches nothing.
+      // Skip occlusions that hide nearly the whole face.
       if (count == 0 || count > 0.7 * static_cast<double>(points.cols())) continue;
       cv::GaussianBlur(mask, mask, {}, rng.uniform(0.3, 1.5));
       const cv::Rect part = cv::boundingRect(mask);

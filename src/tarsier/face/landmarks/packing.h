@@ -9,16 +9,16 @@
 #include <string>
 #include <string_view>
 
-// What the parts of a landmark model have in common in its file.
+// File formats shared by the parts of a landmark model.
 namespace tarsier::face::landmarks {
 
 // "mean": 2 x n in single precision, size 1.
 void list_mean(linalg::ModelFields& file, Eigen::Matrix2Xd& mean);
 
-// 16 bits a number: each row times its own step. Half the size; an error of 1/65000 of a row's
+// 16 bits per number, with one step per row. Half the size, with an error of 1/65000 of a row's
 // largest number.
 [[nodiscard]] nlohmann::json packed_short(const Eigen::MatrixXf& matrix);
-// -1: any number of columns. Throws ModelError(path) naming `what`.
+// -1: any number of columns. Throws ModelError(path) that names `what`.
 [[nodiscard]] Eigen::MatrixXf unpacked_short(const nlohmann::json& value, const std::string& path,
                                              std::string_view what, Eigen::Index rows,
                                              Eigen::Index columns);

@@ -21,17 +21,17 @@ namespace tarsier::face::landmarks {
 namespace {
 
 constexpr int kLargestSide = 51;  // as in PatchOptions::fields()
-// Share of the first step that the last one is.
+// Last step, relative to the first one.
 constexpr double kLastStep = 1e-3;
 
 using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// A face that windows can be cut from.
+// A face from which windows are cut.
 struct Source {
   detail::Reduced image;
   Eigen::Matrix2Xd points;  // px of image.gray
-  double a = 1;             // from the patches' frame to px of image.gray: steps along x ..
-  double b = 0;             // .. turn by this
+  double a = 1;             // from the patches' frame to px of image.gray: scale and rotation ..
+  double b = 0;             // .. as a complex number a + i b
 };
 
 Source source_of(const TrainingFace& face, const Eigen::Matrix2Xd& reference, double reach) {
@@ -55,7 +55,8 @@ Source source_of(const TrainingFace& face, const Eigen::Matrix2Xd& reference, do
   return source;
 }
 
-// log(1 + gray) of the side x side window of the patches' frame whose middle is exactly the point.
+// log(1 + gray) of the side x side window of the patches' frame that is centred exactly on the
+// point.
 void cut_window(const Source& source, Eigen::Index point, int side, float* out) {
   const cv::Mat& gray = source.image.gray;
   const double last_x = gray.cols - 1;
@@ -81,7 +82,7 @@ void cut_window(const Source& source, Eigen::Index point, int side, float* out) 
   }
 }
 
-// One row for each place of a patch in the window: mean 0, norm 1 (0 where it is flat).
+// One row per position of a patch in the window: mean 0, norm 1 (0 if flat).
 void normalised_patches(const float* window, int side, int patch, Rows& rows) {
   const int places = side - patch + 1;
   Eigen::Index row = 0;
@@ -98,7 +99,7 @@ void normalised_patches(const float* window, int side, int patch, Rows& rows) {
   }
 }
 
-// Everything that one point is trained with.
+// The training data of one point.
 struct Trainer {
   const std::vector<Source>& sources;
   const PatchOptions& options;
@@ -123,8 +124,8 @@ Eigen::VectorXd Trainer::stochastic(Eigen::Index point) const {
   std::vector<float> cut(static_cast<std::size_t>(window()) * static_cast<std::size_t>(window()));
   Rows rows(places(), taps());
   Eigen::VectorXf patch = Eigen::VectorXf::Zero(taps());
-  // No eigenvalue of the rows' squares is above their number (rows have norm 1), so that steps up
-  // to 1 / places never diverge.
+  // Rows have norm 1, so no eigenvalue of their squares exceeds the number of rows. Steps up to 1 /
+  // places therefore cannot diverge.
   double step = options.first_step / static_cast<double>(places());
   const double weight =
       options.lambda * static_cast<double>(places()) / static_cast<double>(taps());
@@ -151,7 +152,7 @@ Eigen::VectorXd Trainer::ridge(Eigen::Index point) const {
     if (stop.stop_requested()) return right;
     cut_window(source, point, window(), cut.data());
     normalised_patches(cut.data(), window(), options.patch, rows);
-    // Floats are enough for one face, not for the sum of thousands.
+    // Single precision is enough for one face, but not for the sum of thousands.
     part.setZero();
     part.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
     normal.triangularView<Eigen::Lower>() += part.cast<double>();
@@ -175,7 +176,7 @@ Eigen::VectorXd Trainer::average(Eigen::Index point) const {
   return sum;
 }
 
-// The wished response: a Gaussian around the middle.
+// The desired response: a Gaussian around the middle.
 Eigen::VectorXf wished_response(const PatchOptions& options) {
   const int half = options.search / 2;
   Eigen::VectorXf wished(static_cast<Eigen::Index>(options.search) * options.search);
@@ -186,7 +187,7 @@ Eigen::VectorXf wished_response(const PatchOptions& options) {
   return wished;
 }
 
-// Mean 0, norm 1; a patch that learned nothing (flat images) stays 0 and never answers.
+// Mean 0, norm 1. A patch without training signal (flat images) stays 0 and gives no response.
 cv::Mat finished(Eigen::VectorXd patch, int side) {
   patch.array() -= patch.mean();
   const double norm = patch.norm();
@@ -197,8 +198,8 @@ cv::Mat finished(Eigen::VectorXd patch, int side) {
   return out;
 }
 
-// Runs `work(index)` for 0..count-1 on all threads; leaves out what is left once `stop` fires or
-// one of them throws, and throws that afterwards.
+// Runs `work(index)` for 0..count-1 on all threads. After a stop request or an exception, skips the
+// rest and then throws.
 template <typename Work>
 void in_parallel(int count, const std::stop_token& stop, const Work& work) {
   std::atomic<bool> failed = false;

@@ -17,10 +17,10 @@ namespace detail {
 
 namespace {
 
-// Below this variance of log(1 + gray) a window is flat: what is left is rounding.
+// Below this variance of log(1 + gray) a window is flat: only rounding errors remain.
 constexpr double kFlat = 1e-6;
 
-// kOverread results at once, so that they stay in registers over all taps.
+// Computes kOverread results at once, so that they stay in registers over all taps.
 void correlate_block(const float* in, std::size_t stride, const float* patch, int side,
                      float* out) {
   float sums[kOverread] = {};
@@ -68,7 +68,7 @@ void inverse_norms(const cv::Mat& logs, int spare, int side, cv::Mat& scratch, c
   const int rows = logs.rows - side + 1;
   const int cols = width - side + 1;
   out.create(rows, cols, CV_32FC1);
-  // Sums of each column over `side` rows, and of their squares, run down the image.
+  // Running sums of each column over `side` rows, and of the squares.
   scratch.create(2, width, CV_64FC1);
   scratch.setTo(0);
   auto* sums = scratch.ptr<double>(0);
@@ -122,13 +122,13 @@ namespace {
 
 using detail::kOverread;
 
-// Shape and place in the patches' frame: x = T(mean + modes b), T = (a, b, tx, ty).
+// Shape parameters and pose in the patches' frame: x = T(mean + modes b), T = (a, b, tx, ty).
 struct Pose {
   shape::Similarity2d frame_from_model;
   Eigen::VectorXd b;
 };
 
-// One regularised Gauss-Newton step after the other towards weighted targets.
+// Regularised Gauss-Newton steps towards weighted targets.
 class ShapeSolver {
  public:
   ShapeSolver(const shape::ShapeModel& shape, double noise, double sigmas)
@@ -197,17 +197,17 @@ class ShapeSolver {
   Eigen::VectorXd right_;
 };
 
-// The patches' frame with the image in it.
+// The image in the patches' frame.
 struct Frame {
   cv::Size size;
   Eigen::Vector2d centre;
 };
 
-// The responses of all points: `side` rows of each, one point below the other.
+// The responses of all points: `side` rows per point, one point below the other.
 struct Responses {
   int side = 0;
   cv::Mat values;           // CV_32FC1, n * side x side + kOverread
-  Eigen::Matrix2Xd corner;  // where the first response of each lies in the frame
+  Eigen::Matrix2Xd corner;  // position of each point's first response in the frame
   [[nodiscard]] const float* row(Eigen::Index point, int y) const {
     return values.ptr<float>(static_cast<int>(point) * side + y);
   }
@@ -231,7 +231,7 @@ void warp(const detail::Reduced& image, const shape::Similarity2d& image_from_fr
   }
 }
 
-// Responses in windows around the (rounded) points.
+// Computes responses in windows around the (rounded) points.
 void respond(const PatchModels& model, const Eigen::Matrix2Xd& points, PatchWorkspace& workspace,
              Responses& out) {
   const int side = model.side();
@@ -263,7 +263,7 @@ void respond(const PatchModels& model, const Eigen::Matrix2Xd& points, PatchWork
   }
 }
 
-// The highest response of a point, in px of the frame, and how high it is.
+// The position of a point's highest response, px of the frame; returns the response.
 double find_peak(const Responses& responses, Eigen::Index point, Eigen::Vector2d& at) {
   const int side = responses.side;
   float best = -2;
@@ -288,7 +288,7 @@ double find_peak(const Responses& responses, Eigen::Index point, Eigen::Vector2d
   return middle;
 }
 
-// The response at a place of the frame, between neighbours.
+// The response at a position in the frame, interpolated.
 double response_at(const Responses& responses, Eigen::Index point, const Eigen::Vector2d& at) {
   const double last = responses.side - 1;
   const double x = std::clamp(at.x() - responses.corner(0, point), 0.0, last);
@@ -305,7 +305,7 @@ double response_at(const Responses& responses, Eigen::Index point, const Eigen::
   return (1 - fy) * mix(upper[0], upper[1], fx) + fy * mix(lower[0], lower[1], fx);
 }
 
-// Turns responses into chances (up to a factor), each point for itself.
+// Converts responses to probabilities (up to a factor), separately for each point.
 void to_chances(const Responses& responses, int points, double sharpness, Responses& out) {
   out.side = responses.side;
   out.corner = responses.corner;
@@ -317,13 +317,13 @@ void to_chances(const Responses& responses, int points, double sharpness, Respon
   }
 }
 
-// Mean of the window under the chances and a Gaussian of that variance around `at`.
+// Mean of the window, weighted by the probabilities and a Gaussian with that variance around `at`.
 Eigen::Vector2d shifted_mean(const Responses& chances, Eigen::Index point,
                              const Eigen::Vector2d& at, double variance,
                              std::vector<float>& kernel) {
   const int side = chances.side;
   const Eigen::Vector2d local = at - chances.corner.col(point);
-  // Outside the window all weights could vanish: the nearest place of the window counts.
+  // Outside the window all weights could vanish, so the nearest position in the window is used.
   const Eigen::Vector2d around = local.cwiseMax(0.0).cwiseMin(side - 1.0);
   kernel.resize(static_cast<std::size_t>(2 * side));
   for (int k = 0; k < side; ++k) {
@@ -354,11 +354,11 @@ Eigen::Vector2d shifted_mean(const Responses& chances, Eigen::Index point,
   return chances.corner.col(point) + Eigen::Vector2d(sum_x / total, sum_y / total);
 }
 
-// Distances below this share of the window are no disagreement: the points may still be on their
-// way, a mouth that opens before all others.
+// Distances below this share of the window do not count as disagreement: the points may still be
+// converging, such as those of an opening mouth.
 constexpr double kAgreement = 0.1;
 
-// Geman and McClure's weight, the scale from the median distance, `least` at least.
+// Geman and McClure's weight, with a scale from the median distance, at least `least`.
 void weigh(const Eigen::Matrix2Xd& targets, const Eigen::Matrix2Xd& points, double least,
            std::vector<double>& scratch, Eigen::VectorXd& weights) {
   const Eigen::VectorXd squares = (targets - points).colwise().squaredNorm();
@@ -436,7 +436,7 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
   if (workspace.buffers.size() < 4) workspace.buffers.resize(4);
   image.gray = workspace.buffers[3];
   {
-    // Room for what the levels change in scale, turn and place.
+    // Margin for changes of scale, rotation and position over the levels.
     Eigen::Matrix2Xd corners(2, 4);
     const double w = size.width;
     const double h = size.height;
@@ -494,7 +494,7 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
         }
       }
       weights = heights;
-      // The first step knows no shape yet that points could disagree with.
+      // In the first step there is no fitted shape that points could disagree with.
       if (options.robust && (shifting || iteration > 0))
         weigh(targets, points, kAgreement * responses.side, scratch, weights);
       solver.step(targets, weights / std::max(weights.mean(), 1e-9), pose);
@@ -504,7 +504,7 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
       if (most <= still) break;
     }
     image_from_model = image_from_frame * pose.frame_from_model;
-    if (!(image_from_model.scale() > 1e-6)) break;  // nothing left to fit on
+    if (!(image_from_model.scale() > 1e-6)) break;  // degenerate shape
   }
   workspace.buffers[2] = responses.values;
   workspace.buffers[4] = chances.values;

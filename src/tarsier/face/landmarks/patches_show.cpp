@@ -20,7 +20,7 @@ const cv::Scalar kLine(110, 90, 70);
 const cv::Scalar kAccent(60, 200, 255);
 constexpr int kShortestCell = 48;  // px
 
-// Values -most..most as black..white.
+// Maps values -most..most to black..white.
 cv::Mat as_gray(const cv::Mat& values, double most) {
   cv::Mat gray;
   values.convertTo(gray, CV_8UC1, most > 0 ? 127.0 / most : 0, 128);
@@ -75,7 +75,7 @@ cv::Mat draw_patches(const PatchModels& model, const shape::ShapeModel& shape, i
                     static_cast<int>(std::lround(at.y - side / 2.0)), side, side);
   };
 
-  // Where patches lie on each other their mean shows.
+  // Overlapping patches are averaged.
   cv::Mat sum(size, CV_32FC1, cv::Scalar(0));
   cv::Mat count(size, CV_32FC1, cv::Scalar(0));
   for (int i = 0; i < n; ++i) {
@@ -194,7 +194,7 @@ cv::Mat draw_response(const PointResponse& response, int side) {
                               best > least ? -255 * least / (best - least) : 0);
   cv::applyColorMap(enlarged(levels, zoom), shown, cv::COLORMAP_VIRIDIS);
   shown.copyTo(canvas(right));
-  // The point itself is the middle of both; the disk is the peak.
+  // The point is the centre of both images; the disk marks the peak.
   const auto centre = [&](const cv::Rect& box, double x, double y) {
     return cv::Point2d(box.x + (x + 0.5) * zoom - 0.5, box.y + (y + 0.5) * zoom - 0.5);
   };
@@ -211,7 +211,7 @@ cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
                        const Eigen::Matrix2Xd& points, int search) {
   const std::vector<PointResponse> responses = point_responses(model, gray, points, search);
   const int n = model.points();
-  // A cell: the image under the window, and the response beside it.
+  // A cell: the image under the window on the left, the response on the right.
   const int side = search * std::max(1, (kShortestCell + search - 1) / search);
   const int gap = 4;
   const int label = 14;

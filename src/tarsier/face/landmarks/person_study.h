@@ -12,14 +12,14 @@
 
 namespace tarsier::face::landmarks {
 
-// Is a model of one person better than one of many? For each person with 4 images at least, the
-// second half of the images is fitted by two supervised descents: one learned from all other
-// people (generic), one from the first half of the person's own (specific). Both begin at the mean
-// shape, scattered as a detector scatters (5 starts an image).
+// Compares a person-specific model with a generic one. For each person with at least 4 images, the
+// second half of the images is fitted by two supervised descents. One is trained on all other
+// people (generic), one on the first half of the person's own images (specific). Both start at the
+// mean shape, scattered like a detector's boxes (5 starts per image).
 struct PersonStudy {
   struct Row {
     std::string person;
-    int trained = 0;  // own images
+    int trained = 0;  // the person's own images
     int tested = 0;
     double generic = 0;  // NME, %
     double specific = 0;
@@ -29,7 +29,7 @@ struct PersonStudy {
   double specific = 0;
 };
 
-// Image paths of the set must open from the current folder. Throws InputError where no person has
+// Image paths of the set are relative to the current folder. Throws InputError if no person has
 // enough images; Interrupted.
 [[nodiscard]] PersonStudy study_persons(const shape::LandmarkSet& set,
                                         const std::array<int, 2>& eyes, std::uint64_t seed,

@@ -22,7 +22,8 @@ float worth(double error) {
   return static_cast<float>(std::clamp((kBad - error) / (kBad - kGood), 0.0, 1.0));
 }
 
-// Not finer than the frame needs; a shape that is nowhere near a face is looked at where it is.
+// Not at a finer resolution than the frame needs. Shapes far from a face are evaluated where they
+// are.
 void features_at(const Quality& model, const cv::Mat& gray, const Eigen::Matrix2Xd& points,
                  DescentWorkspace& workspace, float* out) {
   const Reduced reduced = reduce_around(gray, points, model.stage.scale.px_per_unit);
@@ -54,8 +55,8 @@ Quality train_quality(const std::vector<TrainingFace>& faces, const std::vector<
 
   const int n = static_cast<int>(model.mean.cols());
   const int seen = static_cast<int>(fits.size());
-  // A covered lens or a wall shows nothing at all, which no face's surroundings teach: one more
-  // row, which counts as half of all others.
+  // An additional training row for a uniform image (covered lens, wall), which no face's
+  // surroundings represent. It has half the weight of all others.
   const int count = seen + 1;
   const float weight = std::sqrt(0.5F * static_cast<float>(seen));
   Rows features;

@@ -16,9 +16,8 @@
 
 namespace tarsier::face::landmarks {
 
-// How well points fit an image, learned: a linear regression from the descriptors at the points to
-// what the fit was worth in training, 1 for an error of 2 % of the shape's size or less, 0 from 20
-// % on.
+// Learned quality of a fit: a linear regression from the descriptors at the points. The target in
+// training is 1 for an error of at most 2 % of the shape's size, and 0 from 20 % on.
 struct Quality {
   Eigen::Matrix2Xd mean;
   Descent::Stage stage;  // its weights are 1 x (n d)
@@ -26,8 +25,8 @@ struct Quality {
 
 struct QualityOptions {
   FeatureScale scale{30, 0.22};
-  int components = 16;  // numbers kept of a descriptor
-  double ridge = 0.3;   // share of the mean squared feature times the samples
+  int components = 16;  // components of a descriptor
+  double ridge = 0.3;   // relative to the mean squared feature times the samples
 
   [[nodiscard]] OptionFields fields() {
     return {{"components", components, range(1, kDescriptor)}, {"ridge", ridge, above(0)}};
@@ -38,7 +37,7 @@ struct QualityOptions {
   }
 };
 
-// A fit whose error is known.
+// A fit with known error.
 struct RatedFit {
   int face = 0;
   Eigen::Matrix2Xd points;  // px of the face's image

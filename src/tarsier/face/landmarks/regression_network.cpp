@@ -12,7 +12,7 @@ void RegressionNetwork::check() const {
   const linalg::Shape out = network.output({1, kNetworkSide, kNetworkSide});
   TARSIER_REQUIRE((out == linalg::Shape{2 * points(), 1, 1}),
                   "the network gives {} numbers for {} points", out.size(), points());
-  // What adapt_network() moves.
+  // The last layer, which adapt_network() changes.
   const linalg::Layer& last = network.layers.back();
   TARSIER_REQUIRE(network.layers.size() >= 2 && last.kind == linalg::Layer::Kind::kConvolution &&
                       last.kernel_x == 1 && last.kernel_y == 1 && !last.relu,

@@ -16,15 +16,17 @@
 #include <string>
 #include <vector>
 
-// Direct regression of all points by a convolutional network (as in Sun and others, "Deep convolutional network
-// cascade for facial point detection", CVPR 2013): one look at the whole face, where trees and descent look at
-// pixels near the points. It errs in other ways, so that the mean of all is better than each.
+// Direct regression of all points by a convolutional network (as in Sun and others, "Deep
+// convolutional network cascade for facial point detection", CVPR 2013). It sees the whole face at
+// once, while trees and descent use pixels near the points. Its errors are different, so that the
+// mean of all methods is better than each.
 namespace tarsier::face::landmarks {
 
-// The network sees the face in the frame of a start (face_input.h, kNetworkSide, kNetworkScale) and gives 2 n numbers
-// d, x of all points, then y:
+// The network sees the face in the frame of a start (face_input.h, kNetworkSide, kNetworkScale).
+// Its output is 2 n numbers d, x of all points, then y:
 //   x = S(mean + d)
-// with S the similarity that takes the mean shape to the start. Only the start's place, size and angle matter.
+// where S is the similarity from the mean shape to the start. Only the start's position, size and
+// angle matter.
 struct RegressionNetwork {
   Eigen::Matrix2Xd mean;  // 2 x n: centred, size 1
   linalg::Network network;
@@ -32,11 +34,11 @@ struct RegressionNetwork {
   void check() const;  // throws std::invalid_argument
 };
 inline constexpr int kNetworkSide = 96;      // px
-inline constexpr double kNetworkScale = 20;  // px to the mean shape's size
+inline constexpr double kNetworkScale = 20;  // px per unit of the mean shape's size
 
 struct RegressionNetworkOptions {
-  int steps = 8000;       // of 32 faces
-  double occluded = 0.3;  // share of the faces with something drawn before them
+  int steps = 8000;       // with 32 faces each
+  double occluded = 0.3;  // share of the faces with a synthetic occlusion
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -47,22 +49,23 @@ struct RegressionNetworkOptions {
   void check() const { check_fields(*this); }
 };
 
-// The loss is the mean distance of a point from its place. Faces are moved, turned and scaled at random, get other
-// light and sharpness, and in part something drawn before them (occlusion.h). The same for any number of
-// threads. Throws Interrupted; std::invalid_argument for less than two faces or faces of other points.
+// The loss is the mean distance of a point from its true position. Training faces are randomly
+// shifted, rotated and scaled, changed in light and sharpness, and partly occluded (occlusion.h).
+// The result does not depend on the number of threads. Throws Interrupted; std::invalid_argument
+// for fewer than two faces or faces with different numbers of points.
 [[nodiscard]] RegressionNetwork train_regression_network(const std::vector<TrainingFace>& faces,
                                                          const RegressionNetworkOptions& options,
                                                          Progress& progress,
                                                          const std::stop_token& stop);
 
-// Buffers. One for each thread.
+// Buffers. One per thread.
 struct RegressionNetworkWorkspace {
   linalg::Workspace network;
   FaceInput face;
 };
 
-// From a start, 2 x n, px of `gray` (CV_8UC1). Throws std::invalid_argument for another number of points, or points
-// without extent.
+// The fit from a start, 2 x n, px of `gray` (CV_8UC1). Throws std::invalid_argument for another
+// number of points, or points without extent.
 [[nodiscard]] Eigen::Matrix2Xd fit_network(const RegressionNetwork& model, const cv::Mat& gray,
                                            const Eigen::Matrix2Xd& start,
                                            RegressionNetworkWorkspace& workspace);

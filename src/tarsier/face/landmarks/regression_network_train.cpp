@@ -15,10 +15,10 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr double kRounding = 0.004;  // of the loss near 0, shares of the shape's size
-// How far starts lie from the face, standard deviations at a spread of 1; spreads are uniform.
+constexpr double kRounding = 0.004;  // rounds the loss near 0, shares of the shape's size
+// Offsets of starts from the face, standard deviations at a spread of 1; spreads are uniform.
 constexpr double kShift = 0.08;  // shares of the size
-constexpr double kScale = 0.08;  // of the log
+constexpr double kScale = 0.08;  // of the logarithm
 constexpr double kTurn = 0.15;   // radians
 constexpr double kMinSpread = 0.1;
 constexpr double kMaxSpread = 1.2;
@@ -44,7 +44,7 @@ linalg::Network untrained(int points) {
   return network;
 }
 
-// Light and sharpness of another camera.
+// Changes light and sharpness like another camera.
 void change_look(cv::Mat& gray, Rng& rng) {
   if (rng.uniform() < 0.5) {
     const double gamma = std::exp(rng.normal(0, 0.35));
@@ -61,7 +61,7 @@ void change_look(cv::Mat& gray, Rng& rng) {
   }
 }
 
-// The mean shape somewhere near the face.
+// The mean shape near the face.
 Eigen::Matrix2Xd scattered_start(const Eigen::Matrix2Xd& mean, const TrainingFace& face, Rng& rng) {
   const double spread = rng.uniform(kMinSpread, kMaxSpread);
   const Eigen::Vector2d center = face.points.rowwise().mean();
@@ -76,7 +76,7 @@ Eigen::Matrix2Xd scattered_start(const Eigen::Matrix2Xd& mean, const TrainingFac
   return place(mean);
 }
 
-// The network's input for face `f`, and where its points lie from those of the mean.
+// The network's input for face `f`, and the offsets of its points from those of the mean.
 void make_example(const std::vector<TrainingFace>& faces, std::size_t f,
                   const Eigen::Matrix2Xd& mean, double occluded, Rng& rng,
                   linalg::Example& example) {
@@ -102,7 +102,7 @@ void make_example(const std::vector<TrainingFace>& faces, std::size_t f,
   }
 }
 
-// Mean distance of a point from its place: what landmarks are judged by.
+// Mean distance of a point from its true position: the measure used for landmarks.
 double distance_loss(const linalg::Example& example, const std::vector<float>& output,
                      std::vector<float>& derivative) {
   const std::size_t n = output.size() / 2;

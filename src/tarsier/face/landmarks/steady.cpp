@@ -10,8 +10,8 @@ namespace tarsier::face::landmarks {
 
 namespace {
 constexpr double kStep = 1.0 / 25;   // s
-constexpr double kMemory = 0.4;      // share of the newest in the mean of what is off
-constexpr double kSpeedShare = 0.2;  // of the critically damped beta: calm
+constexpr double kMemory = 0.4;      // weight of the newest value in the mean deviation
+constexpr double kSpeedShare = 0.2;  // share of the critically damped beta, for calm motion
 constexpr double kMaxGain = 0.9;
 }  // namespace
 

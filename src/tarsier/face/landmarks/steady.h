@@ -7,15 +7,16 @@
 
 namespace tarsier::face::landmarks {
 
-// Smoothing that hardly lags: an alpha-beta filter (position and speed; Benedict and Bordner, 1962)
-// whose gain is low at rest and rises where fits stay off what is predicted: of the whole face as
-// it starts to move, of a point by itself as lips part. (An exponential mean as steady as this lags
-// nearly twice as far behind a moving head: docs/landmarks.md.)
+// Smoothing with little lag: an alpha-beta filter (position and speed; Benedict and Bordner, 1962).
+// Its gain is low at rest and rises when fits deviate persistently from the prediction. It rises
+// for the whole face when the face moves, or for a single point, for example when the lips part.
+// (An exponential mean of the same steadiness lags nearly twice as far behind a moving head:
+// docs/landmarks.md.)
 struct SteadyOptions {
-  double gain = 0.12;         // alpha of 1/25 s at rest
-  double face_gain = 12;      // more for each unit that the face is off persistently
-  double face_still = 0.025;  // units that count as rest
-  double point_gain = 10;     // the same of a point against its face
+  double gain = 0.12;         // alpha per 1/25 s at rest
+  double face_gain = 12;      // increase per unit of persistent deviation of the face
+  double face_still = 0.025;  // units of deviation that count as rest
+  double point_gain = 10;     // the same for a point relative to its face
   double point_still = 0.06;
 
   [[nodiscard]] OptionFields fields() {
@@ -30,8 +31,8 @@ struct SteadyOptions {
 
 class Steady {
  public:
-  // The smoothed points `dt` seconds (> 0) after those before; the first are taken as they are.
-  // `unit` (px, > 0) is what "off" is measured in: an eye distance.
+  // Smooths the points, `dt` seconds (> 0) after the previous ones; the first ones are returned
+  // unchanged. `unit` (px, > 0) is the unit of deviations: an eye distance.
   [[nodiscard]] Eigen::Matrix2Xd next(const SteadyOptions& options, const Eigen::Matrix2Xd& points,
                                       double dt, double unit);
   void reset() { has_ = false; }
@@ -39,8 +40,8 @@ class Steady {
  private:
   bool has_ = false;
   Eigen::Matrix2Xd value_;
-  Eigen::Matrix2Xd speed_;  // px a step of 1/25 s
-  Eigen::Matrix2Xd off_;    // mean of what was not predicted, units
+  Eigen::Matrix2Xd speed_;  // px per step of 1/25 s
+  Eigen::Matrix2Xd off_;    // running mean of the deviation from the prediction, units
 };
 
 }  // namespace tarsier::face::landmarks

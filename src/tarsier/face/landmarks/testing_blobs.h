@@ -11,9 +11,8 @@
 
 namespace tarsier::face::landmarks::testing {
 
-// A "face" of bright disks of different sizes on a dim gradient, at exactly known places: a cross
-// of nine whose arms lengthen together (one mode of variation); the left is the right's mirror
-// image.
+// A synthetic "face" of bright disks of different sizes on a dim gradient, at known positions: nine
+// disks whose spacing varies by one mode. It is mirror-symmetric.
 inline Eigen::Matrix2Xd blob_shape(double stretch) {
   Eigen::Matrix2Xd points(2, 9);
   points << -1, 0, 1, -1, 0, 1, -1, 0, 1, -1, -1, -1, 0, 0, 0, 1, 1, 1;

@@ -12,10 +12,11 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr int kCascadesEvery = 4;      // searches
-constexpr double kRolledShare = 0.05;  // of the longer side: width of the smallest rolled face
+constexpr int kCascadesEvery = 4;  // searches
+// Share of the longer side: width of the smallest rolled face.
+constexpr double kRolledShare = 0.05;
 
-// Distance of two faces' centres, in sizes of the second.
+// Distance between two faces' centres, in sizes of the second.
 double distance(const cv::Rect2d& a, const cv::Rect2d& b) {
   return std::hypot(a.x + a.width / 2 - b.x - b.width / 2,
                     a.y + a.height / 2 - b.y - b.height / 2) /
@@ -48,7 +49,7 @@ class Step {
       const Eigen::Matrix2Xd start = restart(model_, track.raw, true);
       Fit fit = fit_points(model_, fit_, gray_, start, workspace_, debug_);
       if (fit.score < options_.min_score) {
-        // Perhaps it turned too far: upright, from the same place.
+        // The face may have rotated too far: try upright at the same position.
         Fit again =
             fit_points(model_, fit_, gray_, restart(model_, track.raw, false), workspace_, debug_);
         if (again.score > fit.score) fit = std::move(again);
@@ -60,7 +61,7 @@ class Step {
     drop_doubles();
   }
 
-  // Looks for faces that are not followed.
+  // Searches for faces that are not tracked.
   void search() {
     if (!state_.searched || state_.planned != gray_.size()) {
       state_.plan = finder_.plan(gray_.size());
@@ -75,7 +76,7 @@ class Step {
       if (looks_for_rolled()) take_rolled(finder_.find_rolled(gray_));
       return;
     }
-    // Before new faces take their ids.
+    // Search for lost faces before new faces get their ids.
     const std::vector<Place> places = places_of_lost();
     for (const Place& place : places) take_new(finder_.find_in(gray_, tile_around(place.box)));
     for (const Place& place : places) {
@@ -90,7 +91,7 @@ class Step {
     }
     if (due && looks_for_rolled()) {
       state_.to_left = !state_.to_left;
-      // Of a size that costs the same whatever the image's is.
+      // Min face size for which the cost does not depend on the image size.
       const double smallest =
           std::max(finder_.min_face(gray_.size()), kRolledShare * std::max(gray_.cols, gray_.rows));
       const SearchTile whole{cv::Rect(0, 0, gray_.cols, gray_.rows), smallest, 0};
@@ -152,7 +153,7 @@ class Step {
     return places;
   }
 
-  // Five times as wide as the face; a little smaller and larger faces.
+  // Five times as wide as the face; includes slightly smaller and larger faces.
   [[nodiscard]] static SearchTile tile_around(const cv::Rect2d& box) {
     constexpr double kSmallestFace = 16;
     const double smallest = std::max(kSmallestFace, 0.6 * box.width);
@@ -178,13 +179,13 @@ class Step {
     return true;
   }
 
-  // The lost face that was nearest, else a new one.
+  // Resumes the nearest lost face, or starts a new one.
   void begin(const Fit& fit, const cv::Rect2d& box) {
     TrackerState::Track* best = nullptr;
     double nearest = 1.5;
     for (TrackerState::Track& track : state_.tracks) {
       if (!track.lost) continue;
-      // The longer it is away, the farther it may have gone.
+      // A face that was lost for longer may have moved farther.
       const double away = distance(track.face.box, box) / (1 + (state_.time - track.seen));
       if (away < nearest) {
         nearest = away;
@@ -214,7 +215,7 @@ class Step {
                       [](const TrackerState::Track& track) { return !track.lost; }));
   }
 
-  // Two tracks on one face: the better stays, of equals the older.
+  // Two tracks on one face: keep the better one; of equals the older.
   void drop_doubles() {
     for (std::size_t a = 0; a < state_.tracks.size(); ++a) {
       for (std::size_t b = a + 1; b < state_.tracks.size(); ++b) {

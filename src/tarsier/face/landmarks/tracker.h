@@ -14,10 +14,11 @@
 namespace tarsier::face::landmarks {
 
 struct TrackerOptions {
-  int search_every = 10;    // frames between two looks at the whole image for large faces
-  double min_score = 0.35;  // a face whose fit is worth less is lost
-  double min_new = 0.5;     // what the fit of a new face must be worth
-  double remember_s = 3;    // s in which a lost face that appears near its place keeps its id
+  int search_every = 10;    // frames between searches of the whole image for large faces
+  double min_score = 0.35;  // a face whose fit has a lower score is lost
+  double min_new = 0.5;     // min score of a new face's fit
+  // s; a lost face that reappears near its last position within this time keeps its id.
+  double remember_s = 3;
   int max_faces = 8;
   bool smoothing = true;
   SteadyOptions filter;
@@ -36,11 +37,11 @@ struct TrackerOptions {
 
 struct TrackedFace {
   int id = 0;
-  Eigen::Matrix2Xd points;  // px, smoothed where asked
+  Eigen::Matrix2Xd points;  // px, smoothed if requested
   double score = 1;         // 0..1
-  cv::Rect2d box;           // px, as a detector would draw it
-  double detection = 1;     // of stills: score of the detector, 0..1
-  Visibility visibility;    // of the points; empty where the model has no such part
+  cv::Rect2d box;           // px, as a detector would give it
+  double detection = 1;     // in stills: score of the detector, 0..1
+  Visibility visibility;    // of the points; empty if the model has no visibility part
 };
 
 struct TrackerState {
@@ -48,38 +49,42 @@ struct TrackerState {
     TrackedFace face;
     Eigen::Matrix2Xd raw;  // as fitted
     Steady filter;
-    double seen = 0;  // s, when it was last fitted
+    double seen = 0;  // s, time of the last fit
     bool lost = false;
   };
   std::vector<Track> tracks;
   int next_id = 1;
   int until_search = 0;
-  int calm_searches = 0;  // of the whole image while a face is followed and none is lost
-  bool to_left = false;   // side to which the image was turned last
-  bool searched = false;  // the whole image, for faces of all sizes
-  SearchPlan plan;        // how that is spread from then on,
+  int calm_searches = 0;  // searches of the whole image while a face is tracked and none is lost
+  bool to_left = false;   // side to which the image was rotated last
+  bool searched = false;  // the whole image has been searched for faces of all sizes
+  SearchPlan plan;        // how later searches are spread over frames,
   cv::Size planned;       // for frames of this size
   std::size_t next_tile = 0;
   double time = 0;
   bool started = false;
 };
 
-// The next frame (CV_8UC1) at `time` (s, rising; else 1/25 s is taken to have passed): faces in
-// sight, in the order of their ids. Each is fitted from where it was; one whose score falls is
-// looked for around its place in each frame. The first frame is searched for faces of all sizes.
-// From then on each frame sees one tile of finder.plan(), in turn, and every `search_every` frames
-// (while a face is lost: in each) the whole image for large faces, by OpenCV's cascades only in every
-// fourth such search while a face is followed and none is lost: the cost of a frame does not depend
-// on its size, and a small face is found within as many frames as there are tiles. Rolled faces are
-// looked for (FaceFinderOptions::rolled; by default while no face is followed) in the first frame and
-// with each search that is due, to one side and the other in turn, and around the place of a
-// lost face that was rolled. `debug` gets the stages of each fit.
+// Processes the next frame (CV_8UC1) at `time` (s, rising; otherwise 1/25 s is assumed) and returns
+// the visible faces in the order of their ids. Each face is fitted from its last position. A face
+// whose score is too low is lost and searched for around its last position in each frame.
+//
+// The first frame is searched for faces of all sizes. Each later frame searches one tile of
+// finder.plan(), in turn. Every `search_every` frames (in each frame while a face is lost) the
+// whole image is searched for large faces. While a face is tracked and none is lost, only every
+// fourth such search uses OpenCV's cascades. The cost of a frame therefore does not depend on its
+// size, and a small face is found within as many frames as there are tiles.
+//
+// Rolled faces (FaceFinderOptions::rolled; by default only while no face is tracked) are searched
+// for in the first frame and with each search that is due, alternating between the two sides. They
+// are also searched for around the position of a lost face that was rolled. `debug` receives the
+// stages of each fit.
 [[nodiscard]] std::vector<TrackedFace> track_faces(
     const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
     FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double time,
     FitWorkspace& workspace, DebugSink* debug = nullptr);
 
-// Forgets all places; faces are searched in the next frame. Ids go on.
+// Forgets all positions: the next frame is searched as a whole. Numbering of ids continues.
 void redetect(TrackerState& state);
 
 }  // namespace tarsier::face::landmarks

@@ -29,12 +29,12 @@ Eigen::Matrix2Xd placed(const Eigen::Matrix2Xd& mean, const Eigen::Vector2d& cen
   return place(mean);
 }
 
-// Where the detector sees each face; an empty box where it does not.
+// The detected box of each face; empty if not detected.
 std::vector<cv::Rect2d> detected_boxes(const std::vector<TrainingFace>& faces, Progress& progress,
                                        const std::stop_token& stop) {
   FaceFinderOptions options;
   options.thorough = false;
-  // Training images are cut out around their faces.
+  // Training images are crops around their faces.
   options.detector.max_width = 320;
   FaceFinder finder(options);
   std::vector<cv::Rect2d> boxes(faces.size());
@@ -55,7 +55,7 @@ std::vector<cv::Rect2d> detected_boxes(const std::vector<TrainingFace>& faces, P
   return boxes;
 }
 
-// The shapes given for each face, a little beside where they belong.
+// Adds the given shapes of each face as starts, slightly displaced.
 void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelOptions& options,
                        std::vector<Start>& starts, const std::stop_token& stop) {
   std::vector<std::vector<Eigen::Matrix2Xd>> shapes(faces.size());
@@ -86,7 +86,7 @@ void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelO
   }
 }
 
-// Fits that are right, nearly right and quite wrong.
+// Fits that are good, nearly good and wrong.
 std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const LandmarkModel& model,
                                  std::uint64_t seed, Progress& progress,
                                  const std::stop_token& stop) {
@@ -111,7 +111,7 @@ std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const L
         RatedFit& fit = fits[f * kEach + static_cast<std::size_t>(k)];
         fit.face = i;
         if (k < kShaken) {
-          // The truth, moved a little as a whole.
+          // The true shape with a small similarity transform.
           const double angle = rng.normal(0, 0.05);
           const double scale = std::exp(rng.normal(0, 0.05));
           const double down = rng.normal(0, 0.05);
@@ -144,13 +144,14 @@ std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const L
 
 double measured_shift(const std::vector<TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
                       std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
-  constexpr std::size_t kFaces = 600;  // mirrored ones are beside theirs
+  constexpr std::size_t kFaces = 600;  // mirrored ones follow the originals
   const std::vector<TrainingFace> part(
       faces.begin(), faces.begin() + static_cast<std::ptrdiff_t>(std::min(kFaces, faces.size())));
   DescentOptions options;
   options.stages = {{16, 0.4}, {24, 0.3}};
   options.components = 16;
-  // Starts lie around the points as they are written; the fits must have left them.
+  // Starts are scattered around the annotated points. Weak regularisation lets the fits move away
+  // from them.
   options.ridge = 0.2;
   options.seed = seed;
   DescentReport report;
@@ -293,8 +294,8 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
         set_path);
   }
 
-  // A box that the face's points are not in is of something else; a mirrored face's is its mirror
-  // image, moved as its points were.
+  // A box that does not contain the face's points is a false detection. A mirrored face gets the
+  // mirrored box, shifted like its points.
   for (std::size_t f = 0; f < faces.size(); ++f) {
     if (faces[f].mirrored && f > 0 && boxes[f - 1].width > 0) {
       const cv::Rect2d& box = boxes[f - 1];
@@ -311,7 +312,8 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
     model.trees = train_trees(faces, starts, trees, progress, stop);
   }
   if (options.descent) {
-    // Half the starts are enough: what it learns is linear. Pairs, so that both kinds take part.
+    // Half of the starts is enough for a linear model. Pairs are taken, so that both kinds of
+    // starts are included.
     std::vector<Start> half;
     for (std::size_t i = 0; i < starts.size(); ++i) {
       if (i / 2 % 2 == 0) half.push_back(starts[i]);

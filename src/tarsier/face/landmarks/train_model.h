@@ -15,26 +15,26 @@
 
 namespace tarsier::face::landmarks {
 
-// Shapes near a face's points from which fits may begin besides the mean shape (2 x n px of the
-// face's image each); the same for the same seed, called from several threads.
+// Returns shapes near a face's points (2 x n px of the face's image each), from which fits may
+// start besides the mean shape. Must be deterministic by the seed and thread-safe.
 using StartShapes = std::function<std::vector<Eigen::Matrix2Xd>(const TrainingFace& face, int count,
                                                                 std::uint64_t seed)>;
 
 struct TrainModelOptions {
   bool mirror = false;
-  bool trees = true;  // which parts
+  bool trees = true;  // which parts to train
   bool descent = true;
   bool patches = true;
   bool quality = true;
-  // px; NaN: measured (see DescentReport::to_the_right) where mirrored faces take part.
+  // px; NaN: measured (see DescentReport::to_the_right) if mirrored faces are used.
   double to_the_right = std::numeric_limits<double>::quiet_NaN();
-  int starts = 24;  // of each face
-  // More faces to learn from, for trees, descent and quality; empty: none.
+  int starts = 24;  // per face
+  // Additional training faces for trees, descent and quality; empty: none.
   ExtraFaces extra;
-  // Fits that begin again from a better start than the mean shape must learn from such starts too;
+  // Additional starts, for models whose fits are repeated from a better start than the mean shape;
   // empty: none.
   StartShapes start_shapes;
-  int shaped_starts = 4;  // of each face, if there are start_shapes
+  int shaped_starts = 4;  // per face, if start_shapes is set
   shape::ShapeModelOptions shape;
   TreesOptions tree_options;
   DescentOptions descent_options;
@@ -50,21 +50,22 @@ struct TrainModelOptions {
 
 struct TrainedModel {
   LandmarkModel model;
-  int faces = 0;                     // without the mirrored
-  int extra = 0;                     // made from them, without the mirrored
-  int detected = 0;                  // of these, seen by the face detector
-  double to_the_right = 0;           // px, that was used
+  int faces = 0;                     // without mirrored ones
+  int extra = 0;                     // made from them, without mirrored ones
+  int detected = 0;                  // number of faces that the face detector detected
+  double to_the_right = 0;           // px, the value that was used
   std::vector<std::string> skipped;  // "path: reason"
 };
 
-// All parts from a set of annotated images. Throws InputError (nothing usable), Interrupted.
+// Trains all parts on a set of annotated images. Throws InputError (no usable image), Interrupted.
 [[nodiscard]] TrainedModel train_landmark_model(const shape::LandmarkSet& set,
                                                 const std::string& set_path,
                                                 const TrainModelOptions& options,
                                                 Progress& progress, const std::stop_token& stop);
 
-// How far a set's points lie to the right of where a mirror-symmetric model puts them, px of the images
-// (DescentReport::to_the_right), by a short descent on a part of `faces`, mirrored ones among them.
+// Horizontal offset of a set's points from those of a mirror-symmetric model, px of the images
+// (DescentReport::to_the_right). Trains a short descent on some of `faces`, including mirrored
+// ones.
 [[nodiscard]] double measured_shift(const std::vector<TrainingFace>& faces,
                                     const Eigen::Matrix2Xd& mean, std::uint64_t seed,
                                     Progress& progress, const std::stop_token& stop);
@@ -73,20 +74,21 @@ inline constexpr double kShiftWorthMending = 0.2;  // px
 // The mean of the faces' shapes: 2 x n, centred, size 1.
 [[nodiscard]] Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces);
 
-// The faces of a set (paths from the current folder) for networks that see them in a frame (face_input.h), with
-// `mirror` also mirrored; a shift of the set's points to one side is measured and taken into account. Images that
-// cannot be used are named in `skipped`. Throws InputError, Interrupted.
+// The faces of a set (paths relative to the current folder) for networks that see them in a frame
+// (face_input.h), with `mirror` also mirrored. A horizontal offset of the set's points is measured
+// and corrected for. Images that cannot be used are listed in `skipped`. Throws InputError,
+// Interrupted.
 [[nodiscard]] std::vector<TrainingFace> load_framed_faces(const shape::LandmarkSet& set,
                                                           bool mirror, std::uint64_t seed,
                                                           Progress& progress,
                                                           const std::stop_token& stop,
                                                           std::vector<std::string>& skipped);
 
-// Mean shapes around each face as a detector's boxes place them: without a box, scattered around
-// the truth (shift normal, 9 % of the size; scale log-normal, 10 %; turn 10 degrees). Where a box
-// is known, every second one around the start that it gives (half as wide), so that what detectors
-// do on average is learned too. `boxes`: one for each face, empty where there is none; or none at
-// all.
+// Mean shapes near each face, as placed by a detector's boxes. Without a box, they are scattered
+// around the true shape (shift normal, 9 % of the size; scale log-normal, 10 %; rotation 10
+// degrees). With a box, every second one is scattered around the start from the box (half as wide),
+// so that the detector's mean offset is learned too. `boxes`: one per face, empty if not detected;
+// or an empty list.
 [[nodiscard]] std::vector<Start> scattered_starts(const std::vector<TrainingFace>& faces,
                                                   const Eigen::Matrix2Xd& mean, int each,
                                                   std::uint64_t seed,

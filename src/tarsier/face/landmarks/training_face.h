@@ -20,25 +20,25 @@
 
 namespace tarsier::face::landmarks {
 
-// A sample ready for training: grey, cut out around the face, no point missing.
+// A training sample: grey, cropped around the face, all points present.
 struct TrainingFace {
   cv::Mat gray;                   // CV_8UC1
-  Eigen::Matrix2Xd points;        // px of `gray`, centres at integers
+  Eigen::Matrix2Xd points;        // px of `gray`, pixel centres at integers
   std::optional<cv::Rect2d> box;  // px of `gray`
   std::string name;
   std::string person;
-  bool mirrored = false;  // the face before it, mirrored
-  bool turned = false;    // made of a face before it, by an ExtraFaces
-  double scale = 1;       // px of the image to a px of `gray`
+  bool mirrored = false;  // mirror image of the preceding face
+  bool turned = false;    // made from a preceding face by an ExtraFaces
+  double scale = 1;       // px of the image per px of `gray`
 };
 
 struct LoadOptions {
-  bool mirror = false;  // each face mirrored too, behind the one it comes from
-  // The set's points lie so far to the right of where a mirror-symmetric annotation has them, px of
-  // the images (DescentReport::to_the_right); mirrored faces get theirs there too.
+  bool mirror = false;  // add a mirrored copy after each face
+  // Horizontal offset of the set's points from a mirror-symmetric annotation, px of the images
+  // (DescentReport::to_the_right). The points of mirrored faces get the same offset.
   double to_the_right = 0;
-  double margin = 0.75;  // around the points' box that stays, share of its larger side
-  int largest = 400;     // px; the points' box is reduced to this at most
+  double margin = 0.75;  // kept around the points' box, share of its larger side
+  int largest = 400;     // px; larger faces are reduced to this size of the points' box
 
   [[nodiscard]] OptionFields fields() {
     return {{"to_the_right", to_the_right, range(-100, 100)},
@@ -48,25 +48,26 @@ struct LoadOptions {
   void check() const { check_fields(*this); }
 };
 
-// Reads the images of a set. Samples that are not complete and images that cannot be read are
-// left out and named in `skipped` ("path: reason"). Throws Interrupted; InputError(set_path) where
-// nothing is left.
+// Reads the images of a set. Incomplete samples and images that cannot be read are skipped and
+// listed in `skipped` ("path: reason"). Throws Interrupted; InputError(set_path) if no face is
+// left.
 [[nodiscard]] std::vector<TrainingFace> load_training_faces(
     const shape::LandmarkSet& set, const std::string& set_path, const LoadOptions& options,
     Progress& progress, const std::stop_token& stop, std::vector<std::string>& skipped);
 
-// Faces made from one that is neither mirrored nor turned, as more to learn from. Their points are
-// as exact as the face's; the same for the same seed; called from several threads.
+// Makes additional training faces from one that is neither mirrored nor turned. Their points are as
+// accurate as those of the face. Must be deterministic by the seed and thread-safe.
 using ExtraFaces =
     std::function<std::vector<TrainingFace>(const TrainingFace& face, std::uint64_t seed)>;
 
-// The faces, each followed by its mirror image where that is among them, with what `extra` makes of
-// each behind it, marked as turned and, where `mirror` is not empty, mirrored too (LoadOptions).
+// The faces, each followed by its mirror image if that is among them, and then by the faces that
+// `extra` makes from it. The latter are marked as turned and, if `mirror` is not empty, also
+// mirrored (LoadOptions).
 [[nodiscard]] std::vector<TrainingFace> with_extra_faces(
     const std::vector<TrainingFace>& faces, const ExtraFaces& extra, const std::vector<int>& mirror,
     double to_the_right, std::uint64_t seed, Progress& progress, const std::stop_token& stop);
 
-// Where a fit begins: a shape (2 x n, px of its face's image).
+// Start of a fit: a shape (2 x n, px of its face's image).
 struct Start {
   int face = 0;  // index of the training face
   Eigen::Matrix2Xd points;

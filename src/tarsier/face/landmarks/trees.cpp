@@ -22,8 +22,8 @@ namespace {
 using shape::fit_similarity;
 using shape::Similarity2d;
 
-constexpr int kShard = 1024;  // starts of one piece of parallel work: fixed, whatever the threads
-constexpr int kBlock = 256;   // starts whose residuals are gathered at a time
+constexpr int kShard = 1024;  // starts per parallel task: fixed, independent of the threads
+constexpr int kBlock = 256;   // starts whose residuals are gathered together
 constexpr int kThreshold = 64;
 
 Eigen::Matrix2Xd normalized(const Eigen::Matrix2Xd& points) {
@@ -31,7 +31,7 @@ Eigen::Matrix2Xd normalized(const Eigen::Matrix2Xd& points) {
   return centred / shape_size(centred);
 }
 
-// The mean of shapes that are aligned to it, upright as the shapes are on average.
+// The mean of the aligned shapes, with their mean orientation.
 Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces) {
   Eigen::Matrix2Xd upright = Eigen::Matrix2Xd::Zero(2, faces.front().points.cols());
   for (const TrainingFace& face : faces) upright += normalized(face.points);
@@ -50,7 +50,7 @@ Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces) {
   return mean;
 }
 
-// One start on its way to the truth; both in the frame of the start's similarity to the mean.
+// A start and its residual, both in the frame of the start's similarity to the mean.
 struct Sample {
   const cv::Mat* gray = nullptr;
   Similarity2d px_from_mean;
@@ -134,7 +134,7 @@ class Trainer {
            static_cast<std::size_t>(sample) * static_cast<std::size_t>(options_.features);
   }
 
-  // Runs work(i) for i < count on all threads; nothing is begun once a stop is asked for.
+  // Runs work(i) for i < count on all threads; begins nothing after a stop request.
   template <typename Work>
   void in_parallel(std::size_t count, const Work& work) {
     cv::parallel_for_(cv::Range(0, static_cast<int>(count)), [&](const cv::Range& range) {
@@ -184,8 +184,8 @@ class Trainer {
 
   Split draw_split(Rng& random) const {
     Split split;
-    // Near pixels are compared more often: their difference says more and bears changing light.
-    // Where near pixels are rare, any pair will do in the end.
+    // Near pixels are compared more often: their difference is more informative and robust to
+    // light. If there are few near pixels, any pair is finally accepted.
     for (int attempt = 0; attempt < 10000; ++attempt) {
       split.first = random.integer(0, options_.features - 1);
       split.second = random.integer(0, options_.features - 1);
@@ -198,7 +198,7 @@ class Trainer {
   }
 
   // For samples order_[begin .. end): the sums of residuals that each split sends left (tests x
-  // stride_), and their numbers.
+  // stride_), and their counts.
   void sum_left(const Shard& shard, const Split* splits, float* sums, std::int32_t* counts) {
     const auto tests = static_cast<std::size_t>(options_.tests);
     const auto stride = static_cast<std::size_t>(stride_);
@@ -252,7 +252,7 @@ class Trainer {
                sums_.data() + s * tests * stride, counts_.data() + s * tests);
     });
 
-    // Of all shards of a node, in their order.
+    // Sum over all shards of a node, in their order.
     const auto left_of = [&](std::size_t n, std::size_t t) {
       std::pair<Eigen::VectorXd, int> left{Eigen::VectorXd::Zero(width_), 0};
       for (std::size_t s = first_shard[n]; s < first_shard[n + 1]; ++s) {
@@ -292,7 +292,7 @@ class Trainer {
     return below;
   }
 
-  // Residuals after a level whose leaves are compressed, from those before it.
+  // Residuals after a level with compressed leaves, from the residuals before it.
   void apply(const Trees::Level& level, const std::vector<float>& before) {
     in_parallel(samples_.size(), [&](std::size_t s) {
       Eigen::VectorXi sums = Eigen::VectorXi::Zero(level.basis.cols());
@@ -303,8 +303,7 @@ class Trainer {
     });
   }
 
-  // One more tree of a level, with its leaves' `moves` (2n x leaves); residuals become what it
-  // leaves.
+  // Grows one tree of a level with its leaves' `moves` (2n x leaves), and updates the residuals.
   void grow(Trees::Level& level, Eigen::Ref<Eigen::MatrixXf> moves, Rng& random) {
     order_.resize(samples_.size());
     std::iota(order_.begin(), order_.end(), 0);
@@ -347,13 +346,14 @@ class Trainer {
   std::stop_token stop_;
   Rng random_;
   Trees model_;
-  Eigen::Index width_ = 0;   // numbers of a shape
-  Eigen::Index stride_ = 0;  // of a row of residuals: whole panels of the product, 0 beyond width_
+  Eigen::Index width_ = 0;  // length of a shape
+  // Stride of a row of residuals: whole panels of the product, 0 beyond width_.
+  Eigen::Index stride_ = 0;
   std::vector<Sample> samples_;
-  std::vector<float> residuals_;      // truth minus current shape, a row a sample
-  std::vector<std::uint8_t> values_;  // gray values of the level's pixels, a row a sample
+  std::vector<float> residuals_;      // truth minus current shape, one row per sample
+  std::vector<std::uint8_t> values_;  // grey values of the level's pixels, one row per sample
   Eigen::Matrix2Xd places_;           // of the level's pixels in the mean's frame
-  std::vector<int> order_;            // samples, those of a node together
+  std::vector<int> order_;            // samples, grouped by node
   std::vector<float> sums_;           // shards x tests x stride_
   std::vector<std::int32_t> counts_;  // shards x tests
 };

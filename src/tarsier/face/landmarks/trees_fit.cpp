@@ -97,7 +97,7 @@ void look_up(const Trees::Level& level, float smoothing, const cv::Mat& gray,
   const Eigen::Matrix2Xf at = points.cast<float>();
   const std::uint8_t* pixels = gray.ptr<std::uint8_t>();
   const std::size_t stride = gray.step[0];
-  // Written so that what is not a number becomes 0.
+  // Written so that NaN becomes 0.
   const auto nearest = [](float value, float last) {
     const float within = value > 0 ? (value < last ? value : last) : 0.0F;
     return static_cast<std::size_t>(static_cast<int>(within + 0.5F));

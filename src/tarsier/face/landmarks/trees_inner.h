@@ -10,12 +10,13 @@
 #include <cstddef>
 #include <cstdint>
 
-// What training and fitting must do alike. Internal to this module.
+// Functions shared by training and fitting. Internal to this module.
 namespace tarsier::face::landmarks::inner {
 
-// The gray values of a level's pixels, each at the current place of its anchor (`points`, px) plus
-// its offset turned and scaled by `px_from_mean`: the nearest pixel, or the mean of the 3 x 3
-// nearest to places that are `smoothing` of the shape's size apart. Outside, the nearest edge.
+// The grey values of a level's pixels. Each pixel is at its anchor (`points`, px) plus its offset,
+// rotated and scaled by `px_from_mean`. The value is that of the nearest pixel, or the mean of the
+// nearest pixels of 3 x 3 samples that are `smoothing` of the shape's size apart. Outside the
+// image, the nearest border pixel is used.
 void look_up(const Trees::Level& level, float smoothing, const cv::Mat& gray,
              const shape::Similarity2d& px_from_mean, const Eigen::Matrix2Xd& points,
              std::uint8_t* values);
@@ -33,8 +34,8 @@ inline int leaf_of(const Trees::Level& level, int tree, int depth, const std::ui
   return node - inner_nodes;
 }
 
-// Adds the leaves that the values of look_up() lead to: components() sums, in whole numbers, so that
-// the order of adding does not matter.
+// Adds the leaves that the values of look_up() lead to: components() sums. They are integers, so
+// the order of addition does not matter.
 void add_leaves(const Trees::Level& level, int depth, const std::uint8_t* values,
                 std::int32_t* sums);
 

@@ -7,7 +7,7 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-// Numbers of 16 bits as pairs of bytes, the low one first.
+// 16-bit numbers as pairs of bytes, low byte first.
 template <typename T>
 void list_pairs(linalg::ModelFields& file, const char* name, std::vector<T>& values,
                 std::int64_t trees, std::int64_t nodes) {

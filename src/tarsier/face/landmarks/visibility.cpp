@@ -44,7 +44,8 @@ Visibility visibility_of(const VisibilityModel& model, const cv::Mat& gray,
   const Eigen::ArrayXd values =
       Eigen::Map<const Eigen::VectorXf>(out.data(), 2 * n).cast<double>().array();
   visibility.visible = 1 / (1 + (model.hidden_slope * values.head(n) + model.hidden_offset).exp());
-  // A point is never known better than to a thousandth, nor lies beyond the face's surroundings.
+  // Limits: sigma is at least a thousandth of the size, and at most the size of the face's
+  // surroundings.
   visibility.sigma_px =
       size * (values.tail(n) + model.sigma_offset).max(std::log(1e-3)).min(std::log(2.0)).exp();
   return visibility;

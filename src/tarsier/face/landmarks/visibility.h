@@ -16,26 +16,27 @@
 #include <string>
 #include <vector>
 
-// Visibility and uncertainty of each fitted point, as LUVLi has them (Kumar and others, "LUVLi face alignment", CVPR
-// 2020), but from a network of its own beside the fit, learnt from faces before which things are drawn
-// (occlusion.h).
+// Visibility and uncertainty of each fitted point, as in LUVLi (Kumar and others, "LUVLi face
+// alignment", CVPR 2020), but estimated by a separate network after the fit. It is trained on faces
+// with synthetic occlusions (occlusion.h).
 namespace tarsier::face::landmarks {
 
-// So that of ten points that are called hidden nine are (docs/results.md).
+// Chosen so that nine of ten points flagged as hidden are hidden (docs/results.md).
 inline constexpr double kHiddenBelow = 0.15;
 
 struct Visibility {
-  Eigen::VectorXd visible;   // n, probability that the point is seen, 0..1
-  Eigen::VectorXd sigma_px;  // n, distance from the truth that 68 % of such points stay within, px
-  // visible < kHiddenBelow; empty where nothing is known.
+  Eigen::VectorXd visible;  // n, probability that the point is visible, 0..1
+  // n, px: distance from the true position that 68 % of such points stay within.
+  Eigen::VectorXd sigma_px;
+  // visible < kHiddenBelow; empty if unknown.
   [[nodiscard]] std::vector<bool> hidden() const;
 };
 
-// A small convolutional network sees the face in the frame of the fitted points: kVisibilitySide px a side,
-// kVisibilityScale px to the mean shape's size, grey levels of mean 0 and deviation 1. It gives 2 n
-// numbers h, l:
+// A small convolutional network sees the face in the frame of the fitted points: kVisibilitySide px
+// wide, kVisibilityScale px per unit of the mean shape's size, grey levels with mean 0 and
+// deviation 1. Its output is 2 n numbers h, l:
 //   visible_i = 1 / (1 + exp(a h_i + b))        sigma_i = s exp(l_i + c)
-// with s the shape's size in px (shape_size()), and a, b, c fitted on faces that the network did not learn from.
+// where s is the shape's size in px (shape_size()), and a, b, c are fitted on held-out faces.
 struct VisibilityModel {
   Eigen::Matrix2Xd mean;  // 2 x n: centred, size 1
   linalg::Network network;
@@ -49,8 +50,8 @@ inline constexpr int kVisibilitySide = 64;
 inline constexpr double kVisibilityScale = 13;
 
 struct VisibilityOptions {
-  int steps = 12000;      // of 32 fits
-  double occluded = 0.7;  // share of the fits with something drawn before the face
+  int steps = 12000;      // with 32 fits each
+  double occluded = 0.7;  // share of the fits with a synthetic occlusion
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -61,46 +62,49 @@ struct VisibilityOptions {
   void check() const { check_fields(*this); }
 };
 
-// Accuracy of visibility and sigma on faces that the model did not learn from. Counts of points.
+// Accuracy of visibility and sigma on held-out faces. Counts of points.
 struct VisibilityScore {
   int hidden = 0;
   int hidden_found = 0;  // hidden and flagged (Visibility::hidden())
   int seen = 0;
-  int seen_flagged = 0;  // seen but flagged
-  int within = 0;        // of all: no farther from the truth than sigma
-  // `hidden`: the truth, a flag for each point; points 2 x n, px. Throws std::invalid_argument for other sizes.
+  int seen_flagged = 0;  // visible but flagged
+  int within = 0;        // of all points: at most sigma from the true position
+  // `hidden`: ground truth, one flag per point; points 2 x n, px. Throws std::invalid_argument for
+  // other sizes.
   void add(const Visibility& visibility, const Eigen::Matrix2Xd& fitted,
            const Eigen::Matrix2Xd& truth, const std::vector<bool>& hidden);
   [[nodiscard]] double recall() const;     // share of the hidden points that are flagged
   [[nodiscard]] double precision() const;  // share of the flagged points that are hidden
   [[nodiscard]] double coverage()
-      const;  // share within sigma; each is 1 where there is no such point
+      // Share of points within sigma. Each of the three is 1 if there are no such points.
+      const;
 };
 
-// Needs ten faces at least; mirrored and turned ones lie behind theirs. Every fifth face is kept back for a, b and c.
-// Fits come from a descent that the other half of the faces taught, so that errors are as on faces
-// never seen. The same for any number of threads. Throws Interrupted, std::invalid_argument.
+// Needs at least ten faces; mirrored and turned faces follow the face they come from. Every fifth
+// face is held out to fit a, b and c. Fits come from a descent that was trained on the other half
+// of the faces, so that its errors are those of unseen faces. The result does not depend on the
+// number of threads. Throws Interrupted, std::invalid_argument.
 [[nodiscard]] VisibilityModel train_visibility_model(const std::vector<TrainingFace>& faces,
                                                      const VisibilityOptions& options,
                                                      Progress& progress,
                                                      const std::stop_token& stop);
 
-// Buffers. One for each thread.
+// Buffers. One per thread.
 struct VisibilityWorkspace {
   linalg::Workspace network;
   FaceInput face;
 };
 
-// The same of a set of annotated images (paths from the current folder), with `mirror` also mirrored. Images that
-// cannot be used are named in `skipped`. Throws InputError too.
+// The same for a set of annotated images (paths relative to the current folder), with `mirror` also
+// mirrored. Images that cannot be used are listed in `skipped`. Also throws InputError.
 [[nodiscard]] VisibilityModel train_visibility_model(const shape::LandmarkSet& set, bool mirror,
                                                      const VisibilityOptions& options,
                                                      Progress& progress,
                                                      const std::stop_token& stop,
                                                      std::vector<std::string>& skipped);
 
-// Of points (2 x n, px of `gray`, CV_8UC1) that a fit gave. Points that are not finite, or within 1 px of each other,
-// are hidden.
+// For fitted points (2 x n, px of `gray`, CV_8UC1). If the points are not finite, or all within 1
+// px of each other, they are hidden.
 [[nodiscard]] Visibility visibility_of(const VisibilityModel& model, const cv::Mat& gray,
                                        const Eigen::Matrix2Xd& points,
                                        VisibilityWorkspace& workspace);

@@ -20,13 +20,14 @@ namespace tarsier::face::landmarks {
 namespace {
 
 constexpr double kWithin = 0.68;     // share of points within sigma
-constexpr double kSmallest = 0.005;  // error that counts as none, shares of the shape's size
-// A tracker's fits err less than those of a descent that half of the faces taught (measured: 0.84 on one half of
-// the faces that were left out, 0.77 on the other; before things that hide them hardly less).
+constexpr double kSmallest = 0.005;  // errors below this count as this, shares of the shape's size
+// Errors of a tracker's fits, relative to those of a descent that was trained on half of the faces
+// (measured: 0.84 on one half of the held-out faces, 0.77 on the other; nearly the same with
+// occlusions).
 constexpr double kBetter = 0.80;
-constexpr int kStarts = 6;            // of each face, for the descents
-constexpr int kKept = 5;              // every so many-th face calibrates
-constexpr int kLooks = 6;             // at each of these
+constexpr int kStarts = 6;            // per face, for the descents
+constexpr int kKept = 5;              // every kKept-th face is held out for calibration
+constexpr int kLooks = 6;             // examples of each of these
 constexpr float kErrorWeight = 0.5F;  // of the errors' part of the loss
 constexpr float kKnee = 1;            // of its Huber loss; a factor of e
 
@@ -47,13 +48,13 @@ linalg::Network untrained(int points) {
   return network;
 }
 
-// Fits of faces by a descent that other faces taught.
+// Fits of faces by a descent that was trained on other faces.
 class Fits {
  public:
   Fits(const std::vector<TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
        const VisibilityOptions& options, Progress& progress, const std::stop_token& stop)
       : faces_(faces), mean_(mean), options_(options) {
-    int own = -1;  // number of the face that this one is, or was made of
+    int own = -1;  // number of this face, or of the face it was made from
     for (const TrainingFace& face : faces) {
       if (!face.mirrored && !face.turned) ++own;
       own_.push_back(std::max(0, own));
@@ -72,7 +73,7 @@ class Fits {
     }
   }
 
-  // Face numbers that teach the network, or are kept back.
+  // Numbers of the faces for training the network, or of the held-out ones.
   [[nodiscard]] std::vector<std::size_t> numbers(bool kept) const {
     std::vector<std::size_t> out;
     for (std::size_t f = 0; f < faces_.size(); ++f)
@@ -115,10 +116,10 @@ class Fits {
   const Eigen::Matrix2Xd& mean_;
   const VisibilityOptions& options_;
   std::vector<int> own_;
-  std::array<Descent, 2> descents_;  // [k]: for faces whose number is k modulo 2
+  std::array<Descent, 2> descents_;  // [k]: for faces whose number modulo 2 is k
 };
 
-// -log of the probability of what is hidden, and the errors' Huber loss; means over the points.
+// Negative log likelihood of the hidden flags, plus the errors' Huber loss; means over the points.
 double visibility_loss(const linalg::Example& example, const std::vector<float>& output,
                        std::vector<float>& derivative) {
   const std::size_t n = output.size() / 2;
@@ -136,13 +137,14 @@ double visibility_loss(const linalg::Example& example, const std::vector<float>&
   return loss / static_cast<double>(n);
 }
 
-// What the network says of faces that it did not learn from, beside what is so.
+// The network's output for held-out faces, with the ground truth.
 struct Judged {
   std::vector<std::vector<float>> output;
   std::vector<std::vector<float>> target;
 };
 
-// a, b of P(hidden) = 1 / (1 + exp(-(a h + b))), most likely (Platt 1999), by Newton's method.
+// Maximum likelihood a, b of P(hidden) = 1 / (1 + exp(-(a h + b))) (Platt 1999), by Newton's
+// method.
 void calibrate_hidden(const Judged& judged, VisibilityModel& model) {
   double& a = model.hidden_slope;
   double& b = model.hidden_offset;

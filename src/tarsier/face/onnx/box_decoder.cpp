@@ -13,7 +13,7 @@
 namespace tarsier::face::onnx {
 namespace {
 
-constexpr std::size_t kMaxFaces = 5000;  // before those that overlap are taken together
+constexpr std::size_t kMaxFaces = 5000;  // max candidates before non-maximum suppression
 
 std::ptrdiff_t index_of(std::span<const std::string> names, const std::string& name) {
   const auto found = std::find(names.begin(), names.end(), name);
@@ -99,9 +99,9 @@ std::vector<FoundFace> decode_boxes(std::span<const std::string> names,
 }
 
 cv::Rect2d square_of_points(const std::array<cv::Point2d, 5>& points) {
-  constexpr double kWidth = 2.4;         // as people/face_reader.cpp has it of eyes
-  constexpr double kDown = 0.12;         // of the middle of the square below the eyes, of its width
-  constexpr double kEyesToMouth = 1.15;  // of a frontal face, in distances of the eyes
+  constexpr double kWidth = 2.4;  // in eye distances, as in people/face_reader.cpp
+  constexpr double kDown = 0.12;  // of the square's centre below the eyes, share of its width
+  constexpr double kEyesToMouth = 1.15;  // of a frontal face, in eye distances
   const cv::Point2d eyes = 0.5 * (points[0] + points[1]);
   const cv::Point2d mouth = 0.5 * (points[3] + points[4]);
   const double apart =

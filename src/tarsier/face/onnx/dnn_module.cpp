@@ -9,16 +9,16 @@
 #include <new>
 #include <string_view>
 
-// The one file that sees OpenCV's dnn.
+// The only file that uses OpenCV's dnn.
 namespace {
 
 using tarsier::face::onnx::Request;
 using tarsier::face::onnx::Runner;
 
-// Numbers that the layers of a network may hold at once: 1 GB.
+// Max total number of elements in the layers of a network: 1 GB.
 constexpr std::int64_t kMaxNumbers = 256LL << 20;
 
-// OpenCV's importer writes each trouble on several lines: one line of error is ours to write.
+// Suppresses OpenCV's own messages, which span several lines: errors are reported in one line.
 class Quiet {
  public:
   Quiet() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
@@ -33,7 +33,7 @@ class Quiet {
 std::string one_line(std::string_view text) {
   constexpr std::size_t kLongest = 200;
   std::string out;
-  while (text.starts_with("> ")) text.remove_prefix(2);  // how OpenCV quotes
+  while (text.starts_with("> ")) text.remove_prefix(2);  // OpenCV's quotation mark
   for (const char letter : text.substr(0, kLongest)) {
     const bool space = static_cast<unsigned char>(letter) <= ' ';
     if (space && (out.empty() || out.back() == ' ')) continue;
@@ -43,7 +43,7 @@ std::string one_line(std::string_view text) {
   return out.empty() ? "no reason is given" : out;
 }
 
-// What is thrown by `work`, as one line; empty: nothing.
+// The exception thrown by `work`, as one line; empty: none.
 template <typename Work>
 std::string trouble_of(const Work& work) {
   try {
@@ -80,7 +80,7 @@ class DnnRunner final : public Runner {
   }
 
  private:
-  // Before anything of that size is asked for.
+  // Checks the size before any allocation.
   void check_size(const cv::dnn::MatShape& shape) {
     std::vector<int> ids;
     std::vector<std::vector<cv::dnn::MatShape>> in;

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 constexpr const char* kModule = "tarsier-onnx.so";
 
 struct Module {
-  std::string trouble;  // empty: it is there
+  std::string trouble;  // empty: loaded
   decltype(&tarsier_onnx_open) open = nullptr;
 };
 
@@ -30,7 +30,7 @@ Module load() {
         kModule);
     return module;
   }
-  // Never unloaded: OpenCV leaves exit handlers behind.
+  // Never unloaded, because OpenCV registers exit handlers.
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle == nullptr) {
     const char* reason = dlerror();

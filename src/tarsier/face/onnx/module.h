@@ -9,17 +9,17 @@
 #include <string>
 #include <vector>
 
-// What tarsier-onnx.so exports: OpenCV's dnn behind a few plain functions. It is loaded at run time,
-// so that only those who name a network of their own load it. Program and module are built
-// together: the program refuses a module of another version. No exception leaves the module.
+// The interface of tarsier-onnx.so: OpenCV's dnn behind a few plain functions. It is loaded at run
+// time, only if the user's own network is given. Program and module are built together: the program
+// refuses a module of another version. No exception leaves the module.
 namespace tarsier::face::onnx {
 
-// A network that is ready to run. One thread at a time.
+// A network that is ready to run. Not thread-safe.
 class Runner {
  public:
   virtual ~Runner() = default;
-  // `input`: CV_32F, N x C x H x W as it was opened with. Fills `outputs` in the order of
-  // Request::outputs, CV_32F each. Returns one line of trouble; empty: none.
+  // `input`: CV_32F, N x C x H x W as given in the request. Sets `outputs` in the order of
+  // Request::outputs, CV_32F each. Returns an error message of one line; empty: success.
   [[nodiscard]] virtual std::string run(const cv::Mat& input, std::vector<cv::Mat>& outputs) = 0;
 };
 
@@ -30,19 +30,19 @@ struct Request {
   std::vector<std::string> outputs;  // names
 };
 
-// Loads the module where it was not loaded yet, and opens the network; one run of zeros is tried.
-// `path` is for errors. Throws ModelError: the module is missing or of another version, or OpenCV
-// does not take the network.
+// Loads the module if necessary and opens the network; runs it once with zeros as a test. `path` is
+// for error messages. Throws ModelError if the module is missing or of another version, or OpenCV
+// does not support the network.
 [[nodiscard]] std::unique_ptr<Runner> open_runner(const Request& request, const std::string& path);
 
-// Where the module is, or empty; nothing is loaded.
+// Path of the module, or empty; does not load it.
 [[nodiscard]] std::string module_path();
 
 }  // namespace tarsier::face::onnx
 
 extern "C" {
 const char* tarsier_onnx_version();
-// Owned by the caller. Null, and one line of `trouble`, where OpenCV does not take the network.
+// Owned by the caller. Null, with one line in `trouble`, if OpenCV does not support the network.
 tarsier::face::onnx::Runner* tarsier_onnx_open(const tarsier::face::onnx::Request* request,
                                                std::string* trouble);
 }

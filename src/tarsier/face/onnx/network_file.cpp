@@ -25,7 +25,7 @@ constexpr std::int64_t kMaxNodes = 20'000;
 constexpr std::int64_t kMaxSide = 1LL << 28;  // of a tensor
 constexpr std::size_t kMaxNames = 200;        // bytes
 
-// What networks that find and compare faces are made of.
+// Operators of networks that detect and compare faces.
 constexpr auto kOperators = std::to_array<std::string_view>({"Add",
                                                              "AveragePool",
                                                              "BatchNormalization",
@@ -86,7 +86,7 @@ struct Field {
   std::string_view bytes;   // of the others
 };
 
-// Reads the fields of one message, one after the other.
+// Reads the fields of a message in order.
 class Fields {
  public:
   Fields(std::string_view bytes, const std::string& path) : bytes_(bytes), path_(&path) {}
@@ -149,7 +149,7 @@ std::string name_of(const Field& field) {
   return out;
 }
 
-// Integers of a field that may be packed.
+// Adds the integers of a field, which may be packed.
 void add_integers(const Field& field, const std::string& path, std::vector<std::int64_t>& out) {
   constexpr std::size_t kMax = 1024;
   if (field.wire == 0) {
@@ -161,7 +161,7 @@ void add_integers(const Field& field, const std::string& path, std::vector<std::
   if (out.size() > kMax) throw ModelError(path, "a list of more than 1024 numbers");
 }
 
-// Bytes of a number of ONNX's data types; 0: none that we take.
+// Size in bytes of an ONNX data type; 0: not supported.
 std::int64_t bytes_of(std::uint64_t type) {
   switch (type) {
     case 1:  // float
@@ -247,7 +247,7 @@ class Reader {
         fail(fmt::format("'{}': {} of {}", kind, name, number));
   }
 
-  // Returns its name.
+  // Returns the tensor's name.
   std::string tensor(std::string_view bytes) {
     std::string name;
     std::vector<std::int64_t> shape;

@@ -31,7 +31,7 @@ constexpr int kMaxSide = 2048;
 
 struct Opened {
   NetworkFile file;  // without its bytes
-  InputForm form;    // with the size that holds
+  InputForm form;    // with the final size
   int channels = 3;
   std::vector<std::string> outputs;
   std::unique_ptr<Runner> runner;
@@ -73,7 +73,7 @@ Opened open_network(const std::string& path) {
   return out;
 }
 
-// N x C x H x W of a grey image of the network's size.
+// N x C x H x W from a grey image of the network's input size.
 cv::Mat blob_of(const cv::Mat& gray, const Opened& network) {
   const std::array<int, 4> shape{1, network.channels, gray.rows, gray.cols};
   cv::Mat blob(4, shape.data(), CV_32F);
@@ -97,7 +97,7 @@ class OwnNetwork {
   [[nodiscard]] std::vector<cv::Mat> run(const cv::Mat& gray) const {
     const cv::Mat blob = blob_of(gray, opened_);
     std::vector<cv::Mat> outputs;
-    const std::lock_guard lock(mutex_);  // OpenCV's networks belong to one thread at a time
+    const std::lock_guard lock(mutex_);  // OpenCV's networks are not thread-safe
     const std::string trouble = opened_.runner->run(blob, outputs);
     if (!trouble.empty()) throw ModelError(opened_.file.path, "OpenCV does not run it: " + trouble);
     return outputs;
@@ -193,7 +193,7 @@ class OwnBoxDetector final : public BoxDetector {
   OwnNetwork network_;
 };
 
-// > 0; of the file and of how it takes its image: what two networks make does not compare.
+// > 0; of the file and its input format. Embeddings with different fingerprints cannot be compared.
 std::int64_t fingerprint_of(const Opened& network) {
   Sha256 sum;
   sum.add(network.file.sha256);
@@ -211,18 +211,19 @@ cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size) {
   require_gray(crop);
   TARSIER_REQUIRE(size.width >= kMinSide && size.height >= kMinSide, "a chip of {} x {} px",
                   size.width, size.height);
-  constexpr double kEyeX = 0.27;  // where the cut has them
+  constexpr double kEyeX = 0.27;  // positions of the eyes in the crop
   constexpr double kEyeY = 0.34;
-  constexpr double kAspect = 1.25;  // height / width of the cut
+  constexpr double kAspect = 1.25;  // height / width of the crop
   const double side = size.width / kAlignedSide;
   const double scale = kAlignedEyesApart * side / ((1 - 2 * kEyeX) * crop.cols);
-  const double scale_y = scale * kAspect * crop.cols / crop.rows;  // heads that were cut otherwise
-  cv::Mat source;  // never the crop's own pixels: others go on with them
+  // Also for crops with another aspect.
+  const double scale_y = scale * kAspect * crop.cols / crop.rows;
+  cv::Mat source;  // never the crop's own pixels: the caller still uses them
   if (scale < 0.6)
     cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);
   else
     source = crop;
-  // Centres of pixels at integers, as the alignment has them, too.
+  // Pixel centres are at integers, also in the alignment.
   const double middle = 0.5 * crop.cols - 0.5;
   const double line = kEyeY * crop.rows - 0.5;
   const cv::Mat map = (cv::Mat_<double>(2, 3) << scale, 0, kAlignedEyesX * side - scale * middle, 0,

@@ -10,34 +10,34 @@
 #include <memory>
 #include <string>
 
-// Networks of a user's own, as ONNX files, run by OpenCV's dnn (module.h): one that compares faces,
-// one that finds them. None comes with the program.
+// The user's own networks as ONNX files, run by OpenCV's dnn (module.h): one for embeddings, one
+// for detection. The program includes none.
 namespace tarsier::face::onnx {
 
-// Where the five points of the usual alignment lie in 112 x 112 px (Deng and others, "ArcFace", 2019):
-// the eyes' middle and distance, px. Networks of this alignment are the ones that can be used.
+// The usual alignment of five points in 112 x 112 px (Deng and others, "ArcFace", 2019): centre and
+// distance of the eyes, px. Networks must use this alignment.
 inline constexpr double kAlignedSide = 112;
 inline constexpr double kAlignedEyesX = 55.913;
 inline constexpr double kAlignedEyesY = 51.599;
 inline constexpr double kAlignedEyesApart = 35.237;
 
-// The chip that such a network sees, CV_8UC1 of `size` px, from a face that is cut as people/eyes.h
-// cuts it (CV_8UC1 of any size): a similarity puts its eyes where the alignment has them; what the cut
-// lacks is its edge repeated. (The cut itself comes from a least-squares similarity of eyes, nose and
-// upper lip.) Throws std::invalid_argument.
+// The network's input chip, CV_8UC1 of `size` px, from a face that is cropped as in people/eyes.h
+// (CV_8UC1 of any size). A similarity moves the eyes to their aligned positions. Missing parts are
+// filled by replicating the border. (The crop itself comes from a least-squares similarity of eyes,
+// nose and upper lip.) Throws std::invalid_argument.
 [[nodiscard]] cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size);
 
-// A network that compares faces: one input of 1 x 1 or 3 x H x W (chips are grey, the same in each
-// channel: the order of colours plays no part), one output of 8 to 4096 numbers, which are taken at
-// unit length. Throws ModelError for anything else, and where nothing here runs ONNX files.
+// Loads an embedding network: one input of 1 x 1 or 3 x H x W (chips are grey, with equal channels,
+// so the colour order does not matter), one output of 8 to 4096 numbers, which is normalised to
+// unit length. Throws ModelError for other networks, and if ONNX files cannot be run here.
 [[nodiscard]] std::shared_ptr<const recognition::DeepNetwork> load_embedding(
     const std::string& path);
 
-// A network that finds faces, of the YuNet family (box_decoder.h). Images are reduced to fit the
-// network's, and enlarged at most twofold. Throws ModelError as load_embedding().
+// Loads a face detection network of the YuNet family (box_decoder.h). Images are reduced to fit the
+// network's input, or enlarged at most twofold. Throws ModelError as load_embedding().
 [[nodiscard]] std::shared_ptr<const BoxDetector> load_box_detector(const std::string& path);
 
-// What is reported of a network: "face.onnx: SHA-256 .., licence ..".
+// Description of a network for reports: "face.onnx: SHA-256 .., licence ..".
 [[nodiscard]] std::string described(const NetworkFile& file, const InputForm& form);
 
 }  // namespace tarsier::face::onnx

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-// Tiny ONNX files for tests, as tests/e2e/tiny_onnx.py writes them.
+// Tiny ONNX files for tests, like those of tests/e2e/tiny_onnx.py.
 namespace tarsier::face::onnx::testing_onnx {
 
 inline std::string varint(std::uint64_t value) {

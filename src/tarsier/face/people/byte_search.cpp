@@ -20,8 +20,8 @@
 namespace tarsier::face::people {
 namespace {
 
-// A file is looked at in steps of 8 bytes: wherever in it a piece of 32 bytes lies, one of its
-// parts of 24 bytes begins at such a step.
+// Files are searched in steps of 8 bytes. Every 32-byte piece contains a 24-byte part that starts
+// at such a step, wherever the piece lies.
 constexpr std::size_t kStep = 8;
 constexpr std::size_t kPart = kPiece - kStep;
 constexpr int kMinDifferent = 8;
@@ -36,7 +36,7 @@ std::uint64_t hash_of(const std::uint8_t* part) {
   return hash ^ (hash >> 32);
 }
 
-// Whether the run of 32 bytes that begins at each offset has enough different bytes.
+// For each offset: whether the 32-byte run there has enough different bytes.
 std::vector<bool> telling_runs(std::span<const std::uint8_t> bytes) {
   std::vector<bool> out;
   if (bytes.size() < kPiece) return out;
@@ -94,7 +94,7 @@ void Pieces::add(std::span<const std::uint8_t> bytes) {
 void Pieces::build() const {
   if (built_) return;
   index_.clear();
-  std::size_t last = std::numeric_limits<std::size_t>::max();  // piece that began most lately
+  std::size_t last = std::numeric_limits<std::size_t>::max();  // start of the latest piece
   for (std::size_t i = 0; i < data_.size(); ++i) {
     if (active_[i]) last = i;
     if (last > i || i - last > kStep) continue;
@@ -185,7 +185,7 @@ std::vector<std::string> search_files(const Pieces& pieces, const std::vector<st
     buffer.clear();
     while (file) {
       throw_if_stopped(stop);
-      // The end of the last chunk goes before the next: pieces lie across.
+      // Prepend the end of the last chunk, because pieces may cross the boundary.
       const std::size_t carried = std::min(buffer.size(), kPiece - 1);
       std::copy(buffer.end() - static_cast<std::ptrdiff_t>(carried), buffer.end(), buffer.begin());
       buffer.resize(carried + kChunk);
@@ -226,7 +226,7 @@ SearchReport search_below(const Pieces& pieces, const std::string& folder,
       const std::string name = entry->path().string();
       struct stat found {};
       if (::lstat(name.c_str(), &found) != 0) {
-        if (errno != ENOENT) report.unread.push_back(name);  // gone meanwhile: nothing to read
+        if (errno != ENOENT) report.unread.push_back(name);  // deleted meanwhile: nothing to read
         continue;
       }
       if (S_ISLNK(found.st_mode)) {

@@ -8,47 +8,48 @@
 #include <string>
 #include <vector>
 
-// Proof that bytes are gone: what was deleted is looked for in the files that are left.
+// Proof of deletion: searches the remaining files for pieces of the deleted bytes.
 namespace tarsier::face::people {
 
 inline constexpr std::size_t kPiece = 32;  // bytes
-// Of more pieces than this an even choice is looked for: memory stays bounded.
+// If there are more pieces, an evenly chosen subset is searched for. This bounds the memory.
 inline constexpr std::size_t kMaxPieces = 4'000'000;
 
-// All runs of 32 bytes of what was deleted. Runs of fewer than 8 different bytes say nothing and do
-// not count.
+// All 32-byte runs of the deleted data. Runs with fewer than 8 different bytes are not distinctive
+// and are ignored.
 class Pieces {
  public:
-  // `expected_bytes`: that are going to be added in all, where it may be more than `max_pieces`.
+  // `expected_bytes`: total size that will be added, if that can exceed `max_pieces`.
   explicit Pieces(std::int64_t expected_bytes = 0, std::size_t max_pieces = kMaxPieces);
   void add(std::span<const std::uint8_t> bytes);
-  // Runs that are also in what stays are no trace. Returns how many these were. Takes time by the
-  // size of `bytes` alone.
+  // Removes the pieces that data which is kept also contains; they prove nothing. Returns their
+  // number. The time depends on the size of `bytes` only.
   std::size_t keep(std::span<const std::uint8_t> bytes);
-  // That are looked for.
+  // Pieces that are searched for.
   [[nodiscard]] std::size_t count() const { return count_; }
-  // That were added, also those that are not looked for.
+  // Pieces that were added, including those that are not searched for.
   [[nodiscard]] std::int64_t total() const { return total_; }
-  // That keep() took out.
+  // Pieces that keep() removed.
   [[nodiscard]] std::size_t kept() const { return kept_; }
-  // Of what was added (each add() by itself) so many have less than half of their pieces left, or
-  // never had any: nothing can be proven of them.
+  // Number of add() calls whose data have less than half of their pieces left, or never had any.
+  // Their deletion cannot be proven.
   [[nodiscard]] std::size_t unproven_sources() const;
-  // Whether `bytes` hold one of them.
+  // Whether `bytes` contain a piece.
   [[nodiscard]] bool in(std::span<const std::uint8_t> bytes) const;
 
  private:
   struct Source {
     std::size_t begin = 0;  // in data_
     std::size_t end = 0;
-    std::size_t pieces = 0;  // when it was added
+    std::size_t pieces = 0;  // when added
   };
   struct Entry {
     std::uint32_t hash = 0;
     std::uint32_t place = 0;  // in data_
   };
   void build() const;
-  // Calls take(place) for each piece in `bytes`, some more than once; stops where it returns true.
+  // Calls take(place) for each piece in `bytes`, for some more than once; stops when it returns
+  // true.
   template <typename Take>
   bool each_piece(std::span<const std::uint8_t> bytes, const Take& take) const;
 
@@ -57,38 +58,39 @@ class Pieces {
   std::size_t count_ = 0;
   std::size_t kept_ = 0;
   std::vector<std::uint8_t> data_;
-  std::vector<bool> active_;  // of each byte of data_: a piece begins here
+  std::vector<bool> active_;  // for each byte of data_: a piece starts here
   std::vector<Source> sources_;
-  mutable std::vector<Entry> index_;  // of parts of 24 bytes, sorted by hash
+  mutable std::vector<Entry> index_;  // 24-byte parts, sorted by hash
   mutable std::vector<std::uint64_t> filter_;
   mutable int filter_bits_ = 0;
   mutable bool built_ = true;
 };
 
-// How far below a folder is searched.
+// Limits of the search below a folder.
 struct SearchLimits {
-  int max_depth = 16;  // of folders in folders
+  int max_depth = 16;  // of nested folders
   std::int64_t max_files = 50'000;
   std::int64_t max_bytes = std::int64_t{64} * 1024 * 1024 * 1024;
 };
 
 struct SearchReport {
-  std::vector<std::string> files;  // searched: those of the folder, then of those below it
-  std::int64_t folders = 0;        // that were looked into
+  std::vector<std::string> files;  // searched files: those of the folder first, then those below it
+  std::int64_t folders = 0;        // searched folders
   std::int64_t bytes = 0;
-  std::int64_t links = 0;            // symbolic links: not followed
-  std::vector<std::string> found;    // files that still hold a piece
+  std::int64_t links = 0;            // symbolic links, which are not followed
+  std::vector<std::string> found;    // files that still contain a piece
   std::vector<std::string> unread;   // files and folders that could not be read
   std::vector<std::string> skipped;  // "path: why": other file systems, too deep, too much
 };
 
-// Searches every regular file of a folder and of the folders in it, breadth first, in the order of
-// the names. Links are not followed, other file systems not entered. Throws Interrupted; InputError
-// where the folder itself cannot be listed.
+// Searches every regular file of a folder and its subfolders, breadth first, in order of the names.
+// Symbolic links are not followed, other file systems are not entered. Throws Interrupted;
+// InputError if the folder itself cannot be listed.
 [[nodiscard]] SearchReport search_below(const Pieces& pieces, const std::string& folder,
                                         const std::stop_token& stop,
                                         const SearchLimits& limits = {});
-// Which of these files hold a piece; `unread` gets those that cannot be read. Throws Interrupted.
+// Returns those files that contain a piece; `unread` receives those that cannot be read. Throws
+// Interrupted.
 [[nodiscard]] std::vector<std::string> search_files(const Pieces& pieces,
                                                     const std::vector<std::string>& files,
                                                     std::vector<std::string>& unread,

@@ -24,7 +24,7 @@ cv::Mat equalize_halves(const cv::Mat& gray) {
   const double quarter = gray.cols / 4.0;
   for (int y = 0; y < gray.rows; ++y) {
     for (int x = 0; x < gray.cols; ++x) {
-      // How much of the whole: 0 at the outer quarters, 1 at the middle.
+      // Weight of the whole: 0 in the outer quarters, 1 in the middle.
       const double from_edge = std::min(x, gray.cols - 1 - x);
       const double share = std::clamp((from_edge - quarter) / quarter, 0.0, 1.0);
       const int half =

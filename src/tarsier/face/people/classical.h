@@ -7,18 +7,19 @@
 
 #include <opencv2/core/mat.hpp>
 
-// The preparation of faces that Eigenfaces and Fisherfaces need (as in Baggio et al., "Mastering
-// OpenCV with Practical Computer Vision Projects", 2012, chapter 8).
+// Preprocessing of faces for Eigenfaces and Fisherfaces (as in Baggio et al., "Mastering OpenCV
+// with Practical Computer Vision Projects", 2012, chapter 8).
 namespace tarsier::face::people {
 
 struct ClassicalOptions {
   int size = 70;        // px, square
   double eye_x = 0.16;  // of the left eye, share of the size
   double eye_y = 0.14;
-  bool halves = true;  // equalise the left half, the right half and the whole apart, and blend
-  double smooth_color = 20;  // of the bilateral filter, grey levels; 0: none
+  // Equalise the left half, the right half and the whole separately, and blend them.
+  bool halves = true;
+  double smooth_color = 20;  // of the bilateral filter, grey levels; 0 disables it
   double smooth_space = 2;   // px
-  bool mask = true;          // outside an ellipse round (0.5, 0.4), half axes (0.5, 0.8): grey
+  bool mask = true;  // fill with grey outside an ellipse at (0.5, 0.4) with half axes (0.5, 0.8)
 
   [[nodiscard]] OptionFields fields() {
     return {{"size", size, range(32, 256)},
@@ -30,22 +31,22 @@ struct ClassicalOptions {
   void check() const { check_fields(*this); }
 };
 
-// From an image (CV_8UC1) and the eyes in it. `debug` gets "cut", "equalised", "smoothed",
+// From an image (CV_8UC1) and the eyes in it. `debug` receives "cut", "equalised", "smoothed",
 // "masked".
 [[nodiscard]] cv::Mat classical_face(const cv::Mat& gray, const Eyes& eyes,
                                      const ClassicalOptions& options = {},
                                      DebugSink* debug = nullptr);
-// From a face as cut_face() makes it with `cut`.
+// From a face that cut_face() cropped with `cut`.
 [[nodiscard]] cv::Mat classical_face(const cv::Mat& crop, const CutOptions& cut = {},
                                      const ClassicalOptions& options = {},
                                      DebugSink* debug = nullptr);
 
-// One side in shade and the other in light become alike: left of a quarter of the width the
-// equalised left half, right of three quarters the equalised right half, in the middle the whole,
-// blended linearly between.
+// Reduces light from one side. Left of a quarter of the width, the result is the equalised left
+// half; right of three quarters, the equalised right half; in the middle, the equalised whole. In
+// between they are blended linearly.
 [[nodiscard]] cv::Mat equalize_halves(const cv::Mat& gray);
 
-// sqrt(sum of squared grey differences) / pixels; of faces of the usual 70 x 70, 0.3 is clearly
+// sqrt(sum of squared grey differences) / pixels. For the usual 70 x 70 faces, 0.3 is clearly
 // another image. Equal sizes, CV_8UC1.
 [[nodiscard]] double face_difference(const cv::Mat& a, const cv::Mat& b);
 

@@ -14,8 +14,8 @@ namespace tarsier::face::people {
 
 struct CollectOptions {
   QualityGate gate;
-  double min_difference = 0.3;  // face_difference() to the face taken last, videos
-  double min_seconds = 1;       // since then, videos
+  double min_difference = 0.3;  // videos: min face_difference() to the last accepted face
+  double min_seconds = 1;       // videos: min time since the last accepted face
   bool check_quality = true;
 
   [[nodiscard]] OptionFields fields() {
@@ -27,16 +27,16 @@ struct CollectOptions {
   void check() const;
 };
 
-// Chooses which faces of one person are worth enrolling.
+// Selects the faces of one person that are worth enrolling.
 class Collector {
  public:
   explicit Collector(const CollectOptions& options = {});
-  // Whether to take it: an empty text if so, else why not ("blurred", "too soon", "too much like
-  // the last"). `video`: frames that follow each other; `time` in s.
+  // Returns an empty text if the face is accepted, otherwise the reason ("blurred", "too soon",
+  // "too much like the last"). `video`: frames are consecutive; `time` in s.
   std::string offer(const Face& face, double time, bool video);
-  // An image that gave no face to offer, and why.
+  // Counts an image that gave no face to offer, with the reason.
   void refuse(const std::string& reason) { ++refused_[reason]; }
-  // Forgets the last face: another video or person.
+  // Forgets the last face. Call for another video or person.
   void restart();
 
   [[nodiscard]] std::int64_t taken() const { return taken_; }

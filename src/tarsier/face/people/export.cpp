@@ -18,7 +18,7 @@
 namespace tarsier::face::people {
 namespace {
 
-// Writing JSON goes as deep into the stack as the text is nested.
+// The recursion depth of writing JSON grows with its nesting.
 constexpr ArchiveLimits kMeasureLimits{100'000, 8, 1000};
 
 }  // namespace
@@ -27,7 +27,7 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
                             const std::function<std::string(std::int64_t)>& time_text,
                             const std::stop_token& stop) {
   ExportReport report;
-  // Whole or not at all, and for the owner's eyes, as the gallery itself.
+  // Written atomically and readable by its owner only, like the gallery.
   AtomicFolder whole(target);
   const std::string& folder = whole.path();
   nlohmann::ordered_json all = nlohmann::ordered_json::array();
@@ -36,13 +36,13 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
     const std::string name = fmt::format("person-{}", person.id);
     make_folder(folder + "/" + name);
     nlohmann::ordered_json faces = nlohmann::ordered_json::array();
-    // One after the other: a person may have more faces than fit into memory.
+    // One at a time: the faces of a person may not fit into memory.
     gallery.each_face(person.id, true, [&](StoredFace&& face) {
       throw_if_stopped(stop);
       const std::string file = fmt::format("{}/face-{}.png", name, face.id);
       write_image(folder + "/" + file, face.crop);
       list += fmt::format("{}\t{}\n", file, person.name);
-      nlohmann::ordered_json measures;  // null where the text in the file is none
+      nlohmann::ordered_json measures;  // null if the stored text is not valid JSON
       try {
         measures = parse_json(face.measures, gallery.path(), kMeasureLimits);
       } catch (const InputError&) {
@@ -62,7 +62,7 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
                    {"sightings", nlohmann::ordered_json::array()}});
     ++report.people;
   }
-  // Who was seen, with the faces that were kept; the unknown by their groups.
+  // Sightings with their stored faces; unknown ones by group.
   nlohmann::ordered_json unknown = nlohmann::ordered_json::array();
   std::map<std::string, std::size_t> index;
   for (std::size_t i = 0; i < all.size(); ++i) index[all[i]["name"].get<std::string>()] = i;

@@ -15,11 +15,11 @@ struct ExportReport {
   std::int64_t faces = 0;
 };
 
-// Writes everything that a gallery holds of its people into a folder: person-1/face-1.png .. (named
-// by numbers: names may hold anything), faces.lst (`path<TAB>name`, for `people train --list
-// faces.lst --raw`), seen/sighting-1.png .. and people.json (names, notes, times, sources, quality;
-// who was seen, the unknown by their groups). `time_text` writes
-// moments. Throws OutputError where the folder exists and is not empty, Interrupted.
+// Writes all data of a gallery into a folder: person-1/face-1.png .. (numbered, because names may
+// contain any character), faces.lst (`path<TAB>name`, for `people train --list faces.lst --raw`),
+// seen/sighting-1.png .. and people.json (names, notes, times, sources, quality; the sightings,
+// unknown ones by group). `time_text` formats times. Throws OutputError if the folder exists and is
+// not empty, Interrupted.
 ExportReport export_gallery(Gallery& gallery, const std::string& folder,
                             const std::function<std::string(std::int64_t)>& time_text,
                             const std::stop_token& stop);

@@ -42,7 +42,7 @@ std::optional<cv::Point2d> find_in(Cascade& cascade, const cv::Mat& gray, const 
   if (area.width < 8 || area.height < 8) return std::nullopt;
   cv::Mat part;
   cv::equalizeHist(gray(area), part);
-  // Cascades see nothing below their own size: small faces are enlarged for them.
+  // Cascades cannot detect below their window size, so small faces are enlarged.
   const cv::Size own = cascade.window();
   const double zoom = std::max(1.0, own.width / (kSmallestEye * area.width));
   if (zoom > 1) cv::resize(part, part, {}, zoom, zoom, cv::INTER_LINEAR);
@@ -73,7 +73,7 @@ EyeRegion eye_region(EyeMethod method) {
 
 struct EyeDetector::Impl {
   EyeRegion region{};
-  // Tried in this order, for the left and the right eye as seen.
+  // Tried in this order, for the left and the right eye in the image.
   std::vector<Cascade> left;
   std::vector<Cascade> right;
 
@@ -93,7 +93,7 @@ EyeDetector::EyeDetector(EyeMethod method) : impl_(std::make_unique<Impl>()) {
       impl_->right.emplace_back(name);
     }
   } else {
-    // Named after the person's own sides.
+    // These files are named after the person's own sides.
     impl_->left.emplace_back("haarcascade_righteye_2splits.xml");
     impl_->right.emplace_back("haarcascade_lefteye_2splits.xml");
   }
@@ -109,7 +109,7 @@ std::optional<Eyes> EyeDetector::find(const cv::Mat& gray, const cv::Rect& face)
   const auto right = Impl::first(impl_->right, gray, region_of(impl_->region, face, true));
   if (!right) return std::nullopt;
   const Eyes eyes{*left, *right};
-  // A pair that no face can have is an eyebrow or a nostril.
+  // Such a pair is impossible in a face: one of them is an eyebrow or a nostril.
   const double slope = std::abs(right->y - left->y) / std::max(1e-9, right->x - left->x);
   if (right->x <= left->x || slope > 0.7 || eyes.distance() < 0.2 * face.width) return std::nullopt;
   return eyes;
@@ -134,7 +134,7 @@ cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes, const CutOptions& option
                        turn.imag(), turn.real(), shift.imag());
   const double scale = std::abs(turn);
   cv::Mat source = gray;
-  if (scale < 0.6) {  // what the cut cannot hold would alias
+  if (scale < 0.6) {  // avoid aliasing
     cv::GaussianBlur(gray, source, {}, 0.4 / scale);
   }
   cv::Mat out;
@@ -149,8 +149,9 @@ Eyes eyes_of_points(const Eigen::Matrix2Xd& points) {
     const Eigen::Vector2d m = points.middleCols(first, count).rowwise().mean();
     return Complex(m.x(), m.y());
   };
-  // In units of the distance of the eyes' centres, midway between them at 0: the mean of upright
-  // faces (faces68). Of the mouth the upper lip: the lower one moves with every word.
+  // Positions in the mean upright face (faces68), in units of the distance between the eye centres,
+  // with the origin midway between them. For the mouth, the upper lip is used, because the lower
+  // one moves when speaking.
   struct Anchor {
     Complex where;
     Complex in_face;

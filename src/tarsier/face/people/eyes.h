@@ -11,10 +11,10 @@
 #include <optional>
 #include <string_view>
 
-// Where the eyes of a face are, and the face cut out so that they always lie at the same place.
+// Finds the eyes of a face and crops the face with the eyes at fixed positions.
 namespace tarsier::face::people {
 
-// Centres, px of the image (centres of pixels at integers), left and right as seen.
+// Centres of the eyes in the image, px (pixel centres at integers); left and right in the image.
 struct Eyes {
   cv::Point2d left;
   cv::Point2d right;
@@ -22,30 +22,30 @@ struct Eyes {
 };
 
 enum class EyeMethod {
-  kLandmarks,  // means of the points around each eye
-  kCascades,   // haarcascade_eye, where it fails haarcascade_eye_tree_eyeglasses
+  kLandmarks,  // means of the landmarks around each eye
+  kCascades,   // haarcascade_eye; if it fails, haarcascade_eye_tree_eyeglasses
   kSplits,     // haarcascade_lefteye_2splits and haarcascade_righteye_2splits
 };
 [[nodiscard]] std::string_view name_of(EyeMethod method);  // "landmarks", "cascades", "2splits"
 [[nodiscard]] EyeMethod parse_eye_method(std::string_view name);  // throws std::invalid_argument
 
-// Where in a face's box each detector looks, shares of its width and height; the right eye's region
-// is the mirror image.
+// The region of a face's bounding box that each detector searches, shares of its width and height.
+// The right eye's region is the mirror image.
 struct EyeRegion {
   double x, y, width, height;
 };
-[[nodiscard]] EyeRegion eye_region(EyeMethod method);  // not of kLandmarks
+[[nodiscard]] EyeRegion eye_region(EyeMethod method);  // not for kLandmarks
 
-// Eyes by boosted cascades in a face's box, at full resolution. Not thread-safe.
+// Finds the eyes in a face's bounding box by boosted cascades, at full resolution. Not thread-safe.
 class EyeDetector {
  public:
-  // Throws ModelError where cascades are missing (Debian: opencv-data), std::invalid_argument for
+  // Throws ModelError if cascades are missing (Debian: opencv-data), std::invalid_argument for
   // kLandmarks.
   explicit EyeDetector(EyeMethod method);
   ~EyeDetector();
   EyeDetector(EyeDetector&&) noexcept;
   EyeDetector& operator=(EyeDetector&&) noexcept;
-  // Nothing unless both are found. `gray`: CV_8UC1.
+  // Empty unless both eyes are found. `gray`: CV_8UC1.
   [[nodiscard]] std::optional<Eyes> find(const cv::Mat& gray, const cv::Rect& face);
 
  private:
@@ -53,11 +53,12 @@ class EyeDetector {
   std::unique_ptr<Impl> impl_;
 };
 
-// The cut: rotation, scale and shift only.
+// The crop is a similarity transform: rotation, scale and translation only.
 struct CutOptions {
   cv::Size size{128, 160};  // px
-  double eye_x = 0.27;      // of the left eye, share of the width; the right mirrored
-  double eye_y = 0.34;      // share of the height
+  // Of the left eye, share of the width; the right eye is mirrored.
+  double eye_x = 0.27;
+  double eye_y = 0.34;  // share of the height
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(32, 512)},
@@ -68,14 +69,14 @@ struct CutOptions {
   void check() const { check_fields(*this); }
 };
 
-// CV_8UC1 of options.size, as bright as it was; what is outside the image is its edge repeated.
+// CV_8UC1 of options.size with unchanged brightness; outside the image, the border is replicated.
 // Throws std::invalid_argument for eyes that are less than a pixel apart or not finite.
 [[nodiscard]] cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes,
                                const CutOptions& options = {});
 
-// From 68 points (300-W order, 2 x 68, px): the centres of the eyes, as a least-squares similarity
-// of eyes, nose and mouth puts them: a turned or tilted face keeps its scale, which the distance of
-// the eyes alone does not.
+// The centres of the eyes from 68 points (300-W order, 2 x 68, px), by a least-squares similarity
+// of eyes, nose and mouth. Turned or tilted faces keep their scale; with the eye distance alone
+// they would not.
 [[nodiscard]] Eyes eyes_of_points(const Eigen::Matrix2Xd& points);
 
 }  // namespace tarsier::face::people

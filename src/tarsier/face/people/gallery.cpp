@@ -63,8 +63,7 @@ CREATE TABLE sighting(
 CREATE INDEX sighting_by_time ON sighting(time);
 CREATE INDEX sighting_by_person ON sighting(person);
 )sql",
-                          // 2: templates apart from
-                          // the crops, of a space
+                          // 2: templates in a table of their own, with a space
                           R"sql(
 CREATE TABLE template(
   face INTEGER PRIMARY KEY REFERENCES face(id) ON DELETE CASCADE,
@@ -86,9 +85,7 @@ INSERT INTO learned_face SELECT face FROM template;
 DROP TABLE model;
 ALTER TABLE face DROP COLUMN template;
 )sql",
-                          // 3: sightings with
-                          // faces, their groups, and
-                          // corrections
+                          // 3: sightings with faces, their groups, and corrections
                           R"sql(
 CREATE TABLE seen(
   id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -167,7 +164,7 @@ std::string folder_of(const std::string& path) {
   return std::filesystem::path(path).parent_path().string();
 }
 
-// All that a PNG of this size has in common with others: signature, header, the data chunk's head.
+// Bytes that all PNGs of the same size share: signature, header, start of the data chunk.
 constexpr std::size_t kPngHead = 43;
 
 void put_templates(Database& database, std::int64_t space,
@@ -316,7 +313,7 @@ std::optional<StoredFace> Gallery::face(std::int64_t id) {
 }
 
 std::vector<FaceRef> Gallery::face_refs() {
-  // Answered by the index alone, hence sorted here.
+  // This query uses the index alone, so the rows are sorted here.
   Statement rows(database_, "SELECT id, person FROM face INDEXED BY face_by_person");
   std::vector<FaceRef> out;
   while (rows.step()) out.push_back({rows.integer(0), rows.integer(1)});
@@ -345,8 +342,7 @@ std::optional<StoredFace> Gallery::latest_face(std::int64_t person) {
 
 namespace {
 
-// All that is kept of faces: enrolled, seen, and those that are not of a person. The owner of what
-// was seen of nobody is 0.
+// All stored face data: enrolled faces, sightings and negatives. Unknown sightings have owner 0.
 constexpr const char* kSecrets =
     "(SELECT person AS owner, 0 AS grouped, crop, numbers FROM face LEFT JOIN template ON "
     "template.face = face.id UNION ALL SELECT coalesce(person, 0), coalesce(grouped, 0), crop, "
@@ -355,7 +351,7 @@ constexpr const char* kSecrets =
 
 }  // namespace
 
-// What is read of a face's secrets: all of its crop that is not every PNG's, its template.
+// Reads the secret data of a face: its crop without the common PNG header, and its template.
 void Gallery::each_secret(
     const std::string& condition, std::int64_t value,
     const std::function<void(std::int64_t, std::span<const std::uint8_t>)>& take) {
@@ -465,7 +461,7 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
                                        : text.substr(0, at) + own + text.substr(at + 2));
       }
     }
-    // What was corrected of them names them, and could bring them back.
+    // Corrections name these people and could restore them.
     if (what == Forgotten::kAll) {
       database_.run("DELETE FROM correction");
     } else {
@@ -487,7 +483,8 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
   report.log_emptied = give_back_room();
   report.search = search_below(pieces, folder_of(path()), stop, limits);
   if (!report.search.found.empty() && what != Forgotten::kAll) {
-    // Pieces that faces of others hold as well are no trace; only now are those looked at.
+    // Ignore pieces that faces of other people also contain. They are read only if something was
+    // found.
     std::vector<std::int64_t> others;
     each_secret("owner >= ?", 0, [&](std::int64_t other, std::span<const std::uint8_t> bytes) {
       throw_if_stopped(stop);
@@ -509,7 +506,7 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
   };
   if (!report.search.found.empty()) {
     again();
-    // Rows that SQLite once moved may have left bytes in the free room of a page.
+    // SQLite may have left bytes of moved rows in the free space of a page.
     const auto own_file = [&](const std::string& file) {
       std::error_code error;
       return std::filesystem::equivalent(file, path(), error) ||
@@ -539,14 +536,15 @@ void Gallery::changed() {
       "value = CAST(CAST(value AS INTEGER) + 1 AS TEXT)");
 }
 
-// With the templates that depend on it. Coordinates stay: they depend on nobody.
+// Also removes the templates that depend on the model. Coordinates stay: they do not depend on
+// other people.
 void Gallery::drop_model() {
   database_.run(
       "DELETE FROM learned; DELETE FROM learned_face; DELETE FROM template WHERE space > 0");
 }
 
-// Returns whether the write-ahead log is empty now. Deleted rows were overwritten with zeros, so
-// the file need not be written afresh.
+// Returns whether the write-ahead log is now empty. Deleted rows were overwritten with zeros, so
+// the file need not be rewritten.
 bool Gallery::give_back_room() {
   database_.run("PRAGMA incremental_vacuum");
   Statement checkpoint(database_, "PRAGMA wal_checkpoint(TRUNCATE)");
@@ -567,7 +565,7 @@ std::optional<std::int64_t> Gallery::store_model(
   {
     Statement insert(database_, "INSERT INTO learned(generation, space, body) VALUES(?, ?, ?)");
     insert
-        .bind(1, generation + 1)  // that of changed(), below
+        .bind(1, generation + 1)  // the value that changed() sets below
         .bind(2, space)
         .bind(3, std::span(reinterpret_cast<const std::uint8_t*>(body.data()), body.size()));
     (void)insert.step();
@@ -582,7 +580,7 @@ std::optional<std::int64_t> Gallery::store_model(
     }
   }
   {
-    // Those of the model before this one.
+    // Remove the templates of the previous model.
     Statement remove(database_, "DELETE FROM template WHERE space > 0 AND space <> ?");
     remove.bind(1, id);
     (void)remove.step();

@@ -18,27 +18,27 @@
 #include <utility>
 #include <vector>
 
-// Who is enrolled: an SQLite file of people, their faces and what was learned from them; who was
-// seen, in what groups; what was corrected.
+// The gallery: an SQLite file of enrolled people, their faces and the trained model. It also stores
+// sightings, the groups of unknown faces, and manual corrections.
 namespace tarsier::face::people {
 
 struct Person {
   std::int64_t id = 0;
   std::string name;
-  std::string note;       // of consent: who agreed to what, when
-  std::int64_t time = 0;  // when enrolled, ms since 1970-01-01 UTC
+  std::string note;       // consent: who agreed to what, when
+  std::int64_t time = 0;  // of enrolment, ms since 1970-01-01 UTC
   std::int64_t faces = 0;
 };
 
-// A face that is enrolled or going to be.
+// A face that is enrolled or will be enrolled.
 struct StoredFace {
   std::int64_t id = 0;
   std::int64_t person = 0;
-  cv::Mat crop;                 // CV_8UC1, as cut_face() makes it
-  std::vector<float> features;  // the template; empty: not made yet
-  std::int64_t space = 0;       // what its numbers are of, see StoredModel; 0: no template
+  cv::Mat crop;                 // CV_8UC1, as from cut_face()
+  std::vector<float> features;  // the template; empty: not computed yet
+  std::int64_t space = 0;       // of the template, see StoredModel; 0: no template
   double quality = 0;           // 0..1
-  std::string measures;         // JSON object of the quality's measures
+  std::string measures;         // JSON object of the quality measures
   std::string source;           // file or camera, passwords masked
   std::int64_t time = 0;        // ms since 1970-01-01 UTC
 };
@@ -48,42 +48,43 @@ struct FaceRef {
   std::int64_t person = 0;
 };
 
-// A face with the person whom it shows.
+// A face with the person it shows.
 struct NewFace {
   std::string name;
   std::string note;
   StoredFace face;
 };
 
-// What was learned. Templates are of a space: that of a model (its id, > 0), or coordinates in the
-// directions of a background (minus its fingerprint, < 0), which depend on nobody who is enrolled.
+// The trained model. Each template belongs to a space: that of a model (its id, > 0), or of
+// coordinates in the directions of a background (minus its fingerprint, < 0). Coordinates do not
+// depend on the enrolled people.
 struct StoredModel {
   std::int64_t id = 0;
-  std::int64_t generation = 0;  // of the gallery when it was learned
-  std::int64_t space = 0;       // its own id, or the coordinates that it was learned in
+  std::int64_t generation = 0;  // of the gallery at training
+  std::int64_t space = 0;       // its own id, or the coordinates it was trained on
   std::string body;
 };
 
-// A face as it was seen.
+// A face of a sighting.
 struct SeenFace {
-  cv::Mat crop;          // CV_8UC1, as cut_face() makes it
+  cv::Mat crop;          // CV_8UC1, as from cut_face()
   double quality = 0;    // 0..1
-  std::string measures;  // JSON object of the quality's measures
+  std::string measures;  // JSON object of the quality measures
 };
 
 struct Sighting {
   std::int64_t id = 0;
   std::int64_t time = 0;  // ms since 1970-01-01 UTC
   std::string source;
-  std::string name;  // of the nearest person; empty: like nobody
+  std::string name;  // of the nearest person; empty: similar to nobody
   bool known = false;
   double confidence = 0;   // 0..1
-  bool has_face = false;   // its crop is kept
-  double quality = 0;      // of it, 0..1
+  bool has_face = false;   // its crop is stored
+  double quality = 0;      // of the crop, 0..1
   std::int64_t group = 0;  // of an unknown face; 0: none
 };
 
-// Sightings of unknown faces that show one person.
+// Sightings of unknown faces that show the same person.
 struct SightingGroup {
   std::int64_t id = 0;
   std::int64_t sightings = 0;
@@ -91,44 +92,44 @@ struct SightingGroup {
   std::int64_t last_time = 0;
 };
 
-// A face that is not of a person.
+// A face that is known not to show a given person.
 struct Negative {
   std::int64_t id = 0;
   std::int64_t person = 0;
 };
 
-// What somebody corrected. Each is one transaction, and is undone by another.
+// A manual correction. Each is one transaction and can be undone by another correction.
 struct Correction {
   std::int64_t id = 0;
   std::int64_t time = 0;  // ms since 1970-01-01 UTC
-  std::string actor;      // who
+  std::string actor;      // who corrected
   // "name", "not", "move", "merge", "split", "merge groups", "split group", "undo"
   std::string kind;
   std::string from;  // person, or "group 3"; empty: none
   std::string to;
-  std::int64_t count = 0;   // faces, sightings or negatives that it changed
-  std::int64_t undone = 0;  // by this correction; 0: it holds
-  std::int64_t undoes = 0;  // this correction; 0: it is no undo
+  std::int64_t count = 0;   // faces, sightings or negatives that were changed
+  std::int64_t undone = 0;  // id of the correction that undid this one; 0: still valid
+  std::int64_t undoes = 0;  // id of the correction that this one undoes; 0: none
 };
 
-// "group 3 is Ann (4), undone by 7": without the time and who it was.
+// "group 3 is Ann (4), undone by 7": without time and actor.
 [[nodiscard]] std::string text_of(const Correction& entry);
 
-// Who corrects, and when: for the log.
+// Who corrects, and when; stored in the log.
 struct CorrectionStamp {
   std::int64_t time = 0;  // ms since 1970-01-01 UTC
   std::string actor;
 };
 
-// What became of a gallery's index (gallery_index.h) when somebody was forgotten.
+// What happened to a gallery's index (gallery_index.h) when a person was forgotten.
 enum class IndexFate {
   kNone,       // there was none
-  kKept,       // it held none of the faces
-  kRewritten,  // it was written without them
-  kDeleted,    // it was learned from them, or could not be used
+  kKept,       // it contained none of the faces
+  kRewritten,  // it was rewritten without them
+  kDeleted,    // it was learned from them, or was not usable
 };
 
-// A template with whose it is.
+// A template and the person it belongs to.
 struct PersonTemplate {
   std::int64_t person = 0;
   std::int64_t face = 0;
@@ -136,141 +137,142 @@ struct PersonTemplate {
 };
 
 struct ForgetReport {
-  Person person;            // with the number of faces that were removed; of all: no name
-  std::int64_t people = 0;  // that were removed
+  Person person;            // with the number of removed faces; no name if all were forgotten
+  std::int64_t people = 0;  // removed people
   std::int64_t sightings = 0;
-  bool unlearned = false;     // the model was learned from these faces: it was removed as well
-  std::int64_t pieces = 0;    // runs of 32 bytes of the removed crops and templates
-  std::int64_t searched = 0;  // of these so many were looked for
-  std::int64_t shared = 0;    // and so many were not, as faces of others who stay hold them, too:
-  std::vector<std::string> shared_with;  // of these people
-  // Of so many removed crops and templates less than half of the pieces could be looked for (the
-  // same image is enrolled under another name): nothing is proven of them.
+  bool unlearned = false;     // the model was trained on these faces, so it was removed too
+  std::int64_t pieces = 0;    // number of 32-byte pieces of the removed crops and templates
+  std::int64_t searched = 0;  // pieces that were searched for
+  // Pieces not searched for, because faces of other people contain them too.
+  std::int64_t shared = 0;
+  std::vector<std::string> shared_with;  // these other people
+  // Number of removed crops and templates of which less than half of the pieces could be searched
+  // for (the same image is enrolled under another name). Their removal is not proven.
   std::int64_t unproven = 0;
   IndexFate index = IndexFate::kNone;
   SearchReport search;
   bool log_emptied = true;  // false: another program still reads the write-ahead log
-  // What was removed was looked for, all that is in and below the folder could be searched, and
-  // nothing was found. Never true where there was nothing to look for.
+  // True if pieces were searched for, everything in and below the folder could be searched, and
+  // nothing was found. False if there was nothing to search for.
   [[nodiscard]] bool proven() const {
     return log_emptied && searched > 0 && unproven == 0 && search.found.empty() &&
            search.unread.empty() && search.skipped.empty();
   }
 };
 
-// What is committed survives a crash; each face is one transaction. Errors as media/sqlite.h says;
-// hostile files give InputError or OutputError naming the path.
+// Committed data survives a crash; each face is one transaction. Errors as in media/sqlite.h.
+// Malicious files give InputError or OutputError that names the path.
 class Gallery {
  public:
   explicit Gallery(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,
                    int patience_ms = 5000);
 
-  [[nodiscard]] std::vector<Person> people();  // in the order of their enrolment
+  [[nodiscard]] std::vector<Person> people();  // in order of enrolment
   [[nodiscard]] std::optional<Person> find(std::string_view name);
-  // Finds or adds; a note that is not empty replaces the old one. Throws UsageError (check_name).
+  // Finds or adds a person; a non-empty note replaces the old one. Throws UsageError (check_name).
   Person add_person(std::string_view name, std::string_view note, std::int64_t time);
-  // Returns its id. The crop is kept as PNG.
+  // Returns the id of the face. The crop is stored as PNG.
   std::int64_t add_face(const StoredFace& face);
-  // The person (added where new) and the face together or not at all.
+  // Stores the person (added if new) and the face in one transaction.
   std::int64_t enroll(std::string_view name, std::string_view note, const StoredFace& face);
-  // Several at a time, in one transaction.
+  // Several faces in one transaction.
   void enroll(std::span<const NewFace> faces);
-  // Of one person or of all, in the order of their enrolment, one after the other. Without crops
-  // where `crops` is false. The gallery must not be written to meanwhile by the same object.
+  // Faces of one person or of all, one after the other in order of enrolment; without crops if
+  // `crops` is false. The same object must not write to the gallery during the call.
   void each_face(std::optional<std::int64_t> person, bool crops,
                  const std::function<void(StoredFace&&)>& take);
-  // The same at once: all crops of a large gallery do not fit into memory.
+  // All faces in one list. The crops of a large gallery do not fit into memory.
   [[nodiscard]] std::vector<StoredFace> faces(std::optional<std::int64_t> person = std::nullopt,
                                               bool crops = true);
   [[nodiscard]] std::optional<StoredFace> face(std::int64_t id);
-  // All, in the order of their enrolment: reads neither crops nor templates.
+  // All faces in order of enrolment; reads neither crops nor templates.
   [[nodiscard]] std::vector<FaceRef> face_refs();
   [[nodiscard]] std::int64_t face_count();
-  // face_count(), counted no further than to `most`.
+  // face_count(), but counting stops at `most`.
   [[nodiscard]] std::int64_t face_count_up_to(std::int64_t most);
-  // The newest face of a person.
+  // The most recently enrolled face of a person.
   [[nodiscard]] std::optional<StoredFace> latest_face(std::int64_t person);
 
-  // Removes the person with faces, templates and sightings, and the model where it was learned from
-  // one of these faces; gives the room back, empties the write-ahead log, then searches the files
-  // in and below the gallery's folder for 32-byte pieces of what was removed. Nothing where nobody
-  // has that name. Throws Interrupted (in the search only).
+  // Removes the person with faces, templates and sightings, and also the model if it was trained on
+  // one of these faces. Frees the space, empties the write-ahead log, then searches the files in
+  // and below the gallery's folder for 32-byte pieces of the removed data. Empty if nobody has that
+  // name. Throws Interrupted (during the search only).
   [[nodiscard]] std::optional<ForgetReport> forget(std::string_view name,
                                                    const std::stop_token& stop,
                                                    const SearchLimits& limits = {});
-  // The same of everybody, at once. Nothing where nobody is enrolled.
+  // Forgets everybody at once. Empty if nobody is enrolled.
   [[nodiscard]] std::optional<ForgetReport> forget_all(const std::stop_token& stop,
                                                        const SearchLimits& limits = {});
 
-  // A group of unknown faces, in the same way.
+  // Forgets a group of unknown faces.
   [[nodiscard]] std::optional<ForgetReport> forget_group(std::int64_t group,
                                                          const std::stop_token& stop,
                                                          const SearchLimits& limits = {});
 
-  // Changes with every enrolment and removal and with what is learned, whichever program does it:
-  // one look-up.
+  // Changes with every enrolment, removal and training, by any program. Costs one look-up.
   [[nodiscard]] std::int64_t generation();
-  // Replaces what was learned, from generation `generation`, of the faces `learned`. `space` 0: the
-  // model's own, with these templates. Returns its id; nothing, and nothing is stored, where one of
-  // the faces was removed meanwhile.
+  // Replaces the model, trained at generation `generation` on the faces `learned`. `space` 0: the
+  // model has its own space, with these templates. Returns the model's id. Empty if one of the
+  // faces was removed meanwhile; then nothing is stored.
   std::optional<std::int64_t> store_model(
       std::string_view body, std::int64_t generation, std::int64_t space,
       std::span<const std::int64_t> learned,
       std::span<const std::pair<std::int64_t, std::vector<float>>> templates);
-  // What was learned last, even if the gallery changed since.
+  // The last trained model, even if the gallery has changed since.
   [[nodiscard]] std::optional<StoredModel> model();
-  [[nodiscard]] std::int64_t model_id();          // 0: nothing is stored
-  [[nodiscard]] std::int64_t model_generation();  // -1: nothing is stored
-  // Templates of faces by id; those of faces that are gone are left out.
+  [[nodiscard]] std::int64_t model_id();          // 0: no model is stored
+  [[nodiscard]] std::int64_t model_generation();  // -1: no model is stored
+  // Stores templates by face id; those of removed faces are skipped.
   void store_templates(std::int64_t space,
                        std::span<const std::pair<std::int64_t, std::vector<float>>> templates);
-  // Of a space, by rising id of their faces.
+  // Templates of a space, by rising face id.
   void each_template(std::int64_t space,
                      const std::function<void(std::int64_t face, std::span<const float>)>& take);
   [[nodiscard]] std::vector<float> template_of(std::int64_t face, std::int64_t space);  // or empty
-  // Faces without a template of this space, by rising id.
+  // Faces without a template in this space, by rising id.
   [[nodiscard]] std::vector<std::int64_t> without_template(std::int64_t space);
-  // gallery_lookup.cpp: what an index of the gallery (gallery_index.h) needs.
+  // gallery_lookup.cpp: queries for the gallery's index (gallery_index.h).
   [[nodiscard]] std::int64_t last_face();  // the greatest id; 0: no faces
   [[nodiscard]] std::int64_t people_with_faces();
-  // Templates of a space of faces up to `last`, and after `after`.
+  // Number of templates in a space with face ids up to `last` and greater than `after`.
   [[nodiscard]] std::int64_t template_count(std::int64_t space, std::int64_t last,
                                             std::int64_t after = 0);
-  // At most `most` of these, by rising id: a large gallery is read in pieces, so that others can
-  // empty its log meanwhile.
+  // At most `most` of these, by rising id. A large gallery is read in pieces, so that other
+  // programs can empty its write-ahead log in between.
   void each_template_after(
       std::int64_t space, std::int64_t after, std::int64_t last, std::int64_t most,
       const std::function<void(std::int64_t face, std::span<const float>)>& take);
   // All templates of the people who have one of these faces.
   [[nodiscard]] std::vector<PersonTemplate> templates_beside(std::span<const std::int64_t> faces,
                                                              std::int64_t space);
-  [[nodiscard]] std::string name_of(std::int64_t person);  // empty: they are gone
-  [[nodiscard]] std::int64_t removals();  // how often enrolled faces were removed: rises
-  // Whether an index of this sum is that of the gallery as it is.
+  [[nodiscard]] std::string name_of(std::int64_t person);  // empty: the person was removed
+  [[nodiscard]] std::int64_t removals();  // number of removals of enrolled faces; rises
+  // Whether an index with this SHA-256 is the current index of the gallery.
   [[nodiscard]] bool is_index(std::string_view sum);
-  // The sums of those that are; empty: none is.
+  // The SHA-256 of the valid indexes; empty: there is none.
   [[nodiscard]] std::string index_record();
-  // Faces after `after` without a template of this space, by rising id.
+  // Faces with ids greater than `after` without a template in this space, by rising id.
   [[nodiscard]] std::vector<std::int64_t> without_template_after(std::int64_t space,
                                                                  std::int64_t after);
-  // An index that was made of the templates of `model` is the gallery's from now on: `put` puts the
-  // file into its place. False, and nothing is done, where faces were removed since `removals` or
-  // the model is another. After a kill the old one or the new one is the gallery's.
+  // Makes an index of the templates of `model` the gallery's index; `put` moves the file into
+  // place. Returns false and does nothing if faces were removed since `removals` or the model has
+  // changed. After an interruption, either the old or the new index is valid.
   bool put_index(std::int64_t removals, std::int64_t model, std::string_view sum,
                  const std::function<void()>& put);
 
-  // "default" where nothing was set.
+  // "default" if not set.
   [[nodiscard]] std::string algorithm();
   void set_algorithm(std::string_view name);
-  // The network of the user's own that makes the templates, "SHA256 NAME" of its file; empty: none.
+  // The user's own network that computes the templates, "SHA256 NAME" of its file; empty: none.
   [[nodiscard]] std::string network();
   void set_network(std::string_view network);
 
-  // Returns its id. `name` empty: like nobody. 0, and nothing is stored, where nobody has that name
-  // (any more). `face` may be null: it is not kept.
+  // Returns the id of the sighting. Empty `name`: similar to nobody. If nobody has that name (any
+  // more), returns 0 and stores nothing. `face` may be null; then no crop is stored.
   std::int64_t add_sighting(std::int64_t time, std::string_view source, std::string_view name,
                             bool known, double confidence, const SeenFace* face = nullptr);
-  // A better image of the same face; false where it is gone, or in a group already.
+  // Stores a better image of the same face. False if the sighting was removed or is already in a
+  // group.
   bool improve_sighting(std::int64_t id, const SeenFace& face);
   // Newest first, at most `limit` (0: all).
   [[nodiscard]] std::vector<Sighting> sightings(std::int64_t limit = 0);
@@ -280,73 +282,73 @@ class Gallery {
   // gallery_groups.cpp
   [[nodiscard]] std::vector<SightingGroup> groups();
   [[nodiscard]] std::optional<SightingGroup> group(std::int64_t id);
-  [[nodiscard]] std::vector<Sighting> group_sightings(std::int64_t group);  // in their order
-  // Unknown faces that are in no group yet, in their order.
+  [[nodiscard]] std::vector<Sighting> group_sightings(std::int64_t group);  // in order of their ids
+  // Unknown faces that are not in a group yet, in order.
   [[nodiscard]] std::vector<std::int64_t> ungrouped();
   [[nodiscard]] std::int64_t ungrouped_count();
-  // Numbers of unknown faces in a space (< 0, as templates have it), or empty where they are not
-  // made yet.
+  // Coordinates of an unknown face in a space (< 0, as for templates); empty if not computed yet.
   [[nodiscard]] std::vector<float> sighting_numbers(std::int64_t sighting, std::int64_t space);
   void store_sighting_numbers(std::int64_t space,
                               std::span<const std::pair<std::int64_t, std::vector<float>>> numbers);
-  // Each sighting of a group, in their order.
+  // Each sighting that is in a group, in order.
   void each_grouped(
       const std::function<void(std::int64_t sighting, std::int64_t group, double quality)>& take);
-  // Groups of different people, each pair once.
+  // Pairs of groups that show different people; each pair once.
   [[nodiscard]] std::vector<std::pair<std::int64_t, std::int64_t>> groups_apart();
   [[nodiscard]] std::int64_t next_group();
-  // What placing a sighting did, see SightingGroups.
+  // The result of placing a sighting, see SightingGroups.
   struct Placed {
     std::int64_t sighting = 0;
     std::int64_t group = 0;
     std::vector<std::pair<std::int64_t, std::int64_t>> merged;
   };
-  // In one transaction, with the id of the next group. False, and nothing is stored, where groups
-  // or sightings are no longer what they were in `generation`.
+  // Stores placements and the id of the next group in one transaction. Returns false and stores
+  // nothing if groups or sightings have changed since `generation`.
   bool place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation);
-  // Groups that show one person: the first of each pair becomes part of the second, in this order. In
-  // one transaction, and as above.
+  // Merges groups that show the same person, in this order: the first of each pair into the second.
+  // One transaction; otherwise as place().
   bool unite(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
              std::int64_t generation);
 
-  // gallery_corrections.cpp. All throw InputError, which says what to do, for ids, names and groups
-  // that do not exist or cannot be changed so, and UsageError for new names (check_name); nothing
-  // is changed then. Each returns its id in the log.
-  // A group of unknown faces is this person: the best `most` of its faces are enrolled, its
-  // sightings are theirs.
+  // gallery_corrections.cpp. Each returns the id of its log entry. Throws InputError, which says
+  // what to do, for ids, names and groups that do not exist or cannot be changed in this way, and
+  // UsageError for invalid new names (check_name). On an error nothing is changed.
+  // Identifies a group of unknown faces as a person. Enrols the best `most` faces and assigns the
+  // group's sightings to the person.
   std::int64_t name_group(std::int64_t group, std::string_view name, std::string_view note,
                           std::int64_t most, const CorrectionStamp& stamp);
-  // An enrolled face, or a sighting, is not of the person whose it is: from now on it speaks
-  // against them.
+  // An enrolled face, or a sighting, does not show the person it is assigned to. It becomes a
+  // negative of that person.
   std::int64_t not_this_face(std::int64_t face, const CorrectionStamp& stamp);
   std::int64_t not_this_sighting(std::int64_t sighting, const CorrectionStamp& stamp);
-  // A face that is seen now, and was never stored, is not of this person.
+  // A face that is currently visible, and was never stored, does not show this person.
   std::int64_t not_this_person(std::string_view name, const SeenFace& face, std::string_view source,
                                const CorrectionStamp& stamp);
-  // Faces of one person are of another, who is added where new.
+  // Moves faces of one person to another, who is added if new.
   std::int64_t move_faces(std::span<const std::int64_t> faces, std::string_view to,
                           const CorrectionStamp& stamp);
-  // Some faces of a person are of a new one.
+  // Moves some faces of a person to a new person.
   std::int64_t split_person(std::string_view name, std::span<const std::int64_t> faces,
                             std::string_view to, const CorrectionStamp& stamp);
-  // Two names of one person: the first is gone.
+  // Merges two names of the same person; the first name is removed.
   std::int64_t merge_people(std::string_view from, std::string_view into,
                             const CorrectionStamp& stamp);
   std::int64_t merge_groups(std::int64_t from, std::int64_t into, const CorrectionStamp& stamp);
-  // Sightings of a group are of somebody else: a group of their own, which stays apart.
+  // Moves sightings of a group that show another person to a group of their own. The two groups are
+  // kept apart.
   std::int64_t split_group(std::int64_t group, std::span<const std::int64_t> sightings,
                            const CorrectionStamp& stamp);
-  // Undoes a correction, or the last one that holds (id 0). What retention or `forget` has removed
-  // since stays removed.
+  // Undoes a correction, or the last valid one (id 0). Does not restore what retention or `forget`
+  // has removed.
   std::int64_t undo(std::int64_t id, const CorrectionStamp& stamp);
   // Newest first, at most `limit` (0: all).
   [[nodiscard]] std::vector<Correction> corrections(std::int64_t limit = 0);
   [[nodiscard]] std::optional<Correction> correction(std::int64_t id);
   [[nodiscard]] std::vector<Negative> negatives();
-  [[nodiscard]] cv::Mat negative_crop(std::int64_t id);  // empty where it is gone
+  [[nodiscard]] cv::Mat negative_crop(std::int64_t id);  // empty if it was removed
 
-  // Those before `time` (ms); returns how many. A few hundred in each transaction, so that others
-  // who write into the gallery do not wait; `most`: no more than so many in all.
+  // Deletes the sightings before `time` (ms), at most `most`; returns how many. Each transaction
+  // deletes a few hundred, so that other programs can write in between.
   std::int64_t forget_sightings_before(
       std::int64_t time, std::int64_t most = std::numeric_limits<std::int64_t>::max());
 

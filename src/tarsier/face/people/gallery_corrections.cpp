@@ -17,11 +17,10 @@
 #include <string>
 #include <utility>
 
-// What people correct: each correction is one transaction, with what undoing it needs in two
-// tables.
+// Manual corrections. Each is one transaction; two tables store what undoing it needs.
 namespace tarsier::face::people {
 
-// One row of the log, with what only undoing needs.
+// One row of the log, with additional data for undoing.
 struct Gallery::Step {
   std::int64_t id = 0;
   std::string kind;
@@ -29,9 +28,9 @@ struct Gallery::Step {
   std::int64_t target = 0;
   std::string source_name;
   std::string target_name;
-  bool made = false;       // the target
-  std::string note;        // of the source, where it is gone
-  std::int64_t since = 0;  // its time
+  bool made = false;       // the target was created by the correction
+  std::string note;        // of the source, if it was removed
+  std::int64_t since = 0;  // enrolment time of the source
   std::int64_t undone = 0;
   std::int64_t undoes = 0;
 };
@@ -147,7 +146,7 @@ std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std:
   step.target_name = person.name;
   step.made = !before.has_value();
   const std::int64_t id = write_correction(step, stamp);
-  // The best; of equals the earlier ones.
+  // Best quality first; equal ones in order of time.
   std::vector<Sighting> best = members;
   std::stable_sort(best.begin(), best.end(),
                    [](const Sighting& a, const Sighting& b) { return a.quality > b.quality; });
@@ -267,7 +266,7 @@ std::int64_t Gallery::not_this_person(std::string_view name, const SeenFace& fac
   return id;
 }
 
-// Inside a transaction.
+// Runs inside a transaction.
 std::int64_t Gallery::hand_over(std::string_view kind, std::span<const std::int64_t> faces,
                                 const Person& from, std::string_view to,
                                 const CorrectionStamp& stamp) {
@@ -388,7 +387,7 @@ std::int64_t Gallery::merge_groups(std::int64_t from, std::int64_t into,
   const std::int64_t id = write_correction(step, stamp);
   for (const Sighting& sighting : group_sightings(from))
     write_change(id, "sighting", sighting.id, from);
-  // What was apart from the one and not yet from the other: 1.
+  // 1: groups that were kept apart from the first group but not yet from the second.
   Statement apart(database_,
                   "SELECT b, EXISTS(SELECT 1 FROM group_apart AS other WHERE other.a = ?2 AND "
                   "other.b = group_apart.b) FROM group_apart WHERE a = ?1");
@@ -507,7 +506,7 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
     throw InputError(path(),
                      fmt::format("correction {} was undone already, by {}", step.id, step.undone));
   {
-    // A later one that changed the same rows, or took away whom this one is about.
+    // A later correction that changed the same rows, or removed the person of this one.
     Statement later(
         database_,
         "SELECT id, kind FROM correction AS later WHERE id > ?1 AND undone = 0 AND undoes = 0 AND "
@@ -540,7 +539,7 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
   return undone;
 }
 
-// Inside a transaction. Rows that are gone since (retention, forgetting) are passed over.
+// Runs inside a transaction. Skips rows that were removed meanwhile (retention, forgetting).
 void Gallery::take_back(const Step& step) {
   const auto run = [&](std::string_view statement, auto... numbers) {
     run_statement(database_, statement, numbers...);
@@ -631,7 +630,7 @@ void Gallery::take_back(const Step& step) {
   }
   const bool of_people = step.kind == "move" || step.kind == "split" || step.kind == "name";
   if (!step.made || !of_people) return;
-  // Whoever was added by it goes again, unless there are other faces of them by now.
+  // Remove a person whom the correction added, unless other faces of that person exist now.
   run("UPDATE sighting SET person = NULL, known = 0 WHERE person = ?1 AND NOT EXISTS(SELECT 1 FROM "
       "face WHERE person = ?1)",
       step.target);

@@ -45,7 +45,7 @@ void TemplateMaker::look() {
   try {
     recognizer_ = recognition::recognizer_from_text(stored->body, gallery_.path());
   } catch (const Error&) {
-    // It is learned afresh when a model is next asked for.
+    // The model is trained again on its next use.
   }
 }
 
@@ -82,14 +82,14 @@ GalleryFollower::Change GalleryFollower::update() {
   const std::int64_t id = gallery_.model_id();
   if (model_ && model_->index) {
     if (model_->id == id && model_->index->follow(model_->recognizer)) return Change::kFaces;
-    // Another index; or none any more: then all faces are read.
+    // Use another index; if there is none, read all faces.
     if (take_index()) return Change::kModel;
     read_all();
     return Change::kModel;
   }
   if (take_index()) return Change::kModel;
   if (id != 0 && (!model_ || model_->id != id)) {
-    // Another program learned. Its model is taken as soon as all its templates are there.
+    // Another program has trained. Use its model as soon as all its templates are stored.
     const std::optional<StoredModel> stored = gallery_.model();
     const std::vector<FaceRef> refs = gallery_.face_refs();
     if (stored && !refs.empty()) {
@@ -115,8 +115,8 @@ bool GalleryFollower::take_index() {
   return true;
 }
 
-// The model that is stored, with all templates; else the subspace that is known, with those of the
-// faces that are there.
+// Loads the stored model if all its templates are there. Otherwise keeps the current subspace with
+// the faces that have templates.
 void GalleryFollower::read_all() {
   const std::vector<FaceRef> refs = gallery_.face_refs();
   const std::optional<StoredModel> stored = gallery_.model();
@@ -159,7 +159,7 @@ bool GalleryFollower::knows(const std::string& name) const {
 void GalleryFollower::follow_faces() {
   const std::vector<FaceRef> refs = gallery_.face_refs();
   Recognizer& recognizer = model_->recognizer;
-  // Templates that stay, then those of new faces, which have greater ids.
+  // Kept templates first, then those of new faces, which have greater ids.
   std::vector<Eigen::Index> kept;
   std::vector<FaceRef> all;
   std::vector<std::vector<float>> added;
@@ -191,7 +191,7 @@ void GalleryFollower::follow_faces() {
     return;
   }
   if (added.empty() && kept.size() == model_->faces.size()) {
-    // The same faces, but perhaps of other people, or under other names.
+    // The faces are the same, but their people or names may have changed.
     put_people(*model_, all, names_of(gallery_), gallery_.path());
     put_negatives(*model_, gallery_);
     recognizer.refresh();

@@ -12,7 +12,7 @@
 #include <string>
 #include <utility>
 
-// Who was seen: sightings, the faces of those that are kept, and their groups.
+// Sightings, their stored faces, and their groups.
 namespace tarsier::face::people {
 
 std::int64_t Gallery::add_sighting(std::int64_t time, std::string_view source,
@@ -233,7 +233,7 @@ void Gallery::set_next_group(std::int64_t id) {
   (void)insert.step();
 }
 
-// What was apart from the one is apart from the other.
+// Groups that were kept apart from `from` are kept apart from `into`.
 void Gallery::join_groups(std::int64_t from, std::int64_t into) {
   for (const char* statement :
        {"UPDATE seen_face SET grouped = ?2 WHERE grouped = ?1",
@@ -269,7 +269,7 @@ bool Gallery::place(std::span<const Placed> placed, std::int64_t next, std::int6
       there.bind(1, one.sighting);
       if (!there.step()) return false;
     }
-    // The group that it was put in first may have become part of another one.
+    // The group it was first placed in may have been merged into another one.
     const std::int64_t first = one.merged.empty() ? one.group : 0;
     if (first > 0) {
       Statement insert(database_, "INSERT OR IGNORE INTO sighting_group(id) VALUES(?)");

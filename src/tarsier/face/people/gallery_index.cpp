@@ -27,7 +27,7 @@ using recognition::CellIndex;
 using recognition::Recognizer;
 using recognition::Rows;
 
-constexpr std::int64_t kReadAtOnce = 4096;  // templates that are read at a time
+constexpr std::int64_t kReadAtOnce = 4096;  // templates per read
 
 bool exists(const std::string& path) {
   struct ::stat info {};
@@ -36,7 +36,7 @@ bool exists(const std::string& path) {
 
 std::string unfinished_path(const Gallery& gallery) { return index_path(gallery) + ".new"; }
 
-// Of coordinates up to a face, as a model's templates.
+// Templates of a model from stored coordinates of faces up to `last`.
 recognition::TemplateSource templates_of(Gallery& gallery,
                                          const recognition::CoordinateProjection& projection,
                                          std::int64_t space, std::int64_t last) {
@@ -69,7 +69,7 @@ recognition::TemplateSource templates_of(Gallery& gallery,
   };
 }
 
-// Overwrites a file with zeros, as SQLite does with rows that are deleted.
+// Overwrites a file with zeros, as SQLite does with deleted rows.
 void overwrite(int fd) {
   struct ::stat info {};
   if (fd < 0 || ::fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) return;
@@ -115,7 +115,7 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
     report.path = index_path(gallery);
     report.faces = gallery.template_count(space, label.last);
     if (report.faces == 0) throw InputError(gallery.path(), "has no templates");
-    // Whoever forgets somebody meanwhile takes the unfinished file away: its maker begins again.
+    // A program that forgets a person deletes the unfinished file; the build then restarts.
     const auto changed = [&] { return gallery.removals() != removals; };
     const auto source = templates_of(gallery, projection, space, label.last);
     struct Changed {};
@@ -138,7 +138,7 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
     } catch (const Changed&) {
       progress.end();
     } catch (const std::invalid_argument&) {
-      if (!changed()) throw;  // else faces were removed between two passes
+      if (!changed()) throw;  // otherwise faces were removed between two passes
       progress.end();
     }
     log_info("{}: somebody was forgotten or corrected meanwhile: the index is made once more",
@@ -218,7 +218,7 @@ bool GalleryIndex::follow(const Recognizer& subspace) {
   return true;
 }
 
-// All of them: who was forgotten leaves the memory.
+// Reads all of them again, so that removed people do not stay in memory.
 void GalleryIndex::read_newer() {
   std::vector<std::int64_t> ids;
   std::vector<float> numbers;
@@ -248,7 +248,7 @@ void GalleryIndex::read_negatives() {
       continue;
     }
     const cv::Mat crop = gallery_.negative_crop(negative.id);
-    if (crop.empty()) continue;  // gone meanwhile
+    if (crop.empty()) continue;  // removed meanwhile
     now.emplace(negative.id,
                 std::pair(negative.person,
                           recognition::template_of(
@@ -285,7 +285,7 @@ Recognition GalleryIndex::recognize(std::span<const float> features, double fals
   std::sort(all.begin(), all.end(),
             [](const PersonTemplate& a, const PersonTemplate& b) { return a.face < b.face; });
 
-  // As put_people() of an exact search orders them.
+  // Same order as put_people() of an exact search.
   Rows coordinates(static_cast<Eigen::Index>(all.size()), projection_.coordinates());
   std::vector<std::int64_t> people;
   candidates_.people.clear();
@@ -331,7 +331,7 @@ IndexRemoval::~IndexRemoval() {
 
 void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& stays, bool model_goes,
                            const std::stop_token& stop) {
-  // Of a removal that was killed.
+  // Delete the leftover of an interrupted removal.
   const std::string without = path_ + ".without";
   if (const int left = ::open(without.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
       left >= 0) {
@@ -367,8 +367,8 @@ void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& sta
     to_ = index.write_without(prepared_, is_kept, stop).sum;
     fate_ = IndexFate::kRewritten;
   } catch (const InputError& error) {
-    if (error.path() != path_) throw;   // damaged: it goes
-  } catch (const OutputError& error) {  // a full disk must not hold up that somebody is forgotten
+    if (error.path() != path_) throw;   // damaged: delete it
+  } catch (const OutputError& error) {  // a full disk must not prevent forgetting
     log_debug("{}", error.what());
     (void)::unlink(without.c_str());
     prepared_.clear();
@@ -376,12 +376,12 @@ void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& sta
 }
 
 std::string IndexRemoval::replace(const std::string& recorded) {
-  // One that is being made: its maker notices that somebody was removed, and begins again.
+  // Delete an index that is being built: its builder notices the removal and restarts.
   const std::string unfinished = path_ + ".new";
   unfinished_ = ::open(unfinished.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
   (void)::unlink(unfinished.c_str());
   if (!exists(path_)) return {};
-  // Another one came into its place meanwhile, or it was never the gallery's.
+  // The file was replaced meanwhile, or never was the gallery's index.
   const bool own = !from_.empty() && recorded.find(from_) != std::string::npos;
   std::string now;
   if (own) {

@@ -19,20 +19,19 @@
 #include <utility>
 #include <vector>
 
-// The index of a large gallery: a file beside it (recognition/cell_index.h) that gives candidates
-// for a face. The answer is always made of the gallery's own rows: each candidate's person is looked
-// up and compared exactly, with all their templates, as an exact search compares them. So an index
-// can miss somebody, and cannot name anybody who is not enrolled.
+// The index of a large gallery: a file in the same folder (recognition/cell_index.h) that returns
+// candidates for a face. The person of each candidate is looked up in the gallery and compared
+// exactly, with all templates of that person, as in an exact search. An index can therefore miss a
+// person, but cannot return someone who is not enrolled.
 //
-// The gallery knows the SHA-256 of its index: a file of another state, of another gallery, or one
-// that was changed, is not used. Faces that were enrolled since the index was made are compared
-// exactly beside it. Templates that are of another model make it useless: `people index` makes
-// another.
+// The gallery stores the SHA-256 of its index. An index file of another state or another gallery,
+// or a modified one, is not used. Faces that were enrolled after the index was built are compared
+// exactly. Templates of another model make the index unusable: `people index` builds a new one.
 namespace tarsier::face::people {
 
-// Below so many faces an exact search is as fast (docs/results.md, large galleries).
+// Below this number of faces an exact search is as fast (docs/results.md, large galleries).
 inline constexpr std::int64_t kWorthIndexing = 20'000;
-// Cells that are looked into, and candidates of which the people are compared exactly.
+// Number of cells to search, and number of candidates whose people are compared exactly.
 inline constexpr int kIndexProbes = 64;
 inline constexpr int kIndexCandidates = 32;
 
@@ -40,15 +39,15 @@ inline constexpr int kIndexCandidates = 32;
 
 struct GalleryIndexReport {
   recognition::CellIndexReport index;
-  std::int64_t faces = 0;  // of the gallery, when it began
+  std::int64_t faces = 0;  // of the gallery, when the build started
   std::string path;
 };
 
-// Makes the index of a gallery afresh, and puts it into its place: the old one is used until then,
-// and a kill at any moment leaves the old one or the new one. Others may enrol and forget
-// meanwhile; where somebody is forgotten it begins again. Throws InputError where the gallery has
-// no model yet or does not keep coordinates (see model.h); OutputError, Interrupted. Stages of
-// `progress` as write_cell_index().
+// Builds a new index of a gallery and replaces the old one, which is used until then. An
+// interruption at any time leaves either the old or the new index. Other programs may enrol and
+// forget people meanwhile; the build restarts when a person is forgotten. Throws InputError if the
+// gallery has no model yet or does not store coordinates (see model.h); OutputError, Interrupted.
+// Stages of `progress` as in write_cell_index().
 [[nodiscard]] GalleryIndexReport build_gallery_index(Gallery& gallery,
                                                      const recognition::Background& background,
                                                      const recognition::CellIndexOptions& options,
@@ -58,31 +57,32 @@ struct GalleryIndexReport {
 struct GalleryIndexState {
   bool there = false;
   bool current = false;
-  std::string trouble;     // why it is not used; empty where it is, or is not there
-  std::int64_t faces = 0;  // in it
-  std::int64_t newer = 0;  // enrolled since
+  std::string trouble;     // why it is not used; empty if it is used or does not exist
+  std::int64_t faces = 0;  // in the index
+  std::int64_t newer = 0;  // enrolled after the index was built
 };
-// Without the background: whether its templates are those of a model that is gone is seen, too.
+// Needs no background. Also detects that its templates belong to a model that no longer exists.
 [[nodiscard]] GalleryIndexState gallery_index_state(Gallery& gallery);
 
-// Whether another index is worth its time: more faces than these are compared one by one.
+// Whether building a new index is worth its time: more than this number of faces are compared one
+// by one.
 [[nodiscard]] constexpr bool index_is_behind(std::int64_t newer) { return newer > kWorthIndexing; }
 
-// A gallery that is searched through its index. The gallery must outlive it. One thread at a time.
+// A gallery that is searched through its index. The gallery must outlive it. Not thread-safe.
 class GalleryIndex {
  public:
-  // Null where no index can be used; `trouble` says why in one line, and is empty where there is no
-  // index file. `background` must outlive it.
+  // Null if no index can be used; `trouble` then says why in one line, or is empty if there is no
+  // index file. `background` must outlive the object.
   [[nodiscard]] static std::unique_ptr<GalleryIndex> open(Gallery& gallery,
                                                           const recognition::Background& background,
                                                           const StoredModel& stored,
                                                           const recognition::Recognizer& subspace,
                                                           std::string& trouble);
 
-  // The same answer as recognize() of model.h where the right person is among the candidates; of
-  // the nearest template there is no index (-1). Throws InputError where the file is damaged.
+  // Gives the same answer as recognize() of model.h if the right person is among the candidates.
+  // The index of the nearest template is not set (-1). Throws InputError if the file is damaged.
   [[nodiscard]] Recognition recognize(std::span<const float> features, double false_accepts);
-  // After changes of the gallery: false where the index is no longer the gallery's.
+  // Call after changes of the gallery. False if the index is no longer valid.
   [[nodiscard]] bool follow(const recognition::Recognizer& subspace);
   [[nodiscard]] std::int64_t newer() const { return static_cast<std::int64_t>(newer_.size()); }
   [[nodiscard]] const recognition::CellIndex& cells() const { return cells_; }
@@ -97,36 +97,37 @@ class GalleryIndex {
   const recognition::Background& background_;
   recognition::CellIndex cells_;
   recognition::CoordinateProjection projection_;
-  recognition::Recognizer candidates_;  // the subspace; the people of one question
-  std::int64_t people_ = 0;             // who have faces
+  recognition::Recognizer candidates_;  // the subspace, and the people of the current probe
+  std::int64_t people_ = 0;             // people who have faces
   std::vector<std::int64_t> newer_;     // faces, rising
   recognition::Rows newer_templates_;
   std::map<std::int64_t, std::pair<std::int64_t, std::vector<float>>> negatives_;  // id: person
 };
 
-// For Gallery::forget(): no index file may hold anybody who is forgotten when that is done.
-// prepare() writes, before anything is removed, an index without those faces that do not stay, or
-// finds that it must go: it was learned from one of them, it is not the gallery's or is damaged.
-// replace() puts it into place, within the transaction that removes them; the old one's bytes are
-// overwritten with zeros by finish(). An index that is being made is taken away from its maker.
+// Used by Gallery::forget(), so that no index file contains a forgotten person. prepare() is called
+// before the removal. It writes an index without the removed faces. It decides that the index must
+// be deleted if it was learned from one of them, does not belong to the gallery, or is damaged.
+// replace() moves the new index into place, within the transaction of the removal. finish()
+// overwrites the old file with zeros. An index that is being built by another program is deleted.
 class IndexRemoval {
  public:
   explicit IndexRemoval(Gallery& gallery);
   ~IndexRemoval();
   IndexRemoval(const IndexRemoval&) = delete;
   IndexRemoval& operator=(const IndexRemoval&) = delete;
-  // `stays`: rising ids of the faces that stay. `model_goes`: the templates will be others.
+  // `stays`: rising ids of the faces that are kept. `model_goes`: the model is removed, so the
+  // templates will change.
   void prepare(const std::function<std::vector<std::int64_t>()>& stays, bool model_goes,
                const std::stop_token& stop);
-  // Returns the sum of the index that is the gallery's from now on; empty: none is.
+  // Returns the SHA-256 of the gallery's new index; empty: there is none.
   [[nodiscard]] std::string replace(const std::string& recorded);
   void finish();
   [[nodiscard]] IndexFate fate() const { return fate_; }
 
  private:
   std::string path_;
-  std::string prepared_;  // the file without them; empty: none
-  std::string from_;      // sum of the index that it was made of
+  std::string prepared_;  // the file without the removed faces; empty: none
+  std::string from_;      // SHA-256 of the index that it was written from
   std::string to_;
   int old_ = -1;
   int unfinished_ = -1;

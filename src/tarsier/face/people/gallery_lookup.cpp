@@ -13,12 +13,12 @@
 #include <string_view>
 #include <vector>
 
-// What an index of a gallery needs of its rows.
+// Queries for a gallery's index.
 namespace tarsier::face::people {
 namespace {
 
-constexpr const char* kIndex = "index";        // sums of index files that are the gallery's
-constexpr const char* kRemovals = "removals";  // how often faces were removed
+constexpr const char* kIndex = "index";        // SHA-256 of the gallery's index files
+constexpr const char* kRemovals = "removals";  // number of removals of faces
 
 std::string listed(std::span<const std::int64_t> numbers) {
   std::string text;
@@ -126,7 +126,7 @@ bool Gallery::put_index(std::int64_t removals, std::int64_t model, std::string_v
   TARSIER_REQUIRE(!sum.empty(), "an index without a sum");
   const auto same = [&] { return this->removals() == removals && model_id() == model; };
   {
-    // Until the file is in its place either is the gallery's.
+    // Until the file is in place, both the old and the new index are valid.
     Transaction transaction(database_);
     if (!same()) return false;
     put_setting(kIndex, fmt::format("{} {}", setting(kIndex).substr(0, sum.size()), sum));

@@ -19,13 +19,13 @@
 #include <string_view>
 #include <vector>
 
-// How a gallery's rows hold faces: for its own sources.
+// The storage format of faces in a gallery's rows; internal to the gallery's sources.
 namespace tarsier::face::people {
 
 inline constexpr std::size_t kMaxSource = 1000;       // bytes
 inline constexpr std::size_t kMaxTemplate = 200'000;  // numbers
 
-// A statement without rows, its parameters ?1, ?2, .. whole numbers.
+// Runs a statement without result rows; its parameters ?1, ?2, .. are integers.
 template <typename... Numbers>
 void run_statement(Database& database, std::string_view statement, Numbers... numbers) {
   Statement one(database, statement);

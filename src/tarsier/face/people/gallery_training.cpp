@@ -34,7 +34,7 @@ std::vector<float> template_for(Algorithm algorithm, const Background* backgroun
   return recognition::template_of(*model, recognizer_input(algorithm, crop));
 }
 
-// What is stored of a model: the subspace and the calibration. The templates are by themselves.
+// The stored part of a model: subspace and calibration. Templates are stored separately.
 std::string body_of(const Recognizer& model) {
   Recognizer subspace = model;
   subspace.labels.clear();
@@ -81,13 +81,14 @@ struct GalleryTraining::Impl {
   std::int64_t generation = 0;
   std::vector<FaceRef> refs;
   std::optional<StoredModel> stored;
-  std::vector<std::int64_t> missing;  // faces whose templates are to be made
+  std::vector<std::int64_t> missing;  // faces whose templates must be computed
   std::size_t at = 0;
   std::map<std::int64_t, std::vector<float>> own;  // templates that may not be stored
-  std::vector<std::int64_t> learned;               // faces that are learned from
+  std::vector<std::int64_t> learned;               // training faces
   std::vector<cv::Mat> inputs;
   std::optional<recognition::Training> training;
-  std::optional<Recognizer> recognizer;  // makes templates of missing faces, of `stored`
+  // Computes templates of missing faces, with the model `stored`.
+  std::optional<Recognizer> recognizer;
   std::optional<GalleryModel> result;
 
   void look();
@@ -98,7 +99,7 @@ struct GalleryTraining::Impl {
   void load();
 };
 
-// What there is and what is to be done.
+// Reads the state of the gallery and decides what to do.
 void GalleryTraining::Impl::look() {
   generation = gallery.generation();
   algorithm = algorithm_of(gallery);
@@ -109,7 +110,7 @@ void GalleryTraining::Impl::look() {
       missing = gallery.without_template_after(result->space, result->index->cells().label().last);
       stage = Stage::kDone;
       if (missing.empty() || !store || newest_made) return;
-      // Of faces that were named from a group, say.
+      // For example, faces that were enrolled from a named group.
       newest_made = true;
       result.reset();
       coordinates = true;
@@ -134,11 +135,11 @@ void GalleryTraining::Impl::look() {
   bool due = learn == Learn::kNow || !stored;
   if (coordinates) {
     due = due || stored->space != space_of(*background);
-    // Of a small gallery of deep templates: once more after each change, it takes moments.
+    // A small gallery of deep templates is trained again after each change; this takes moments.
     due = due || (algorithm == Algorithm::kDeep && count <= kLearnedWhole &&
                   stored->generation != generation);
   } else {
-    // A model in coordinates that nobody can read here, and one of fewer faces than there are.
+    // Train if the model is in coordinates that cannot be used here, or if faces have changed.
     due = due || stored->space < 0 ||
           (count <= recognition::kMaxLearnedFaces && stored->generation != generation);
   }
@@ -165,7 +166,7 @@ void GalleryTraining::Impl::look() {
   work = 1 + 1e-3 * static_cast<double>(refs.size());
 }
 
-// Some dozens of templates.
+// Computes some dozens of templates.
 void GalleryTraining::Impl::make_missing(Progress& progress, std::int64_t space, Stage following) {
   constexpr std::size_t kChunk = 32;
   if (at == 0 && !missing.empty())
@@ -174,7 +175,7 @@ void GalleryTraining::Impl::make_missing(Progress& progress, std::int64_t space,
   std::vector<NamedTemplate> made;
   std::vector<cv::Mat> crops;
   for (; at < last; ++at) {
-    if (auto face = gallery.face(missing[at])) {  // else it was removed meanwhile
+    if (auto face = gallery.face(missing[at])) {  // otherwise it was removed meanwhile
       made.emplace_back(face->id, std::vector<float>());
       crops.push_back(face->crop);
     }
@@ -202,7 +203,7 @@ void GalleryTraining::Impl::make_missing(Progress& progress, std::int64_t space,
   stage = following;
 }
 
-// The faces that are learned from.
+// Selects the training faces.
 void GalleryTraining::Impl::choose() {
   std::unordered_map<std::int64_t, int> index;
   std::vector<int> people;
@@ -213,7 +214,7 @@ void GalleryTraining::Impl::choose() {
     learned.push_back(refs[i].id);
 }
 
-// Their crops, some at a time; then the training can begin. Of coordinates: these.
+// Reads the training faces' crops in batches, or their coordinates; then training can start.
 void GalleryTraining::Impl::read() {
   const auto names = names_of(gallery);
   const auto label_of = [&](std::int64_t face) {
@@ -249,7 +250,7 @@ void GalleryTraining::Impl::read() {
   const std::size_t last = std::min(learned.size(), at + kChunk);
   for (; at < last; ++at) {
     auto face = gallery.face(learned[at]);
-    if (!face) {  // removed meanwhile: from the beginning
+    if (!face) {  // removed meanwhile: restart
       inputs.clear();
       at = 0;
       stage = Stage::kLook;
@@ -263,7 +264,7 @@ void GalleryTraining::Impl::read() {
   for (const std::int64_t face : learned) labels.push_back(label_of(face));
   const bool general = recognition::is_whitened(algorithm);
   if (!general) {
-    // A classical recogniser has no other defence against faces that look the other way.
+    // Classical recognisers need mirrored faces to handle faces turned to the other side.
     for (std::size_t i = 0, n = inputs.size(); i < n; ++i) {
       cv::Mat mirrored;
       cv::flip(inputs[i], mirrored, 1);
@@ -281,7 +282,7 @@ void GalleryTraining::Impl::finish_training() {
   training.reset();
   const auto own_count = static_cast<Eigen::Index>(learned.size());
   std::vector<NamedTemplate> templates;
-  if (!coordinates) {  // templates of mirrored faces were for learning
+  if (!coordinates) {  // templates of mirrored faces were only for training
     for (Eigen::Index i = 0; i < own_count; ++i)
       templates.emplace_back(learned[static_cast<std::size_t>(i)],
                              row_of(recognizer->templates, i));
@@ -293,7 +294,7 @@ void GalleryTraining::Impl::finish_training() {
   if (store) {
     const auto id =
         gallery.store_model(stored->body, generation, stored->space, learned, templates);
-    if (!id) {  // one of the faces was removed meanwhile: nothing of it may stay
+    if (!id) {  // a training face was removed meanwhile: discard the model
       recognizer.reset();
       stored.reset();
       stage = Stage::kLook;
@@ -315,7 +316,7 @@ void GalleryTraining::Impl::finish_training() {
 }
 
 void GalleryTraining::Impl::load() {
-  // Others may have enrolled or forgotten meanwhile: these are the faces of now.
+  // Other programs may have enrolled or forgotten people: read the current faces.
   generation = gallery.generation();
   std::vector<FaceRef> now = gallery.face_refs();
   std::erase_if(now, [&](const FaceRef& ref) {
@@ -331,7 +332,7 @@ void GalleryTraining::Impl::load() {
     result->generation = generation;
     return;
   }
-  // Damaged: once more from the beginning, from the faces alone.
+  // Damaged: restart, with all templates computed from the faces.
   if (learn == Learn::kNow) throw InputError(gallery.path(), "templates of faces are damaged");
   learn = Learn::kNow;
   recognizer.reset();

@@ -14,14 +14,13 @@ namespace {
 
 using recognition::Rows;
 
-constexpr Eigen::Index kOfEach =
-    5;  // sightings of a group that strangers' scores are measured with
-// So many pairs of groups at most are looked at for the median: evenly spread ones.
+constexpr Eigen::Index kOfEach = 5;  // sightings per group for the scores of strangers
+// Max number of scores for the median, from evenly chosen pairs of groups.
 constexpr std::size_t kMaxScores = 2'000'000;
 
 struct Group {
   std::int64_t id = 0;
-  Eigen::MatrixXd rows;  // templates; then directions
+  Eigen::MatrixXd rows;  // templates, later directions
   double size = 0;
 };
 
@@ -75,7 +74,7 @@ void make_directions(std::vector<Group>& groups, double floor) {
   }
 }
 
-// The score that strangers hardly reach.
+// Median of the strangers' scores plus `deviations` robust deviations.
 double threshold_of(const std::vector<Group>& groups, double deviations) {
   const std::size_t pairs = groups.size() * (groups.size() - 1) / 2;
   const std::size_t step =
@@ -97,8 +96,8 @@ double threshold_of(const std::vector<Group>& groups, double deviations) {
   return median + deviations * 1.4826 * upper_median(scores);
 }
 
-// Mean scores of groups, and who is nearest to each: merging looks at all groups only where these
-// are no longer right.
+// Mean scores between groups, with the nearest group of each cached. Merging rescans only the
+// groups whose cached value is no longer valid.
 class Linkage {
  public:
   Linkage(const std::vector<Group>& groups,
@@ -130,7 +129,8 @@ class Linkage {
       for (Eigen::Index i = 0; i < scores_.rows(); ++i)
         if (!gone_[at(i)] && (best < 0 || score(i) > score(best))) best = i;
       if (best < 0 || !(score(best) >= threshold)) return merged;
-      const Eigen::Index into = std::min(best, nearest_[at(best)]);  // ids rise: the older
+      // Ids rise, so this is the older one.
+      const Eigen::Index into = std::min(best, nearest_[at(best)]);
       const Eigen::Index from = std::max(best, nearest_[at(best)]);
       join(from, into);
       merged.emplace_back(groups_[at(from)].id, groups_[at(into)].id);

@@ -11,19 +11,21 @@
 #include <utility>
 #include <vector>
 
-// Groups that show one person, found by what differs within groups: the light, the turn of the head.
+// Finds groups that show the same person. The variation within groups, such as light and head
+// rotation, is learned from the groups themselves.
 namespace tarsier::face::people {
 
 struct GroupMergingOptions {
-  // Of strangers' scores above their median, from which two groups are one person.
+  // Threshold for merging two groups: deviations of strangers' scores above their median.
   double deviations = 4;
-  // Of the variances within groups, in their mean.
+  // Added to the variances within groups, in units of their mean.
   double floor = 1;
-  // Fewer groups say too little of strangers.
+  // With fewer groups, the scores of strangers cannot be estimated.
   int min_groups = 10;
-  // Fewer sightings beside the first of each group say too little of what one person varies by.
+  // With fewer sightings besides the first of each group, the variation within people cannot be
+  // estimated.
   int min_pairs = 20;
-  // Those with most sightings take part.
+  // Only the groups with most sightings are used.
   int max_groups = 4000;
 
   [[nodiscard]] OptionFields fields() {
@@ -36,26 +38,29 @@ struct GroupMergingOptions {
   void check() const { check_fields(*this); }
 };
 
-// Sightings of a group that are used, at most.
+// Max number of sightings used per group.
 inline constexpr int kMergingSightings = 20;
 
-// Templates of sightings (a row each, at most kMergingSightings) by the group that they are in.
+// Templates of sightings (one per row, at most kMergingSightings) by group.
 using GroupTemplates = std::map<std::int64_t, recognition::Rows>;
 using GroupPairs = std::vector<std::pair<std::int64_t, std::int64_t>>;
 
-// One round. With the scatter within groups S (of all sightings about the mean of their group),
-// its eigenvalues e_k, eigenvectors V and their mean value m, sightings x become directions
+// One round of merging. S is the scatter within groups (of all sightings about the mean of their
+// group), with eigenvalues e_k, their mean m and eigenvectors V. Sightings x become directions
 //
 //   y = T (x - c) / |T (x - c)|,   T = V diag(1 / sqrt(e_k + floor m)) V'
 //
 // (within-class covariance normalisation: Hatch and Stolcke, "Generalized linear kernels for
-// one-versus-all classification", ICASSP 2006, here learned from the groups themselves), c the mean of the
-// groups' means. A score is y . y'. The scores of sightings of different groups, at most five of each, have
-// a median and a deviation (1.4826 times the median absolute one): nearly all are of strangers. The two groups whose
-// mean score is the highest become one (average linkage) as long as it is `deviations` above that
-// median. Returned are the merges in order, the younger group into the older; groups in `apart`
-// (pairs, smaller id first), and those merged with them, stay apart. Nothing where there are fewer groups or
-// sightings than the options ask for. Throws std::invalid_argument for templates of different lengths or bad options.
+// one-versus-all classification", ICASSP 2006; here learned from the groups themselves). c is the
+// mean of the groups' means. A score is y . y'. Scores of sightings of different groups, at most
+// five of each, have a median and a deviation (1.4826 times the median absolute one); nearly all of
+// them are of strangers. The two groups with the highest mean score are merged (average linkage) as
+// long as it is `deviations` above that median.
+//
+// Returns the merges in order, the younger group into the older. Groups in `apart` (pairs, smaller
+// id first), and those merged with them, are not merged. Empty if there are fewer groups or
+// sightings than the options require. Throws std::invalid_argument for templates of different
+// lengths or bad options.
 [[nodiscard]] std::optional<GroupPairs> alike_groups(
     const GroupTemplates& groups, const std::set<std::pair<std::int64_t, std::int64_t>>& apart,
     const GroupMergingOptions& options = {});

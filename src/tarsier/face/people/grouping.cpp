@@ -21,10 +21,10 @@ namespace {
 
 using NamedNumbers = std::pair<std::int64_t, std::vector<float>>;
 
-constexpr std::size_t kBatch = 64;  // sightings in one transaction
+constexpr std::size_t kBatch = 64;  // sightings per transaction
 
-// Templates of sightings, from stored coordinates or from their crops; those that are gone
-// meanwhile are left out.
+// Templates of sightings, from stored coordinates or computed from their crops. Sightings that were
+// removed meanwhile are skipped.
 class Templates {
  public:
   Templates(Gallery& gallery, const recognition::Background& background,
@@ -83,7 +83,7 @@ class Templates {
   std::size_t count_;
 };
 
-// The groups as the gallery has them.
+// Restores the groups from the gallery.
 SightingGroups stored_groups(Gallery& gallery, const recognition::PairScores& pairs,
                              const GroupingOptions& options, Templates& templates,
                              const std::stop_token& stop) {
@@ -113,7 +113,7 @@ SightingGroups stored_groups(Gallery& gallery, const recognition::PairScores& pa
   return groups;
 }
 
-// From so many sightings on what differs within groups can be learned.
+// Min number of sightings for learning the variation within groups.
 constexpr std::size_t kTwoPasses = 60;
 
 // The first sightings of each group.
@@ -139,7 +139,7 @@ GroupTemplates templates_of_groups(Gallery& gallery, Templates& templates,
   return out;
 }
 
-// Merges groups that show one person, once. False: there were none.
+// Makes one round of merges. False: nothing was merged.
 bool merge_round(Gallery& gallery, Templates& templates, GroupingReport& report,
                  std::set<std::int64_t>& made, const std::stop_token& stop) {
   throw_if_stopped(stop);
@@ -149,7 +149,7 @@ bool merge_round(Gallery& gallery, Templates& templates, GroupingReport& report,
   const std::optional<GroupPairs> merged =
       alike_groups(templates_of_groups(gallery, templates, stop), apart);
   if (!merged || merged->empty()) return false;
-  if (!gallery.unite(*merged, generation)) return true;  // somebody corrected meanwhile
+  if (!gallery.unite(*merged, generation)) return true;  // a correction was made meanwhile
   report.merged += static_cast<std::int64_t>(merged->size());
   for (const auto& [from, into] : *merged) made.erase(from);
   return true;
@@ -177,7 +177,7 @@ struct SightingGrouping::Work {
     if (two_passes) first.false_merges = kFirstPassMerges;
   }
 
-  // Places some; false: none is left.
+  // Places some sightings; false: none is left.
   bool place(const std::stop_token& stop, std::size_t most) {
     if (!groups) groups = stored_groups(gallery, pairs, first, templates, stop);
     if (at >= waiting.size()) return false;
@@ -195,7 +195,7 @@ struct SightingGrouping::Work {
       placed.push_back({face.first, placement.group, std::move(placement.merged)});
     }
     if (!gallery.place(placed, groups->next(), generation)) {
-      // Somebody else corrected, removed or grouped some meanwhile: from what is there now.
+      // The gallery was changed meanwhile: read the current state.
       generation = gallery.generation();
       waiting = gallery.ungrouped();
       groups.reset();
@@ -227,7 +227,7 @@ struct SightingGrouping::Work {
   GroupingOptions first;  // of the first pass
   std::int64_t generation;
   std::vector<std::int64_t> waiting;
-  std::size_t at = 0;  // of these
+  std::size_t at = 0;  // index into `waiting`
   std::optional<SightingGroups> groups;
   std::set<std::int64_t> made;
   bool two_passes = false;

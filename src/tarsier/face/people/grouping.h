@@ -12,43 +12,44 @@
 #include <memory>
 #include <stop_token>
 
-// The unknown sightings of a gallery in groups.
+// Groups the unknown sightings of a gallery.
 namespace tarsier::face::people {
 
 struct GroupingReport {
   std::int64_t placed = 0;  // sightings
-  std::int64_t made = 0;    // groups that are new, and still there
-  std::int64_t merged = 0;  // groups that became part of another one
-  std::int64_t groups = 0;  // there are now
-  double threshold = 0;     // of the score of two groups in the first pass, now
+  std::int64_t made = 0;    // new groups that still exist
+  std::int64_t merged = 0;  // groups that were merged into another one
+  std::int64_t groups = 0;  // current number of groups
+  double threshold = 0;     // current threshold for the score of two groups in the first pass
 };
 
-// Places the sightings that are in no group yet, in their order, some at a time: what is placed
-// survives an interruption, and the rest goes on from there with the same result. Of classic templates, where
-// options.false_merges is 0 and there are 60 sightings, the first pass is made at kFirstPassMerges, and groups that show
-// one person become one then (alike_groups(), round after round until nothing changes). `background` has
-// directions; sightings that were placed by another one (classic, deep) are compared by this one
-// from now on. Throws std::invalid_argument, OutputError, Interrupted.
+// Places the ungrouped sightings in their order, in batches. Placed sightings survive an
+// interruption, and a later call continues with the same result. Classic templates are grouped in
+// two passes if options.false_merges is 0 and there are at least 60 sightings. The first pass uses
+// kFirstPassMerges. The second pass merges groups of the same person (alike_groups(), repeated
+// until nothing changes). `background` must have directions. Sightings that were placed with
+// another background (classic, deep) are compared with this one from now on. Throws
+// std::invalid_argument, OutputError, Interrupted.
 [[nodiscard]] GroupingReport group_sightings(Gallery& gallery,
                                              const recognition::Background& background,
                                              const GroupingOptions& options, Progress& progress,
                                              const std::stop_token& stop);
 
-// The same in pieces, for who must not wait for all of it. The gallery and the background must
-// outlive it.
+// The same in pieces, for callers that must not block. The gallery and the background must outlive
+// the object.
 class SightingGrouping {
  public:
-  // Throws std::invalid_argument, for the background too.
+  // Throws std::invalid_argument, also for the background.
   SightingGrouping(Gallery& gallery, const recognition::Background& background,
                    const GroupingOptions& options);
   ~SightingGrouping();
   SightingGrouping(SightingGrouping&&) noexcept;
   SightingGrouping& operator=(SightingGrouping&&) noexcept;
   // Places up to `most` sightings, or makes a round of merges. False: nothing is left to do. The
-  // groups are the same whatever `most` is. Throws as group_sightings().
+  // groups do not depend on `most`. Throws as group_sightings().
   bool step(const std::stop_token& stop, int most = 64);
-  [[nodiscard]] std::int64_t waiting() const;  // sightings, now
-  // So far; `made` and `groups` when nothing is left to do.
+  [[nodiscard]] std::int64_t waiting() const;  // sightings that are not placed yet
+  // The report so far; `made` and `groups` are set when nothing is left to do.
   [[nodiscard]] const GroupingReport& report() const;
 
  private:
@@ -56,17 +57,17 @@ class SightingGrouping {
   std::unique_ptr<Work> work_;
 };
 
-// Which group of unknown faces a face is like that was not placed, or never will be.
+// Finds the most similar group of unknown faces for a face that is not placed itself.
 class GroupFinder {
  public:
-  // Both must outlive it. Throws std::invalid_argument for a background without directions.
+  // Both must outlive the object. Throws std::invalid_argument for a background without directions.
   GroupFinder(Gallery& gallery, const recognition::Background& background);
   ~GroupFinder();
   GroupFinder(GroupFinder&&) noexcept;
   GroupFinder& operator=(GroupFinder&&) noexcept;
-  // The groups are read again when next asked for: they changed.
+  // Call when the groups changed: they are read again on the next find().
   void reread();
-  // `crop`: CV_8UC1, as cut_face() makes it; `quality` 0..1. 0: it is like no group enough to join it.
+  // `crop`: CV_8UC1, as from cut_face(); `quality` 0..1. Returns 0 if no group is similar enough.
   [[nodiscard]] std::int64_t find(const cv::Mat& crop, double quality, const std::stop_token& stop);
 
  private:

@@ -13,10 +13,10 @@
 namespace tarsier::face::people {
 namespace {
 
-// Of the mean face: how far the tip's base of the nose is below the eyes, in eye distances.
+// In the mean face: distance of the nose base below the eyes, in eye distances.
 constexpr double kUsualNose = 0.67;
 
-// The oval of the face in the cut: hair and background say nothing.
+// The oval of the face in the crop, without hair and background.
 cv::Mat oval(cv::Size size) {
   cv::Mat mask = cv::Mat::zeros(size, CV_8UC1);
   cv::ellipse(mask, {size.width / 2, cvRound(0.52 * size.height)},
@@ -103,7 +103,7 @@ Quality measure_quality(const cv::Mat& crop, const Eyes& eyes, const Eigen::Matr
     out.turn = off.dot(across);
     out.tilt = off.dot(down) - kUsualNose;
   } else {
-    // A turned face is unlike its mirror image also where light is taken out.
+    // Turned faces differ from their mirror image even after light normalisation.
     cv::Mat even;
     cv::divide(values, blurred + 8, even);
     cv::GaussianBlur(values, blurred, {}, 6);

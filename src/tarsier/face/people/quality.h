@@ -13,19 +13,21 @@
 
 namespace tarsier::face::people {
 
-// What a face is worth as a pattern, measured on the cut face (cut_face) and its points.
+// Quality of a face for recognition, measured on the crop (cut_face) and its landmarks.
 struct Quality {
   double eye_distance = 0;  // px in the image
-  // Share of the cut's contrast that is in fine detail: RMS of the face less its blur (sigma 1.5 px
-  // of 64) over the standard deviation. About 0.3 for images, below 0.1 for blurred ones.
+  // Share of fine detail in the crop's contrast: RMS of the face minus its blur (sigma 1.5 px of
+  // 64), divided by the standard deviation. About 0.3 for sharp images, below 0.1 for blurred ones.
   double sharpness = 0;
-  double turn = 0;   // 0: straight; how far the nose is off the middle, shares of the eye distance
-  double tilt = 0;   // how far the nose is above (-) or below (+) where it usually is, the same
-  double light = 0;  // median grey, 0..255
+  // 0: frontal; distance of the nose from the middle, in eye distances.
+  double turn = 0;
+  // Distance of the nose above (-) or below (+) its usual position, in eye distances.
+  double tilt = 0;
+  double light = 0;     // median grey, 0..255
   double contrast = 0;  // standard deviation, grey levels
   double clipped = 0;   // share of pixels below 4 or above 251
   double uneven = 0;    // |mean of left - mean of right half| / (their sum), 0..1
-  // 0..1: 1 when nothing is near its limit; the least of what each measure is worth.
+  // 0..1: the minimum over all measures; 1 if no measure is near its limit.
   [[nodiscard]] double score() const;
 };
 
@@ -54,12 +56,12 @@ struct QualityGate {
   void check() const;
 };
 
-// `points`: 2 x 68 in the image, or empty: then turn is judged by how unlike the face and its
-// mirror image are, and tilt is 0.
+// `points`: 2 x 68 in the image, or empty. Without points, turn is computed from the difference
+// between the face and its mirror image, and tilt is 0.
 [[nodiscard]] Quality measure_quality(const cv::Mat& crop, const Eyes& eyes,
                                       const Eigen::Matrix2Xd& points);
 
-// Why the face should not be enrolled, each once, in a fixed order: "too small", "blurred", "turned
+// Reasons not to enrol the face, each once, in a fixed order: "too small", "blurred", "turned
 // away", "tilted up", "tilted down", "too dark", "too bright", "too little contrast",
 // "overexposed", "lit from one side". Empty: good.
 [[nodiscard]] std::vector<std::string> problems(const Quality& quality, const QualityGate& gate);

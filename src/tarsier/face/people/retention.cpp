@@ -17,7 +17,7 @@ SightingRetention::SightingRetention(Gallery& gallery, std::int64_t keep_ms)
 }
 
 std::int64_t SightingRetention::step(std::int64_t now) {
-  // A clock that was set back begins another hour.
+  // A clock that was set back starts a new hour.
   const bool due = !last_ || now < *last_ || now - *last_ >= kBetween;
   if (!due && !more_) return 0;
   if (due) last_ = now;

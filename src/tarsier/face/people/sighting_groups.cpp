@@ -10,7 +10,7 @@
 namespace tarsier::face::people {
 namespace {
 
-// A template's number is at most 1, a weight at most kMaxWeight: sums of a hundred million
+// A template's element is at most 1, a weight at most kMaxWeight, so sums of a hundred million
 // sightings fit into 63 bits.
 constexpr double kFixed = 1 << 20;
 constexpr double kMaxWeight = 100;
@@ -155,7 +155,7 @@ Placement SightingGroups::add(std::span<const float> features, double quality) {
     const std::int64_t into = std::min(current, best->second);
     const std::int64_t from = std::max(current, best->second);
     join(from, into);
-    // The sighting's own group was none before it came: its number is free again.
+    // The new sighting's own group did not exist before, so its id can be reused.
     if (from != id) placement.merged.emplace_back(from, into);
     current = into;
   }

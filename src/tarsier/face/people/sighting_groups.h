@@ -11,16 +11,17 @@
 #include <utility>
 #include <vector>
 
-// Which sightings of unknown faces show one person: groups that grow as sightings come.
+// Groups sightings of unknown faces by person. The groups grow as sightings arrive.
 namespace tarsier::face::people {
 
 inline constexpr double kDeepMerges = 0.005;
 inline constexpr double kClassicMerges = 0.05;
-// Of classic templates before a second pass (group_merging.h): what it begins with must be pure.
+// For classic templates before a second pass (group_merging.h), which needs pure groups.
 inline constexpr double kFirstPassMerges = 0.005;
 
 struct GroupingOptions {
-  // 0: kDeepMerges or kClassicMerges; group_sightings() of many classic templates makes two passes then.
+  // 0: kDeepMerges or kClassicMerges; group_sightings() then makes two passes for many classic
+  // templates.
   double false_merges = 0;
 
   [[nodiscard]] OptionFields fields() {
@@ -31,55 +32,54 @@ struct GroupingOptions {
   void check() const { check_fields(*this); }
 };
 
-// Where a sighting went.
+// The group of a new sighting.
 struct Placement {
   std::int64_t group = 0;
   bool is_new = false;
-  // Groups that this sighting showed to be of one person: the first became part of the second, in
-  // this order.
+  // Groups that were merged because of this sighting: the first into the second, in this order.
   std::vector<std::pair<std::int64_t, std::int64_t>> merged;
 };
 
-// Agglomerative clustering, one sighting at a time. A sighting is a group of its own, then the two
-// groups of which one has just changed and that are most alike become one, as long as their score
-// reaches the threshold; the older one's id stays. With the templates x_i (directions of unit
-// length or less), weights w_i (their quality) and m_g the weighted mean of a group,
+// Incremental agglomerative clustering. Each sighting starts as a group of its own. Then the
+// changed group is merged with the most similar group as long as their score reaches the threshold;
+// the older id is kept. With the templates x_i (directions of unit length or less), weights w_i
+// (their quality) and m_g the weighted mean of a group,
 //
-//   v_g = m_g - sum_h m_h / (G + W)        G groups, W the background's weight: what all have in
-//                                          common (one camera, one light) is taken out
-//   r_g = |v_g| / (weighted mean of |x_i|) 1 for one sighting, less the more a group's differ
+//   v_g = m_g - sum_h m_h / (G + W)        G groups, W the background's weight: removes what all
+//                                          groups have in common (same camera, same light)
+//   r_g = |v_g| / (weighted mean of |x_i|) 1 for one sighting, less for more diverse groups
 //   s(g, h) = v_g . v_h / sqrt(r_g r_h)
 //
-// v_g . v_h is the mean score of all pairs (average linkage, Sokal and Michener 1958), and
-// v_g . v_h / (r_g r_h) that of two pooled templates (Recognizer, pooled()); s is the geometric mean
-// of both. Of strangers the one spreads less the larger the groups are, the other more, so that a
-// threshold for pairs holds for groups of all sizes. It is that of
-// PairScores at the rate `false_merges`, less the share of the same camera's part that v has taken
-// out.
+// v_g . v_h is the mean score of all pairs (average linkage, Sokal and Michener 1958). v_g . v_h /
+// (r_g r_h) is the score of the two pooled templates (Recognizer, pooled()). s is the geometric
+// mean of both. For strangers, the spread of the first falls with the group size and that of the
+// second rises, so that a threshold for pairs holds for groups of all sizes. The threshold is that
+// of PairScores at the rate `false_merges`, minus the share of the same-camera shift that v has
+// already removed.
 //
-// What is computed depends on the sightings and their order alone: sums are of integers, so they
-// are the same in whatever batches sightings come, after a restart, and with any number of threads.
+// The result depends only on the sightings and their order: sums are integers. It is the same for
+// any batch size, after a restart, and with any number of threads.
 class SightingGroups {
  public:
   // Throws std::invalid_argument.
   SightingGroups(const recognition::PairScores& pairs, const GroupingOptions& options);
 
-  // A sighting of a group that is known from before. `quality` 0..1.
+  // Adds a sighting of an existing group. `quality` 0..1.
   void restore(std::int64_t group, std::span<const float> features, double quality);
-  // Two groups that are of different people, whatever their score.
+  // Two groups that show different people, whatever their score.
   void keep_apart(std::int64_t a, std::int64_t b);
-  // The id of the next group, > all of before.
+  // The id of the next group, greater than all existing ones.
   void set_next(std::int64_t id);
   [[nodiscard]] std::int64_t next() const { return next_; }
 
-  // Throws std::invalid_argument for a template of another length or that is not finite.
+  // Throws std::invalid_argument for a template of another length or with values that are not
+  // finite.
   Placement add(std::span<const float> features, double quality);
-  // The group that add() would compare it with and take it for first; 0: none is like it enough.
-  // Throws as add().
+  // The group that add() would merge it with first; 0: no group is similar enough. Throws as add().
   [[nodiscard]] std::int64_t nearest_group(std::span<const float> features, double quality) const;
 
   [[nodiscard]] std::size_t size() const { return groups_.size(); }
-  // Score of two groups, and the one that it must reach now. Throws std::out_of_range.
+  // The score of two groups, and the current threshold of it. Throws std::out_of_range.
   [[nodiscard]] double score(std::int64_t a, std::int64_t b) const;
   [[nodiscard]] double threshold() const;
 
@@ -93,7 +93,7 @@ class SightingGroups {
   };
   void put(Group& group, std::span<const float> features, double quality) const;
   static void derive(Group& group);
-  // What all groups have in common, and `more` with them, which may be null.
+  // The common part of all groups, including `more`, which may be null.
   [[nodiscard]] std::vector<double> common(const Group* more = nullptr) const;
   [[nodiscard]] double threshold(std::size_t groups) const;
   [[nodiscard]] double score(const Group& a, const Group& b,
@@ -101,7 +101,7 @@ class SightingGroups {
   void join(std::int64_t from, std::int64_t into);
 
   std::size_t length_;
-  double threshold_;  // of pairs
+  double threshold_;  // for pairs
   double same_camera_;
   double background_weight_;
   std::map<std::int64_t, Group> groups_;

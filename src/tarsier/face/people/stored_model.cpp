@@ -20,8 +20,8 @@ using recognition::Background;
 using recognition::Recognizer;
 using recognition::Rows;
 
-// The stored templates of a space, a row for each of the faces, which rise. Nothing where one is
-// missing or of another length.
+// The stored templates of a space, one row per face (rising ids). Empty if one is missing or has
+// another length.
 std::optional<Rows> stored_rows(Gallery& gallery, std::int64_t space,
                                 const std::vector<FaceRef>& refs, Eigen::Index length,
                                 const std::map<std::int64_t, std::vector<float>>& own) {
@@ -31,7 +31,7 @@ std::optional<Rows> stored_rows(Gallery& gallery, std::int64_t space,
   const auto put = [&](std::int64_t face, std::span<const float> numbers) {
     const auto ref = std::lower_bound(refs.begin(), refs.end(), face,
                                       [](const FaceRef& a, std::int64_t id) { return a.id < id; });
-    if (ref == refs.end() || ref->id != face) return;  // enrolled since
+    if (ref == refs.end() || ref->id != face) return;  // enrolled meanwhile
     fits = fits && static_cast<Eigen::Index>(numbers.size()) == length;
     if (!fits) return;
     const auto i = ref - refs.begin();
@@ -44,8 +44,8 @@ std::optional<Rows> stored_rows(Gallery& gallery, std::int64_t space,
   return rows;
 }
 
-// The recogniser of a stored model, with the background's network. Empty where it cannot be read, or is of other
-// directions than the background's.
+// The recogniser of a stored model, with the background's network. Empty if it cannot be read, or
+// has other directions than the background.
 std::optional<Recognizer> stored_subspace(Gallery& gallery, const Background* background,
                                           const StoredModel& stored) {
   Recognizer subspace;
@@ -134,13 +134,13 @@ void put_negatives(GalleryModel& model, Gallery& gallery) {
   recognizer.negative_people.clear();
   for (const Negative& negative : gallery.negatives()) {
     const auto person = std::find(model.people.begin(), model.people.end(), negative.person);
-    if (person == model.people.end()) continue;  // without faces
+    if (person == model.people.end()) continue;  // person without faces
     std::vector<float> numbers;
     if (const auto made = model.negatives.find(negative.id); made != model.negatives.end()) {
       numbers = std::move(made->second);
     } else {
       const cv::Mat crop = gallery.negative_crop(negative.id);
-      if (crop.empty()) continue;  // gone meanwhile
+      if (crop.empty()) continue;  // removed meanwhile
       numbers = recognition::template_of(recognizer,
                                          recognizer_input(recognizer.options.algorithm, crop));
     }

@@ -29,10 +29,11 @@ namespace {
 using Eigen::Matrix2Xd;
 using Eigen::Vector2d;
 
-constexpr double kBoxesNeeded = 0.6;  // share of the finished images in which the face detector
-                                      // must find what is annotated
-constexpr double kMaxMissing = 0.25;  // share of the points of a sample that may be filled in
-constexpr int kFitStarts = 6;         // of which the median is taken
+// Min share of the finished images in which the face detector must find the annotated object.
+constexpr double kBoxesNeeded = 0.6;
+// Max share of a sample's points that may be filled in.
+constexpr double kMaxMissing = 0.25;
+constexpr int kFitStarts = 6;  // the result is their median
 
 // Centre and size of a shape relative to a detector's box, in widths of the box.
 struct InBox {
@@ -56,14 +57,14 @@ bool holds(const cv::Rect& box, const Matrix2Xd& points) {
          box.width > size;
 }
 
-// The similarity that puts the (centred) mean where a shape of that centre and size is.
+// Places the (centred) mean by a similarity, with this centre, size and angle.
 Matrix2Xd placed(const Matrix2Xd& mean, const Vector2d& center, double size, double angle) {
   const shape::Similarity2d place{size * std::cos(angle), size * std::sin(angle), center.x(),
                                   center.y()};
   return place(mean);
 }
 
-// How far off the starts are in training, as they are off in use.
+// Errors of the starts in training; as large as those in use.
 struct Spread {
   double shift = 0.12;  // sizes
   double scale = 0.08;  // log
@@ -90,7 +91,7 @@ bool same(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
 struct Annotator::Impl {
   AnnotatorOptions options;
   std::optional<FaceDetector> detector;
-  std::map<std::string, std::vector<cv::Rect>> boxes;  // by path: found once
+  std::map<std::string, std::vector<cv::Rect>> boxes;  // by path; each image is searched once
   shape::LandmarkSet trained_for;
   bool is_trained = false;
   std::vector<landmarks::TrainingFace> faces;
@@ -108,8 +109,8 @@ struct Annotator::Impl {
     }
   }
 
-  // The newest of the set's samples that can be learned from, missing points filled in where few
-  // are.
+  // The newest samples of the set that can be trained on. If few points of a sample are missing,
+  // they are filled in.
   [[nodiscard]] shape::LandmarkSet usable(const shape::LandmarkSet& so_far) const {
     shape::LandmarkSet result;
     const Matrix2Xd* whole = nullptr;
@@ -164,7 +165,8 @@ struct Annotator::Impl {
     }
     landmarks::DescentOptions how;
     how.stages = {{20, 0.35}, {30, 0.25}, {45, 0.18}, {60, 0.12}};
-    // Few faces allow few numbers, and the time of training goes with their third power.
+    // Few faces allow few components. The time of training grows with the third power of their
+    // number.
     how.components = std::clamp(600 / descent_points(set), 4, 24);
     how.ridge = 1;
     how.seed = options.seed;
@@ -197,7 +199,7 @@ struct Annotator::Impl {
           size.push_back(where.size);
           break;
         }
-      } catch (const InputError&) {  // load_training_faces leaves it out, too
+      } catch (const InputError&) {  // load_training_faces() skips it, too
       }
     }
     if (static_cast<double>(dx.size()) < kBoxesNeeded * static_cast<double>(set.samples.size()))
@@ -214,7 +216,7 @@ struct Annotator::Impl {
     spread.scale = std::clamp(1.3 * std::sqrt(scale / count), 0.05, 0.15);
   }
 
-  // Where the object is: centre and size, several where they are equally good.
+  // Initial shape: the mean shape at the object's position.
   [[nodiscard]] std::optional<Matrix2Xd> start(const ProposalRequest& request) {
     if (box_model && detector) {
       const std::vector<cv::Rect> found = detector->detect(request.gray);
@@ -230,7 +232,8 @@ struct Annotator::Impl {
         request.so_far.samples[static_cast<std::size_t>(request.nearest)].points);
   }
 
-  // One face's points in another face, by the boxes of the detector and by comparing.
+  // Transfers the points of one face to another by the detector's boxes and by comparing the
+  // images.
   [[nodiscard]] std::optional<Matrix2Xd> by_boxes(const shape::LandmarkSample& near,
                                                   const cv::Mat& gray) {
     if (!detector || landmarks::shape_size(near.points) < 2) return std::nullopt;
@@ -257,7 +260,7 @@ struct Annotator::Impl {
     if (!first) return std::nullopt;
     landmarks::DescentWorkspace workspace;
     Matrix2Xd result = *first;
-    // Twice: the first fit tells place, size and angle better than any search did.
+    // Two rounds: the first fit gives position, size and angle more precisely than the search.
     for (int round = 0; round < 2; ++round) {
       const shape::Similarity2d place = shape::fit_similarity(descent.mean, result);
       Rng rng(options.seed);
@@ -316,7 +319,7 @@ std::optional<Proposal> Annotator::propose(const ProposalRequest& request) {
     try {
       result = proposals::moved_along(read_gray_image(near.image), near.points, request.gray);
       if (!result && near.is_complete()) result = impl_->by_boxes(near, request.gray);
-    } catch (const InputError&) {  // the image has gone
+    } catch (const InputError&) {  // the image no longer exists
     }
   }
   if (!result || !result->allFinite()) return std::nullopt;

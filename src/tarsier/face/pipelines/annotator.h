@@ -15,28 +15,31 @@
 
 namespace tarsier::face {
 
-// What is known when an image is opened for annotation.
+// Input of Annotator::propose().
 struct ProposalRequest {
-  cv::Mat gray;               // CV_8UC1, the image
-  shape::LandmarkSet so_far;  // finished images; their paths open from the current folder
-  int nearest = 0;            // index into so_far.samples: the one that was taken nearest to it
+  cv::Mat gray;  // the image, CV_8UC1
+  // The images annotated so far. Their paths are relative to the current folder.
+  shape::LandmarkSet so_far;
+  // Index into so_far.samples: the finished image that was taken nearest to this one.
+  int nearest = 0;
 };
 
-// Where the points may be.
+// Proposed positions of the points.
 struct Proposal {
   Eigen::Matrix2Xd points;  // 2 x n, px, all finite
-  bool learned = false;     // by a model of the finished images; else from the nearest one of them
+  // True: by a model trained on the finished images. False: moved from the nearest one of them.
+  bool learned = false;
 };
 
-// {"points": [[x, y] ..], "learned"}; to a hundredth of a pixel.
+// {"points": [[x, y] ..], "learned"}; coordinates are rounded to 0.01 px.
 [[nodiscard]] nlohmann::ordered_json to_json(const Proposal& proposal);
 
 struct AnnotatorOptions {
   std::uint64_t seed = 1;
-  int min_faces = 3;       // finished images from which a model is trained
-  int max_faces = 60;      // newest ones that it is trained on: keeps it quick
-  int starts = 12;         // of an image in training
-  bool find_faces = true;  // try the face detector
+  int min_faces = 3;       // finished images that training needs
+  int max_faces = 60;      // only the newest ones are trained on, so that training stays quick
+  int starts = 12;         // training starts per image
+  bool find_faces = true;  // use the face detector
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_faces", min_faces, at_least(2)},
@@ -46,24 +49,26 @@ struct AnnotatorOptions {
   void check() const { check_fields(*this); }
 };
 
-// Learns while a person annotates images:
+// Proposes the points of an image while a person annotates a set, and learns from the finished
+// images:
 //
 //   face::Annotator annotator;
 //   shape::LandmarkSet done;
 //   for each image:
 //     const auto proposal = annotator.propose({gray, done, nearest});
-//     .. a person corrects the points (or begins from nothing)
+//     .. the person corrects the points (or begins without a proposal)
 //     done.samples.push_back({path, points});
 //
-// Its model is learned from these images alone, so it takes no ModelStore.
+// The model is trained on these images alone, so no ModelStore is needed.
 //
-// With few finished images: the points of the nearest one, moved as the image has moved
-// (optical flow; nothing where the images are not alike). From `min_faces` on: supervised
-// descent (landmarks/descent.h) from the mean shape at the place that the face detector tells,
-// where it finds what is annotated in most images, else at the best match of the mean appearance;
-// then every point goes to where it looks most as in the finished images that are most alike. The
-// model is trained again when finished images have changed. The same requests give the same
-// proposals. Not thread-safe.
+// With fewer than `min_faces` finished images, the points of the nearest image are moved by optical
+// flow. If the two images are too different, the points are transferred by the face detector's
+// boxes, if possible. From `min_faces` on, supervised descent (landmarks/descent.h) fits the
+// points. It starts from the mean shape, placed by the face detector if that finds the annotated
+// object in most images, otherwise at the best match of the mean appearance. Each point is then
+// refined by comparing its surroundings with the most similar finished images. The model is trained
+// again when the finished images have changed. The same requests give the same proposals. Not
+// thread-safe.
 class Annotator {
  public:
   explicit Annotator(const AnnotatorOptions& options = {});
@@ -71,8 +76,8 @@ class Annotator {
   Annotator(Annotator&&) noexcept;
   Annotator& operator=(Annotator&&) noexcept;
 
-  // Nothing where no point can be proposed. Throws std::invalid_argument for an image that is not
-  // CV_8UC1 and a nearest sample that is not there.
+  // Empty if no points can be proposed. Throws std::invalid_argument if the image is not CV_8UC1 or
+  // the nearest sample does not exist.
   [[nodiscard]] std::optional<Proposal> propose(const ProposalRequest& request);
 
  private:

@@ -21,8 +21,8 @@ cv::Mat matrix_of(const shape::Similarity2d& s) {
   return (cv::Mat_<double>(2, 3) << s.a, -s.b, s.tx, s.b, s.a, s.ty);
 }
 
-// An image seen in the frame of its shape: the mean shape upright, `px` pixels to its size, `half`
-// pixels around its centre.
+// An image in the frame of its shape. The mean shape is upright, its size is `px` pixels, and the
+// window extends `half` pixels from its centre.
 struct InFrame {
   cv::Mat gray;
   Matrix2Xd points;
@@ -35,8 +35,8 @@ InFrame in_frame(const cv::Mat& gray, const Matrix2Xd& points, const Matrix2Xd& 
   InFrame result;
   result.frame_from_image = place * shape::fit_similarity(points, mean);
   const double shrink = result.frame_from_image.scale();
-  cv::Mat blurred;  // never `gray` itself: its pixels are not ours
-  // Less than every pixel is read: what is finer must go first.
+  cv::Mat blurred;  // never `gray` itself: its pixels belong to the caller
+  // Downsampling: blur first to avoid aliasing.
   if (shrink < 0.7) {
     const double sigma = 0.4 * std::sqrt(1 / (shrink * shrink) - 1);
     cv::GaussianBlur(gray, blurred, {}, sigma);
@@ -63,7 +63,7 @@ double peak_offset(double before, double middle, double after) {
 }
 
 Matrix2Xd centred_mean(const std::vector<landmarks::TrainingFace>& faces) {
-  // The first face is frame enough: only comparing matters here.
+  // The first face can serve as the reference frame, because images are only compared.
   Matrix2Xd sum = Matrix2Xd::Zero(2, faces[0].points.cols());
   for (const landmarks::TrainingFace& face : faces)
     sum += shape::fit_similarity(face.points, faces[0].points)(face.points);
@@ -100,10 +100,10 @@ std::optional<Matrix2Xd> moved_along(const cv::Mat& from, const Matrix2Xd& point
     seen.col(index[k]) << static_cast<double>(end[k].x), static_cast<double>(end[k].y);
     ++found;
   }
-  // Images of something else: following gives nothing to rely on.
+  // The images show different things: the flow is not reliable.
   if (found < std::max<int>(1, static_cast<int>(start.size()) / 2)) return std::nullopt;
   if (found < 3) {
-    // One point or two tell a shift.
+    // One or two points determine only a shift.
     Vector2d shift = Vector2d::Zero();
     for (Eigen::Index i = 0; i < points.cols(); ++i)
       if (!seen.col(i).hasNaN()) shift += (seen.col(i) - points.col(i)) / found;
@@ -112,7 +112,7 @@ std::optional<Matrix2Xd> moved_along(const cv::Mat& from, const Matrix2Xd& point
       if (!seen.col(i).hasNaN()) result.col(i) = seen.col(i);
     return result;
   }
-  // Reweighted fits leave out what moved on its own.
+  // Reweighted fits exclude points that moved differently from the others.
   Eigen::VectorXd weights = Eigen::VectorXd::Ones(points.cols());
   shape::Similarity2d motion;
   for (int round = 0; round < 6; ++round) {
@@ -135,7 +135,7 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
                                     const Matrix2Xd& mean, const cv::Mat& gray,
                                     const Matrix2Xd& last) {
   if (faces.empty()) return std::nullopt;
-  constexpr double kPx = 14;        // of the template, to the mean's size: coarse
+  constexpr double kPx = 14;        // px of the template per size of the mean: coarse
   constexpr double kMargin = 0.25;  // sizes around the mean
   const double reach = mean.cwiseAbs().maxCoeff() + kMargin;
   const int half = static_cast<int>(std::ceil(reach * kPx));
@@ -170,7 +170,7 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
     const double scale = kPx / size;
     cv::Mat small;
     cv::resize(gray, small, {}, scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-    // The object may stand half outside of the image.
+    // The object may be half outside the image.
     cv::copyMakeBorder(small, small, half, half, half, half, cv::BORDER_REPLICATE);
     small.convertTo(small, CV_32F);
     if (small.rows < sum.rows || small.cols < sum.cols) continue;
@@ -181,7 +181,7 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
     cv::minMaxLoc(match, nullptr, &value, nullptr, &at);
     if (value <= best) continue;
     best = value;
-    // The template's middle, half + half in the border's frame, back in the image.
+    // Convert the template's centre (half + half in the padded image) back to the image.
     const double sx = static_cast<double>(small.cols - 2 * half) / gray.cols;
     const double sy = static_cast<double>(small.rows - 2 * half) / gray.rows;
     const Vector2d center((at.x + 0.5) / sx - 0.5, (at.y + 0.5) / sy - 0.5);
@@ -193,11 +193,11 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
 Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Mat& gray,
                  const Matrix2Xd& points) {
   if (faces.empty() || landmarks::shape_size(points) < 2) return points;
-  constexpr double kReach = 0.10;    // sizes, how far a point may go
+  constexpr double kReach = 0.10;    // sizes, max displacement of a point
   constexpr double kWindow = 0.22;   // sizes, half a window
-  constexpr std::size_t kAlike = 5;  // faces that count
-  constexpr double kTrust = 0.06;    // sizes; a move costs (move / trust)^2 / 2 ..
-  constexpr double kSharp = 0.12;    // .. in units of so much correlation
+  constexpr std::size_t kAlike = 5;  // number of most similar faces used
+  constexpr double kTrust = 0.06;    // sizes; a displacement costs (move / kTrust)^2 / 2 * kSharp
+  constexpr double kSharp = 0.12;    // correlation that a displacement of sqrt(2) kTrust costs
   std::vector<double> sizes;
   for (const landmarks::TrainingFace& face : faces)
     sizes.push_back(landmarks::shape_size(face.points));

@@ -9,26 +9,26 @@
 #include <optional>
 #include <vector>
 
-// What an Annotator does by comparing images, without a model.
+// The steps of Annotator that compare images directly, without a model.
 namespace tarsier::face::proposals {
 
-// The points of one image (px; NaN: missing) in another: each followed by pyramidal optical flow
-// (Lucas and Kanade, IJCAI 1981) there and back; those that get lost move as the others do, by a
-// similarity fitted robustly. Missing ones come out where the others say. Nothing where too few are
-// found again.
+// Transfers points (px; NaN: missing) from one image to another. Each point is tracked by pyramidal
+// optical flow (Lucas and Kanade, IJCAI 1981) forwards and backwards. A similarity is fitted
+// robustly to the tracked points; lost and missing points move by it. Empty if too few points are
+// tracked.
 [[nodiscard]] std::optional<Eigen::Matrix2Xd> moved_along(const cv::Mat& from,
                                                           const Eigen::Matrix2Xd& points,
                                                           const cv::Mat& to);
 
-// Where the mean image of the faces, warped to their mean shape, matches best by normalised
-// correlation: the mean shape there, upright. Looks over the whole of `gray` at sizes around that
-// of `last` (points, px) and of the faces.
+// Returns the mean shape, upright, where the mean image of the faces (warped to their mean shape)
+// matches best by normalised correlation. Searches the whole of `gray`, at sizes around that of
+// `last` (points, px) and of the faces.
 [[nodiscard]] std::optional<Eigen::Matrix2Xd> best_place(
     const std::vector<landmarks::TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
     const cv::Mat& gray, const Eigen::Matrix2Xd& last);
 
-// Each point moved a little to where its surroundings match those of the same point in the most
-// alike of the faces (normalised correlation of small windows, in the frame of the shape).
+// Moves each point a little, to where its surroundings match those of the same point in the most
+// similar faces. Compares small windows by normalised correlation, in the frame of the shape.
 [[nodiscard]] Eigen::Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces,
                                       const cv::Mat& gray, const Eigen::Matrix2Xd& points);
 

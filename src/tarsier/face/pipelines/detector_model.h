@@ -14,29 +14,32 @@ struct HogDetector;
 
 namespace tarsier::face {
 
-// The installed face detector of a store: file name, and whether it is there.
+// The face detector that can be installed into a store: its file name, and whether it is installed.
 inline constexpr const char* kAnchorDetectorFile = "face-anchors.json";
 [[nodiscard]] bool has_anchor_detector(const ModelStore& models);
 
-// What finds faces, read once and shared: a FaceFinder has state and belongs to one thread, this is
-// const and makes as many of them as are needed.
+// The face detector, loaded once and shared. A FaceFinder has state and belongs to one thread; this
+// class is const and makes any number of finders.
 class DetectorModel {
  public:
-  // `which`: a file of either kind of face detector (face_networks.h, hog_detector.h); "cascades":
-  // those of OpenCV; empty: face-detector.json of the store, and where that is missing the
-  // cascades, with a warning. Beside face-detector.json of the store its face-anchors.json is used
-  // where it is installed (scripts/get-model.sh face-detector); "own": not. Nothing is read where
-  // `options` have a network of the user's own. Throws ModelError, std::invalid_argument for bad options.
+  // `which`: a file of either kind of face detector (face_networks.h, hog_detector.h), "cascades"
+  // (those of OpenCV), "own", or empty.
+  // - Empty: face-detector.json of the store, together with its face-anchors.json if that is
+  //   installed (scripts/get-model.sh face-detector). If face-detector.json is missing, the
+  //   cascades with a warning.
+  // - "own": face-detector.json without face-anchors.json.
+  // Nothing is read if `options` contain the user's own network. Throws ModelError,
+  // std::invalid_argument for bad options.
   [[nodiscard]] static DetectorModel load(const ModelStore& models, const std::string& which = {},
                                           const landmarks::FaceFinderOptions& options = {});
-  // The cascades of OpenCV.
+  // Uses the cascades of OpenCV.
   explicit DetectorModel(const landmarks::FaceFinderOptions& options = {});
 
-  // Throws ModelError where the cascades are missing (Debian: opencv-data).
+  // Throws ModelError if the cascades are missing (Debian: opencv-data).
   [[nodiscard]] landmarks::FaceFinder make_finder() const;
-  // Null where something else finds the faces.
+  // Null if another detector is used.
   [[nodiscard]] const std::shared_ptr<const FaceNetworks>& networks() const { return networks_; }
-  // Null where it is not installed, or not asked for.
+  // Null if not installed or not requested.
   [[nodiscard]] const std::shared_ptr<const AnchorDetector>& anchors() const { return anchors_; }
 
  private:

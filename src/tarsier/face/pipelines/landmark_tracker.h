@@ -19,10 +19,11 @@
 namespace tarsier::face {
 
 struct LandmarkTrackerOptions {
-  std::string model;     // file of `landmarks train tracker`; empty: landmarks68.json of the store
+  // File of `landmarks train tracker`; empty: landmarks68.json of the store.
+  std::string model;
   std::string detector;  // see DetectorModel::load()
   landmarks::FaceFinderOptions finder;
-  landmarks::FitOptions fit;  // without a method: the best that the model has
+  landmarks::FitOptions fit;  // no method: the best one that the model has
   landmarks::TrackerOptions tracker;
   void check() const;  // throws std::invalid_argument that names the value
 };
@@ -30,25 +31,25 @@ struct LandmarkTrackerOptions {
 // The faces of one frame.
 struct LandmarkResult {
   std::vector<landmarks::TrackedFace> faces;  // points in px
-  bool tracked = false;  // frame of a video: ids stay with their faces; else they count from 1
-  double ms = 0;         // spent in process(), milliseconds
+  bool tracked = false;  // frame of a video: ids are kept over frames; otherwise they count from 1
+  double ms = 0;         // duration of process(), milliseconds
 };
 
 // {"faces": landmarks::faces_json(), "ms"}: the line of `tarsier landmarks track --json` without
 // the image's name.
 [[nodiscard]] nlohmann::ordered_json to_json(const LandmarkResult& result);
 
-// What is known from earlier frames of a video, and buffers: one for each stream of frames, always
-// of the same tracker.
+// What is known from earlier frames of a video, and buffers. Each stream of frames needs its own
+// state, always used with the same tracker.
 struct LandmarkState {
   landmarks::TrackerState tracker;
   landmarks::FitWorkspace workspace;
-  std::optional<landmarks::FaceFinder> finder;  // made with the first frame
-  std::string source;                           // that the frames are from
+  std::optional<landmarks::FaceFinder> finder;  // created with the first frame
+  std::string source;                           // source of the frames
   cv::Mat gray;
 };
 
-// Finds the faces of images and their points, and tracks them in videos:
+// Detects the faces of images and their landmarks, and tracks them in videos:
 //
 //   const auto tracker = face::LandmarkTracker::load(ModelStore::find());
 //   face::LandmarkState state;
@@ -58,15 +59,14 @@ struct LandmarkState {
 //       fmt::print("face {}: left eye at {:.0f} {:.0f}\n", face.id, face.points(0, 36),
 //                  face.points(1, 36));
 //
-// Const: copies share the models, and any number of threads may use it, each with a state of its
-// own.
+// A tracker is const and thread-safe; each thread needs its own state. Copies share the models.
 class LandmarkTracker {
  public:
-  // Throws ModelError (missing, broken, without a part for the method that was asked for),
-  // std::invalid_argument (options).
+  // Throws ModelError (missing, broken, or without the requested method), std::invalid_argument
+  // (options).
   [[nodiscard]] static LandmarkTracker load(const ModelStore& models,
                                             const LandmarkTrackerOptions& options = {});
-  // With models that are there already; those that `options` names are not read.
+  // Uses models that are already loaded. The files that `options` names are not read.
   LandmarkTracker(std::shared_ptr<const landmarks::LandmarkModel> model, DetectorModel detector,
                   const LandmarkTrackerOptions& options = {});
 
@@ -79,8 +79,9 @@ class LandmarkTracker {
   [[nodiscard]] const landmarks::TrackerOptions& tracking() const { return tracking_; }
   void set_tracking(const landmarks::TrackerOptions& options);
 
-  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Faces of a still are found for themselves; those of a
-  // video are tracked until another source begins. `debug`, which may be null, takes the stages.
+  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. In a still, faces are detected independently. In a
+  // video, they are tracked until another source begins. `debug`, which may be null, receives the
+  // stages.
   [[nodiscard]] LandmarkResult process(const Frame& frame, LandmarkState& state,
                                        DebugSink* debug = nullptr) const;
 
@@ -91,10 +92,10 @@ class LandmarkTracker {
   landmarks::TrackerOptions tracking_;
 };
 
-// Forgets all places: faces are searched in the next frame. Ids go on.
+// Forgets all positions: the next frame is searched as a whole. Numbering of ids continues.
 void redetect(LandmarkState& state);
 
-// CV_8UC3 (BGR) or CV_8UC1 as CV_8UC1, in `gray` where it has to be converted. Throws
+// Converts CV_8UC3 (BGR) to CV_8UC1 in `gray`; a CV_8UC1 image is returned as it is. Throws
 // std::invalid_argument for other images.
 [[nodiscard]] const cv::Mat& gray_of(const cv::Mat& image, cv::Mat& gray);
 

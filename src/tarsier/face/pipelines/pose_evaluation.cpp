@@ -83,7 +83,7 @@ std::vector<PosedFace> PoseEvaluator::faces_of(const std::string& name, const cv
   return std::move(result.faces);
 }
 
-// In grey levels.
+// Works on grey levels.
 cv::Mat PoseEvaluator::occluded(const cv::Mat& image, const cv::Mat& texture, Rng rng) {
   Frame frame;
   frame.image = gray_of(image, gray_).clone();

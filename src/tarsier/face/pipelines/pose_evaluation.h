@@ -16,7 +16,7 @@
 #include <string>
 #include <vector>
 
-// How good the poses of a PoseTracker are, on images of known poses:
+// Evaluates the poses of a PoseTracker on images of known poses:
 //
 //   const face::PoseTrackerOptions options;
 //   face::PoseEvaluator evaluator(face::load_pose_models(ModelStore::find(), options), options);
@@ -27,53 +27,57 @@
 //   fmt::print("yaw: {:.1f} degrees\n", score.yaw_mae_deg);
 namespace tarsier::face {
 
-// The standard deviations of a pose's yaw, pitch and roll, degrees.
+// Standard deviations of a pose's yaw, pitch and roll, degrees.
 [[nodiscard]] Eigen::Vector3d angle_sigmas(const head::HeadPose& pose);
 
-// An image of Pointing'04 and the angles of its name.
+// An image of Pointing'04 and the angles in its name.
 struct PointingImage {
   std::string path;
   head::PointingName name;
 };
 // Images in and below a folder of Pointing'04 with |pan| and |tilt| up to these limits, sorted by
-// path. Throws InputError for a folder without such images.
+// path. Throws InputError if there are no such images.
 [[nodiscard]] std::vector<PointingImage> pointing_images(const std::string& folder,
                                                          double max_pan_deg = 45,
                                                          double max_tilt_deg = 30);
-// The first face with a pose whose box has its middle inside the annotated head's box (head::pointing_box();
-// without one, inside the image, of `size` px); null: none.
+// The first face with a pose whose box centre is inside the annotated head's box
+// (head::pointing_box()). Without an annotated box, the centre must be inside the image of `size`
+// px. Null if there is none.
 [[nodiscard]] const PosedFace* face_in_head_box(const std::vector<PosedFace>& faces,
                                                 const std::string& image, cv::Size size);
-// The image of a line of truth: from the current folder, or from that of the file.
+// Path of the image that a line of ground truth names: relative to the current folder, or else to
+// the folder of the file.
 [[nodiscard]] std::string image_of_truth(const std::string& truth, const std::string& image);
 
 struct PoseEvaluationOptions {
-  // Draw something before each face that is found, and look again: a part of another image, or one
-  // tone (landmarks::draw_occlusion()).
+  // Occlude each detected face by a part of another image or by one grey level
+  // (landmarks::draw_occlusion()), and find its pose again.
   bool occlude = false;
-  std::uint64_t seed = 1;  // of what is drawn
+  std::uint64_t seed = 1;  // of the occlusions
 };
 
-// Finds poses as PoseTracker does in stills, and gathers them for the scores of head/evaluation.h.
+// Estimates poses in stills as PoseTracker does, and collects them for the scores of
+// head/evaluation.h.
 class PoseEvaluator {
  public:
   // Throws as PoseTracker's constructor.
   PoseEvaluator(const PoseModels& models, const PoseTrackerOptions& options);
 
-  // Of images of Pointing'04, in their order: the pose of the head that is annotated, and whether the
-  // strict face detector sees a face there. For head::score_pointing(). Throws InputError for an
-  // image that cannot be read, Interrupted.
+  // For images of Pointing'04, in their order: the pose of the annotated head, and whether the
+  // strict face detector detects a face there. Input of head::score_pointing(). Throws InputError
+  // if an image cannot be read, Interrupted.
   [[nodiscard]] std::vector<head::PointingOutcome> pointing(
       const std::vector<PointingImage>& images, Progress& progress, const std::stop_token& stop);
 
-  // Of the images that the lines of the file `path` name, in their order: the pose of the first face;
-  // none where no face or no pose was found. For head::match_poses(). Throws as pointing().
+  // For the images named by the lines of the file `path`, in their order: the pose of the first
+  // face, empty if no face or no pose was found. Input of head::match_poses(). Throws as
+  // pointing().
   [[nodiscard]] std::vector<head::PoseLine> poses(const std::string& path,
                                                   const std::vector<head::PoseLine>& truth,
                                                   const PoseEvaluationOptions& options,
                                                   Progress& progress, const std::stop_token& stop);
 
-  // All that was found so far, a line of JSON an image: {"image"} and to_json(PoseResult).
+  // All results so far as JSON, one line per image: {"image"} and to_json(PoseResult).
   [[nodiscard]] const std::string& lines() const { return lines_; }
 
  private:
@@ -82,7 +86,7 @@ class PoseEvaluator {
 
   PoseTracker tracker_;
   PoseState state_;
-  landmarks::FaceFinder strict_;  // faces alone
+  landmarks::FaceFinder strict_;  // detects faces only
   std::string lines_;
   cv::Mat gray_;
 };

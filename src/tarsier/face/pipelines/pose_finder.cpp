@@ -14,11 +14,11 @@
 namespace tarsier::face {
 namespace {
 
-// A second fit that is worth this much less than the first went astray.
+// The second fit has failed if its score is lower than the first one's by more than this.
 constexpr double kMuchWorse = 0.1;
-// Below this quality no second fit helps: the candidate is not a face.
+// Below this quality the candidate is not a face, and a second fit does not help.
 constexpr double kHopeless = 0.15;
-// Scores of detection and first fit from which a good second fit confirms a face.
+// Min scores of detection and first fit for which the second fit's score counts.
 constexpr double kMinDetection = 0.6;
 constexpr double kMinFirstFit = 0.35;
 
@@ -39,7 +39,7 @@ head::HeadModel chosen_points(const head::HeadModel& model, const head::Landmark
   return is_whole ? model : head::select_points(model, mapping.model_points);
 }
 
-// Stages of the second fit of a face, which has the same as the first.
+// Sink for the stages of the second fit, which has stages of the same names as the first.
 class SecondFit final : public DebugSink {
  public:
   explicit SecondFit(DebugSink* next) : next_(next) {}
@@ -52,13 +52,13 @@ class SecondFit final : public DebugSink {
   DebugSink* next_;
 };
 
-// The head in its pose, on the part of the image around the face, enlarged.
+// Shows the head in its pose on the enlarged part of the image around the face.
 void show_pose(DebugSink* debug, std::string_view name, const cv::Mat& gray,
                const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
                const head::HeadModel& model, const head::HeadPose& pose) {
   if (debug == nullptr || !points.allFinite()) return;
-  constexpr double kSide = 480;    // px of what is shown
-  constexpr double kMargin = 0.5;  // of the points' extent, to each side
+  constexpr double kSide = 480;    // px of the output
+  constexpr double kMargin = 0.5;  // share of the points' extent added on each side
   const Eigen::Vector2d low = points.rowwise().minCoeff();
   const Eigen::Vector2d high = points.rowwise().maxCoeff();
   const double extent = std::max(4.0, (high - low).maxCoeff()) * (1 + 2 * kMargin);
@@ -69,7 +69,7 @@ void show_pose(DebugSink* debug, std::string_view name, const cv::Mat& gray,
                  cv::Matx23d(scale, 0, -scale * corner.x(), 0, scale, -scale * corner.y()),
                  cv::Size(cvRound(kSide), cvRound(kSide)));
   cv::cvtColor(shown, shown, cv::COLOR_GRAY2BGR);
-  geometry::Camera part = camera;  // that sees this part at this scale
+  geometry::Camera part = camera;  // camera of this part of the image, at this scale
   part.width = shown.cols;
   part.height = shown.rows;
   part.fx *= scale;
@@ -186,7 +186,7 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
     start.box = found.box;
     start.visibility = std::move(found.fit.visibility);
     PosedFace face = pose_of(std::move(start), gray, camera, nullptr, false, workspace, debug);
-    // Where there is no face, one of several fits scores well by chance.
+    // Without a face, one of several fits can score well by chance.
     const bool second_counts = found.detection >= kMinDetection && first >= kMinFirstFit;
     const double score = second_counts ? std::max(first, face.face.score) : first;
     if (landmarks_->quality && score < min_score) continue;

@@ -14,30 +14,30 @@
 #include <string>
 #include <vector>
 
-// From landmarks to head poses, and back: landmarks are fitted from the mean face seen from the
-// front, which pulls turned faces towards the front. So once a pose is known, the fit begins again
-// from the head's own points in that pose; what comes out is turned further, as the face is. A
-// model of how heads look, where there is one, has the last word on the direction.
+// Converts landmarks to head poses and back. Landmarks are fitted from the mean frontal face, which
+// biases turned faces towards the front. Once a pose is known, the fit is therefore repeated from
+// the head's own points, projected in that pose. The second pose has less bias. A view model, if
+// there is one, finally corrects the direction.
 namespace tarsier::face {
 
-// Errors of angles whose direction no view model corrected, by what found the points; measured as
-// those of head_view::kViewSigma, the factors of appearance models on 161 of the drawn heads.
+// Errors of angles that no view model corrected, by the source of the points. Measured as those of
+// head_view::kViewSigma; the factors of appearance models on 161 of the synthetic heads.
 inline constexpr head::AngleCalibration kLandmarkSigma{{1.9, 7.7}, {2.4, 17.4}, {2.3, 0}};
 inline constexpr head::AngleCalibration kAppearanceSigma{{8.1, 10.0}, {5.1, 19.0}, {5.9, 0}};
 
 struct PosedFace {
   landmarks::TrackedFace face;
-  // With calibrated deviations of its angles: by one of the above, or head_view::kViewSigma.
+  // The deviations of its angles are calibrated, by one of the above or by head_view::kViewSigma.
   std::optional<head::HeadPose> pose;
-  std::string reason;  // where there is none
+  std::string reason;  // why there is no pose
 };
 
-// One face or one still at a time; PoseTracker calls it. Const: any number of threads may use it,
-// each with a workspace of its own.
+// Handles one face or one still at a time; called by PoseTracker. Const and thread-safe; each
+// thread needs its own workspace.
 class PoseFinder {
  public:
-  // `mapping`: of the head's points to the landmarks. Throws std::invalid_argument where they do
-  // not fit together. `view` may be null.
+  // `mapping`: from the head's points to the landmarks. Throws std::invalid_argument if the models
+  // do not fit together. `view` may be null.
   PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks,
              const landmarks::FitOptions& fit, const head::HeadModel& head,
              const head::LandmarkMapping& mapping, const head::HeadPoseOptions& options,
@@ -47,25 +47,26 @@ class PoseFinder {
   [[nodiscard]] const landmarks::FitOptions& fit() const { return fit_; }
   [[nodiscard]] const head::HeadPoser& poser() const { return poser_; }
 
-  // The pose of a face whose points were fitted, fitting them again (gray: CV_8UC1, of the camera's
-  // size). face.points and face.score become those of the better fit. `identity` may be null; it
-  // learns from the face if `learn`. `debug`, which may be null, takes the head of the first pose,
-  // the stages of the second fit ("second/start" ..) and the head of the last pose.
+  // The pose of a face whose points are fitted; fits the points a second time (gray: CV_8UC1, of
+  // the camera's size). face.points and face.score are replaced by those of the second fit unless
+  // it is much worse. `identity` may be null; it learns from the face if `learn`. `debug`, which
+  // may be null, receives the head in the first pose, the stages of the second fit ("second/start"
+  // ..) and the head in the final pose.
   [[nodiscard]] PosedFace pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
                                   const geometry::Camera& camera, head::HeadIdentity* identity,
                                   bool learn, landmarks::FitWorkspace& workspace,
                                   DebugSink* debug = nullptr) const;
 
-  // The pose of a face whose points are taken as they are. The rest as above; `debug` takes the head
-  // of the pose.
+  // The pose of a face whose points are used as they are. Otherwise as above; `debug` receives the
+  // head in its pose.
   [[nodiscard]] PosedFace pose_of_points(landmarks::TrackedFace face, const cv::Mat& gray,
                                          const geometry::Camera& camera,
                                          head::HeadIdentity* identity, bool learn,
                                          DebugSink* debug = nullptr) const;
 
-  // All faces of a still, numbered from 1, in the order of landmarks::find_faces. Faces that only
-  // the less strict search saw are kept when their score after the second fit is at least
-  // `min_score`.
+  // All faces of a still, numbered from 1, in the order of landmarks::find_faces. A face is kept
+  // only if its score is at least `min_score`. The score of the second fit counts only if the
+  // detection and the first fit scored well.
   [[nodiscard]] std::vector<PosedFace> find(const cv::Mat& gray, const geometry::Camera& camera,
                                             landmarks::FaceFinder& finder,
                                             landmarks::FitWorkspace& workspace,
@@ -73,23 +74,23 @@ class PoseFinder {
                                             DebugSink* debug = nullptr) const;
 
  private:
-  // `learn`: the identity, which may be null, does.
+  // `learn`: update `identity`, which may be null.
   [[nodiscard]] head::HeadPoseResult pose(const landmarks::TrackedFace& face,
                                           const geometry::Camera& camera,
                                           head::HeadIdentity* identity, bool learn) const;
-  // With the direction that the view model, where there is one, has for it; else its deviations by
+  // Corrects the direction by the view model. Without a view model, calibrates the deviations by
   // `errors`.
   [[nodiscard]] PosedFace refined(landmarks::TrackedFace face, head::HeadPoseResult found,
                                   const cv::Mat& gray, const geometry::Camera& camera,
                                   head::HeadIdentity* identity,
                                   const head::AngleCalibration& errors, DebugSink* debug) const;
-  // Of the points that the head has; empty where nothing is known.
+  // Of the points that the head has; empty if unknown.
   [[nodiscard]] Eigen::VectorXd sigmas(const landmarks::TrackedFace& face) const;
 
   std::shared_ptr<const landmarks::LandmarkModel> landmarks_;
   landmarks::FitOptions fit_;
-  std::vector<int> chosen_;  // landmarks, in the order of the poser's points
-  bool is_whole_ = false;    // every landmark is a point of the head: the fit can begin again
+  std::vector<int> chosen_;  // landmark of each of the poser's points
+  bool is_whole_ = false;    // every landmark is a point of the head, so the fit can be repeated
   head::HeadPoser poser_;
   std::shared_ptr<const head_view::ViewModel> view_;
 };

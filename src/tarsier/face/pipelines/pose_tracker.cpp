@@ -23,7 +23,7 @@ constexpr std::size_t kMinPoints = 6;  // of a head, for its pose
 
 double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
-// `landmarks`: of which a view of the head has the offsets.
+// `landmarks`: number of landmarks that the view model must have.
 std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
                                                       const PoseTrackerOptions& options,
                                                       int landmarks) {
@@ -43,7 +43,7 @@ std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
   return view;
 }
 
-// Begins from the points of the landmark tracker, where a face is new or was lost.
+// Starts from the points of the landmark tracker if a face is new or was lost.
 AppearanceTrackerOptions appearance_options(const PoseTrackerOptions& options) {
   const landmarks::TrackerOptions& tracking = options.landmarks.tracker;
   AppearanceTrackerOptions result;
@@ -205,7 +205,7 @@ std::vector<PosedFace> PoseTracker::faces_of_video(const Frame& frame,
                                     seen.tracker, gray, frame.time, seen.workspace, debug)) {
     PoseState::Person& person = state.persons.try_emplace(face.id, options_).first->second;
     person.seen = frame.time;
-    // A face that is hardly seen teaches nothing of its shape.
+    // A face with a low score is not used to learn the head's shape.
     const bool learn = face.score >= tracking.min_new;
     PosedFace posed = appearance_ ? finder_.pose_of_points(std::move(face), gray, camera,
                                                            &person.identity, learn, debug)
@@ -221,7 +221,7 @@ std::vector<PosedFace> PoseTracker::faces_of_video(const Frame& frame,
     }
     result.push_back(std::move(posed));
   }
-  // Who left will not come back under that id.
+  // A person who left gets a new id on return.
   std::erase_if(state.persons, [&](const auto& entry) {
     return frame.time > entry.second.seen + tracking.remember_s + 1;
   });
@@ -234,7 +234,7 @@ PoseResult PoseTracker::process(const Frame& frame, PoseState& state, DebugSink*
   const std::string source = source_of(frame);
   if (frame.still || source != seen.source) {
     redetect(state);
-    seen.tracker = {};  // ids begin again
+    seen.tracker = {};  // ids start again at 1
   }
   seen.source = source;
   PoseResult result;

@@ -26,40 +26,46 @@ namespace tarsier::face {
 // How the poses of a tracked head are smoothed.
 enum class PoseSmoothing { kNone, kMean, kOneEuro };
 
-// What finds the points that poses are of.
+// What finds the points from which poses are computed.
 enum class PoseFit {
-  kLandmarks,  // the landmark tracker, fitted a second time from the head's first pose
-  kAam,        // an active appearance model, from the landmark tracker's points where a face is new
+  // The landmark tracker, with a second fit from the head's first pose.
+  kLandmarks,
+  // An active appearance model, started from the landmark tracker's points for a new face.
+  kAam,
 };
 
 struct PoseTrackerOptions {
   LandmarkTrackerOptions landmarks;
   PoseFit fit = PoseFit::kLandmarks;
-  std::string appearance;  // of kAam: file of `aam train`; empty: aam68.json of the store
-  std::string head;        // file of `pose train-head`; empty: head.json of the store
-  std::string mapping;     // file: which landmark each head point is; empty: the head's own
-  // Whether a model of how whole heads look corrects the directions.
+  // For kAam: file of `aam train`; empty: aam68.json of the store.
+  std::string appearance;
+  std::string head;  // file of `pose train-head`; empty: head.json of the store
+  // File that maps each head point to a landmark; empty: the mapping in the head model.
+  std::string mapping;
+  // Whether a view model (the appearance of whole heads) corrects the directions.
   bool refine = true;
-  // Its file (`pose train-view`); empty: head-view.json of the store, if it is there, the landmark
-  // tracker finds the points, and head, mapping and landmark model are those of the store too:
-  // others err in other ways.
+  // File of the view model (`pose train-view`). Empty: head-view.json of the store, but only if it
+  // exists, the landmark tracker finds the points, and head, mapping and landmark model are those
+  // of the store. Other models have other errors.
   std::string view;
   head::HeadPoseOptions pose;
   PoseSmoothing smoothing = PoseSmoothing::kOneEuro;
-  int mean_length = 5;  // frames, of kMean; 1..1000
+  int mean_length = 5;  // for kMean: frames, 1..1000
   head::OneEuroOptions one_euro;
-  std::optional<geometry::Camera> camera;  // width 0: of any size. Empty: guessed from the image
-  double focal_px = 0;                     // of the guessed camera; 0: guessed, too
-  void check() const;                      // throws std::invalid_argument that names the value
+  // Width 0: for images of any size. Empty: the camera is guessed from the image.
+  std::optional<geometry::Camera> camera;
+  double focal_px = 0;  // of the guessed camera; 0: guessed
+  // Throws std::invalid_argument that names the value.
+  void check() const;
 };
 
-// All that is read; const and shared.
+// All models that are read; const and shared.
 struct PoseModels {
   LandmarkTracker landmarks;
   std::shared_ptr<const head::HeadModel> head;
-  head::LandmarkMapping mapping;                     // of the head's points to the landmarks
+  head::LandmarkMapping mapping;                     // from the head's points to the landmarks
   std::shared_ptr<const head_view::ViewModel> view;  // may be null
-  std::optional<AppearanceTracker> appearance;       // of kAam
+  std::optional<AppearanceTracker> appearance;       // for kAam
 };
 // Throws ModelError, InputError (the mapping's file), UsageError (models that do not fit together),
 // std::invalid_argument (options).
@@ -69,23 +75,23 @@ struct PoseModels {
 // The heads of one frame.
 struct PoseResult {
   std::vector<PosedFace> faces;
-  geometry::Camera camera;  // that the poses are in
-  bool tracked = false;     // frame of a video: ids stay with their faces
-  double ms = 0;            // spent in process(), milliseconds
+  geometry::Camera camera;  // camera of the poses
+  bool tracked = false;     // frame of a video: ids are kept over frames
+  double ms = 0;            // duration of process(), milliseconds
 };
 
-// The faces as landmarks::faces_json has them, each with "rotation" (9 numbers, row-major,
-// R_camera_from_head), "translation" (mm), "yaw", "pitch", "roll" (degrees, see head/angles.h),
-// "yaw_sigma_deg", "pitch_sigma_deg", "roll_sigma_deg" (their standard deviations, degrees),
-// "sigma_floor_deg" (how much of these is the floor of HeadPose: yaw, pitch, roll) and "rms_px";
-// without a pose, "reason".
+// The faces as in landmarks::faces_json. Each face with a pose also has "rotation" (9 numbers,
+// row-major, R_camera_from_head), "translation" (mm), "yaw", "pitch", "roll" (degrees, see
+// head/angles.h), "yaw_sigma_deg", "pitch_sigma_deg", "roll_sigma_deg" (their standard deviations,
+// degrees), "sigma_floor_deg" (the part of these that is the floor of HeadPose: yaw, pitch, roll)
+// and "rms_px". A face without a pose has "reason" instead.
 [[nodiscard]] nlohmann::ordered_json posed_faces_json(const std::vector<PosedFace>& faces,
                                                       bool with_ids);
 // {"faces": posed_faces_json(), "ms"}
 [[nodiscard]] nlohmann::ordered_json to_json(const PoseResult& result);
 
-// What is known from earlier frames of a video, and buffers: one for each stream of frames, always
-// of the same tracker.
+// What is known from earlier frames of a video, and buffers. Each stream of frames needs its own
+// state, always used with the same tracker.
 struct PoseState {
   struct Person {
     explicit Person(const PoseTrackerOptions& options)
@@ -93,15 +99,15 @@ struct PoseState {
     head::HeadIdentity identity;
     head::MeanFilter mean;
     head::OneEuroFilter one_euro;
-    double seen = 0;  // s
+    double seen = 0;  // last time, s
   };
   LandmarkState landmarks;
   AppearanceState appearance;
   std::map<int, Person> persons;  // by id of the face
 };
 
-// The 3D poses of heads in images and videos, where the shape of each tracked head is learned on
-// the way:
+// Estimates the 3D poses of heads in images and videos. In a video, the shape of each tracked head
+// is learned from its frames:
 //
 //   const auto tracker = face::PoseTracker::load(ModelStore::find());
 //   face::PoseState state;
@@ -110,27 +116,26 @@ struct PoseState {
 //     for (const face::PosedFace& face : tracker.process(*frame, state).faces)
 //       if (face.pose) fmt::print("yaw {:.0f} degrees\n", face.pose->angles.yaw_deg);
 //
-// Const: copies share the models, and any number of threads may use it, each with a state of its
-// own.
+// A tracker is const and thread-safe; each thread needs its own state. Copies share the models.
 class PoseTracker {
  public:
   // Throws as load_pose_models().
   [[nodiscard]] static PoseTracker load(const ModelStore& models,
                                         const PoseTrackerOptions& options = {});
-  // With models that are there already. Throws std::invalid_argument for bad options and a mapping
-  // that does not fit the models.
+  // Uses models that are already loaded. Throws std::invalid_argument for bad options and for a
+  // mapping that does not fit the models.
   PoseTracker(const PoseModels& models, const PoseTrackerOptions& options);
 
   [[nodiscard]] const PoseFinder& finder() const { return finder_; }
   [[nodiscard]] const LandmarkTracker& landmarks() const { return landmarks_; }
 
-  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Heads of a still are found for themselves, numbered
-  // from 1; those of a video are tracked until another source begins. Throws InputError where the
-  // camera is that of images of another shape. `debug`, which may be null, takes the stages: those
+  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. In a still, heads are detected independently and
+  // numbered from 1. In a video, they are tracked until another source begins. Throws InputError if
+  // the camera belongs to images of another shape. `debug`, which may be null, receives the stages
   // of LandmarkTracker and PoseFinder.
   //
-  // Of PoseFit::kAam a face's "score" is the share of its texture that the model explains, and
-  // nothing is known of the visibility of its points.
+  // With PoseFit::kAam, a face's "score" is the share of its texture that the model explains, and
+  // the visibility of its points is unknown.
   [[nodiscard]] PoseResult process(const Frame& frame, PoseState& state,
                                    DebugSink* debug = nullptr) const;
 
@@ -149,7 +154,7 @@ class PoseTracker {
   PoseTrackerOptions options_;
 };
 
-// Forgets all places and what was learned of the heads: faces are searched in the next frame.
+// Forgets all positions and the learned shapes of heads: the next frame is searched as a whole.
 void redetect(PoseState& state);
 
 }  // namespace tarsier::face

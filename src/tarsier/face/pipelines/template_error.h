@@ -5,16 +5,19 @@
 
 namespace tarsier::face {
 
-// Why faces cannot be compared by the templates that were asked for. A program says by it what to do.
+// Why faces cannot be compared by the requested templates. Programs use it to suggest a solution.
 enum class TemplateProblem {
-  kNotCalibrated,    // a network of the user's own is given without a background
-  kOtherNetwork,     // the gallery's templates are not of the network that is given
-  kNetworkNotGiven,  // they are of a network of the user's own, and none is given
-  kNotDeep,          // deep templates were asked for, it has classic ones
-  kNotClassic,       // the other way round
+  // The user's own network is given without a background.
+  kNotCalibrated,
+  kOtherNetwork,  // the gallery's templates are of another network than the given one
+  // The templates are of the user's own network, and no network is given.
+  kNetworkNotGiven,
+  kNotDeep,     // deep templates were requested, the gallery has classic ones
+  kNotClassic,  // classic templates were requested, the gallery has deep ones
 };
 
-// Of a network's file (ErrorKind::kModel) or of a gallery (kInput); what() names it and the problem.
+// An error of a network's file (ErrorKind::kModel) or of a gallery (kInput); what() names the file
+// and the problem.
 class TemplateError : public IoError {
  public:
   TemplateError(TemplateProblem problem, std::string path, const std::string& reason)

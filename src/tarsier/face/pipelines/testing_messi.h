@@ -11,7 +11,7 @@
 #include <filesystem>
 #include <string>
 
-// Helpers for tests: the models that ship, and one face of the package opencv-doc.
+// Helpers for tests: the shipped models, and one face of the package opencv-doc.
 namespace tarsier::face {
 
 inline constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";

@@ -15,10 +15,10 @@
 namespace tarsier::face {
 namespace {
 
-// Files are cut into so many parts, each of which is left out in turn.
+// Files are divided into this many parts; each is held out once.
 constexpr int kParts = 7;
-constexpr int kFirstPart = 1000;  // group; those below are people
-// More than what is scored, degrees.
+constexpr int kFirstPart = 1000;  // group number; lower ones are people
+// Larger than the scored range, degrees.
 constexpr double kMaxPan = 90;
 constexpr double kMaxTilt = 60;
 
@@ -26,7 +26,7 @@ const PosedFace* first_face(const std::vector<PosedFace>& faces, cv::Size /*size
   return !faces.empty() && faces.front().pose ? &faces.front() : nullptr;
 }
 
-// The face whose box has the middle of `points`.
+// The face whose box contains the centre of `points`.
 const PosedFace* face_at(const std::vector<PosedFace>& faces, const Eigen::Matrix2Xd& points) {
   const Eigen::Vector2d middle = points.rowwise().mean();
   for (const PosedFace& face : faces)
@@ -54,7 +54,7 @@ ViewTraining::Seen ViewTraining::see(const std::string& path, const Choice& choi
   if (face == nullptr) return seen;
   seen.pose = *face->pose;
   seen.points = face->face.points(Eigen::all, mapping_.landmarks);
-  // The covariance as the poser has it, which a view's answer goes on from.
+  // The uncalibrated covariance of the poser, which the view model's correction starts from.
   Eigen::VectorXd sigma_px;
   if (face->face.visibility.sigma_px.size() > 0)
     sigma_px = face->face.visibility.sigma_px(mapping_.landmarks);
@@ -67,8 +67,8 @@ ViewTraining::Seen ViewTraining::see(const std::string& path, const Choice& choi
   return seen;
 }
 
-// Returns the index of the image in `seen_`, -1 where no head was found. `forward`: in the camera's
-// frame. `asked`: it is where a person was asked to look.
+// Returns the index of the image in `seen_`, -1 if no head was found. `forward`: in the camera's
+// frame. `asked`: it is the direction in which the person was asked to look.
 int ViewTraining::add(Seen seen, int group, const Eigen::Vector3d& forward, bool asked) {
   if (!seen.view) return -1;
   const Eigen::Vector3d in_view = seen.view->camera_from_view.transpose() * forward;

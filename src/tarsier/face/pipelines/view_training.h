@@ -18,8 +18,8 @@
 #include <utility>
 #include <vector>
 
-// Images of heads of known poses, as head_view::train_view_model() learns from them, and how good it
-// is on people that it has not seen:
+// Collects images of heads of known poses for head_view::train_view_model(), and evaluates the
+// model on held-out people:
 //
 //   face::PoseTrackerOptions options;
 //   options.refine = false;
@@ -31,51 +31,53 @@ namespace tarsier::face {
 
 class ViewTraining {
  public:
-  // Poses are of the landmarks alone, by a guessed camera: throws std::invalid_argument for options with
-  // `refine` or a camera, else as PoseTracker's constructor.
+  // Poses are computed from the landmarks alone, with a guessed camera. Throws
+  // std::invalid_argument for options with `refine` or a camera, otherwise as PoseTracker's
+  // constructor.
   ViewTraining(const PoseModels& models, const PoseTrackerOptions& options);
 
-  // Images of Pointing'04, also of larger angles than are scored: corrections near the limits are
-  // interpolated then. The truth is where the person was asked to look, in the camera's frame (the
-  // marks are far from the head: where it moves, their directions stay), the tilt times `tilt_share`
-  // (0.1..1.5: heads tilt less than the eyes). A group is a person. Throws InputError, Interrupted.
+  // Adds images of Pointing'04. Angles beyond the scored range are included, so that corrections
+  // near its limits are interpolated. The ground truth is where the person was asked to look, in
+  // the camera's frame: the marks are far from the head, so their directions do not change when the
+  // head moves. The tilt is multiplied by `tilt_share` (0.1..1.5), because heads tilt less than the
+  // eyes. Each person is a group. Throws InputError, Interrupted.
   void add_pointing(const std::string& folder, double tilt_share, Progress& progress,
                     const std::stop_token& stop);
-  // Lines of exact rotations (head::read_pose_lines()). Groups are sevenths of the lines. Throws as
-  // add_pointing().
+  // Adds lines with exact rotations (head::read_pose_lines()). Each seventh of the lines is a
+  // group. Throws as add_pointing().
   void add_truth(const std::string& file, Progress& progress, const std::stop_token& stop);
-  // Annotated faces, named `name` in messages: the truth is the pose of the annotated points. Groups as of
-  // add_truth(). Throws InputError where the set has other points than the landmark model, and as
-  // add_pointing().
+  // Adds annotated faces, called `name` in messages. The ground truth is the pose of the annotated
+  // points. Groups as in add_truth(). Throws InputError if the set has other points than the
+  // landmark model, otherwise as add_pointing().
   void add_annotated(const shape::LandmarkSet& set, const std::string& name, Progress& progress,
                      const std::stop_token& stop);
 
-  // Of the images in which a head was found.
+  // One sample for each image in which a head was found.
   [[nodiscard]] const std::vector<head_view::ViewSample>& samples() const { return samples_; }
-  // What was added: "Pointing'04", the files.
+  // What was added: "Pointing'04", and the names of the files.
   [[nodiscard]] const std::vector<std::string>& sources() const { return sources_; }
 
-  // Empty where there are no such images.
+  // Empty if there are no images of that kind.
   struct Scores {
     std::optional<head::PointingScore> pointing;
     std::optional<head::PoseScore> exact;  // of the images in which a head was found
   };
-  // Of the poses of the landmarks alone.
+  // Scores of the poses from landmarks alone.
   [[nodiscard]] Scores score_landmarks() const;
-  // Of the poses that are corrected by a model that was learnt without the group of the image. Throws
-  // as head_view::leave_groups_out().
+  // Scores of poses corrected by a model that was trained without the image's group. Throws as
+  // head_view::leave_groups_out().
   [[nodiscard]] Scores score_left_out(const head_view::TrainViewOptions& options) const;
 
  private:
-  // An image: what landmarks make of it.
+  // The result for one image from its landmarks.
   struct Seen {
-    std::optional<head_view::HeadView> view;  // none: no head was found
+    std::optional<head_view::HeadView> view;  // empty: no head was found
     head::HeadPose pose;
     head::HeadPose raw;       // before its covariance was calibrated
-    Eigen::Matrix2Xd points;  // of the poser
+    Eigen::Matrix2Xd points;  // those that the poser uses
     geometry::Camera camera;
   };
-  // The one of an image's faces that is meant, with its pose; null: none.
+  // Selects the annotated face among the faces of an image, with its pose; null: none.
   using Choice = std::function<const PosedFace*(const std::vector<PosedFace>&, cv::Size)>;
 
   [[nodiscard]] const head::HeadPoser& poser() const { return tracker_.finder().poser(); }
@@ -89,13 +91,13 @@ class ViewTraining {
   head::LandmarkMapping mapping_;
   PoseState state_;
   std::vector<Seen> seen_;
-  std::vector<head_view::ViewSample> samples_;  // one of each `seen_`
+  std::vector<head_view::ViewSample> samples_;  // one for each of `seen_`
   std::vector<std::string> sources_;
   std::vector<head::PointingOutcome> pointing_;
-  std::vector<int> of_pointing_;  // index into `seen_` of each; -1 where no head was found
+  std::vector<int> of_pointing_;  // index into `seen_`; -1: no head was found
   std::vector<std::pair<int, head::PosePair>> exact_;
-  int files_ = 0;  // with groups that are parts of them
-  int lines_ = 0;  // of the latest one
+  int files_ = 0;  // files whose groups are parts of them
+  int lines_ = 0;  // lines of the latest of these files
 };
 
 }  // namespace tarsier::face

@@ -123,8 +123,8 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   out.network = options.network;
   if (out.network) {
     out.of_network = out.network->fingerprint;
-    // Such images differ less, and otherwise, than images of one person in life do; the network
-    // was trained to leave little to choose between directions. So: the same in all of them.
+    // Synthetic images vary less than real images of a person, and in other directions. The network
+    // was trained to suppress such variation. Therefore the scatter is the same in all directions.
     const auto directions = static_cast<double>(out.within.rows());
     out.within = Eigen::MatrixXd::Identity(out.within.rows(), out.within.cols()) *
                  (out.within.trace() / directions);

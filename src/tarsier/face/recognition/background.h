@@ -14,21 +14,23 @@
 #include <stop_token>
 #include <string>
 
-// What is learned of faces in general from many people, so that a gallery of one works.
+// Statistics of faces in general, learned from many people. They make a gallery of one person
+// usable.
 namespace tarsier::face::recognition {
 
 struct BackgroundOptions {
   DescriptorOptions descriptor;
   int components = 256;  // of the people
-  // A person of whom there is one image also counts under other light, slightly moved: so many
-  // such images, from which the scatter within people is taken.
+  // A person with a single image is also used with this number of synthetic images (other light,
+  // slightly moved). The scatter within people is computed from these.
   int variants = 2;
-  double relight = 1.2;   // how far the light goes; 1: an e-fold from cheek to cheek
-  double moved_px = 1.5;  // of a face 64 px wide, standard deviation
+  // Strength of the light change; 1: a factor of e from cheek to cheek.
+  double relight = 1.2;
+  double moved_px = 1.5;  // standard deviation, for a face 64 px wide
   double weight = 20;     // Background::weight
   double within_weight = 60;
   std::uint64_t seed = 1;
-  // Its numbers in the place of descriptors: the background of deep templates; or null.
+  // Its embeddings are used instead of descriptors: the background of deep templates. May be null.
   std::shared_ptr<const DeepNetwork> network;
 
   [[nodiscard]] OptionFields fields() {
@@ -42,17 +44,17 @@ struct BackgroundOptions {
   void check() const;
 };
 
-// The face lit otherwise: grey^g exp(a x + b y + c (x^2 - 0.3)), x and y from -1 to 1 across and
-// down, with g, a, b and c by chance.
+// The face under other light: grey^g exp(a x + b y + c (x^2 - 0.3)), x and y from -1 to 1 across
+// and down, with random g, a, b and c.
 [[nodiscard]] cv::Mat relit_face(const cv::Mat& gray, double strength, std::uint64_t seed);
 
-// One image of each person, all cut alike. Throws std::invalid_argument for fewer than three,
-// Interrupted. Stage of `progress`: "describing".
+// One image per person, all with the same alignment. Throws std::invalid_argument for fewer than
+// three images, Interrupted. Stage of `progress`: "describing".
 [[nodiscard]] Background learn_background(std::span<const cv::Mat> faces,
                                           const BackgroundOptions& options, Progress& progress,
                                           const std::stop_token& stop);
 
-// Files of type "face-background". Throw ModelError(path), OutputError.
+// Files of type "face-background". Throws ModelError(path), OutputError.
 void write_background(const std::string& path, const Background& background,
                       const nlohmann::json& provenance);
 [[nodiscard]] Background read_background(const std::string& path);

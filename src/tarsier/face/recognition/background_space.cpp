@@ -12,7 +12,7 @@
 namespace tarsier::face::recognition {
 namespace {
 
-// FNV-1a, of 32-bit words.
+// FNV-1a of 32-bit words.
 class Fingerprint {
  public:
   void add(std::uint32_t word) {
@@ -102,7 +102,7 @@ CoordinateProjection::CoordinateProjection(const Recognizer& model, const Backgr
   require_directions(background);
   TARSIER_REQUIRE(model.mean.size() == background.mean.size(), "a model of {} inputs, {} wanted",
                   model.mean.size(), background.mean.size());
-  // The directions are orthonormal, and the model's lie in their span.
+  // The directions are orthonormal, and the model's directions lie in their span.
   shift_ = products(Rows(model.mean - background.mean), background.basis);
   inner_ = products(model.components, background.basis);
 }

@@ -19,7 +19,7 @@ namespace {
 double normal_below(double z) { return std::erfc(-z / std::numbers::sqrt2) / 2; }
 double normal_above(double z) { return std::erfc(z / std::numbers::sqrt2) / 2; }
 
-// Mean and variance of the greatest of n standard normal numbers, n >= 1 (not only whole):
+// Mean and variance of the maximum of n standard normal numbers, n >= 1 (not only integers):
 // integrals of the tails of its distribution function Phi^n.
 struct Greatest {
   double mean = 0;
@@ -38,7 +38,7 @@ Greatest greatest_of(double n) {
   return {mean, square - mean * mean};
 }
 
-// z with P(standard normal > z) = p, by halving.
+// z with P(standard normal > z) = p, by bisection.
 double normal_quantile_above(double p) {
   double low = -40;
   double high = 40;
@@ -55,7 +55,7 @@ struct Moments {
   double people = 0;
 };
 
-// Every person weighs the same.
+// Moments with equal weight for every person.
 Moments moments_of(const std::vector<double>& scores, const std::vector<int>& people) {
   std::map<int, double> count;
   for (const int person : people) count[person] += 1;
@@ -77,8 +77,8 @@ double mean_of(const std::vector<double>& values) {
   return values.empty() ? 0 : sum / static_cast<double>(values.size());
 }
 
-// Logistic regression by Newton's method on t = (score - centre) / unit, both classes with the same
-// weight, targets smoothed (Platt, "Probabilistic outputs for support vector machines", 1999).
+// Logistic regression by Newton's method on t = (score - centre) / unit. Both classes have the same
+// weight; targets are smoothed (Platt, "Probabilistic outputs for support vector machines", 1999).
 void fit_logistic(Calibration& calibration, const std::vector<double>& genuine,
                   const std::vector<double>& stranger, double centre, double unit) {
   double a = 1;
@@ -140,7 +140,7 @@ double Calibration::false_accept_rate(double score, int people) const {
 double Calibration::threshold(double rate, int people) const {
   TARSIER_REQUIRE(rate > 0 && rate < 1, "rate {}", rate);
   TARSIER_REQUIRE(people >= 1, "{} people", people);
-  // 1 - (1 - rate)^(1 / people): what one comparison may contribute.
+  // 1 - (1 - rate)^(1 / people): the rate for a single comparison.
   return location + scale * normal_quantile_above(-std::expm1(std::log1p(-rate) / people));
 }
 
@@ -167,12 +167,12 @@ Calibration fit_calibration(const ScoreSample& sample, const CalibrationPrior& p
   const double believed_variance = prior.scale * prior.scale * greatest.variance;
   const double mean = (seen.people * seen.mean + prior.weight * believed_mean) / total;
   const double variance = (seen.people * seen.variance + prior.weight * believed_variance) / total;
-  // The next stranger is off the mean of those seen by more than they are, the fewer they were.
+  // The mean is estimated from few strangers; this adds its uncertainty to the variance.
   const double unsure = seen.people > 0 ? 1 + 1 / total : 1;
   out.scale = std::max(std::sqrt(unsure * variance / greatest.variance), 1e-9);
   out.location = mean - greatest.mean * out.scale;
 
-  // Where there are no scores the prior's mean and spread stand in.
+  // Without scores, use the prior's mean and standard deviation.
   const double spread = std::max(std::sqrt(variance), 1e-9);
   std::vector<double> genuine = sample.genuine;
   std::vector<double> stranger = sample.stranger;

@@ -5,34 +5,34 @@
 #include <string>
 #include <vector>
 
-// What a score is worth: the chance that it is the right person, and how often a stranger gets as
-// much.
+// The meaning of a score: the probability that it is the right person, and how often a stranger
+// reaches it.
 namespace tarsier::face::recognition {
 
-// Scores from which a calibration is fitted. All are the best score of a probe over a gallery.
+// Scores from which a calibration is fitted. Each is the best score of a probe against a gallery.
 struct ScoreSample {
-  // Of people who are in the gallery, by other images: the score of the right person.
+  // Enrolled people, probed with other images: the score of the right person.
   std::vector<double> genuine;
-  // Of strangers: the best score of anybody; and who the stranger is, as images of one person are
-  // alike: each person counts the same however many images there are.
+  // Strangers: the best score of any enrolled person, and the index of the stranger. Each stranger
+  // has the same total weight, because images of one person are similar.
   std::vector<double> stranger;
   std::vector<int> stranger_person;
-  double gallery = 1;  // people in the gallery that strangers were compared to, on average
+  double gallery = 1;  // mean number of enrolled people that strangers were compared with
 };
 
-// A stranger's score against one person is taken for normal, and those against N people for
-// independent: P(best < s) = Phi((s - location) / scale)^N, with location and scale such that mean
-// and variance of the best are those seen (over the people of the gallery then). Extrapolates to
-// rates below 1 / number of scores, and to galleries of other sizes. The chance to be genuine is
-// logistic in the score, fitted with as much weight on genuine as on strangers' scores (even odds
-// beforehand).
+// A stranger's scores against single people are modelled as normal, and those against N people as
+// independent: P(best < s) = Phi((s - location) / scale)^N. Location and scale reproduce the
+// observed mean and variance of the best score, for the gallery size of that time. The model
+// extrapolates to rates below 1 / number of scores and to other gallery sizes. The probability of a
+// genuine match is logistic in the score. It is fitted with equal total weight of genuine and
+// stranger scores (even prior odds).
 struct Calibration {
   double location = 0;  // of a stranger's score against one person
   double scale = 1;     // > 0
-  double gallery = 1;   // people that the strangers' scores are the best over, >= 1
+  double gallery = 1;   // people in the gallery of the strangers' scores, >= 1
   double slope = 1;     // of the logistic, >= 0
   double offset = 0;
-  // The evidence: how many scores and people it was fitted to. 0 strangers: a prior alone.
+  // The data: number of scores and people it was fitted to. 0 strangers: the prior alone.
   int genuine_scores = 0;
   int stranger_scores = 0;
   int stranger_people = 0;
@@ -40,15 +40,15 @@ struct Calibration {
 
   void check() const;
 
-  // The chance that a stranger's best score against `people` people reaches `score`, and the score
-  // that he reaches with the chance `rate` in (0, 1).
+  // The probability that a stranger's best score against `people` people reaches `score`, and the
+  // score that a stranger reaches with the probability `rate` in (0, 1).
   [[nodiscard]] double false_accept_rate(double score, int people) const;
   [[nodiscard]] double threshold(double rate, int people) const;
-  // 0..1, of the right person against a stranger, where both are as likely beforehand.
+  // Probability, 0..1, of the right person against a stranger, with equal prior probabilities.
   [[nodiscard]] double probability(double score) const;
 };
 
-// What is believed before any score is seen, as if `weight` people had been seen.
+// Prior of a calibration, weighted as `weight` observed people.
 struct CalibrationPrior {
   double location = 0;
   double scale = 0.1;
@@ -56,8 +56,8 @@ struct CalibrationPrior {
   double weight = 2;
 };
 
-// Throws std::invalid_argument for scores that are not finite or lists of unequal lengths. Few
-// strangers leave the prior its weight.
+// Throws std::invalid_argument for scores that are not finite or lists of unequal lengths. With few
+// strangers, the prior dominates.
 [[nodiscard]] Calibration fit_calibration(const ScoreSample& sample, const CalibrationPrior& prior);
 
 [[nodiscard]] nlohmann::json to_json(const Calibration& calibration);

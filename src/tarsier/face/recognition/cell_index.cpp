@@ -31,17 +31,17 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "files are little-endian");
 
-// A file: kMagic, 64 digits of the SHA-256 of the rest of the head, Head, centres (cells x
-// dimension, float32), of each cell offset, count and sum (64 bits each), ids of the templates that
-// the centres were learned from (64 bits each). Then the cells, one after the other: ids (64 bits
-// each), scales (float32 each), numbers (8 bits, `stride` a template).
+// File layout: kMagic, 64 digits of the SHA-256 of the rest of the head, Head, centres (cells x
+// dimension, float32), offset, count and checksum of each cell (64 bits each), ids of the templates
+// from which the centres were learned (64 bits each). Then the cells in order: ids (64 bits each),
+// scales (float32 each), numbers (8 bits, `stride` per template).
 constexpr std::string_view kMagic = "TARSIDX1";
 constexpr std::size_t kDigits = 64;
 constexpr std::size_t kBeforeHead = kMagic.size() + kDigits;
 constexpr int kMaxDimension = 8192;
 constexpr int kMaxCells = 65536;
 constexpr std::int64_t kMaxTemplates = 1'000'000'000;
-constexpr std::size_t kRowBytes = sizeof(std::int64_t) + sizeof(float);  // beside the numbers
+constexpr std::size_t kRowBytes = sizeof(std::int64_t) + sizeof(float);  // besides the numbers
 
 struct Head {
   std::int64_t last;
@@ -63,7 +63,8 @@ std::size_t row_bytes(int dimension) { return kRowBytes + stride_of(dimension); 
 
 std::string reason_of(int error) { return std::generic_category().message(error); }
 
-// Four chains of 8 bytes at a time; each step is one to one, so that no change of one word is lost.
+// Four interleaved hashes of 8-byte words. Each step is bijective, so that any change of one word
+// changes the sum.
 std::uint64_t sum_of(std::span<const std::uint8_t> bytes) {
   constexpr std::uint64_t kPrime = 0x9E3779B97F4A7C15ULL;
   std::array<std::uint64_t, 4> chain{1, 2, 3, 4};
@@ -79,7 +80,7 @@ std::uint64_t sum_of(std::span<const std::uint8_t> bytes) {
   return sum;
 }
 
-// -127..127 and a scale: numbers[i] is about scale * codes[i].
+// Codes in -127..127; returns the scale: numbers[i] is about scale * codes[i].
 float encode(const float* numbers, int dimension, std::int8_t* codes, std::size_t stride) {
   float greatest = 0;
   for (int i = 0; i < dimension; ++i) greatest = std::max(greatest, std::abs(numbers[i]));
@@ -98,7 +99,7 @@ void normalise(Rows& rows) {
   }
 }
 
-// The centre that each row is most like, of equals the first.
+// The most similar centre of each row; the first one of equals.
 void nearest_centres(const Rows& rows, const Rows& centres, std::uint32_t* out) {
   constexpr Eigen::Index kChunk = 64;
   constexpr Eigen::Index kColumns = 256;
@@ -130,8 +131,8 @@ void nearest_centres(const Rows& rows, const Rows& centres, std::uint32_t* out) 
   });
 }
 
-// k-means on directions, from an even choice of the samples. A centre that nobody is nearest to
-// stays where it is.
+// k-means on directions, initialised with evenly chosen samples. A centre of an empty cell is not
+// moved.
 Rows learn_centres(const Rows& samples, int cells, int rounds, Progress& progress,
                    const std::stop_token& stop) {
   Rows centres(cells, samples.cols());
@@ -158,7 +159,7 @@ Rows learn_centres(const Rows& samples, int cells, int rounds, Progress& progres
   return centres;
 }
 
-// A file that is filled from the front; the place of its head is left free until the end.
+// A file that is written sequentially; the space of its head is filled at the end.
 class Output {
  public:
   Output(std::string path, std::size_t head) : path_(std::move(path)) {
@@ -248,7 +249,7 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
   CellIndexReport report;
   report.cells = cells;
 
-  // The centres.
+  // Learn the centres.
   const std::int64_t step =
       std::max<std::int64_t>(1, count / (static_cast<std::int64_t>(cells) * options.learn_from));
   std::vector<std::int64_t> learned_from;
@@ -267,7 +268,7 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
   const Rows centres = learn_centres(samples, cells, options.rounds, progress, stop);
   samples.resize(0, 0);
 
-  // The cell of each template.
+  // Assign a cell to each template.
   std::vector<std::uint32_t> cell_of(static_cast<std::size_t>(count));
   std::vector<std::int64_t> sizes(static_cast<std::size_t>(cells), 0);
   std::int64_t at = 0;
@@ -283,7 +284,7 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
   if (at != count) other_templates();
   for (const std::uint32_t cell : cell_of) ++sizes[cell];
 
-  // The cells, as many in each pass as there is memory for.
+  // Write the cells, as many in each pass as fit into memory.
   const std::size_t stride = stride_of(dimension);
   const std::size_t bytes = row_bytes(dimension);
   const auto memory = static_cast<std::int64_t>(options.memory_gb * 1e9);
@@ -301,7 +302,7 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
                                                      static_cast<std::int64_t>(bytes) <=
                                                  memory))
       held += sizes[static_cast<std::size_t>(last++)];
-    // Of each cell ids, scales and numbers, as in the file.
+    // Ids, scales and numbers of each cell, as in the file.
     std::vector<std::uint8_t> block(static_cast<std::size_t>(held) * bytes);
     std::vector<std::size_t> begin(static_cast<std::size_t>(last - first) + 1, 0);
     for (int c = first; c < last; ++c)
@@ -310,7 +311,7 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
           static_cast<std::size_t>(sizes[static_cast<std::size_t>(c)]) * bytes;
     std::vector<std::int64_t> filled(static_cast<std::size_t>(last - first), 0);
     std::vector<std::pair<std::size_t, std::int64_t>>
-        places;  // row of the piece, place in its cell
+        places;  // row in this batch, position in its cell
     at = 0;
     source(1, [&](std::span<const std::int64_t> ids, const Rows& rows) {
       throw_if_stopped(stop);
@@ -396,7 +397,7 @@ CellIndex::CellIndex(CellIndex&& other) noexcept
 
 namespace {
 
-// Fewer bytes than asked for: the file is shorter than it was.
+// A short read means that the file was truncated.
 bool read_at(int fd, void* to, std::size_t size, std::int64_t offset) {
   auto* out = static_cast<char*>(to);
   while (size > 0) {
@@ -515,7 +516,7 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
   const auto most = static_cast<std::size_t>(count);
   std::vector<Candidate> out;
   std::mutex mutex;
-  // Of a set the best; `least`: none that is worse can be among them.
+  // Keeps the best candidates of a set. `least`: score that a candidate needs to be among them.
   const auto reduce = [&](std::vector<Candidate>& set, float& least) {
     if (set.size() <= most) return;
     std::nth_element(set.begin(), set.begin() + static_cast<std::ptrdiff_t>(most) - 1, set.end(),
@@ -542,7 +543,7 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
         float scale = 0;
         std::memcpy(&scale, scales + i * sizeof(float), sizeof scale);
         const float score = own_scale * scale * static_cast<float>(dots[i]);
-        if (!(score >= least)) continue;  // nor what is no number, in a file of somebody else
+        if (!(score >= least)) continue;  // also skips NaN from damaged files
         Candidate one;
         std::memcpy(&one.id, block.data() + i * sizeof(std::int64_t), sizeof(std::int64_t));
         one.score = score;
@@ -553,7 +554,7 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
     const std::lock_guard lock(mutex);
     out.insert(out.end(), own.begin(), own.end());
   };
-  // Waking other threads takes longer than a few megabytes do.
+  // Below this number of rows, starting threads takes longer than the search.
   constexpr std::int64_t kAlone = 16'384;
   std::int64_t rows = 0;
   for (std::size_t k = 0; k < looked; ++k) rows += cells_[order[k]].count;

@@ -15,19 +15,20 @@
 #include <string>
 #include <vector>
 
-// Approximate nearest neighbours among very many templates, from a file that stays on the disk: an
-// inverted file (Sivic and Zisserman, "Video Google", 2003; Jegou, Douze and Schmid, "Product
-// quantization for nearest neighbor search", 2011) whose cells come from k-means on directions
-// (Dhillon and Modha, 2001), and whose numbers are kept in 8 bits, a scale for each template. A
-// search looks into the cells whose centres are most like the probe, and gives candidates that the
-// caller compares exactly. Same templates, same file and same answers, for any number of threads.
+// Approximate nearest neighbours among millions of templates, in a file on disk. An inverted file
+// (Sivic and Zisserman, "Video Google", 2003; Jegou, Douze and Schmid, "Product quantization for
+// nearest neighbor search", 2011) with cells from k-means on directions (Dhillon and Modha, 2001).
+// Templates are stored with 8 bits per number and one scale per template. A search reads the cells
+// whose centres are most similar to the probe and returns candidates, which the caller compares
+// exactly. File and results do not depend on the number of threads.
 namespace tarsier::face::recognition {
 
 struct CellIndexOptions {
-  int cells = 0;         // 0: by the number of templates, see cells_for()
-  int learn_from = 32;   // templates for each cell that the centres are learned from
-  int rounds = 8;        // of k-means
-  double memory_gb = 3;  // for the templates that are written in one pass over them all
+  int cells = 0;        // 0: chosen by the number of templates, see cells_for()
+  int learn_from = 32;  // templates per cell for training the centres
+  int rounds = 8;       // iterations of k-means
+  // Memory for the templates that are written in one pass over all templates.
+  double memory_gb = 3;
 
   [[nodiscard]] OptionFields fields() {
     return {{"cells", cells, range(0, 65536), "--cells",
@@ -43,31 +44,33 @@ struct CellIndexOptions {
 // Powers of two, about 2 sqrt(templates) to 4 sqrt(templates), 16 to 65536.
 [[nodiscard]] int cells_for(std::int64_t templates);
 
-// Templates by rising id, the same at each call. Calls take(ids, rows) for some thousands at a
-// time; with `step` for each step-th template alone, from the first on.
+// Enumerates templates by rising id, identically at each call. Calls take(ids, rows) for some
+// thousand templates at a time. With `step`, only every step-th template, starting with the first.
 using TemplateSource = std::function<void(
     std::int64_t step,
     const std::function<void(std::span<const std::int64_t> ids, const Rows& rows)>& take)>;
 
-// What whoever writes an index says of it.
+// Metadata that the writer of an index stores in it.
 struct CellIndexLabel {
-  std::int64_t last = 0;   // ids up to this one are in it, where they were there
+  // All templates with ids up to this one that existed are in the index.
+  std::int64_t last = 0;
   std::int64_t space = 0;  // of the templates, see people/gallery.h
   std::int64_t model = 0;
 };
 
 struct CellIndexReport {
-  std::string sum;  // SHA-256 of its head, in which there is a sum of each cell
+  std::string sum;  // SHA-256 of the head, which contains a checksum of each cell
   std::int64_t templates = 0;
   int cells = 0;
-  int passes = 0;  // over the templates, to write them
+  int passes = 0;  // passes over the templates for writing
   std::int64_t bytes = 0;
 };
 
-// Writes an index of `count` templates of `dimension` numbers to `path`, which is replaced, and
-// safe on the disk at the return. The head is written last: what a kill leaves is no index. Stages
-// of `progress`: "learning cells", "assigning", "writing". Throws OutputError, Interrupted, what
-// the source throws, and std::invalid_argument where that gives other templates at each call.
+// Writes an index of `count` templates of `dimension` numbers to `path`, replacing the file. The
+// file is synced to disk before the function returns. The head is written last, so that an
+// interrupted write leaves no valid index. Stages of `progress`: "learning cells", "assigning",
+// "writing". Throws OutputError, Interrupted, what the source throws, and std::invalid_argument if
+// the source gives different templates at each call.
 [[nodiscard]] CellIndexReport write_cell_index(const std::string& path, int dimension,
                                                std::int64_t count, const TemplateSource& source,
                                                const CellIndexLabel& label,
@@ -76,16 +79,16 @@ struct CellIndexReport {
 
 struct Candidate {
   std::int64_t id = 0;
-  float score = 0;  // about the dot product
+  float score = 0;  // approximates the dot product
 };
 
-// An index on the disk. Its head is in memory (of 10 million templates some MB); cells are read
-// from the file when they are looked into, and are in the system's cache from then on. Const
-// functions may be called by any number of threads.
+// An index on disk. Its head is in memory (some MB for 10 million templates). Cells are read from
+// the file when a search needs them, and then stay in the system's cache. Const functions are
+// thread-safe.
 class CellIndex {
  public:
-  // The head is held against its SHA-256, and each number in it against the file's size, before
-  // anything is used. Throws InputError(path).
+  // Checks the head against its SHA-256, and each number in it against the file's size, before
+  // using it. Throws InputError(path).
   explicit CellIndex(const std::string& path);
   ~CellIndex();
   CellIndex(CellIndex&& other) noexcept;
@@ -97,20 +100,20 @@ class CellIndex {
   [[nodiscard]] int dimension() const { return dimension_; }
   [[nodiscard]] int cells() const { return static_cast<int>(cells_.size()); }
   [[nodiscard]] const std::string& path() const { return path_; }
-  // Of the templates that the centres were learned from, rising.
+  // Ids of the templates from which the centres were learned, rising.
   [[nodiscard]] const std::vector<std::int64_t>& learned_from() const { return learned_from_; }
 
-  // At most `count` of the templates in the `probes` nearest cells, best first, of equals the one
-  // with the lower id. A cell is held against its sum when it is first read: InputError(path) where
-  // it is damaged.
+  // At most `count` templates from the `probes` nearest cells, best first; equal scores by rising
+  // id. A cell's checksum is verified when it is first read: throws InputError(path) if it is
+  // damaged.
   [[nodiscard]] std::vector<Candidate> search(std::span<const float> probe, int probes,
                                               int count) const;
-  // The ids of each cell, in turn; every cell is held against its sum. Throws InputError,
-  // Interrupted. Stage of `progress`: "reading".
+  // Calls take() with the ids of each cell in turn; verifies each cell's checksum. Throws
+  // InputError, Interrupted. Stage of `progress`: "reading".
   void each_cell(const std::function<void(std::span<const std::int64_t> ids)>& take,
                  Progress& progress, const std::stop_token& stop) const;
-  // Writes the index without those templates that `stays` denies. Throws as write_cell_index();
-  // std::invalid_argument where the centres were learned from one of them.
+  // Writes the index without those templates for which `stays` is false. Throws as
+  // write_cell_index(), and std::invalid_argument if the centres were learned from one of them.
   [[nodiscard]] CellIndexReport write_without(const std::string& path,
                                               const std::function<bool(std::int64_t id)>& stays,
                                               const std::stop_token& stop) const;
@@ -136,7 +139,7 @@ class CellIndex {
   Rows exact_centres_;
   std::vector<Cell> cells_;
   std::vector<std::int64_t> learned_from_;
-  mutable std::unique_ptr<std::atomic<bool>[]> seen_;  // cells whose sum is right
+  mutable std::unique_ptr<std::atomic<bool>[]> seen_;  // cells whose checksum was verified
 };
 
 }  // namespace tarsier::face::recognition

@@ -17,11 +17,11 @@
 namespace tarsier::face::recognition {
 namespace {
 
-// Of the faces that the network was trained on, red, green, blue.
+// Mean colour of the network's training faces: red, green, blue.
 constexpr std::array<float, 3> kMeanRgb{122.782F, 117.001F, 104.298F};
 constexpr int kMaxOutputs = 1024;
 
-// The convolution and the scale after it as one: s (w x + b) + t = (s w) x + (s b + t).
+// Merges the convolution with the scale after it: s (w x + b) + t = (s w) x + (s b + t).
 linalg::Layer layer_of(linalg::TensorReader& tensors, const std::string& prefix, int stride,
                        bool relu) {
   std::vector<std::int64_t> shape;
@@ -50,7 +50,7 @@ linalg::Layer layer_of(linalg::TensorReader& tensors, const std::string& prefix,
 }
 
 std::int64_t fingerprint_of(const linalg::ResidualNetwork& network) {
-  std::uint64_t hash = 0xCBF29CE484222325ULL;  // FNV-1a, of whole words
+  std::uint64_t hash = 0xCBF29CE484222325ULL;  // FNV-1a of 32-bit words
   const auto add = [&](const linalg::Layer& layer) {
     for (const std::vector<float>* numbers : {&layer.weights, &layer.bias})
       for (const float number : *numbers) {
@@ -117,17 +117,18 @@ DeepNetwork build_deep_network(const DeepWeights& weights, const std::string& pa
 cv::Mat chip_of_crop(const cv::Mat& crop) {
   require_gray(crop);
   constexpr double kEyeLine = 46.3;  // px below the upper edge of a chip
-  constexpr double kEyeX = 0.27;     // where the cut has them
+  constexpr double kEyeX = 0.27;     // position of the eyes in the crop
   constexpr double kEyeY = 0.34;
-  constexpr double kAspect = 1.25;  // height / width of the cut
-  cv::Mat source;                   // never the crop's own pixels: others go on with them
+  constexpr double kAspect = 1.25;  // height / width of the crop
+  cv::Mat source;                   // never the crop's own pixels: the caller still uses them
   const double scale = kChipEyes / ((1 - 2 * kEyeX) * crop.cols);
-  const double scale_y = scale * kAspect * crop.cols / crop.rows;  // heads that were cut otherwise
+  // Also for crops with another aspect.
+  const double scale_y = scale * kAspect * crop.cols / crop.rows;
   if (scale < 0.6)
     cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);
   else
     source = crop;
-  // Centres of pixels at integers.
+  // Pixel centres are at integers.
   const double left = kEyeX * crop.cols - 0.5;
   const double line = kEyeY * crop.rows - 0.5;
   const cv::Mat map =
@@ -144,7 +145,7 @@ std::vector<float> embed(const DeepNetwork& network, const cv::Mat& chip) {
                   "a chip is CV_8UC3 of {} x {} px", kChipSize, kChipSize);
   TARSIER_REQUIRE(network.embedder == nullptr, "an embedder takes faces, not chips");
   constexpr std::size_t kPlane = static_cast<std::size_t>(kChipSize) * kChipSize;
-  thread_local std::vector<float> planes;  // megabytes that each face would ask for
+  thread_local std::vector<float> planes;  // avoids allocating megabytes for each face
   thread_local linalg::ResidualWorkspace workspace;
   planes.resize(3 * kPlane);
   for (int y = 0; y < kChipSize; ++y) {

@@ -12,7 +12,7 @@ namespace {
 
 std::string rate(double value) { return value < 0 ? std::string() : fmt::format("{:.4f}", value); }
 
-// Images of each person that train; of a gallery all of them.
+// Training images of each person; in gallery mode, all gallery images.
 int training_of(const EvaluationResult& result) {
   return result.options.gallery > 0 ? result.options.gallery : result.options.training;
 }

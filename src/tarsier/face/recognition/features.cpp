@@ -64,7 +64,7 @@ Rows person_sums(const Rows& rows, const std::vector<int>& labels, int count) {
 }
 
 std::vector<double> template_weights(const Rows& rows, const std::vector<int>& labels, int count) {
-  constexpr double kShare = 0.5;  // of the median, below which a template is left out
+  constexpr double kShare = 0.5;  // of the median; templates below it get weight 0
   constexpr std::size_t kFew = 3;
   constexpr int kPasses = 2;
   std::vector<std::vector<std::size_t>> of_person(static_cast<std::size_t>(count));
@@ -89,7 +89,7 @@ std::vector<double> template_weights(const Rows& rows, const std::vector<int>& l
         alike.push_back(length > 1e-12 ? row.dot(others) / length : 0);
       }
       const double median = upper_median(alike);
-      if (median <= 0) break;  // they have nothing in common: nobody can be left out
+      if (median <= 0) break;  // the templates are not similar: none can be excluded
       for (std::size_t k = 0; k < own.size(); ++k)
         weights[own[k]] = alike[k] >= kShare * median ? 1 : 0;
     }

@@ -15,7 +15,7 @@ namespace {
 constexpr int kFolds = 8;
 constexpr double kNothing = -std::numeric_limits<double>::infinity();
 
-// The score of each person from scores of single images, as identify() has it.
+// The score of each person from scores of single images, as in identify().
 std::vector<double> person_scores(const std::vector<double>& scores, const std::vector<int>& people,
                                   const std::vector<double>& weights,
                                   const std::vector<double>& mean_scale, double mean_weight) {
@@ -47,7 +47,7 @@ Whitening Folds::whitener(const Eigen::MatrixXd& some, const std::vector<bool>& 
   }
   Eigen::MatrixXd scatter = within_scatter(some(kept, Eigen::all), labels, person_count);
   if (known_within.size() > 0) {
-    // The moves of an image say less than another image would: an image counts once.
+    // The moves of an image carry less information than another image: each image counts once.
     const auto people_kept =
         static_cast<double>(std::set<int>(labels.begin(), labels.end()).size());
     const double images = static_cast<double>(kept.size()) / moves;
@@ -75,7 +75,7 @@ Rows Folds::templates(const std::vector<bool>& left_out) const {
   }
   const auto count = static_cast<double>(kept.size());
   mean /= count;
-  const double own = enrolled > 1 ? enrolled : 0;  // as training has it
+  const double own = enrolled > 1 ? enrolled : 0;  // as in training
   if (background.size() > 0)
     mean = (own * mean + background_weight * background) / (own + background_weight);
   else if (algorithm == Algorithm::kDefault && enrolled < 2)
@@ -125,7 +125,7 @@ int Folds::count() const {
 void Folds::score(int fold, ScoreSample& sample) const {
   const std::size_t faces = people.size();
   const auto images = static_cast<Eigen::Index>(faces);
-  std::vector<int> rank(faces);  // of an image among its person's
+  std::vector<int> rank(faces);  // index of an image among its person's images
   std::vector<int> owned(static_cast<std::size_t>(person_count), 0);
   for (std::size_t i = 0; i < faces; ++i) rank[i] = owned[static_cast<std::size_t>(people[i])]++;
   const int folds = count();
@@ -135,7 +135,7 @@ void Folds::score(int fold, ScoreSample& sample) const {
   for (std::size_t i = 0; i < faces; ++i) {
     const auto p = static_cast<std::size_t>(people[i]);
     stranger[i] = person_count > 1 && people[i] % folds == fold;
-    // Of two images or more at least one stays in every fold.
+    // A person with two or more images keeps at least one in every fold.
     left_out[i] = stranger[i] || (owned[p] > 1 && (rank[i] + people[i]) % folds == fold);
     in_gallery[i] = !left_out[i];
   }
@@ -148,7 +148,7 @@ void Folds::score(int fold, ScoreSample& sample) const {
 
   const Rows templates = this->templates(left_out);
   if (templates.cols() == 0) return;
-  // Only those that are left out are compared.
+  // Only the held-out images are compared.
   std::vector<Eigen::Index> probes;
   for (std::size_t i = 0; i < faces; ++i)
     if (left_out[i]) probes.push_back(static_cast<Eigen::Index>(i));

@@ -8,49 +8,51 @@
 #include <stop_token>
 #include <vector>
 
-// Scores that a recogniser would give to images and people it was not trained on, from its
-// training faces.
+// Estimates the scores of a recogniser for held-out images and people from its training faces.
 namespace tarsier::face::recognition {
 
-// Of the recognisers with a subspace: people and images are left out in turn, and all that is
-// learned (mean, principal components, whitening or discriminants) is learned without them.
+// Cross-validation of the recognisers with a subspace. People and images are held out in turn;
+// mean, principal components, and whitening or discriminants are learned without them.
 struct Folds {
   Algorithm algorithm = Algorithm::kDefault;
-  // (faces * moves) x c, the moves of a face together: in the principal components of all basis
-  // rows, none left out, so that nothing that a stranger might lose is lost already.
+  // (faces * moves) x c, the moves of a face in adjacent rows. Coordinates in the principal
+  // components of all basis rows, including held-out ones, so that strangers lose nothing by this
+  // projection.
   Eigen::MatrixXd coefficients;
   std::vector<int> people;  // of each face
   int person_count = 0;
   int moves = 1;
-  std::vector<std::size_t> basis;  // rows that the principal components are made of
-  int most = 0;                    // components, at most; 0: all
+  std::vector<std::size_t> basis;  // rows from which the principal components are computed
+  int most = 0;                    // max number of components; 0: all
   double ridge = 0;                // default
   double mean_weight = 0;
-  Eigen::RowVectorXd background;  // the mean of people in general, in the coefficients; or empty
-  double background_weight = 0;   // people that it counts for
-  // c x c, what a background knows of the scatter within people: added to that of the faces, in
-  // place of principal components of fewer faces. Or empty.
+  Eigen::RowVectorXd background;  // mean of people in general, as coefficients; or empty
+  double background_weight = 0;   // its weight, in people
+  // c x c, the background's scatter within people; or empty. It is added to the scatter of the
+  // faces. The principal components are then not recomputed for fewer faces.
   Eigen::MatrixXd known_within;
-  double known_weight = 0;  // differences that it counts for
-  // Of each face, the squared length of what the coefficients do not hold. Or empty: they hold all.
+  double known_weight = 0;  // its weight, in differences between images
+  // For each face, the squared length of the part outside the coefficients. Empty: there is no such
+  // part.
   Eigen::VectorXd outside;
 
-  // m x m for the first m coefficients, learned from all faces but those marked (empty: from all).
+  // m x m for the first m coefficients, learned from all faces that are not marked (empty: from
+  // all).
   [[nodiscard]] Whitening whitener(const Eigen::MatrixXd& some,
                                    const std::vector<bool>& left_out) const;
-  // Templates of all faces, from what is learned without those marked; default: scaled.
+  // Templates of all faces, learned without the marked ones; default: scaled.
   [[nodiscard]] Rows templates(const std::vector<bool>& left_out) const;
-  // How many times people and images are left out; adds the scores of the k-th time to `sample`
-  // (its `gallery` starts at 0).
+  // Number of folds. score() adds the scores of one fold to `sample` (its `gallery` starts at 0).
   [[nodiscard]] int count() const;
   void score(int fold, ScoreSample& sample) const;
-  // Of all times. Throws Interrupted.
+  // All folds. Throws Interrupted.
   [[nodiscard]] ScoreSample scores(const std::stop_token& stop) const;
 };
 
-// Of LBPH, which learns nothing: each image against those of everybody else (a stranger), and
-// against the other images of the same person (genuine). For the others where there are too many
-// faces for folds; then they look better than they are. Throws Interrupted.
+// For LBPH, which needs no training: compares each image with those of all other people (as a
+// stranger) and with the other images of the same person (genuine). Also used for the other
+// recognisers if there are too many faces for folds; the scores are then optimistic. Throws
+// Interrupted.
 [[nodiscard]] ScoreSample left_out_scores(const Recognizer& model, const std::stop_token& stop);
 
 }  // namespace tarsier::face::recognition

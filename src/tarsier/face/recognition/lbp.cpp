@@ -39,7 +39,8 @@ std::vector<float> lbp_histograms(const cv::Mat& gray, const LbpOptions& options
     const float w01 = tx * (1 - ty);
     const float w10 = (1 - tx) * ty;
     const float w11 = tx * ty;
-    // On an axis the second pixel has no weight (rounding apart), and may lie outside.
+    // On an axis the second pixel has zero weight (except for rounding) and may be outside the
+    // image.
     const int dx = std::min(left + 1, r) - left;
     const int dy = std::min(top + 1, r) - top;
     std::size_t at = 0;

@@ -28,13 +28,13 @@ struct LbpOptions {
 // grid * grid * 2^neighbours.
 [[nodiscard]] int lbp_length(const LbpOptions& options);
 
-// Bit i of a pixel's pattern is set where the face at radius * (cos, -sin)(2 pi i / neighbours)
-// from it (bilinear) is not darker. Histograms of the patterns of each cell (of equal whole size,
-// from the top left; pixels left over do not count), each summing to 1, row by row. `gray`:
-// CV_8UC1, larger than 2 radius + grid; throws std::invalid_argument.
+// Bit i of a pixel's pattern is set if the face at the offset radius * (cos, -sin)(2 pi i /
+// neighbours) (bilinear) is not darker than the pixel. The result holds one histogram per cell, row
+// by row, each summing to 1. Cells have equal integer sizes from the top left; remaining pixels are
+// ignored. `gray`: CV_8UC1, larger than 2 radius + grid; otherwise throws std::invalid_argument.
 [[nodiscard]] std::vector<float> lbp_histograms(const cv::Mat& gray, const LbpOptions& options);
 
-// 2 sum (a - b)^2 / (a + b), of lists of equal length.
+// 2 sum (a - b)^2 / (a + b), for lists of equal length.
 [[nodiscard]] double chi_square(std::span<const float> a, std::span<const float> b);
 
 }  // namespace tarsier::face::recognition

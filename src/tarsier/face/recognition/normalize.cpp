@@ -25,7 +25,7 @@ constexpr NameTable<Light, 5> kLights{"light normalisation",
                                           {Light::kSelfQuotient, "self-quotient"},
                                       }}};
 
-// sum over pixels of |x|^alpha, to the power 1/alpha of its mean.
+// (mean over the pixels of |x|^alpha)^(1/alpha), with |x| limited to `limit`.
 double generalised_mean(const cv::Mat& image, double alpha, double limit) {
   double sum = 0;
   for (int y = 0; y < image.rows; ++y) {
@@ -39,7 +39,8 @@ double generalised_mean(const cv::Mat& image, double alpha, double limit) {
 struct Grid {
   int count = 0;
   double first =
-      0;  // centre of the first cell, px; the grid is centred: mirroring maps it to itself
+      // Centre of the first cell, px. The grid is centred, so that mirroring maps it to itself.
+      0;
 };
 
 Grid grid_of(int pixels, int cell) {
@@ -134,7 +135,8 @@ void scale_cells(std::vector<float>& values, int directions) {
   }
 }
 
-// The half of the histograms that mirroring leaves: averages of each number and its mirrored one.
+// The independent half of mirrored histograms: each number is averaged with its mirrored
+// counterpart.
 std::vector<float> folded(const std::vector<float>& values, int rows, int columns, int n,
                           bool full_circle) {
   std::vector<float> out;
@@ -187,7 +189,7 @@ cv::Mat tan_triggs(const cv::Mat& gray, const TanTriggsOptions& options) {
   cv::GaussianBlur(image, fine, {}, options.inner);
   cv::GaussianBlur(image, coarse, {}, options.outer);
   fine -= coarse;
-  // Rounding alone is left of a flat image.
+  // For a flat image only rounding errors remain.
   double low = 0;
   double high = 0;
   cv::minMaxLoc(fine, &low, &high);
@@ -283,7 +285,7 @@ std::vector<float> describe(const cv::Mat& gray, const DescriptorOptions& option
   if (gray.size() != options.size)
     cv::resize(gray, face, options.size, 0, 0,
                gray.cols > options.size.width ? cv::INTER_AREA : cv::INTER_LINEAR);
-  std::vector<std::pair<Light, cv::Mat>> lit;  // channels share what they can
+  std::vector<std::pair<Light, cv::Mat>> lit;  // shared between channels with the same light
   std::vector<float> out;
   for (const auto& channel : options.channels) {
     auto found = std::find_if(lit.begin(), lit.end(),

@@ -9,17 +9,18 @@
 #include <string_view>
 #include <vector>
 
-// What is done to a face before it is compared: light is taken out, then the image is described
-// by what light changes least, the directions of its edges.
+// Preparation of a face for comparison: light normalisation, then a descriptor of edge directions,
+// which depend little on light.
 namespace tarsier::face::recognition {
 
 enum class Light {
   kNone,
-  kEqualize,     // histogram equalisation
-  kLog,          // ln(4 + grey): a factor of the light becomes a shift
-  kTanTriggs,    // gamma, difference of Gaussians, contrast equalisation (below)
-  kSelfQuotient  // grey / its own blur (Wang, Li and Wang, "Face recognition under varying lighting
-                 // conditions using self quotient image", FGR 2004), isotropic
+  kEqualize,   // histogram equalisation
+  kLog,        // ln(4 + grey): a factor of the light becomes an offset
+  kTanTriggs,  // gamma, difference of Gaussians, contrast equalisation (below)
+  // grey / its own blur (Wang, Li and Wang, "Face recognition under varying lighting conditions
+  // using self quotient image", FGR 2004), isotropic.
+  kSelfQuotient
 };
 
 // "none", "equalize", "log", "tan-triggs", "self-quotient".
@@ -33,7 +34,7 @@ struct TanTriggsOptions {
   double inner = 1;    // sigma of the Gaussians, px, 0 < inner < outer <= 50
   double outer = 2;
   double alpha = 0.1;  // of the contrast equalisation
-  double limit = 10;   // tau: large values are pressed to it by tanh
+  double limit = 10;   // tau: large values are compressed to it by tanh
 
   [[nodiscard]] OptionFields fields() {
     return {
@@ -48,27 +49,27 @@ struct TanTriggsOptions {
 [[nodiscard]] cv::Mat self_quotient(const cv::Mat& gray, double sigma_px = 3);
 [[nodiscard]] cv::Mat normalize_light(const cv::Mat& gray, Light light);
 
-// To look at: CV_8UC1, the middle 96 % of the values spread over 0..255.
+// For display: CV_8UC1, the central 96 % of the values stretched to 0..255.
 [[nodiscard]] cv::Mat light_image(const cv::Mat& normalized);
 
-// Histograms of the directions of gradients (Dalal and Triggs, CVPR 2005) on a regular grid, each
-// pixel shared between neighbouring directions linearly and between cells by a Gaussian of sigma
-// half a cell. Every cell is scaled to length 1 (softly: noise in empty cells stays small), then
-// the channel.
+// Histograms of gradient directions (Dalal and Triggs, CVPR 2005) on a regular grid. Each pixel is
+// shared linearly between neighbouring directions, and between cells by a Gaussian whose sigma is
+// half a cell. Each cell is scaled to length 1 (softly, so that noise in empty cells stays small),
+// then the channel.
 struct HogChannel {
   Light light = Light::kTanTriggs;
   int cell = 8;              // px, 4..64
   int directions = 9;        // 4..32, even where `full_circle`
-  bool full_circle = false;  // directions over 360 degrees, not 180
+  bool full_circle = false;  // directions over 360 degrees instead of 180
 };
 
 struct DescriptorOptions {
-  cv::Size size{64, 80};  // px, faces are resized to it
+  cv::Size size{64, 80};  // px; faces are resized to it
   std::vector<HogChannel> channels{{Light::kTanTriggs, 8, 9, false},
                                    {Light::kLog, 6, 9, false},
                                    {Light::kTanTriggs, 8, 16, true}};
-  // Average the descriptor with that of the mirrored face: light from the left and from the right
-  // then look alike. Half as many numbers.
+  // Average the descriptor with that of the mirrored face, so that light from the left and from the
+  // right give the same descriptor. Halves its length.
   bool symmetric = true;
 
   [[nodiscard]] OptionFields fields() {
@@ -80,11 +81,11 @@ struct DescriptorOptions {
 
 [[nodiscard]] int descriptor_length(const DescriptorOptions& options);
 
-// `gray`: CV_8UC1 of any size. Length 1 in all (0 for a flat image).
+// `gray`: CV_8UC1 of any size. The result has length 1 (0 for a flat image).
 [[nodiscard]] std::vector<float> describe(const cv::Mat& gray, const DescriptorOptions& options);
 
-// The face moved by (dx, dy) px, turned by `degrees` clockwise as seen and scaled about its middle;
-// edges are repeated.
+// The face moved by (dx, dy) px, rotated by `degrees` clockwise in the image and scaled about its
+// centre. Border pixels are replicated.
 [[nodiscard]] cv::Mat moved_face(const cv::Mat& gray, double dx, double dy, double degrees,
                                  double scale);
 

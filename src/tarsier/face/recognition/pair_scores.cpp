@@ -15,7 +15,7 @@
 namespace tarsier::face::recognition {
 namespace {
 
-// Coordinates of faces as the background's people are spread.
+// Random coordinates of faces, distributed as the background's people.
 Rows strangers(const Background& background, int count, Rng& rng) {
   const Eigen::Index m = background.basis.rows();
   const Eigen::VectorXd deviation = background.variance.cwiseMax(0).cwiseSqrt();
@@ -36,7 +36,7 @@ PairScores pair_scores(const Background& background) {
   PairScores out;
   RecognizerOptions options;
   options.algorithm = background.network ? Algorithm::kDeep : Algorithm::kDefault;
-  // One face at the mean says nothing of anybody: what is learned is the background's.
+  // One face at the mean adds no information: the model is that of the background.
   Rows mean = Rows::Zero(1, background.basis.rows() + 1);
   mean(0, background.basis.rows()) = static_cast<float>(background.outside);
   NoProgress quiet;

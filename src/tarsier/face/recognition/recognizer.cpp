@@ -39,7 +39,7 @@ void require_template(const Recognizer& model, std::span<const float> values) {
                   model.template_length());
 }
 
-// Of one probe against all templates.
+// Scores of one probe against all templates.
 std::vector<double> scores_of(const Recognizer& model, std::span<const float> probe) {
   require_template(model, probe);
   const auto n = static_cast<std::size_t>(model.templates.rows());
@@ -206,7 +206,8 @@ std::vector<float> pooled(const Recognizer& model, std::span<const std::vector<f
   }
   double scale = 1 / static_cast<double>(templates.size());
   if (is_whitened(model.options.algorithm)) {
-    // What differs between the images cancels; that must not look like a lack of likeness.
+    // Averaging shortens the mean, because differences between the images cancel. Restore the
+    // length, so that this does not lower the similarity.
     double square = 0;
     for (const double value : sum) square += value * value;
     scale = square > 0 ? lengths * scale / std::sqrt(square) : 0;
@@ -242,7 +243,7 @@ double compare(const Recognizer& model, std::span<const float> a, std::span<cons
 
 std::optional<Nearest> nearest_template(const Recognizer& model, std::span<const float> probe) {
   const auto scores = scores_of(model, probe);
-  const auto best = std::max_element(scores.begin(), scores.end());  // the first of equals
+  const auto best = std::max_element(scores.begin(), scores.end());  // the first one of equals
   if (best == scores.end()) return std::nullopt;
   return Nearest{static_cast<int>(best - scores.begin()), *best};
 }
@@ -253,12 +254,12 @@ std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face) 
 
 namespace {
 
-// Scores of one face by two ways of summing differ by less.
+// Max difference between two ways of summing the same score.
 constexpr double kSameScore = 1e-5;
 
-// Whom a negative is at least as much like as the best template of theirs. Templates may be shorter
-// than 1 (of what the subspace does not hold): here the angles count alone, so that a face is like
-// nothing more than itself.
+// People for whom the probe is at least as similar to a negative as to their best template.
+// Templates may be shorter than 1 (the part outside the subspace is missing). Only the angles are
+// compared here, so that a face is most similar to itself.
 std::vector<bool> ruled_out_by(const Recognizer& model, std::span<const float> probe,
                                const std::vector<PersonScore>& best) {
   std::vector<bool> out(best.size(), false);
@@ -277,7 +278,7 @@ std::vector<bool> ruled_out_by(const Recognizer& model, std::span<const float> p
   return out;
 }
 
-// Of everyone with a template, in the order of their index.
+// Scores of everyone with a template, by rising index.
 std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const float> probe) {
   const auto scores = scores_of(model, probe);
   std::vector<PersonScore> out(model.labels.size());
@@ -296,7 +297,7 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
   }
   const std::vector<bool> ruled_out = ruled_out_by(model, probe, out);
   if (is_whitened(model.options.algorithm) && model.options.mean_weight > 0) {
-    // The cosine to a person's mean is the sum of the cosines over the length of the sum.
+    // The cosine to a person's mean is the sum of the cosines divided by the length of the sum.
     TARSIER_REQUIRE(model.mean_scale.size() == out.size(), "the model was changed: refresh() it");
     std::vector<double> totals(out.size(), 0.0);
     for (std::size_t i = 0; i < scores.size(); ++i)

@@ -14,8 +14,8 @@
 namespace tarsier::face::recognition {
 namespace {
 
-// What the background expects of strangers to a gallery of one person: such a gallery holds no
-// strangers itself, so its calibration is the expectation with the constants put in.
+// The scores that the background predicts for strangers to a gallery of one person. Such a gallery
+// has no impostor scores, so its calibration is this prediction with the constants applied.
 struct Expected {
   double mean = 0;
   double deviation = 0;
@@ -49,7 +49,7 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
   if (background.network) options.algorithm = Algorithm::kDeep;
   SameCameraFit out;
   out.people = static_cast<int>(people.size());
-  // What a network makes of a face does not depend on the gallery: made once.
+  // Embeddings do not depend on the gallery, so they are computed once.
   Rows coordinates;
   if (background.network) {
     coordinates.resize(static_cast<Eigen::Index>(faces.size()), coordinate_count(background));
@@ -76,7 +76,7 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
             own_rows.row(static_cast<Eigen::Index>(own.size())) = coordinates.row(i);
           own.push_back(faces[static_cast<std::size_t>(i)]);
         }
-      if (static_cast<int>(own.size()) < training) continue;  // somebody with fewer images
+      if (static_cast<int>(own.size()) < training) continue;  // this person has too few images
       const std::vector<std::string> names(own.size(), name);
       const Recognizer model =
           background.network

@@ -14,7 +14,7 @@ Rows products(const Rows& a, const Rows& b) {
   TARSIER_REQUIRE(a.cols() == b.cols(), "{} and {} columns", a.cols(), b.cols());
   Rows out = Rows::Zero(a.rows(), b.rows());
   if (out.size() == 0) return out;
-  // Blocks of rows that stay in the cache together.
+  // Blocks of rows that fit into the cache together.
   constexpr Eigen::Index kBlock = 32;
   const auto& kernels = linalg::gemm_kernels();
   const auto d = static_cast<std::ptrdiff_t>(a.cols());
@@ -47,7 +47,7 @@ Pca principal_components(const Rows& samples, int most, const Eigen::RowVectorXf
   Eigen::Index kept = 0;
   while (kept < values.size() && values(kept) > least) ++kept;
   if (most > 0) kept = std::min(kept, static_cast<Eigen::Index>(most));
-  // Rows: the eigenvectors, the best first.
+  // One eigenvector per row, the greatest first.
   const Rows vectors = eigen.vectors.rightCols(kept).rowwise().reverse().transpose().cast<float>();
   pca.variance = values.head(kept) / n;
   if (by_gram) {
@@ -82,7 +82,7 @@ Eigen::MatrixXd within_scatter(const Eigen::MatrixXd& samples, const std::vector
     centred.row(i) -= means.row(labels[static_cast<std::size_t>(i)]);
   const auto freedom = static_cast<double>(samples.rows() - present);
   if (freedom <= 0) return Eigen::MatrixXd::Zero(samples.cols(), samples.cols());
-  // Half of a symmetric matrix, then the other half.
+  // Compute the lower half of the symmetric matrix, then copy it.
   Eigen::MatrixXd scatter = Eigen::MatrixXd::Zero(samples.cols(), samples.cols());
   scatter.selfadjointView<Eigen::Lower>().rankUpdate(centred.transpose(), 1 / freedom);
   return Eigen::MatrixXd(scatter.selfadjointView<Eigen::Lower>());
@@ -106,7 +106,7 @@ Eigen::MatrixXd linear_discriminants(const Eigen::MatrixXd& samples, const std::
     own = own / count - mean;
     between += count * own.transpose() * own;
   }
-  // The tiny ridge only matters where images repeat and the scatter within is singular.
+  // The tiny ridge matters only if images repeat and the scatter within classes is singular.
   Eigen::MatrixXd ridged = within;
   const double trace = within.trace() / static_cast<double>(within.rows());
   ridged.diagonal().array() += std::max(1e-9 * trace, 1e-12);

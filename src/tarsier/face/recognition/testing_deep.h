@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-// A deep network that nobody trained: random weights, all kinds of layers, a few thousand numbers.
+// An untrained deep network: random weights, all kinds of layers, a few thousand numbers.
 namespace tarsier::face::recognition {
 
 inline constexpr int kTinyOutputs = 128;
@@ -57,7 +57,7 @@ inline DeepWeights tiny_deep_weights(std::uint64_t seed) {
   return weights;
 }
 
-// folder/tiny-weights_manifest.json and folder/tiny.bin, as tensorflow.js writes them.
+// Writes folder/tiny-weights_manifest.json and folder/tiny.bin, as tensorflow.js does.
 inline void write_manifest_of(const DeepWeights& weights, const std::string& folder) {
   nlohmann::json list = nlohmann::json::array();
   std::ofstream shard(folder + "/tiny.bin", std::ios::binary);

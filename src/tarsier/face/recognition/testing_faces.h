@@ -13,8 +13,8 @@
 #include <string>
 #include <vector>
 
-// Faces that are none: smooth random textures, one for each person, under other light, moved and
-// noisy in each image.
+// Synthetic images instead of faces: smooth random textures, one per person, with random light,
+// motion and noise in each image.
 namespace tarsier::face::recognition {
 
 struct SyntheticFaces {
@@ -33,7 +33,8 @@ inline cv::Mat random_texture(Rng& rng, cv::Size size, double sigma) {
   return (noise - mean[0]) / deviation[0];
 }
 
-// `first`: number of the first person ("p0", "p1" ..); other numbers, other faces. `light` 0: even.
+// `first`: number of the first person ("p0", "p1" ..); each number has its own texture. `light` 0:
+// even.
 inline SyntheticFaces synthetic_faces(int people, int images, double light, std::uint64_t seed,
                                       int first = 0, cv::Size size = {64, 80}) {
   SyntheticFaces out;

@@ -25,18 +25,18 @@
 namespace tarsier::face::recognition {
 namespace {
 
-constexpr int kMaxComponents = 256;  // of the default recogniser, unless asked otherwise
+constexpr int kMaxComponents = 256;  // of the default recogniser, if not set
 // Rows of the largest matrix whose eigenvectors training computes.
 constexpr std::size_t kBasisRows = 480;
-// Where nothing else is known of the scores of the default recogniser.
+// Prior of the default recogniser's scores if nothing else is known.
 constexpr CalibrationPrior kPrior{0, 0.15, 0.5, 2};
-// Of what a gallery adds to a background's components.
+// Components that a gallery adds to those of a background.
 constexpr int kMaxOwnComponents = 200;
-// What this counts for beside strangers' scores in the gallery itself.
+// Weight of the prior relative to strangers' scores in the gallery itself.
 constexpr double kPriorPeople = 6;
 
 struct Move {
-  double dx, dy;  // of a face 64 px wide, px
+  double dx, dy;  // px, for a face 64 px wide
   double degrees, growth;
 };
 constexpr std::array<Move, 7> kMoves{{{0, 0, 0, 0},
@@ -47,7 +47,7 @@ constexpr std::array<Move, 7> kMoves{{{0, 0, 0, 0},
                                       {0, 0, 3, 0.03},
                                       {0, 0, -3, -0.03}}};
 
-// The rows of one face: as it is, then moved.
+// The rows of one face: unchanged first, then the moved copies.
 void describe_face(const cv::Mat& face, const RecognizerOptions& options,
                    const DeepNetwork* network, std::size_t moves, Eigen::Ref<Rows> rows) {
   const auto put = [&](std::size_t row, const std::vector<float>& values) {
@@ -94,8 +94,8 @@ Rows rows_at(const Rows& rows, const std::vector<std::size_t>& indices) {
   return out;
 }
 
-// Which rows the principal components are made of: every face as it is, then moved ones as far as
-// they fit; of very many faces an even choice.
+// Rows from which the principal components are computed: every unchanged face, then moved copies as
+// far as they fit. Of very many faces, an evenly chosen subset.
 std::vector<std::size_t> basis_rows(std::size_t faces, std::size_t moves) {
   std::vector<std::size_t> rows;
   if (faces > kBasisRows) {
@@ -107,7 +107,7 @@ std::vector<std::size_t> basis_rows(std::size_t faces, std::size_t moves) {
   return rows;
 }
 
-// Directions in which the gallery differs from the mean beyond those of the background, after them.
+// Appends to the background's directions those in which the gallery also differs from the mean.
 Rows with_basis(const Rows& basis, const Rows& centred) {
   const Rows outside = centred - products(products(centred, basis), Rows(basis.transpose()));
   const Eigen::RowVectorXf zero = Eigen::RowVectorXf::Zero(centred.cols());
@@ -117,7 +117,7 @@ Rows with_basis(const Rows& basis, const Rows& centred) {
   return out;
 }
 
-// What is known of the scatter within people, in the background's directions and `more` others.
+// The background's scatter within people, in its directions and `more` others.
 Eigen::MatrixXd known_within(const Background& background, Eigen::Index more) {
   const Eigen::Index known = background.within.rows();
   const auto left = static_cast<double>(std::max<Eigen::Index>(1, background.mean.size() - known));
@@ -127,8 +127,8 @@ Eigen::MatrixXd known_within(const Background& background, Eigen::Index more) {
   return out;
 }
 
-// Off the mean face by chance, as the background's people are: their scores against the people of
-// the gallery, each one by himself.
+// Simulates strangers as random deviations from the mean face, distributed as the background's
+// people, and scores them against each person of the gallery.
 CalibrationPrior prior_of(const Recognizer& model, const Background& background) {
   constexpr int kStrangers = 400;
   CalibrationPrior prior = background.prior;
@@ -168,8 +168,8 @@ CalibrationPrior prior_of(const Recognizer& model, const Background& background)
   return prior;
 }
 
-// The mean that faces are compared to: of the gallery and of the background, by their weights.
-// One person says nothing of the mean of people.
+// The mean that is subtracted from faces: of the gallery and the background, by their weights. One
+// person gives no information on the mean of people.
 Eigen::RowVectorXf mean_of(const Eigen::RowVectorXf& own, int people,
                            const Background* background) {
   if (background == nullptr) return own;
@@ -178,7 +178,7 @@ Eigen::RowVectorXf mean_of(const Eigen::RowVectorXf& own, int people,
   return static_cast<float>(share) * own + static_cast<float>(1 - share) * background->mean;
 }
 
-// The whitened directions of the model, from what the folds hold.
+// Sets the whitened directions of the model from the folds' data.
 void whiten(Recognizer& model, const Folds& folds, const Rows& components, bool informed) {
   const Eigen::Index kept =
       informed ? components.rows() : std::min<Eigen::Index>(folds.most, components.rows());
@@ -203,7 +203,7 @@ void require_network(const Background* background) {
   TARSIER_REQUIRE(background->basis.rows() > 0, "a background of a mean alone");
 }
 
-// Eigenfaces and Fisherfaces: distances have no scale of their own, so no prior.
+// Eigenfaces and Fisherfaces: their distances have no fixed scale, so there is no prior.
 void calibrate_pixels(Recognizer& model, const Rows& rows, const std::stop_token& stop) {
   if (model.labels.size() < 2) return;
   ScoreSample sample;
@@ -293,7 +293,7 @@ std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max
     of_person[p].push_back(i);
   }
   const std::size_t count = of_person.size();
-  // Few people: more images of each. As many people as their images fit.
+  // With few people, use more images of each. Use as many people as fit with their images.
   const std::size_t of_one = std::max(kOfOne, most / std::max<std::size_t>(1, count));
   std::size_t wanted = 0;
   for (const auto& faces : of_person) wanted += std::min(of_one, faces.size());
@@ -321,10 +321,10 @@ struct Training::Impl {
   std::size_t moves = 1;
   bool informed = false;
   Stage stage = Stage::kDescribe;
-  std::size_t at = 0;  // how far the stage is
+  std::size_t at = 0;  // progress within the stage
   double work = 0;
-  Rows rows;         // of the faces that are learned from; default: less the mean after kLearn
-  Rows coordinates;  // in place of faces; or empty
+  Rows rows;         // of the training faces; default: minus the mean after kLearn
+  Rows coordinates;  // instead of faces; or empty
   Rows components;   // default: principal, orthonormal
   Folds folds;
   CalibrationPrior prior = kPrior;
@@ -358,7 +358,7 @@ struct Training::Impl {
 };
 
 void Training::Impl::describe(Progress& progress, const std::stop_token& stop) {
-  constexpr std::size_t kChunk = 16;  // between looks at the stop token
+  constexpr std::size_t kChunk = 16;  // faces between checks of the stop token
   if (at == 0) {
     progress.begin("describing", static_cast<std::int64_t>(learned.size()), "faces");
     rows.resize(static_cast<Eigen::Index>(learned.size() * moves),
@@ -392,7 +392,7 @@ void Training::Impl::learn_classical(const std::stop_token& stop) {
   switch (options.algorithm) {
     case Algorithm::kEigen: {
       Pca pca = principal_components(rows, options.components);
-      if (pca.components.rows() == 0) {  // one image: the distance to the mean along nothing
+      if (pca.components.rows() == 0) {  // one image: its distance to the mean is zero
         throw std::invalid_argument("Eigenfaces needs two different images");
       }
       model.mean = pca.mean;
@@ -420,7 +420,7 @@ void Training::Impl::learn_classical(const std::stop_token& stop) {
 void Training::Impl::learn() {
   std::vector<std::size_t> upright(learned.size());
   for (std::size_t i = 0; i < upright.size(); ++i) upright[i] = i * moves;
-  // With one person alone the mean would be the person: none is taken off then.
+  // With one person alone, the mean would be that person, so none is subtracted.
   Eigen::RowVectorXf mean =
       learned_people() > 1 || background != nullptr
           ? Eigen::RowVectorXf(rows_at(rows, upright).cast<double>().colwise().mean().cast<float>())
@@ -455,7 +455,7 @@ void Training::Impl::learn() {
 void Training::Impl::learn_coordinates(Progress& progress) {
   progress.begin("training", 0, "steps");
   const Eigen::Index m = background->basis.rows();
-  // The mean of the gallery, as far as the directions hold it.
+  // The mean of the gallery, projected on the directions.
   const Eigen::RowVectorXf own =
       coordinates.leftCols(m).cast<double>().colwise().mean().cast<float>();
   model.mean = mean_of(background->mean + own * background->basis, learned_people(), background);
@@ -508,7 +508,7 @@ void Training::Impl::whiten_all() {
         (components * (background->mean - model.mean).transpose()).transpose().cast<double>();
     folds.background_weight = background->weight;
   }
-  // One person without a background: no stranger's score is known, nor what it would be.
+  // One person without a background: there are no impostor scores and no prior.
   next(learned_people() < 2 && background == nullptr ? Stage::kOthers : Stage::kPrior);
 }
 
@@ -535,9 +535,10 @@ void Training::Impl::fold() {
   next(Stage::kOthers);
 }
 
-// The templates of the faces that were not learned from; they are in the order of all faces then.
+// Templates of the faces that are not training faces; afterwards all templates are in the order of
+// the faces.
 void Training::Impl::others() {
-  if (learned.size() == faces.size()) return finish();  // also where there are coordinates
+  if (learned.size() == faces.size()) return finish();  // also with coordinates
   if (at == 0) {
     Rows all(static_cast<Eigen::Index>(faces.size()), model.template_length());
     for (std::size_t i = 0; i < learned.size(); ++i)
@@ -587,7 +588,7 @@ Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
   model.options.check();
   impl_->number_people(labels);
   impl_->learned = learning_sample(impl_->people, max_learned);
-  // The people of the faces that are learned from, numbered in their order.
+  // The people of the training faces, numbered in order of appearance.
   std::map<int, int> renamed;
   for (const std::size_t i : impl_->learned) {
     const auto [entry, fresh] =

@@ -14,7 +14,7 @@ std::vector<BoxedImage> boxes_from_landmarks(const LandmarkSet& set, double side
   set.check();
   std::vector<BoxedImage> images;
   std::map<std::string, std::size_t> place;
-  std::set<std::string> unclear;  // an object somewhere in it, nobody knows where
+  std::set<std::string> unclear;  // images with an object at an unknown position
   for (const LandmarkSample& sample : set.samples) {
     const auto [found, is_new] = place.try_emplace(sample.image, images.size());
     if (is_new) images.push_back({sample.image, {}, {}, {}});

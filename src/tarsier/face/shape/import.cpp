@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kMaxShapeBytes = 4'000'000;  // of a file of one shape
+constexpr std::int64_t kMaxShapeBytes = 4'000'000;  // max size of a file with one shape
 constexpr std::int64_t kMaxListBytes = 20'000'000;
 constexpr double kMaxRelative = 10;  // ASF: images are 0..1
 
@@ -103,7 +103,7 @@ class ShapeFiles {
     for (const fs::path& folder : folders) {
       std::string image = image_beside((folder / path.stem()).string());
       if (!image.empty()) return image;
-      // Only a plain name: the annotation has no say about other folders.
+      // Accept only a plain file name: the annotation must not refer to other folders.
       if (!host.empty() && host.find('/') == std::string::npos &&
           host.find('\0') == std::string::npos && is_file(folder / host)) {
         return (folder / host).string();
@@ -145,7 +145,7 @@ void import_folder(const std::string& path, const ImportOptions& options, Import
   }
   if (error) throw InputError(path, error.message());
   if (files.empty() && options.format == ImportFormat::kAuto) {
-    // A folder with a table in it, as dlib's and MUCT's come.
+    // A folder with a table, like those of dlib and MUCT.
     for (const ImportFormat table : {ImportFormat::kDlib, ImportFormat::kMuct}) {
       ImportOptions of_table = options;
       of_table.format = table;

@@ -35,8 +35,8 @@ std::string muct_person(std::string_view name) {
   return std::string(name.substr(0, name.find_first_not_of(kDigits, first)));
 }
 
-// Tags of an XML text, enough of it for what dlib's imglab writes: no entities of its own, no
-// nesting to follow, nothing is expanded.
+// The tags of an XML text, sufficient for the output of dlib's imglab: no entity definitions, no
+// check of nesting, no expansion.
 class XmlTags {
  public:
   XmlTags(const std::string& path, std::string_view text) : path_(path), text_(text) {}
@@ -158,7 +158,7 @@ class XmlTags {
   const std::string& path_;
   std::string_view text_;
   std::size_t at_ = 0;
-  std::size_t start_ = 0;  // of the tag read last
+  std::size_t start_ = 0;  // start of the last tag that was read
 };
 
 struct Box {
@@ -177,7 +177,7 @@ class DlibReader {
     deliver(imported);
   }
 
-  // All boxes, also those without parts, and the images without boxes.
+  // All boxes, including those without parts, and the images without boxes.
   BoxedImages read_boxes() {
     BoxedImages result;
     images_ = &result.images;
@@ -269,7 +269,7 @@ class DlibReader {
           fmt::format("{}: {} points, the others {}", path_, count, set.points()));
       return;
     }
-    // One far index in many boxes is not worth gigabytes.
+    // Limits the memory that a single large index could cause.
     if (static_cast<double>(count) * static_cast<double>(boxes_.size()) > 2e7)
       throw InputError(path_, fmt::format("{} boxes of {} points", boxes_.size(), count));
     for (const Box& box : boxes_) {
@@ -291,7 +291,7 @@ class DlibReader {
   bool is_ignored_ = false;
   Box box_;
   std::vector<Box> boxes_;
-  std::vector<BoxedImage>* images_ = nullptr;  // where all boxes are wanted
+  std::vector<BoxedImage>* images_ = nullptr;  // set if all boxes are requested
 };
 
 }  // namespace

@@ -84,7 +84,7 @@ LandmarkSet set_from_json(const json& payload, const std::string& path) {
                                          set.samples.size() - 1, count, set.points()));
     }
   }
-  // A set that is still empty may know its symmetry already: its own length counts then.
+  // An empty set may already have its symmetry, whose length is used.
   int points = set.points();
   if (set.samples.empty()) {
     const auto mirror = payload.find("mirror");
@@ -97,7 +97,7 @@ LandmarkSet set_from_json(const json& payload, const std::string& path) {
   return set;
 }
 
-// The path from `folder`, where the file lies in it or below; else from the root.
+// The path relative to `folder` if the file is in it or below; otherwise absolute.
 std::string path_from(const fs::path& folder, const fs::path& base, const std::string& image) {
   std::error_code error;
   const fs::path absolute =
@@ -194,7 +194,7 @@ LandmarkSet read_landmark_set(const std::string& path) {
   try {
     return set_from_json(read_archive(path, kType, kVersion, kLimits).payload, path);
   } catch (const ModelError& error) {
-    // A set is what the user works on, not a model: another exit status, the same words.
+    // A set is user data, not a model: another exit status with the same text.
     const std::string prefix = path + ": ";
     std::string reason = error.what();
     if (reason.starts_with(prefix)) reason.erase(0, prefix.size());

@@ -13,10 +13,11 @@ namespace tarsier::face::shape {
 
 // One annotated object in one image.
 struct LandmarkSample {
-  std::string image;        // path, relative to the set's file or absolute
-  Eigen::Matrix2Xd points;  // px, centres at integers; NaN, NaN: missing (hidden, not yet placed)
-  std::optional<cv::Rect2d> box;  // px, where a detector or a person saw the object
-  std::string person;             // who or what is shown, for studies by person; "": not known
+  std::string image;  // path, relative to the set's file or absolute
+  // px, pixel centres at integers; NaN, NaN: missing (hidden, not yet placed).
+  Eigen::Matrix2Xd points;
+  std::optional<cv::Rect2d> box;  // px, from a detector or a person
+  std::string person;             // who or what is shown, for studies by person; "": unknown
 
   [[nodiscard]] bool is_missing(int point) const;
   [[nodiscard]] bool is_complete() const;
@@ -24,28 +25,28 @@ struct LandmarkSample {
 
 // Annotated images of one kind of object.
 struct LandmarkSet {
-  std::vector<LandmarkSample> samples;  // all of the same number of points
-  // mirror[i]: the point that point i is in the mirrored image (i itself on the axis); a
-  // permutation that is its own inverse. Empty: not known.
+  std::vector<LandmarkSample> samples;  // all with the same number of points
+  // mirror[i]: index of point i in the mirrored image (i itself on the axis); a permutation that is
+  // its own inverse. Empty: unknown.
   std::vector<int> mirror;
   std::vector<std::array<int, 2>> connections;  // lines to draw
 
-  [[nodiscard]] int points() const;  // of each sample; 0 without samples
-  // Throws std::invalid_argument that names the first fault: numbers of points that differ,
-  // infinite values, indices out of range, a mirror that is no involution.
+  [[nodiscard]] int points() const;  // per sample; 0 without samples
+  // Throws std::invalid_argument that names the first error: different numbers of points, infinite
+  // values, indices out of range, a mirror that is not an involution.
   void check() const;
 };
 
-// The sample as it is in its mirrored image of that width: x' = width - 1 - x, points renamed by
-// `mirror`, box too. Throws std::invalid_argument where the sizes disagree.
+// The sample in the mirrored image of that width: x' = width - 1 - x, points renumbered by
+// `mirror`, and the box. Throws std::invalid_argument for different sizes.
 [[nodiscard]] LandmarkSample mirrored(const LandmarkSample& sample, const std::vector<int>& mirror,
                                       int image_width);
 
-// Only the samples in which no point is missing.
+// The samples without missing points.
 [[nodiscard]] LandmarkSet complete_samples(const LandmarkSet& set);
 
-// Mirror and connections of well-known markups: 68 (300-W, Multi-PIE), 76 (MUCT), 73 (IMM frontal);
-// nothing for other numbers.
+// Mirror and connections of well-known markups: 68 (300-W, Multi-PIE), 76 (MUCT), 73 (IMM frontal)
+// points; empty for other numbers.
 struct Markup {
   std::vector<int> mirror;
   std::vector<std::array<int, 2>> connections;
@@ -53,12 +54,13 @@ struct Markup {
 };
 [[nodiscard]] std::optional<Markup> known_markup(int points);
 
-// The path of a sample's image, from the place of its set's file.
+// The path of a sample's image, given the path of the set's file.
 [[nodiscard]] std::string image_path(const std::string& set_path, const LandmarkSample& sample);
 
-// A file of type "landmark-set" (JSON, which is YAML too). read throws InputError with the path for
-// anything malformed; write is atomic and makes the images' paths relative to the file where they
-// lie beside or below it (`base`: the folder that relative paths in `set` are relative to now).
+// Files of type "landmark-set" (JSON, which is also YAML). read throws InputError with the path if
+// the file is malformed. write is atomic. It makes image paths relative to the file if the images
+// are in the same folder or below (`base`: the folder to which relative paths in `set` currently
+// refer).
 [[nodiscard]] LandmarkSet read_landmark_set(const std::string& path);
 void write_landmark_set(const std::string& path, const LandmarkSet& set, const std::string& base);
 

@@ -79,7 +79,8 @@ Markup markup_73() {
 }
 
 // Milborrow, Morkel and Nicolls, "The MUCT landmarked face database", PRASA 2010: XM2VTS's 68
-// points (the brows run from the outer end along the top and back below) and four more an eye.
+// points (the eyebrows run from the outer end along the top and back along the bottom) and four
+// more per eye.
 Markup markup_76() {
   Markup markup;
   markup.mirror = mirror_of(
@@ -91,7 +92,7 @@ Markup markup_76() {
   add_loop(markup.connections, 15, 20);
   add_loop(markup.connections, 21, 26);
   for (const int eye : {0, 1}) {
-    // Corners and lids, with the points of 68.. between them.
+    // Corners and lids, with the points from 68 on between them.
     for (int k = 0; k < 4; ++k) {
       const int first = 27 + 5 * eye;
       const int between = 68 + 4 * eye + k;

@@ -6,18 +6,18 @@
 #include <string>
 #include <vector>
 
-// What landmark sets and shape models have in common: symmetry and connections, checked, and in
-// JSON. For the .cpp files of this module.
+// Symmetry and connections of landmark sets and shape models: checks and JSON. For the .cpp files
+// of this module.
 namespace tarsier::face::shape {
 
 inline constexpr int kMaxPoints = 10000;
 
-// Throw std::invalid_argument unless every index is one of `points` points; a mirror is empty or an
-// involution of all points.
+// Throw std::invalid_argument unless all indices are within `points` points, and the mirror is
+// empty or an involution of all points.
 void check_mirror(const std::vector<int>& mirror, int points);
 void check_connections(const std::vector<std::array<int, 2>>& connections, int points);
 
-// [i, ..] and [[i, j], ..]; a member that is missing is empty. Throw ModelError(path).
+// [i, ..] and [[i, j], ..]; a missing member gives an empty list. Throw ModelError(path).
 [[nodiscard]] std::vector<int> mirror_from_json(const nlohmann::json& object,
                                                 const std::string& path, int points);
 [[nodiscard]] std::vector<std::array<int, 2>> connections_from_json(const nlohmann::json& object,

@@ -11,15 +11,15 @@
 namespace tarsier::face::shape {
 namespace {
 
-using Real = long double;  // the in-circle test takes differences of fourth powers
+using Real = long double;  // the in-circle test subtracts fourth powers
 
-// Twice the area of a, b, c; positive where they turn from x towards y.
+// Twice the area of a, b, c; positive if they turn from x towards y.
 Real cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
   return (static_cast<Real>(b.x()) - a.x()) * (static_cast<Real>(c.y()) - a.y()) -
          (static_cast<Real>(b.y()) - a.y()) * (static_cast<Real>(c.x()) - a.x());
 }
 
-// Positive where d lies inside the circle through a, b, c (of positive area).
+// Positive if d is inside the circle through a, b, c (of positive area).
 Real in_circle(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c,
                const Eigen::Vector2d& d) {
   const auto dx = [&](const Eigen::Vector2d& p) { return static_cast<Real>(p.x()) - d.x(); };
@@ -29,8 +29,8 @@ Real in_circle(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::
          square(c) * (dx(a) * dy(b) - dy(a) * dx(b));
 }
 
-// Instead of three points far away, which spoil the hull by being at a distance, one ghost point at
-// infinity: a triangle (u, v, kGhost) is the half plane beyond the hull's edge u -> v.
+// One ghost point at infinity is used instead of three distant points, which would distort the
+// hull. A triangle (u, v, kGhost) is the half plane outside the hull's edge u -> v.
 constexpr int kGhost = -1;
 using Edge = std::pair<int, int>;
 
@@ -55,7 +55,8 @@ class Delaunay {
  private:
   [[nodiscard]] Eigen::Vector2d at(int i) const { return points_.col(i); }
 
-  // The first triangle: two points far apart and the one farthest from their line. The others.
+  // Creates the first triangle from two distant points and the one farthest from their line.
+  // Returns the others.
   std::vector<int> start() {
     const int n = static_cast<int>(points_.cols());
     const auto farthest = [&](const auto& measure) {
@@ -79,12 +80,12 @@ class Delaunay {
     return rest;
   }
 
-  // Whether p lies in the circumcircle, which of a ghost is the half plane beyond its edge and the
-  // edge itself.
+  // Whether p is in the circumcircle. For a ghost triangle this is the half plane outside its edge,
+  // and the edge itself.
   [[nodiscard]] bool is_hit(const Triangle& triangle, int p) const {
     if (triangle[2] != kGhost)
       return in_circle(at(triangle[0]), at(triangle[1]), at(triangle[2]), at(p)) > 0;
-    // A ghost's edge runs so that what is outside the hull lies on its positive side.
+    // A ghost's edge has the outside of the hull on its positive side.
     const Eigen::Vector2d u = at(triangle[0]);
     const Eigen::Vector2d v = at(triangle[1]);
     const Real side = cross(u, v, at(p));
@@ -93,7 +94,7 @@ class Delaunay {
   }
 
   void insert(int p) {
-    // The edges of the hole that occur once bound it; they keep their direction.
+    // The edges that occur once are the boundary of the hole; they keep their direction.
     std::set<Edge> edges;
     std::vector<Triangle> kept;
     for (const Triangle& triangle : triangles_) {
@@ -106,7 +107,7 @@ class Delaunay {
     triangles_ = std::move(kept);
     for (const auto& [u, v] : edges) {
       if (edges.contains({v, u})) continue;
-      // Ghosts keep the ghost last.
+      // The ghost point is always the last one.
       if (u == kGhost)
         triangles_.push_back({v, p, kGhost});
       else if (v == kGhost)
@@ -153,7 +154,7 @@ int folded(const std::vector<Triangle>& mesh, const Eigen::Matrix2Xd& points) {
     TARSIER_REQUIRE(
         a >= 0 && b >= 0 && c >= 0 && a < points.cols() && b < points.cols() && c < points.cols(),
         "a triangle of points {}, {}, {} of {}", a, b, c, points.cols());
-    // Not false for NaN: what cannot be computed does not fold well either.
+    // Also counts NaN: an area that cannot be computed is treated as folded.
     if (!(cross(points.col(a), points.col(b), points.col(c)) > 0)) ++count;
   }
   return count;

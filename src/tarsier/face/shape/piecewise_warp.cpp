@@ -12,15 +12,16 @@
 namespace tarsier::face::shape {
 namespace {
 
-constexpr double kOnEdge = -1e-9;       // barycentric coordinates down to this count as on the edge
+// Barycentric coordinates down to this value count as on the edge.
+constexpr double kOnEdge = -1e-9;
 constexpr double kMaxCoordinate = 1e7;  // px
 
-// Barycentric coordinates of a triangle as affine functions of the place: the second is
-// bx x + by y + b0, the third cx x + cy y + c0, the first 1 less both.
+// Barycentric coordinates of a triangle as affine functions of the position: the second is bx x +
+// by y + b0, the third cx x + cy y + c0, the first 1 minus both.
 struct Barycentric {
   double bx, by, b0, cx, cy, c0;
 
-  // Nothing for a triangle without area.
+  // Empty for a triangle without area.
   static std::optional<Barycentric> of(const Eigen::Matrix2Xd& points, const Triangle& triangle) {
     const Eigen::Vector2d a = points.col(triangle[0]);
     const Eigen::Vector2d u = points.col(triangle[1]) - a;
@@ -39,7 +40,7 @@ struct Barycentric {
 struct Affine {
   double xx, xy, x0, yx, yy, y0;
 
-  // The map that takes a triangle with these coordinates to the same one of `target`.
+  // The map from a triangle with these coordinates to the same triangle of `target`.
   static Affine to(const Barycentric& from, const Eigen::Matrix2Xd& target,
                    const Triangle& triangle) {
     const Eigen::Vector2d a = target.col(triangle[0]);
@@ -51,7 +52,7 @@ struct Affine {
   }
 };
 
-// Pixels whose centre can lie in the triangle.
+// Pixels whose centre may be in the triangle.
 cv::Rect bounds_of(const Eigen::Matrix2Xd& points, const Triangle& triangle, cv::Size size) {
   Eigen::Vector2d low = points.col(triangle[0]);
   Eigen::Vector2d high = low;
@@ -68,7 +69,7 @@ cv::Rect bounds_of(const Eigen::Matrix2Xd& points, const Triangle& triangle, cv:
          cv::Rect({0, 0}, size);
 }
 
-// The pixels x in [first, last] of a row where a + b x >= kOnEdge.
+// Limits [first, last] to the pixels x of a row where a + b x >= kOnEdge.
 void narrow(double a, double b, double& first, double& last) {
   if (b > 0)
     first = std::max(first, (kOnEdge - a) / b);
@@ -78,7 +79,7 @@ void narrow(double a, double b, double& first, double& last) {
     last = first - 1;
 }
 
-// Calls visit(y, first x, behind the last x) for each row of pixels with centres in the triangle.
+// Calls visit(y, first x, last x + 1) for each row of pixels with centres in the triangle.
 template <typename Visit>
 void for_rows(const Barycentric& inside, const cv::Rect& bounds, const Visit& visit) {
   for (int y = bounds.y; y < bounds.y + bounds.height; ++y) {
@@ -95,7 +96,7 @@ void for_rows(const Barycentric& inside, const cv::Rect& bounds, const Visit& vi
   }
 }
 
-// One pixel between four, `channels` of them.
+// Bilinear interpolation between four pixels with `channels` channels.
 template <typename T, int kChannels>
 inline void interpolate(const T* top, const T* bottom, std::ptrdiff_t right, float fx, float fy,
                         int channels, float* out, std::size_t stride) {
@@ -111,7 +112,7 @@ inline void interpolate(const T* top, const T* bottom, std::ptrdiff_t right, flo
   }
 }
 
-// A run of pixels along a line of the image. Returns how many lie inside it.
+// Samples a run of pixels along a line of the image. Returns how many are inside it.
 template <typename T, int kChannels>
 int sample_run(const cv::Mat& image, double x0, double y0, double dx, double dy, int count,
                float* out, std::size_t stride) {
@@ -124,7 +125,7 @@ int sample_run(const cv::Mat& image, double x0, double y0, double dx, double dy,
   const auto start_y = static_cast<float>(y0);
   const auto step_x = static_cast<float>(dx);
   const auto step_y = static_cast<float>(dy);
-  // Where both ends lie inside, all between do.
+  // If both ends are inside, all pixels between them are.
   const auto is_safe = [&](double k) {
     const double x = x0 + k * dx;
     const double y = y0 + k * dy;
@@ -160,8 +161,7 @@ int sample_run(const cv::Mat& image, double x0, double y0, double dx, double dy,
   return inside;
 }
 
-// One pixel of the texture, from the pixels of the mask alone: what lies outside it is no texture.
-// False where none is near.
+// Samples one pixel of the texture using only pixels of the mask. False if none is near.
 bool sample_masked(const cv::Mat& texture, const cv::Mat& mask, double x, double y,
                    std::uint8_t* out) {
   const int channels = texture.channels();
@@ -224,7 +224,7 @@ PiecewiseWarp::PiecewiseWarp(const Eigen::Matrix2Xd& frame_points, std::vector<T
   require_points(frame_points_, frame_points_.cols());
   TARSIER_REQUIRE(folded(mesh_, frame_points_) == 0, "the mesh folds in its frame");
 
-  // Triangle of each pixel, the first that has it.
+  // Triangle of each pixel: the first one that contains it.
   cv::Mat owner(size_, CV_32S, cv::Scalar(-1));
   std::vector<Barycentric> inside;
   for (std::size_t t = 0; t < mesh_.size(); ++t) {
@@ -271,7 +271,7 @@ double PiecewiseWarp::sample(const cv::Mat& image, const Eigen::Matrix2Xd& point
   maps.reserve(mesh_.size());
   for (const Triangle& triangle : mesh_) {
     const auto inside = Barycentric::of(frame_points_, triangle);
-    maps.push_back(Affine::to(*inside, points, triangle));  // the constructor saw that it has area
+    maps.push_back(Affine::to(*inside, points, triangle));  // the constructor has checked its area
   }
   const std::size_t stride = pixels_.size();
   out.resize(stride * static_cast<std::size_t>(image.channels()));

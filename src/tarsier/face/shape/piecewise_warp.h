@@ -11,13 +11,13 @@
 namespace tarsier::face::shape {
 
 // A piecewise affine warp into a fixed frame (Matthews and Baker, "Active appearance models
-// revisited", IJCV 2004, section 4.1.1): each pixel of the frame that lies in the mesh knows its
-// triangle and its barycentric coordinates there, once and for all; a warp is then a few
-// multiplications a pixel. Immutable; shared by threads.
+// revisited", IJCV 2004, section 4.1.1). The triangle and the barycentric coordinates of each frame
+// pixel in the mesh are precomputed; a warp then needs a few multiplications per pixel. Immutable
+// and thread-safe.
 class PiecewiseWarp {
  public:
-  // `frame_points` (2 x n, px of the frame, centres at integers) and its mesh; pixels of the frame
-  // of `size` whose centre lies in a triangle (edges count) take part. Throws
+  // `frame_points`: 2 x n, px of the frame, pixel centres at integers. The warp covers the pixels
+  // of the frame of `size` whose centre is in a triangle (edges included). Throws
   // std::invalid_argument.
   PiecewiseWarp(const Eigen::Matrix2Xd& frame_points, std::vector<Triangle> mesh, cv::Size size);
 
@@ -33,23 +33,22 @@ class PiecewiseWarp {
   [[nodiscard]] const cv::Mat& mask() const { return mask_; }  // CV_8UC1, 255 in the mesh
   [[nodiscard]] const Eigen::Matrix2Xd& frame_points() const { return frame_points_; }
 
-  // Where pixel k of pixels() lies in the image when the mesh's points lie at `points`: 2 x n.
-  // Bilinear samples of `image` there, one row of pixels().size() numbers for each channel, in
-  // `out` (channels x pixels, row-major); outside the image: the nearest edge pixel. `image`:
-  // CV_8UC1, CV_8UC3 or CV_32FC(any). Returns the share of pixels inside the image.
+  // Bilinear samples of `image` for all pixels() when the mesh's points are at `points` (2 x n).
+  // `out` gets one row of pixels().size() numbers per channel (channels x pixels, row-major).
+  // Outside the image, the border is replicated. `image`: CV_8UC1, CV_8UC3 or CV_32FC(any). Returns
+  // the share of pixels inside the image.
   double sample(const cv::Mat& image, const Eigen::Matrix2Xd& points,
                 std::vector<float>& out) const;
 
-  // The image warped into the frame, of the type of `image` (CV_8UC1, CV_8UC3); 0 outside the
-  // mesh.
+  // The image warped into the frame, of the type of `image` (CV_8UC1, CV_8UC3); 0 outside the mesh.
   [[nodiscard]] cv::Mat to_frame(const cv::Mat& image, const Eigen::Matrix2Xd& points) const;
 
-  // The way back: draws `texture` (of size(), CV_8UC1 or CV_8UC3) over `image` (same type) where
-  // the mesh lies at `points`; later triangles lie over earlier ones where it folds.
+  // The inverse: draws `texture` (of size(), CV_8UC1 or CV_8UC3) over `image` (same type) with the
+  // mesh at `points`. In a folded mesh, later triangles cover earlier ones.
   void from_frame(const cv::Mat& texture, const Eigen::Matrix2Xd& points, cv::Mat& image) const;
 
  private:
-  struct Run {  // neighbours in a row that lie in one triangle
+  struct Run {  // adjacent pixels in a row that are in the same triangle
     int x = 0;
     int y = 0;
     int count = 0;

@@ -16,13 +16,14 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int kMaxRounds = 100;
-constexpr double kTolerance = 1e-10;  // of b, against the greatest deviation
+constexpr double kTolerance = 1e-10;  // of b, relative to the greatest deviation
 
-// All points count alike. Mean and modes are orthogonal to each other and to shifts, so with
+// Closed form for equal weights. Mean and modes are orthogonal to each other and to translations.
+// With
 //   q = points - centre, u = <mean, q>, v = <J mean, q>, p = modes^T q, r = modes^T J^T q
-// (J: a quarter turn) everything else is small: for a rotation by t the best scale is
-// (u cos t + v sin t) / |mean|^2 and the best scale * b is p cos t + r sin t, and what they explain
-// is a quadratic form in (cos t, sin t), whose greatest direction is the best t.
+// (J: rotation by 90 degrees), the optimal scale for a rotation by t is (u cos t + v sin t) /
+// |mean|^2, and the optimal scale * b is p cos t + r sin t. The explained part is a quadratic form
+// in (cos t, sin t); its principal direction is the optimal t.
 class PlainFit {
  public:
   PlainFit(const ShapeModel& model, const Matrix2Xd& points) : model_(model) {
@@ -62,7 +63,7 @@ class PlainFit {
       scale = -scale;
     }
     b_ = VectorXd::Zero(model_.modes.cols());
-    // Nothing of the mean in the points: no scale to measure b by.
+    // The points contain nothing of the mean: there is no scale for b.
     if (!(scale * scale * square_ > 1e-12 * extent2_)) return fit_similarity_to_b();
     b_ = (c * p + s * r) / scale;
     if (sigmas > 0 && clamp(model_, b_, sigmas)) descend(sigmas);
@@ -77,7 +78,7 @@ class PlainFit {
             b_};
   }
 
-  // Similarity and b in turn, each the best for the other, within the bounds.
+  // Optimises similarity and b in turn, within the limits.
   void descend(double sigmas) {
     const double tolerance = kTolerance * model_.deviation[0];
     for (int round = 0; round < kMaxRounds; ++round) {
@@ -101,13 +102,13 @@ class PlainFit {
   double extent2_ = 0;
 };
 
-// With weights the modes are not orthogonal any more. Gauss-Newton over similarity and b together,
-// in the model's frame, where a similarity moves the shape s by multiples of s, J s and shifts (J:
-// a quarter turn); these four are eliminated, then the similarity is fitted again. With sums over
-// the points taken beforehand,
+// With weights, the modes are not orthogonal. Gauss-Newton over similarity and b together, in the
+// model's frame. There, a similarity moves the shape s by multiples of s, J s and translations (J:
+// rotation by 90 degrees). These four are eliminated, and the similarity is then fitted again. With
+// precomputed sums over the points,
 //   s = Q c, Q = (mean, modes), c = (1, b),
-// a round costs little more than two products with Q. What reaches a bound stays there while the
-// others are fitted again.
+// an iteration costs little more than two products with Q. A mode that reaches its limit is fixed
+// there while the others are fitted again.
 class WeightedFit {
  public:
   WeightedFit(const ShapeModel& model, const Matrix2Xd& points, const VectorXd& weights,
@@ -157,7 +158,7 @@ class WeightedFit {
 
   ShapeFit solve(double sigmas) {
     converge();
-    // Each pass fixes one mode at least.
+    // Each pass fixes at least one mode.
     const Index m = model_.modes.cols();
     for (Index pass = 0; sigmas > 0 && pass < m; ++pass) {
       bool is_out = false;
@@ -178,7 +179,7 @@ class WeightedFit {
  private:
   void take_prior(double noise2) {
     const Index m = model_.modes.cols();
-    // Too few points for all modes still give one answer: the one nearest to the mean.
+    // With too few points for all modes, the solution is the one nearest to the mean.
     const double least = 1e-14 * weights_.maxCoeff();
     prior_.setZero(m);
     is_fixed_.assign(static_cast<std::size_t>(m), false);
@@ -200,7 +201,7 @@ class WeightedFit {
     }
   }
 
-  // The best similarity for the shape of c; its sums are kept for step().
+  // The best similarity for the shape of c; its sums are stored for step().
   void fit_similarity_to_c() {
     gram_c_.noalias() = gram_ * c_;
     shift_c_.noalias() = shift_.transpose() * c_;
@@ -215,12 +216,12 @@ class WeightedFit {
                          (shift_z_.y() - b * shift_c_.x() - a * shift_c_.y()) / total_};
   }
 
-  // One step of b; the greatest change.
+  // One step of b; returns the greatest change.
   double step() {
     const Index n = weights_.size() / 2;
     const Index m = model_.modes.cols();
     const Similarity2d back = image_from_model_.inverse();
-    // modes^T W (back(points) - s), and the prior's pull.
+    // modes^T W (back(points) - s), and the gradient of the prior.
     VectorXd right = back.a * with_z_.col(0).tail(m) - back.b * with_z_.col(1).tail(m) +
                      back.tx * shift_.col(0).tail(m) + back.ty * shift_.col(1).tail(m) -
                      gram_c_.tail(m) - prior_.cwiseProduct(c_.tail(m));

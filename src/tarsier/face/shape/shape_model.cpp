@@ -16,11 +16,11 @@ using Eigen::Matrix2Xd;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double kUnitTolerance = 1e-6;  // of what a model promises: radius, orthonormality
+constexpr double kUnitTolerance = 1e-6;  // tolerance for a model's radius and orthonormality
 
 Eigen::Map<const VectorXd> flat(const Matrix2Xd& points) { return {points.data(), points.size()}; }
 
-// Each point turned by a quarter: (x, y) -> (-y, x).
+// Each point rotated by 90 degrees: (x, y) -> (-y, x).
 Matrix2Xd quarter_turn(const Matrix2Xd& points) {
   Matrix2Xd result(2, points.cols());
   result.row(0) = -points.row(1);
@@ -56,9 +56,9 @@ MatrixXd similarity_directions(const Matrix2Xd& mean) {
   return directions;
 }
 
-// The shape as it lies on the mean, in the tangent plane there (its part along the mean is the
-// mean): then T(mean + modes b) holds exactly. A shape less like the mean than 60 degrees would
-// grow without bound by that, so it gives up weight.
+// The shape aligned to the mean, in the tangent plane there (its projection on the mean is the
+// mean), so that T(mean + modes b) holds exactly. This would scale up shapes that differ from the
+// mean by more than 60 degrees without bound, so they get less weight.
 Matrix2Xd aligned_to(const Matrix2Xd& mean, const Matrix2Xd& shape) {
   constexpr double kMinCosine2 = 0.25;
   const Similarity2d image_from_mean = fit_similarity(mean, shape);
@@ -79,7 +79,7 @@ Matrix2Xd procrustes_mean(const std::vector<Matrix2Xd>& shapes, int iterations) 
     mean = std::move(sum);
     if (change < 1e-12) break;
   }
-  // Upright: so that the rotations of the shapes against it cancel.
+  // Upright: the rotations of the shapes relative to it cancel.
   double a = 0;
   double b = 0;
   for (const Matrix2Xd& shape : shapes) {
@@ -101,7 +101,7 @@ struct Spectrum {
   double total = 0;
 };
 
-// Of residuals (columns) about 0.
+// PCA of residuals (columns) about 0.
 Spectrum principal_components(const MatrixXd& residuals, double count) {
   Spectrum spectrum;
   const bool is_wide = residuals.cols() >= residuals.rows();
@@ -118,7 +118,7 @@ Spectrum principal_components(const MatrixXd& residuals, double count) {
 
 void take_modes(ShapeModel& model, const Spectrum& spectrum, const MatrixXd& directions,
                 const ShapeModelOptions& options) {
-  // What is left of shapes that are alike is rounding.
+  // For equal shapes, only rounding errors remain.
   const double least =
       std::max(1e-20 * static_cast<double>(model.mean.size()), 1e-13 * spectrum.total);
   const Index most = std::min<Index>(
@@ -141,7 +141,8 @@ void take_modes(ShapeModel& model, const Spectrum& spectrum, const MatrixXd& dir
     }
     Index largest = 0;
     mode.cwiseAbs().maxCoeff(&largest);
-    model.modes.col(k) = mode[largest] < 0 ? VectorXd(-mode) : mode;  // the same on all machines
+    // The same sign on all machines.
+    model.modes.col(k) = mode[largest] < 0 ? VectorXd(-mode) : mode;
   }
 }
 

@@ -18,7 +18,7 @@ struct ShapeModelOptions {
   double variance = 0.95;  // share of the variance that the modes keep
   int max_modes = 20;
   int iterations = 20;  // of Procrustes alignment
-  bool mirror = false;  // train on mirrored shapes too; needs the symmetry
+  bool mirror = false;  // also train on mirrored shapes; needs the symmetry
 
   [[nodiscard]] OptionFields fields() {
     return {{"variance", variance, above(0, 1), "--variance", "share that the shape modes keep"},
@@ -31,15 +31,16 @@ struct ShapeModelOptions {
 // A linear point distribution model (Cootes et al., "Active shape models", CVIU 1995):
 //   shape = T(mean + modes b), T a similarity.
 // The mean is centred on 0, has RMS radius 1 (sqrt of the mean squared distance of its points from
-// 0) and is upright as the training shapes are on average. Shapes as vectors: x0 y0 x1 y1 ...
+// 0) and the mean orientation of the training shapes. Shapes as vectors: x0 y0 x1 y1 ...
 struct ShapeModel {
-  Eigen::Matrix2Xd mean;      // 2 x n
-  Eigen::MatrixXd modes;      // 2n x m, orthonormal, orthogonal to the four directions of the
-                              // similarity at the mean; m may be 0
+  Eigen::Matrix2Xd mean;  // 2 x n
+  // 2n x m, orthonormal, orthogonal to the four directions of the similarity at the mean; m may be
+  // 0.
+  Eigen::MatrixXd modes;
   Eigen::VectorXd deviation;  // m, standard deviation of b, falling
   double variance_kept = 1;   // share, [0, 1]
   int trained_on = 0;         // shapes
-  std::vector<int> mirror;    // as LandmarkSet
+  std::vector<int> mirror;    // as in LandmarkSet
   std::vector<std::array<int, 2>> connections;
 
   [[nodiscard]] int points() const { return static_cast<int>(mean.cols()); }
@@ -47,13 +48,13 @@ struct ShapeModel {
   void check() const;  // throws std::invalid_argument
 };
 
-// Shapes (2 x n each, NaN where missing: such shapes are left out) are aligned by generalised
-// Procrustes analysis (Gower 1975; each to the mean with scale, the mean renormalised, until it
-// stands), what is left after taking out the similarity directions goes through PCA. Throws
-// std::invalid_argument for fewer than 2 complete shapes or shapes without extent.
+// Aligns the shapes (2 x n each; those with NaN are skipped) by generalised Procrustes analysis
+// (Gower 1975; each shape to the mean with scale, the mean renormalised, until convergence).
+// Removes the similarity directions and applies PCA to the residuals. Throws std::invalid_argument
+// for fewer than 2 complete shapes or shapes without extent.
 [[nodiscard]] ShapeModel train_shape_model(const std::vector<Eigen::Matrix2Xd>& shapes,
                                            const ShapeModelOptions& options = {});
-// Of a set: mirrored shapes too where asked; takes over its mirror and connections.
+// Trains on a set, with mirrored shapes if requested; copies its mirror and connections.
 [[nodiscard]] ShapeModel train_shape_model(const LandmarkSet& set,
                                            const ShapeModelOptions& options = {});
 
@@ -63,15 +64,14 @@ struct ShapeFit {
   Eigen::VectorXd b;
 };
 
-// Each |b_i| <= sigmas * deviation_i, in place. Returns whether anything was out of range.
+// Limits |b_i| to sigmas * deviation_i, in place. Returns whether any value was out of range.
 bool clamp(const ShapeModel& model, Eigen::VectorXd& b, double sigmas = 3);
 
-// The parameters that fit `points` best in weighted least squares (weights as fit_similarity; NaN
-// points do not count): in closed form where all points count alike, else by Gauss-Newton to
-// convergence. Where sigmas > 0 each |b_i| <= sigmas * deviation_i, and the rest is the best for
-// that. With noise > 0 (standard deviation of a coordinate of weight 1, in the mean's frame), b is
-// regularised by its variance against it: least sum w |residual|^2 / noise^2 + b_i^2 /
-// deviation_i^2.
+// The parameters that fit `points` in weighted least squares (weights as in fit_similarity; NaN
+// points are ignored): in closed form for equal weights, otherwise by Gauss-Newton to convergence.
+// If sigmas > 0, |b_i| <= sigmas * deviation_i, and the other parameters are optimal under these
+// limits. If noise > 0 (standard deviation of a coordinate of weight 1, in the mean's frame), b is
+// regularised by its variance: minimises sum w |residual|^2 / noise^2 + b_i^2 / deviation_i^2.
 [[nodiscard]] ShapeFit fit_shape(const ShapeModel& model, const Eigen::Matrix2Xd& points,
                                  const Eigen::VectorXd& weights = {}, double sigmas = 3,
                                  double noise = 0);
@@ -80,8 +80,8 @@ bool clamp(const ShapeModel& model, Eigen::VectorXd& b, double sigmas = 3);
 [[nodiscard]] Eigen::Matrix2Xd shape_of(const ShapeModel& model, const Eigen::VectorXd& b);
 
 // Orthonormal basis of similarity and deformation together, 2n x (4 + m): the first four columns
-// span scale-rotation and shift of the mean, the others are the modes. In the model's frame, a
-// shape near upright is basis * c (Saragih et al., "Deformable model fitting by regularized
+// span scale-rotation and translation of the mean, the others are the modes. In the model's frame,
+// a nearly upright shape is basis * c (Saragih et al., "Deformable model fitting by regularized
 // landmark mean-shift", IJCV 2011, linearised).
 [[nodiscard]] Eigen::MatrixXd combined_basis(const ShapeModel& model);
 

@@ -53,8 +53,8 @@ void draw_lines(cv::Mat& image, const Matrix2Xd& points,
   }
 }
 
-// -1: image left, 1: image right, 0: on the axis or not known. The pairs vote for the direction
-// from left to right, so that a head on its side keeps its colours.
+// -1: image left, 1: image right, 0: on the axis or unknown. The pairs vote for the direction from
+// left to right, so that a head lying on its side keeps its colours.
 std::vector<int> sides_of(const Matrix2Xd& points, const std::vector<int>& mirror) {
   std::vector<int> sides(static_cast<std::size_t>(points.cols()), 0);
   if (mirror.size() != sides.size()) return sides;
@@ -76,7 +76,7 @@ std::vector<int> sides_of(const Matrix2Xd& points, const std::vector<int>& mirro
   return sides;
 }
 
-// What a cell shows: a square cut out around the points (or the box, or all of the image).
+// The content of a cell: a square crop around the points (or the box, or the whole image).
 struct Cut {
   double x = 0;  // of its left upper pixel's centre
   double y = 0;
@@ -110,10 +110,10 @@ Cut cut_around(const LandmarkSample& sample, cv::Size image) {
   return {(left + right - side) / 2, (top + bottom - side) / 2, side};
 }
 
-// `cut` of the image in cell_px x cell_px; dark outside the image.
+// Draws `cut` of the image in cell_px x cell_px; dark outside the image.
 cv::Mat cell_of(const cv::Mat& image, const Cut& cut, int cell_px) {
   const double scale = cell_px / cut.side;
-  // Reduced first, by areas: the affine warp alone would alias.
+  // Reduce by areas first: the affine warp alone would alias.
   cv::Mat source = image;
   double reduction = 1;
   if (scale < 0.75) {
@@ -124,7 +124,7 @@ cv::Mat cell_of(const cv::Mat& image, const Cut& cut, int cell_px) {
   }
   const double sx = static_cast<double>(source.cols) / image.cols;
   const double sy = static_cast<double>(source.rows) / image.rows;
-  // Cell from source, centres of pixels at integers.
+  // Cell from source, pixel centres at integers.
   const cv::Matx23d warp(scale / sx, 0, (0.5 / sx - 0.5 - cut.x) * scale + (scale - 1) / 2, 0,
                          scale / sy, (0.5 / sy - 0.5 - cut.y) * scale + (scale - 1) / 2);
   cv::Mat cell;
@@ -238,7 +238,7 @@ std::string signed_text(double sigmas) {
   return fmt::format("{:+.1f} sd", std::abs(sigmas) < 0.05 ? 0.0 : sigmas);
 }
 
-// Share of all variance that a mode has.
+// A mode's share of the whole variance.
 double share_of(const ShapeModel& model, int mode) {
   const double kept = model.deviation.squaredNorm();
   return kept > 0 ? model.deviation[mode] * model.deviation[mode] / kept * model.variance_kept : 0;
@@ -286,7 +286,7 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
   const double radius = style.radius_px > 0 ? style.radius_px : std::clamp(side / 150, 1.2, 8.0);
   const int thickness = std::clamp(static_cast<int>(std::lround(radius / 2)), 1, 4);
   if (style.connections) {
-    // A dark line below: a light one alone is lost on skin.
+    // A dark line below: a light one alone is hardly visible on skin.
     draw_lines(image, points, connections, kDark, thickness + 1);
     draw_lines(image, points, connections, kLineColor, thickness);
   }
@@ -355,7 +355,7 @@ cv::Mat draw_shape(const ShapeModel& model, const Eigen::VectorXd& b, cv::Size s
   require_size(size);
   TARSIER_REQUIRE(b.size() == model.mode_count() && b.allFinite(), "{} parameters of {} modes",
                   b.size(), model.mode_count());
-  // The bar shows the mode that stands out most.
+  // The bar shows the mode with the largest value.
   double sigmas = 0;
   for (Eigen::Index k = 0; k < b.size(); ++k) {
     const double value = model.deviation[k] > 0 ? b[k] / model.deviation[k] : 0;

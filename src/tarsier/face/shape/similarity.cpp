@@ -48,7 +48,7 @@ Similarity2d fit_similarity(const Eigen::Matrix2Xd& source, const Eigen::Matrix2
   TARSIER_REQUIRE(weights.size() == 0 || weights.size() == n, "{} weights of {} points",
                   weights.size(), n);
   const auto weight_of = [&](Eigen::Index i) {
-    // The sum is NaN where any of the four is.
+    // The sum is NaN if any of the four is.
     const double sum = source(0, i) + source(1, i) + target(0, i) + target(1, i);
     if (std::isnan(sum)) return 0.0;
     return weights.size() > 0 ? weights[i] : 1.0;
@@ -83,7 +83,7 @@ Similarity2d fit_similarity(const Eigen::Matrix2Xd& source, const Eigen::Matrix2
     cross += w * (p.x() * q.y() - p.y() * q.x());
     square += w * p.squaredNorm();
   }
-  // Rounding leaves 1e-16 of the coordinates where all points coincide.
+  // If all points coincide, rounding errors of 1e-16 of the coordinates remain.
   const double least = 1e-28 * total * (1e-200 + from.squaredNorm());
   TARSIER_REQUIRE(
       square > least && std::isfinite(square) && std::isfinite(dot) && std::isfinite(cross),

@@ -21,12 +21,12 @@ constexpr double kMaxCoordinate = 1e7;
 constexpr int kMaxPoints = 10000;
 constexpr int kMaxShapes = 1000000;
 
-// Lines of numbers, without what is empty or a comment.
+// Lines of numbers, without empty lines and comments.
 class NumberLines {
  public:
   NumberLines(const std::string& path, std::string_view text) : path_(path), rest_(text) {}
 
-  // The numbers of the next line; nothing at the end.
+  // The numbers of the next line; empty at the end.
   std::optional<std::vector<double>> next() {
     while (!rest_.empty()) {
       const std::size_t end = std::min(rest_.find('\n'), rest_.size());

@@ -23,20 +23,20 @@ using Eigen::Matrix3Xd;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Of the image, in widths of the face: portraits are taken from about a metre.
+// Of the image, in face widths: portraits are taken from about one metre.
 constexpr double kFocal = 7;
 // Depth of the ellipse of the contour, share of its half width.
 constexpr double kRoundness = 0.8;
-// Where the background no longer moves, in distances of the farthest point of the head.
+// Radius from which the background does not move, in distances of the farthest point of the head.
 constexpr double kStill = 1.75;
 constexpr int kStillPoints = 16;
-// Points this near to each other are one, share of the size of the face's shape.
+// Points nearer than this are merged, share of the size of the face's shape.
 constexpr double kSame = 0.01;
-// Of the face's area, what may be hidden after a turn.
+// Max share of the face's area that may be hidden after the rotation.
 constexpr double kMaxHidden = 0.08;
-constexpr double kFarAway = 1e6;  // mm, the background
+constexpr double kFarAway = 1e6;  // mm, depth of the background
 
-// Looks at the middle of the points.
+// A camera that looks at the centre of the points.
 geometry::Camera camera_of(const Matrix2Xd& points) {
   geometry::Camera camera;
   const Vector2d low = points.rowwise().minCoeff();
@@ -48,8 +48,8 @@ geometry::Camera camera_of(const Matrix2Xd& points) {
   return camera;
 }
 
-// The forehead above the brows: an arc from temple to temple, which leans back a little. Shares of
-// the half width of an adult's head, about 74 mm.
+// The forehead above the eyebrows: an arc from temple to temple, slightly inclined backwards. In
+// shares of the half width of an adult's head, about 74 mm.
 Matrix3Xd forehead_of(const Matrix3Xd& shape) {
   constexpr int kPoints = 5;
   const double half = shape.row(0).cwiseAbs().maxCoeff();
@@ -72,7 +72,7 @@ Matrix3Xd marked_points(const head::HeadModel& model, const Matrix3Xd& shape, do
   const double slope = std::abs(std::tan(yaw_deg * std::numbers::pi / 180));
   for (const int i : model.outline) {
     const double x = shape(0, i);
-    // A head that turns to image left shows more of its image right side.
+    // A head that turns to image left shows more of its right side in the image.
     if (x * yaw_deg >= 0) continue;
     const double depth = kRoundness * std::abs(x);
     const double phi = std::atan(kRoundness * slope);
@@ -96,7 +96,7 @@ struct Vertices {
   Matrix2Xd after;
 };
 
-// The ring that stays, and corners far outside.
+// The fixed ring, and corners far outside.
 Matrix2Xd still_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size image) {
   const Vector2d center = before.rowwise().mean();
   const double reach = kStill * std::max((before.colwise() - center).colwise().norm().maxCoeff(),
@@ -119,9 +119,9 @@ double area_of(const shape::Triangle& t, const Matrix2Xd& points) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// The image's triangles as they are seen after the turn: farther ones first, those that show
-// their back left out. Nothing where more than kMaxHidden of the face goes out of sight. Only the
-// first `movable` vertices are the head's; `depth` is theirs.
+// The visible triangles of the image after the rotation: farthest first, without those that face
+// away. Empty if more than kMaxHidden of the face would be hidden. Only the first `movable`
+// vertices belong to the head; `depth` is theirs.
 std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& before,
                                                               const Matrix2Xd& after,
                                                               const Eigen::VectorXd& depth) {
@@ -278,7 +278,7 @@ std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
   std::vector<landmarks::TrainingFace> copies;
   for (int k = 0; k < options.copies; ++k) {
     for (int attempt = 0; attempt < options.attempts; ++attempt) {
-      // Up and down in turns, so that few copies are balanced too.
+      // Up and down alternate, so that few copies are balanced too.
       const double sign = (k + rng.integer(0, 1)) % 2 == 0 ? 1 : -1;
       const double pitch = sign * rng.uniform(options.min_pitch_deg, options.max_pitch_deg);
       const double yaw = rng.uniform(-options.max_yaw_deg, options.max_yaw_deg);
