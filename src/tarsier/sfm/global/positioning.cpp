@@ -325,9 +325,8 @@ class Positioning {
   PositionedCameras result_;
   std::vector<std::size_t> column_first_;  // index of each column's first block
   std::vector<int> rows_;                  // of each block
-  std::vector<std::uint32_t>
-      // for each two rays of a point: index of their block; the second ray is not after the first
-      pair_blocks_;
+  // for each two rays of a point: index of their block; the second ray is not after the first
+  std::vector<std::uint32_t> pair_blocks_;
   std::vector<Matrix3d> springs_;  // for each ray
   std::vector<Matrix3d> point_springs_;
   std::vector<Matrix3d> camera_springs_;

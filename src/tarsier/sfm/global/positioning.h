@@ -43,9 +43,8 @@ struct PositioningOptions {
 struct PositionedCameras {
   std::vector<Eigen::Vector3d> cameras;  // centres
   std::vector<Eigen::Vector3d> points;
-  std::vector<double>
-      // per ray: the sine of its angle to the point; 1 where the point is behind the camera
-      errors;
+  // per ray: the sine of its angle to the point; 1 where the point is behind the camera
+  std::vector<double> errors;
   int iterations = 0;
 };
 

@@ -27,9 +27,8 @@ struct RotationAveragingOptions {
 };
 
 struct AveragedRotations {
-  std::vector<Eigen::Matrix3d>
-      // camera_from_world of each node; that of the first node is the identity
-      rotations;
+  // camera_from_world of each node; that of the first node is the identity
+  std::vector<Eigen::Matrix3d> rotations;
   std::vector<double> errors_deg;  // for each edge: angle between its rotation and the result
   int iterations = 0;
 };

@@ -35,10 +35,9 @@ struct Image {
   std::vector<cv::Point2f> features;  // px, pixel centres at integers
   std::vector<float> sizes;           // px, diameter of each feature; empty: all equal
   std::vector<int> points;            // for each feature: index into Model::points, or -1
-  int turns =
-      // Clockwise quarter turns that bring its pixels upright, 0..3 (sensor_image.h); 0 also means
-      // unknown.
-      0;
+  // Clockwise quarter turns that bring its pixels upright, 0..3 (sensor_image.h); 0 also means
+  // unknown.
+  int turns = 0;
 };
 
 struct Model {
