@@ -96,8 +96,8 @@ struct Reconstruction {
   std::vector<Model> models;
   std::vector<Outcome> outcomes;  // for each image
   std::vector<std::string> log;   // log lines: steps and warnings
-  std::vector<double>
-      trust;  // for each model: mean over its images; for scenes that repeat, times shape_trust()
+  // for each model: mean over its images; for scenes that repeat, times shape_trust()
+  std::vector<double> trust;
   std::vector<ModelShape> shapes;  // for each model
   // For each model; empty: not computed.
   std::vector<std::optional<CenterUncertainty>> uncertainties;
