@@ -34,11 +34,11 @@ struct GlobalStartHooks {
 // Computes all poses of a set of images together, without an initial pair. Moulon, Monasse and
 // Marlet (Global fusion of relative motions for robust, accurate and scalable structure from
 // motion, ICCV 2013) and Pan et al. (ECCV 2024) describe the order of the steps:
-//
-//   1. the view graph of `pairs`, without pairs that no cycle of three confirms (global/view_graph.h);
-//   2. rotations (global/rotation_averaging.h), without pairs whose error is 10 degrees or more;
-//   3. cameras and points of the longest tracks (global/positioning.h);
-//   4. bundle adjustment, first of all roughly correct observations, then of accurate ones.
+// 1. the view graph of `pairs`, without pairs that no cycle of three confirms
+//    (global/view_graph.h);
+// 2. rotations (global/rotation_averaging.h), without pairs whose error is 10 degrees or more;
+// 3. cameras and points of the longest tracks (global/positioning.h);
+// 4. bundle adjustment, first of all roughly correct observations, then of accurate ones.
 //
 // Images that no step confirms are not registered. `images`: those of the component with their
 // features, the others without. Refused where too few images or observations agree, as in a scene

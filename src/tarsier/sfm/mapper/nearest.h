@@ -5,8 +5,8 @@
 #include <cstdint>
 
 // The two nearest neighbours of every row of bytes, in both directions, by integer arithmetic only:
-// a - b|^2 = |a|^2 + |b|^2 - 2 a.b. Compiled for each instruction set from one source (nearest.inl) and
-// chosen at run time. All kernels give the same results.
+// |a - b|^2 = |a|^2 + |b|^2 - 2 a.b. Compiled for each instruction set from one source
+// (nearest.inl) and chosen at run time. All kernels give the same results.
 namespace tarsier::sfm {
 
 // `count` consecutive rows of `depth` bytes each; depth 1..4096.

@@ -11,14 +11,11 @@ namespace tarsier::sfm {
 
 // Trust in the pose of each image of a model, 0 to 1; 0 for unregistered images. It is a score to
 // order images by, not a probability. It is the product of three factors, each at most 1:
-//
-//   the share of the inliers of its pairs with registered images that agree with the model
+// - The share of the inliers of its pairs with registered images that agree with the model
 //   (pair_agreement.h). Pairs refused for missing evidence count against the image where the model
-//   agrees with them, and else not at all;
-//
-//   its number of points, divided by 50, times the number of cells of 8 x 6 with points, divided by 12;
-//
-//   the share of its points that three images or more show, divided by a half.
+//   agrees with them; otherwise they are ignored.
+// - Its number of points / 50, times the number of cells of 8 x 6 that contain them / 12.
+// - The share of its points that three images or more show / 0.5.
 //
 // The mapper lowers it for remaining conflicts (model_conflicts.h). Where there are conflicts, it
 // judges by all pairs (all_pairs.h).
