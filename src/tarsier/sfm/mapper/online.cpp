@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kMinImages = 3;        // min images for mapping
 constexpr double kMissing = 0.4;     // share of unregistered images that causes a new start
-constexpr double kMoreTrials = 1.5;  // factor of the number of images since the previous trial
+constexpr double kMoreTrials = 1.5;  // growth factor of the number of images before the next trial
 
 using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) {
