@@ -41,14 +41,14 @@ struct ViewCluster {
 // images than clusters.
 //
 // The partition is made by recursive bisection. Images are ordered by the eigenvector of the second
-// smallest eigenvalue of (D - W) v = lambda D v, with the weights W and their row sums D (Shi and
-// Malik, Normalized cuts and image segmentation, PAMI 2000), found by inverse iteration. Connected
-// components follow each other in that order, the largest first. The cut is where
+// smallest eigenvalue of (D - W) v = lambda D v, found by inverse iteration. W are the weights and
+// D their row sums (Shi and Malik, Normalized cuts and image segmentation, PAMI 2000). Connected
+// components follow each other in that order, the largest first. The cut minimises
 //
 //   Ncut(A, B) = cut(A, B) / assoc(A) + cut(A, B) / assoc(B)
 //
-// is smallest, among the positions that give each side at most max_size images for each of its
-// clusters and that differ from its even share by at most a quarter.
+// among the positions that give each side at most max_size images for each of its clusters, and
+// that differ from its even share by at most a quarter.
 //
 // Then each cluster grows by images of its neighbours. The next image is always the one with most
 // matches to the cluster (in the spirit of Chen, Shen, Chen and Wang, Graph-based parallel large

@@ -18,10 +18,10 @@ namespace tarsier::sfm {
                                    const MapperInput& input, const MapperOptions& options);
 
 // Sets the trust of each model and its images. It is trust_of() by the pairs that agree with the
-// model (pair_agreement.h). Other pairs are ignored, since most of them are wrong where places
-// repeat. The share of nearby images that contradict an image (model_conflicts.h), times 5, is
-// subtracted as a factor from 1; for this the model gets the points of all pairs that agree with
-// it. Throws Interrupted: models that were not judged yet keep their trust.
+// model (pair_agreement.h), times 1 - 5 s, at least 0. Here s is the share of nearby images that
+// contradict an image (model_conflicts.h), once the model has the points of all pairs that agree
+// with it. Pairs that do not agree are ignored, since most of them are wrong where places repeat.
+// Throws Interrupted: models that were not judged yet keep their trust.
 void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
                         const std::stop_token& stop, Reconstruction& reconstruction);
 

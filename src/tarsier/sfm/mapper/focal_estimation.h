@@ -9,8 +9,8 @@
 #include <vector>
 
 // Estimates unknown focal lengths before mapping (self-calibration). The inliers of a pair fit the
-// essential matrix of the true focal length better than that of others. With the focal length of
-// all unknown lenses times a factor g, the cost of a pair is
+// essential matrix of the true focal length better than that of others. Let all unknown focal
+// lengths be multiplied by a factor g. The cost of a pair is then
 //
 //   c(g) = min over R, t of sum over inliers of log(1 + d^2 / (t/2)^2),
 //

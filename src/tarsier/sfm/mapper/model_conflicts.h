@@ -20,16 +20,18 @@ namespace tarsier::sfm {
 // has any feature within 2.5 px of the projection (in an image of 1000 px). The rate of chance hits
 // is measured at positions beside it and subtracted.
 //
-// A point that few of these images show (less than 0.7 of the rate of most points) is rare: it
-// distinguishes places, or its detection is unreliable. Unreliable points are missing here and
-// there. Of two superimposed places, the points of one are missing in all images of the other, and
-// vice versa.
+// A point is rare where few of these images show it: less than 0.7 of the rate of most points. Such
+// a point distinguishes places, or its detection is unreliable. Unreliable points are missing here
+// and there. Of two superimposed places, the points of one are missing in all images of the other,
+// and vice versa.
 //
 // Images with a larger distance share fewer unreliable points. So a pair is compared with the 90th
-// percentile of what pairs at least as far apart share. It is judged only where that is 0.35 or
-// more of what is expected. A point with few expected images is also rare because the other image
-// does not show it. So two images do not contradict each other where the other shows 0.4 or more of
-// the points that are rare without it, if four or more of these are expected.
+// percentile of the shares of pairs at least as far apart. It is judged only where that percentile
+// is 0.35 or more of what is expected.
+//
+// A point that should appear in few images is rare also because the other image does not show it.
+// So the rarity is computed once more without the other image. The two do not contradict each other
+// where four or more such points are expected and 0.4 or more of them are shown.
 class ModelConflicts {
  public:
   // How many of the distinctive points two near images, or the images around them, should share and
@@ -42,8 +44,8 @@ class ModelConflicts {
   // Uses one thread and no random numbers.
   explicit ModelConflicts(const Model& model);
 
-  // Near images that contradict each other: of 8 or more expected points, less than 0.15 are
-  // shared, and less than a quarter of what is usual at their distance. Sorted by first, then
+  // Near images that contradict each other: of 8 or more expected points, the shared part is less
+  // than 0.15, and less than a quarter of what is usual at their distance. Sorted by first, then
   // second; first < second.
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
   // Whether these are more than chance explains: three or more, and one in 200 of the near images
@@ -51,13 +53,14 @@ class ModelConflicts {
   // two more conditions must hold.
   //
   // First, three or more contradict the same image, a fifth of those with as much evidence, and one
-  // of these has nearly its view. That is, the angle of their rays in units of 12 degrees, plus the
-  // logarithm of the ratio of their distances in units of that of 1.3, is less than 1. In large
-  // sets, some pairs lack shared points by chance, and more so images of a slanted surface from
-  // afar. An image in a wrong place contradicts most images around it, including the nearest.
+  // of these has nearly its view. Nearly the same view: the angle between the rays / 12 degrees,
+  // plus
+  // log(ratio of the distances)| / log(1.3), is less than 1. In large sets, some pairs lack shared points by
+  // chance, and more so images of a slanted surface from afar. An image in a wrong place
+  // contradicts most images around it, including the nearest.
   //
   // Second, one image (two where 200 or more are compared) is contradicted by three or more that
-  // show different places as a whole (are_different()), or one in ten of those with as much
+  // show different places as a whole (are_different()). Or one in ten of those with as much
   // evidence contradict each other. In thousands of images as close as those of a video, each point
   // is detected in few, so what two images share varies widely. What all images of two places share
   // does not vary.

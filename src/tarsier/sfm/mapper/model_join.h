@@ -66,15 +66,17 @@ struct ModelJoin {
 // Estimates the similarity S, first_from_second, on which two models agree.
 //
 // Common points p, q are those that are each other's most frequent partner among the features
-// (image, feature) that show a point in both. There are two candidates for S. One is the robust
-// least-squares fit of common points and centres (robust_similarity(), seeded). The other one's
-// rotation is the mean of R_i' Q_i over the common images (R_i, Q_i: camera from world in the first
-// and second model), its scale is the median ratio of the depths of common points in common images,
-// and its translation is the median of p - s R q. The second one also works for collinear points
-// and centres. The candidate with more agreeing images, then more agreeing points, is taken. A pair
-// of points is an inlier if S q projects within inlier_px of the common features in the first
-// model, and S^-1 p in the second. The standard error of the scale is 1.4826 MAD(log(depth /
-// depth)) / sqrt(n), for n inliers.
+// (image, feature) that show a point in both. There are two candidates for S:
+// - The robust least-squares fit of common points and centres (robust_similarity(), seeded).
+// - One that also works for collinear points and centres. Its rotation is the mean of R_i' Q_i over
+//   the common images (R_i, Q_i: camera from world in the first and second model). Its scale is the
+//   median ratio of the depths of common points in common images. Its translation is the median of
+//   p - s R q.
+//
+// The candidate with more agreeing images, then more agreeing points, is taken. A pair of points is
+// an inlier if S q projects within inlier_px of the common features in the first model, and S^-1 p
+// in the second. The standard error of the scale is 1.4826 MAD(log(depth / depth)) / sqrt(n), for n
+// inliers.
 //
 // Refused, with the reason and the numbers, where a limit of the options is violated, where
 // features of an image differ, or a number is not finite.

@@ -21,10 +21,10 @@ struct ModelShape {
     bool closes_loop = false;  // open_loops.h
   };
   // Pairs that the model nearly fulfils. They have 30 inliers or more, and a strength of 0.7 or an
-  // open loop. The model contradicts them, but by a rotation of at most 45 degrees, and the
-  // distance of the images is at most eight times what is usual for the agreeing pairs of either.
-  // Most are true neighbours: errors have accumulated between them, or wrong pairs have displaced a
-  // part of the model.
+  // open loop. The model contradicts them, but by a rotation of at most 45 degrees. The distance of
+  // the images is at most eight times what is usual for the agreeing pairs of either. Most are true
+  // neighbours: errors have accumulated between them, or wrong pairs have displaced a part of the
+  // model.
   std::vector<Missed> missed;
   // The smallest sum of strengths of agreeing pairs that connects two parts of three images or
   // more, over the cuts along a maximum spanning tree. 0 where nothing connects them, infinite

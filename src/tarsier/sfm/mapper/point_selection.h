@@ -26,7 +26,8 @@ constexpr int kMaxAnchors = 300;
 // - Images that move and fixed images are each spread evenly over the track. All of a few moving
 //   images are used, and a quarter of the limit is reserved for fixed images, where there are some.
 // - With anchors, half of the limit is for anchors, spread evenly, and the rest for kNear images at
-//   most kMaxSpan apart. Nothing is selected where two of more observations would be left.
+//   most kMaxSpan apart. Nothing is selected where only two of a larger number of observations
+//   would remain.
 constexpr int kMaxSpan = 80;
 void choose_observations(const Point& point, int index, const std::vector<ImageRole>& roles,
                          int limit, std::vector<Observation>& chosen);

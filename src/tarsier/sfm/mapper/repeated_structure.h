@@ -26,14 +26,16 @@ struct PairEvidence {
 };
 
 // Missing correspondences (Zach, Irschara and Bischof, What can missing correspondences tell us
-// about 3D structure and motion?, CVPR 2008), counted from the pairs alone. A feature f of image i
-// is covered by the n verified pairs of i that have inliers in its cell of 8 x 6, and matched by m
-// of them: its rate is m / n. Some features are matched by two pairs or more, but with less than
-// half of the rate of most others. Either they are details that differ between places, or their
-// detection is unreliable. Unreliable ones come and go by chance in all pairs. Details appear in
-// pairs of one place and never in others. For a pair, `expected` is the sum of the rates of such
-// features in its image's other pairs, scaled by how much the pair matches compared to an average
-// pair of the image. `found` is how many of them it matches. Both images are summed.
+// about 3D structure and motion?, CVPR 2008), counted from the pairs alone. A pair of image i
+// covers a feature f if it has inliers in the feature's cell of 8 x 6. If n verified pairs cover f
+// and m of them match it, its rate is m / n.
+//
+// Some features are matched by two pairs or more, but with less than half of the rate of most
+// others. Either they are details that differ between places, or their detection is unreliable.
+// Unreliable ones come and go by chance in all pairs. Details appear in pairs of one place and
+// never in others. For a pair, `found` is the number of such features that it matches. `expected`
+// is the sum of their rates in the other pairs of the image, scaled by how much the pair matches
+// compared to an average pair. Both images are summed.
 //
 // Returns one result per pair, in their order; pairs without inliers have no expectation.
 [[nodiscard]] std::vector<PairEvidence> check_evidence(const std::vector<geometry::Camera>& cameras,

@@ -13,7 +13,7 @@ namespace {
 struct Step {
   int x = 0;
   int width = 0;
-  int y = 0;  // everything at and above this height is free
+  int y = 0;  // rows from here on are free
 };
 
 class Skyline {
