@@ -53,11 +53,10 @@ class ModelConflicts {
   // two more conditions must hold.
   //
   // First, three or more contradict the same image, a fifth of those with as much evidence, and one
-  // of these has nearly its view. Nearly the same view: the angle between the rays / 12 degrees,
-  // plus
-  // log(ratio of the distances)| / log(1.3), is less than 1. In large sets, some pairs lack shared points by
-  // chance, and more so images of a slanted surface from afar. An image in a wrong place
-  // contradicts most images around it, including the nearest.
+  // of these has nearly its view. Views are nearly the same if the angle between the rays / 12
+  // degrees plus abs(log(ratio of the distances)) / log(1.3) is less than 1. In large sets, some
+  // pairs lack shared points by chance, and more so images of a slanted surface from afar. An image
+  // in a wrong place contradicts most images around it, including the nearest.
   //
   // Second, one image (two where 200 or more are compared) is contradicted by three or more that
   // show different places as a whole (are_different()). Or one in ten of those with as much

@@ -62,7 +62,7 @@ struct OnlineResult {
 // model grows every few key frames. Points of the model's latest image are tracked into each frame
 // by pyramidal Lucas-Kanade, forward and backward.
 //
-// Use one object for one video and from one thread. The result depends on the frames alone.
+// An object handles one video, in one thread. The result depends on the frames alone.
 class OnlineReconstructor {
  public:
   explicit OnlineReconstructor(const OnlineReconstructorOptions& options);  // throws as check()
