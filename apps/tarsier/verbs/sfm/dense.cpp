@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// --debug-dir: a PNG file for each stage of each image.
+// --debug-dir: writes a PNG file for each stage of each image.
 class StageFolder final : public DebugSink {
  public:
   explicit StageFolder(std::string folder) : folder_(std::move(folder)) {
@@ -34,7 +34,7 @@ class StageFolder final : public DebugSink {
   void image(std::string_view name, const cv::Mat& image) override {
     std::string file(name);
     std::replace(file.begin(), file.end(), ' ', '-');
-    std::replace(file.begin(), file.end(), '/', '_');  // of an image in a folder
+    std::replace(file.begin(), file.end(), '/', '_');  // an image in a subfolder
     write_image((fs::path(folder_) / (file + ".png")).string(), image);
   }
   [[nodiscard]] bool is_watched() const override { return !folder_.empty(); }
@@ -50,8 +50,8 @@ struct Flags {
   DenseFlags dense;
 };
 
-// view.png, the cloud from where the cameras stood, of a large one every so many points; view.html,
-// the page.
+// Writes view.png, the cloud seen from the cameras (a large cloud is thinned), and view.html, the
+// page.
 void write_views(const sfm::DenseJob& job, const sfm::DenseResult& result) {
   constexpr std::size_t kMaxPoints = 1'500'000;
   const std::vector<sfm::CloudPoint> cloud = sfm::read_cloud(result.cloud);
@@ -81,7 +81,7 @@ ExitStatus make_dense(const Flags& flags, Context& context) {
   const sfm::DenseReconstructor reconstructor(options_of(flags.dense, context));
   std::string folder = flags.model;
   std::error_code ignored;
-  // Also what --export undistorted and COLMAP's image_undistorter write.
+  // Also accepts what --export undistorted and COLMAP's image_undistorter write.
   if (!fs::exists(fs::path(folder) / "cameras.txt", ignored) &&
       fs::exists(fs::path(folder) / "sparse" / "cameras.txt", ignored))
     folder = (fs::path(folder) / "sparse").string();

@@ -9,18 +9,18 @@
 
 namespace tarsier::cli {
 
-// What `sfm dense` and `sfm reconstruct --dense` take.
+// The flags of `sfm dense` and `sfm reconstruct --dense`.
 struct DenseFlags {
   std::string quality = "normal";
   std::string memory = "2GB";
   std::optional<int> views;
-  sfm::DenseOptions options;  // what has a flag of its own
+  sfm::DenseOptions options;  // the options that have a flag of their own
 };
 
-// What they say. Throws UsageError.
+// The options from the flags. Throws UsageError.
 [[nodiscard]] sfm::DenseOptions options_of(const DenseFlags& flags, const Context& context);
 
-// Does it, prints the result and says where the cloud is.
+// Runs the reconstruction, prints the result and the path of the cloud.
 [[nodiscard]] ExitStatus run_dense(const sfm::DenseReconstructor& reconstructor,
                                    const sfm::DenseJob& job, Context& context);
 

@@ -32,14 +32,14 @@ struct Flags {
   MeshFlags mesh;
 };
 
-// What would otherwise show when all the work is done.
+// Detects before the work what would otherwise fail after it.
 void check_output(const std::string& path) {
   std::error_code ignored;
   if (fs::exists(path, ignored) && !fs::is_regular_file(path, ignored)) return;
   const AtomicFile writable(path);
 }
 
-// Brings the model to the unit that the flags tell; returns how many of it are one of the model.
+// Scales the model to the unit of the flags. Returns the new units per unit of the model.
 double scaled(const ScaleFlags& flags, const sfm::Workspace& workspace, Context& context,
               sfm::Model& model) {
   sfm::PlacementOptions options;

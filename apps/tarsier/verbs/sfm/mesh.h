@@ -10,7 +10,7 @@
 
 namespace tarsier::cli {
 
-// What `sfm mesh` and `sfm reconstruct --mesh` take.
+// The flags of `sfm mesh` and `sfm reconstruct --mesh`.
 struct MeshFlags {
   std::string output;
   std::string memory = "2GB";
@@ -18,17 +18,17 @@ struct MeshFlags {
   std::string view;
   std::string turntable;
   std::string page;
-  sfm::SurfaceOptions options;  // what has a flag of its own
+  sfm::SurfaceOptions options;  // the options that have a flag of their own
 };
 
-// What they say. Throws UsageError; OutputError where a file cannot be written.
+// The options from the flags. Throws UsageError; OutputError where a file cannot be written.
 [[nodiscard]] sfm::SurfaceOptions options_of(const MeshFlags& flags);
 
 struct MeshJob {
   const sfm::Workspace& workspace;
   const sfm::Model& model;  // in the units of the surface, for its views
 };
-// Makes the surface of a dense workspace and its files, and prints the result.
+// Makes the surface of a dense workspace, writes its files and prints the result.
 [[nodiscard]] ExitStatus run_mesh(const MeshFlags& flags, const sfm::SurfaceOptions& options,
                                   const MeshJob& job, Context& context);
 

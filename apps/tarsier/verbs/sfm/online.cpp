@@ -61,7 +61,7 @@ OnlineRun run_online(const std::vector<std::string>& sources, const std::vector<
   run.actions = flags.actions;
   run.frames = flags.frames;
   run.source = flags.source;
-  run.source.sequence = true;  // images follow each other
+  run.source.sequence = true;  // consecutive images
   if (classify_sink(run.output) == SinkKind::kImage)
     throw UsageError(
         fmt::format("--online-view {}: expected a video, a folder or an address", flags.view));

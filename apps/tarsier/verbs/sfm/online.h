@@ -18,9 +18,9 @@ struct OnlineFlags {
   bool online = false;
   bool window = false;
   bool fullscreen = false;
-  std::string view;     // video, folder or address that the views go to; "": nowhere
-  std::string actions;  // "-": actions by name on stdin
-  int every = 3;        // key frames from one growth to the next
+  std::string view;     // where the views go: a video, folder or address; "": nowhere
+  std::string actions;  // "-": reads actions by name from stdin
+  int every = 3;        // key frames between two growth steps of the model
   std::int64_t frames = 0;
   SourceOptions source;
 };
@@ -30,15 +30,15 @@ void add_online_flags(Command& verb, OnlineFlags& flags);
 struct OnlineRun {
   std::vector<sfm::Input> inputs;  // the key frames
   ExitStatus status = ExitStatus::kDone;
-  std::exception_ptr error;  // that of a source that was lost, or that broke off
+  std::exception_ptr error;  // error of a source that was lost or that ended early
 };
 
-// As classify_source(), with the scenes that the program draws.
+// As classify_source(), but also knows the synthetic scenes.
 [[nodiscard]] SourceKind kind_of_online_source(const std::string& text);
 
-// Shows `sources`: `images`, of which each is a key frame, or, without images, a video or camera,
-// whose key frames are written to the folder of `reconstructor`. Throws the library's errors, but
-// not what ends a source that gave frames.
+// Processes and shows `sources`. With `images`, each image is a key frame. Without, the source is a
+// video or camera whose key frames are written to the folder of `reconstructor`. Throws the
+// library's errors, but not the error that ends a source after its first frame.
 [[nodiscard]] OnlineRun run_online(const std::vector<std::string>& sources,
                                    const std::vector<sfm::Input>& images,
                                    const sfm::Reconstructor& reconstructor,

@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The key frames of a camera, a video or images, of which a model was shown while they arrived.
+// The key frames of a camera, a video or images, whose growing model was shown meanwhile.
 OnlineRun run_online(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
                      Context& context) {
   const auto is_image = [](const std::string& text) {
@@ -49,7 +49,7 @@ OnlineRun run_online(const ReconstructFlags& flags, const sfm::Reconstructor& re
   return online;
 }
 
-// The model while it grows, in COLMAP's text form, for those who watch; gone when it is done.
+// Writes the growing model in COLMAP's text form for observers. The folder is removed at the end.
 class GrowingFolder {
  public:
   explicit GrowingFolder(std::string folder) : folder_(std::move(folder)) {}
@@ -61,7 +61,7 @@ class GrowingFolder {
   }
   GrowingFolder(const GrowingFolder&) = delete;
   GrowingFolder& operator=(const GrowingFolder&) = delete;
-  // A full disk must not end the mapping.
+  // A full disk must not stop the mapping.
   void write(const sfm::Model& model) {
     try {
       make_folder(folder_);
@@ -80,7 +80,7 @@ class GrowingFolder {
   bool warned_ = false;
 };
 
-// Depths and a cloud of the largest model, in dense/ of its folder.
+// Makes depth maps and a cloud of the largest model, in its subfolder dense/.
 ExitStatus make_dense(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
                       const sfm::ReconstructorResult& result, Context& context) {
   const sfm::DenseReconstructor dense(options_of(flags.dense_flags, context));
@@ -93,7 +93,7 @@ ExitStatus make_dense(const ReconstructFlags& flags, const sfm::Reconstructor& r
   return run_dense(dense, job, context);
 }
 
-// Of a folder that make_dense() filled.
+// Works on a folder that make_dense() filled.
 ExitStatus make_mesh(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
                      Context& context) {
   const fs::path folder = reconstructor.options().folder;

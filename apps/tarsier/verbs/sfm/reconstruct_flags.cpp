@@ -129,7 +129,7 @@ void add_lens_flags(Command& verb, ReconstructFlags& flags) {
                      "a camera for each image, not one for all of a size"));
 }
 
-// `is_whole`: of a run that does all stages, which may also take matches from elsewhere.
+// `is_whole`: for a verb that runs all stages. It may also take matches from elsewhere.
 void add_match_flags(Command& verb, ReconstructFlags& flags, bool is_whole) {
   sfm::PipelineOptions& pipeline = flags.options.pipeline;
   const auto match = [](Flag& flag) { flag.group("Features and matches"); };
@@ -207,7 +207,7 @@ void add_cache_flags(Command& verb, ReconstructFlags& flags) {
   bind_field(verb, pipeline, pipeline.checkpoint_s).group("Result");
 }
 
-// All but what the model is made of.
+// All options except those that determine the model.
 sfm::ReconstructorOptions result_options(const ReconstructFlags& flags) {
   sfm::ReconstructorOptions options = flags.options;
   complete_placement(flags, options);

@@ -38,23 +38,25 @@ struct ReconstructFlags {
 };
 
 void add_reconstruct_flags(Command& verb, ReconstructFlags& flags);
-// Those of `sfm plan`: all that the model depends on. Those of `sfm map` and `sfm merge`: what is made of it.
+// The flags of `sfm plan`, which determine the model; and the flags of `sfm map` and `sfm merge`,
+// which determine the outputs.
 void add_plan_flags(Command& verb, ReconstructFlags& flags);
 void add_map_flags(Command& verb, ReconstructFlags& flags, bool needs_output);
 
-// What they say. Throws UsageError, InputError (lens).
+// The options from the flags. Throws UsageError, InputError (lens).
 [[nodiscard]] sfm::ReconstructorOptions options_of(const ReconstructFlags& flags,
                                                    const Context& context);
-// Of these: without its pipeline, but for the checkpoints. Throws UsageError.
+// As options_of(), but of the pipeline only the checkpoints. Throws UsageError.
 [[nodiscard]] sfm::ReconstructorOptions map_options_of(const ReconstructFlags& flags);
 
-// What `sfm reconstruct`, `sfm map` and `sfm merge` share: prints what was made, and says how it ended. The latter throws Error
-// where the model has neither scale nor place that were asked for.
+// Shared by `sfm reconstruct`, `sfm map` and `sfm merge`: print_models() prints the result,
+// status_of() returns the exit status. The latter throws Error where a requested scale or place is
+// missing.
 void print_models(const sfm::ReconstructorResult& result, const std::string& folder,
                   const Context& context);
 [[nodiscard]] ExitStatus status_of(const sfm::ReconstructorResult& result);
 
-// Throws InputError for what is neither images nor videos.
+// Throws InputError for an input that is neither images nor a video.
 void expect_files(const std::vector<std::string>& inputs);
 
 }  // namespace tarsier::cli

@@ -10,7 +10,7 @@
 
 namespace tarsier::cli {
 
-// What tells the unit of a model: the distance of two cameras, or markers of a known size.
+// Flags that determine the unit of a model: the distance of two cameras, or markers of known size.
 struct ScaleFlags {
   double distance = 0;
   std::vector<std::string> distance_between;
@@ -20,7 +20,7 @@ struct ScaleFlags {
 
 void add_scale_flags(Command& verb, ScaleFlags& flags, std::string_view group);
 
-// What they say. Throws UsageError.
+// Sets the options from the flags. Throws UsageError.
 void set_scale(const ScaleFlags& flags, sfm::PlacementOptions& options);
 
 }  // namespace tarsier::cli

@@ -43,7 +43,7 @@ std::string lines_of(const std::vector<sfm::ThresholdScore>& scores, double exte
   return text;
 }
 
-// The surface beside the true one, truth/mesh.ply.
+// Compares the surface with the true one, truth/mesh.ply.
 sfm::SurfaceScores evaluate_mesh(const EvalFlags& flags, const sfm::Workspace& truth,
                                  const sfm::Workspace& model, const Context& context) {
   const std::filesystem::path exact = std::filesystem::path(flags.truth) / "mesh.ply";

@@ -100,7 +100,7 @@ struct ShardFlags {
   bool pairs_only = false;
 };
 
-// The shards that were asked for: one, or all of them.
+// The requested shards: one, or all.
 Shard first_and_last(const ShardFlags& flags, const sfm::Plan& plan) {
   if (flags.shard.empty()) return {1, plan.shards};
   const Shard shard = parse_shard(flags.shard);
@@ -176,7 +176,7 @@ struct MapFlags {
   ReconstructFlags reconstruct;
 };
 
-// The clusters that were asked for: one, or all of them.
+// The requested clusters: one, or all.
 Shard first_and_last_cluster(const std::string& text, const sfm::Plan& plan) {
   const int clusters = plan.clusters();
   if (clusters == 0)

@@ -49,7 +49,7 @@ const std::map<std::string, synth::Content> kContents{
     {"houses", synth::Content::kHouses},   {"temple", synth::Content::kTemple},
     {"toy", synth::Content::kToy}};
 
-// Of scenes that are observed and not drawn.
+// Scenes that give observations only and are not rendered.
 const std::map<std::string, synth::SiteKind> kSites{{"ring", synth::SiteKind::kRing},
                                                     {"grid", synth::SiteKind::kGrid},
                                                     {"walk", synth::SiteKind::kWalk},
@@ -70,7 +70,7 @@ nlohmann::ordered_json truth_line(const std::string& name, const geometry::Rigid
   return line;
 }
 
-// COLMAP's database with what the images would show, without images.
+// Writes a COLMAP database with the observations of a scene, without images.
 ExitStatus make_observations(SynthFlags& flags, Context& context) {
   const auto kind = kSites.find(flags.trajectory);
   if (kind == kSites.end() || flags.depth) {
@@ -117,7 +117,7 @@ bool is_symmetric(const std::string& content) {
   return content == "symmetric" || content == "temple" || content == "toy";
 }
 
-// Chooses the content where none is given, and refuses what does not go with the trajectory.
+// Chooses the content where none is given, and rejects content that does not suit the trajectory.
 void check_content(SynthFlags& flags) {
   const bool in_streets = flags.trajectory == "walk" || flags.trajectory == "city";
   if (flags.content.empty()) flags.content = in_streets ? "houses" : "relief";
@@ -137,7 +137,7 @@ void check_content(SynthFlags& flags) {
     throw UsageError(fmt::format("--depth: not of --trajectory {}", flags.trajectory));
 }
 
-// Images of a drawn scene, camera.yaml, and truth.jsonl for `sfm eval`.
+// Writes the images of a rendered scene, camera.yaml, and truth.jsonl for `sfm eval`.
 ExitStatus make_scene(SynthFlags& flags, Context& context) {
   if (flags.observations) return make_observations(flags, context);
   if (!kTrajectories.contains(flags.trajectory))

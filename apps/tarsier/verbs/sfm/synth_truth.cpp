@@ -20,10 +20,12 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr double kUsualDistance = 10;  // units, of the cameras of a drawn scene
-constexpr int kPointsAcross = 40;      // of the points, in the width of an image
-constexpr double kSameDepth = 1e-3;    // of the depth: the same surface
-constexpr double kSameSurface = 0.05;  // of the depth, between neighbours: no edge
+constexpr double kUsualDistance = 10;  // units, distance of the cameras from a rendered scene
+constexpr int kPointsAcross = 40;      // number of points across the width of an image
+// share of the depth, within which depths count as the same surface
+constexpr double kSameDepth = 1e-3;
+// share of the depth, max difference between neighbours without an edge
+constexpr double kSameSurface = 0.05;
 
 cv::Mat1f depth_of(const synth::ReliefScene& scene, int index, const std::stop_token& stop) {
   const geometry::Camera camera = scene.camera();
@@ -37,7 +39,8 @@ cv::Mat1f depth_of(const synth::ReliefScene& scene, int index, const std::stop_t
   return depth;
 }
 
-// Across neighbours on the same surface; towards the camera where there are no such neighbours.
+// Normals from neighbours on the same surface. Without such neighbours, the normal points to the
+// camera.
 cv::Mat3f normals_of(const geometry::Camera& camera, const cv::Mat1f& depth) {
   cv::Mat3f normals(depth.size(), cv::Vec3f(0, 0, 0));
   const auto point = [&](int x, int y) {
@@ -119,7 +122,7 @@ sfm::Model true_model(const synth::ReliefScene& scene, const std::stop_token& st
   return model;
 }
 
-// The exact surface at points about two pixels apart.
+// Writes the exact surface, sampled at points about two pixels apart.
 void write_mesh(const std::string& folder, const synth::ReliefScene& scene,
                 const std::stop_token& stop) {
   const double pixel = kUsualDistance / scene.camera().fx;

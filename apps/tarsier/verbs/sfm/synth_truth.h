@@ -8,10 +8,10 @@
 
 namespace tarsier::cli {
 
-// What `sfm eval --dense` compares with, as a workspace (sfm/dense/workspace.h) without images: the exact
-// cameras, points of the surface with what sees them, depth and normal maps; and mesh.ply, the exact
-// surface. Images are named 0000.jpg ..
-// Throws OutputError, Interrupted.
+// Writes the ground truth for `sfm eval --dense` as a workspace (sfm/dense/workspace.h) without
+// images: the exact cameras, surface points with the images that see them, depth maps and normal
+// maps; and the exact surface as mesh.ply. Images are named 0000.jpg ... Throws OutputError,
+// Interrupted.
 void write_depth_truth(const std::string& folder, const synth::ReliefScene& scene,
                        const Context& context);
 

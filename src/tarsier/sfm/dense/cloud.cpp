@@ -24,7 +24,7 @@ static_assert(std::endian::native == std::endian::little,
 constexpr std::size_t kHeaderBytes = 320;
 constexpr std::size_t kPointBytes = 6 * 4 + 3 + 4;
 
-// Of one length, whatever the count: the comment takes up the rest.
+// The header has a fixed length for any count; the comment fills the rest.
 std::string header_of(std::int64_t count) {
   const std::string start = "ply\nformat binary_little_endian 1.0\ncomment Tarsier";
   const std::string end = fmt::format(

@@ -16,14 +16,14 @@ namespace tarsier::sfm {
 // A point of a surface.
 struct CloudPoint {
   cv::Vec3f position;    // world units
-  cv::Vec3f normal;      // unit, out of the surface, in the world
+  cv::Vec3f normal;      // unit, pointing out of the surface, in the world frame
   cv::Vec3b color;       // BGR
   float confidence = 0;  // 0..1
   friend bool operator==(const CloudPoint&, const CloudPoint&) = default;
 };
 
 // Writes a cloud of any size as a binary PLY file: x y z nx ny nz (float), red green blue (uchar),
-// confidence (float). The file appears at commit(), whole or not at all.
+// confidence (float). The file appears at commit(), completely or not at all.
 class CloudWriter {
  public:
   explicit CloudWriter(const std::string& path);  // throws OutputError
@@ -41,9 +41,10 @@ class CloudWriter {
   std::int64_t count_ = 0;
 };
 
-// What CloudWriter wrote, and binary PLY files of others with such properties in any order (further
-// ones of numbers are skipped): without normals they are 0, without colours grey, without confidence 1.
-// Throws InputError: not such a file, cut short, numbers that are not finite, more than 2^31 points.
+// Reads what CloudWriter wrote, and other binary PLY files with these properties in any order.
+// Further numeric properties are skipped. Missing normals are 0, missing colours grey, missing
+// confidence 1. Throws InputError: another kind of file, a truncated one, numbers that are not
+// finite, more than 2^31 points.
 [[nodiscard]] std::vector<CloudPoint> read_cloud(const std::string& path);
 
 }  // namespace tarsier::sfm

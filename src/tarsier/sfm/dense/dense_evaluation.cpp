@@ -25,10 +25,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kSpacing = 0.001;  // of the true surface's points, of the extent
+constexpr double kSpacing = 0.001;  // spacing of the true surface's points, share of the extent
 constexpr float kWorstShown = 0.01F;
 
-// Of each point the distance to the nearest one of the grid.
+// The distance of each point to the nearest one of the grid.
 std::vector<float> distances(const std::vector<cv::Vec3f>& points, const PointGrid& grid,
                              float limit, const std::stop_token& stop) {
   std::vector<float> result(points.size());
@@ -118,7 +118,7 @@ class Evaluation {
   }
 
  private:
-  // The truth at the pixels of a map that may be smaller: of the nearest true pixel.
+  // Compares at the pixels of a map that may be smaller, with the nearest true pixel.
   DenseScores::Depth score_image(
       int index, const std::function<void(const std::string&, const cv::Mat&)>& show,
       std::vector<float>& all) {
@@ -156,7 +156,7 @@ class Evaluation {
     return score;
   }
 
-  // Bilinear in inverse depth on one surface; over an edge the nearest pixel.
+  // Bilinear in inverse depth on one surface; at a depth edge the nearest pixel.
   static std::optional<double> depth_between(const cv::Mat1f& depth, double x, double y) {
     const int left = std::clamp(static_cast<int>(std::floor(x)), 0, depth.cols - 2);
     const int top = std::clamp(static_cast<int>(std::floor(y)), 0, depth.rows - 2);
@@ -179,7 +179,7 @@ class Evaluation {
   const Workspace& model_;
   const geometry::Sim3 similarity_;
   std::map<std::string, int> by_name_;
-  std::vector<TrueView> views_;  // of the truth
+  std::vector<TrueView> views_;  // of the ground truth
 };
 
 }  // namespace

@@ -30,9 +30,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kSparseTolerance = 0.003;  // of the depth
-constexpr int kLarger = 2;                  // times larger images for small patches, at most
-constexpr double kVersion = 2;              // of what maps depend on that is no option
+constexpr double kSparseTolerance = 0.003;  // share of the depth
+constexpr int kLarger = 2;                  // max size ratio of the images for small patches
+constexpr double kVersion = 2;  // changes where maps depend on something other than options
 
 double cpu_seconds() {
   timespec now{};
@@ -109,7 +109,7 @@ class DenseRun {
         .string();
   }
 
-  // The workspace's images and model; nothing where they are there already, of the same images.
+  // Writes the workspace's images and model, unless they exist already for the same images.
   void undistort() {
     TARSIER_REQUIRE(!job_.folder.empty() && job_.path_of != nullptr,
                     "a job without folder or images");
@@ -185,7 +185,7 @@ class DenseRun {
     write_configs();
   }
 
-  // The size at which an image is looked at.
+  // The working size of an image.
   cv::Size size_of(int i) const {
     const geometry::Camera& camera = workspace_.camera(i);
     const double side = std::max(camera.width, camera.height);
@@ -204,8 +204,8 @@ class DenseRun {
             std::max(16, static_cast<int>(std::lround(camera.height * scale)))};
   }
 
-  // How much smaller an image of so many px may be looked at for the memory; its larger image is kLarger times
-  // as large, and no larger than it is.
+  // The factor by which an image of `pixels` px must be reduced for the memory limit. Its larger
+  // image is kLarger times as large, but at most the original.
   [[nodiscard]] double affordable_scale(double pixels) const {
     const int views = options_.views.views;
     const double bytes = 0.7 * static_cast<double>(memory_) / pixels;
@@ -321,7 +321,7 @@ class DenseRun {
     progress_.end();
   }
 
-  // With the depths of the sources; then what they agree with.
+  // Geometric rounds with the depths of the sources, then the consistency filter.
   void look_again() {
     progress_.begin("compare", count_with_sources(), "images");
     for (int i = 0; i < workspace_.count(); ++i) {
@@ -400,7 +400,7 @@ class DenseRun {
     show(i, map, kept);
   }
 
-  // How the depths agree with the points that the model has.
+  // Compares the depths with the model's points.
   static void compare_with_points(const MatchProblem& problem, const DepthMap& kept,
                                   DenseImage& image) {
     int seen = 0;
@@ -446,7 +446,8 @@ class DenseRun {
     }
     std::vector<std::vector<int>> neighbours;
     for (std::size_t i = 0; i < sets.size(); ++i) {
-      // A map of an earlier run says nothing of an image that is left out in this one.
+      // Maps of images that are left out in this run are ignored, although an earlier run made
+      // them.
       std::vector<int> around;
       for (const int j : sets[i])
         if (!choice(j).sources.empty()) around.push_back(j);
@@ -470,7 +471,7 @@ class DenseRun {
                          [](const ViewChoice& its) { return !its.sources.empty(); });
   }
 
-  static constexpr float kWorstConfidence = 3;  // more than any cost
+  static constexpr float kWorstConfidence = 3;  // above any cost
 
   const DenseOptions& options_;
   const DenseJob& job_;
@@ -482,8 +483,8 @@ class DenseRun {
   Workspace workspace_;
   std::string source_digest_;
   std::vector<ViewChoice> choices_;
-  std::vector<cv::Size> sizes_;        // at which images are looked at
-  std::vector<cv::Size> large_sizes_;  // at which small patches are
+  std::vector<cv::Size> sizes_;        // working sizes of the images
+  std::vector<cv::Size> large_sizes_;  // sizes for small patches
   std::vector<std::string> digests_;
   std::optional<GrayImages> grays_;
   std::optional<GrayImages> large_;

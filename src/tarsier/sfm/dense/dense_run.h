@@ -10,15 +10,15 @@
 
 namespace tarsier::sfm {
 
-// The work of DenseReconstructor::run(). Internal to this module.
+// Implements DenseReconstructor::run(). Internal to this module.
 [[nodiscard]] DenseResult run_dense(const DenseOptions& options, const DenseJob& job,
                                     Progress& progress, const std::stop_token& stop,
                                     DebugSink* debug);
 
-// Colours from near (red) to far (blue) between the 2nd and the 98th hundredth of the inverse depths that
-// are known; black where none is. CV_8UC3.
+// Colours from near (red) to far (blue), between the 2nd and 98th percentile of the known inverse
+// depths; black where unknown. CV_8UC3.
 [[nodiscard]] cv::Mat draw_depth(const cv::Mat& depth);
-// x, y and z of normals as red, green and blue.
+// Draws x, y and z of normals as red, green and blue.
 [[nodiscard]] cv::Mat draw_normals(const cv::Mat& normals);
 
 }  // namespace tarsier::sfm

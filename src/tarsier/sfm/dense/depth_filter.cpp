@@ -13,14 +13,15 @@
 namespace tarsier::sfm {
 namespace {
 
-// Another image's depths and how the reference's points come there.
+// Projects points of the reference into another image and back.
 struct Carrier {
   const MatchImage& reference;
   const MatchImage& source;
   geometry::Rigid3 source_from_reference;
 
-  // How far a point of the reference's pixel comes back from where the source sees it, and how much
-  // the depths differ there; false where the source does not know. `inside`: in its image.
+  // Computes the error of a reference pixel after projection to the source and back, and the
+  // difference of the depths there. False where the source has no depth. `inside`: whether the
+  // point is in the source's image.
   bool carry(int x, int y, float depth, bool& inside, double& px, double& difference) const {
     inside = false;
     const geometry::Camera& from = reference.camera;

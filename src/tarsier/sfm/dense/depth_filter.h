@@ -12,11 +12,11 @@
 namespace tarsier::sfm {
 
 struct DepthFilterOptions {
-  double max_cost = 0.6;               // of a plane (patch_match.h); 0: the images are the same
-  int min_consistent = 2;              // sources whose depths agree, where so many have it in view
-  double max_reprojection_px = 1;      // carried to the source and back
-  double max_depth_difference = 0.01;  // of the depth
-  int min_segment_px = 40;             // smaller islands of depth go
+  double max_cost = 0.6;           // max cost of a plane (patch_match.h); 0: equal images
+  int min_consistent = 2;          // min sources whose depths agree, where that many see the point
+  double max_reprojection_px = 1;  // after projection to the source and back
+  double max_depth_difference = 0.01;  // share of the depth
+  int min_segment_px = 40;             // smaller segments of depth are removed
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_cost", max_cost, range(0, 2)},
@@ -29,15 +29,15 @@ struct DepthFilterOptions {
   void check() const { check_fields(*this); }
 };
 
-// What of a map of planes is right, by its cost and by what the sources say (their `depth`; those
-// without have no say): a pixel stays where `min_consistent` of them agree. Where fewer
-// have its point in their image, all of these must agree, and half the cost is allowed. The confidence is
-// (1 - cost)(1 - 2^-n), n how many agree, 0 at least. `problem` is the one of the map.
+// Filters a map of planes by cost and by the depths of the sources. Sources without `depth` are
+// ignored. A pixel is kept where `min_consistent` sources agree. Where fewer have its point in
+// their image, all of these must agree, and only half the cost is allowed. The confidence is (1 -
+// cost)(1 - 2^-n), at least 0, for n agreeing sources. `problem` is the one of the map.
 [[nodiscard]] DepthMap filtered(const MatchProblem& problem, const PlaneMap& map,
                                 const DepthFilterOptions& options);
 
-// Takes away islands of fewer px, in which depths of neighbours differ by `difference` of the depth at
-// most; all three maps of them become 0.
+// Removes connected segments of fewer than `min_px` pixels, in which neighbouring depths differ by
+// at most `difference` of the depth. All three maps become 0 there.
 void remove_small_segments(DepthMap& map, int min_px, double difference);
 
 }  // namespace tarsier::sfm

@@ -43,7 +43,7 @@ struct View {
   }
 };
 
-// The views that were used last, up to so many bytes.
+// The most recently used views, within a memory limit.
 class Views {
  public:
   Views(const Workspace& workspace, std::int64_t memory) : workspace_(workspace), memory_(memory) {}
@@ -77,7 +77,7 @@ class Views {
   std::int64_t memory_;
   std::int64_t bytes_ = 0;
   std::map<int, std::shared_ptr<const View>> views_;
-  std::list<int> order_;  // the one that was used last is the last
+  std::list<int> order_;  // the most recently used is the last
 };
 
 struct Neighbour {
@@ -126,7 +126,7 @@ class Fuser {
     }
     if (sum.count < std::min(needed_, std::max(possible, 2))) return std::nullopt;
     for (std::size_t i = 0; i < count; ++i) {
-      // Several threads may take a pixel; all write the same.
+      // Several threads may mark a pixel; all write the same value.
       auto& flag = const_cast<std::uint8_t&>(taken[i].first->taken(taken[i].second));
       std::atomic_ref<std::uint8_t>(flag).store(1, std::memory_order_relaxed);
     }
@@ -222,7 +222,7 @@ std::vector<std::int64_t> fuse(const Workspace& workspace,
       cloud.add(row);
       counts[static_cast<std::size_t>(i)] += static_cast<std::int64_t>(row.size());
     }
-    // Later images do not ask for it.
+    // Later images do not need it.
     taken[static_cast<std::size_t>(i)].release();
     progress.advance();
   }

@@ -13,9 +13,9 @@
 namespace tarsier::sfm {
 
 struct FusionOptions {
-  int min_views = 3;                 // images that agree on a point, where so many have it in view
-  double max_reprojection_px = 1.5;  // of a pixel of another image
-  double max_depth_difference = 0.01;  // of the depth
+  int min_views = 3;                   // min images that agree on a point, where that many see it
+  double max_reprojection_px = 1.5;    // max error in the other image
+  double max_depth_difference = 0.01;  // share of the depth
   double max_normal_angle_deg = 35;
 
   [[nodiscard]] OptionFields fields() {
@@ -27,17 +27,18 @@ struct FusionOptions {
   void check() const { check_fields(*this); }
 };
 
-// Joins the geometric depth maps of a workspace to one cloud (after Galliani and others, ICCV 2015, and
-// Schoenberger and others, ECCV 2016): a pixel that no earlier point took is carried into its
-// neighbours; pixels there whose depth, place and normal agree are taken together, and where they are
-// `min_views` images with it their mean, weighted by confidence, is a point. Colours are those of the
-// images, in the size of the maps. The confidence of a point is 1 - the product of 1 - c of its pixels.
-// Points come image by image, row by row; the same for any number of threads.
+// Fuses the geometric depth maps of a workspace into one cloud (after Galliani and others, ICCV
+// 2015, and Schoenberger and others, ECCV 2016). A pixel that is not part of an earlier point is
+// projected into the neighbours. Pixels there with consistent depth, position and normal are
+// collected. Where they come from `min_views` images, including the first, their mean, weighted by
+// confidence, is a point. Colours are those of the images, in the size of the maps. The confidence
+// of a point is 1 minus the product of 1 - c of its pixels. Points are written image by image, row
+// by row. The result does not depend on the number of threads.
 //
-// `neighbours`: of each image those whose maps are looked at, by index. Images without a map are passed
-// over. Maps are read when they are needed, and `memory_bytes` says how much of them is kept (those
-// of one image and its neighbours at least). Returns how many points each image began.
-// Throws InputError, OutputError, Interrupted; std::invalid_argument.
+// `neighbours`: for each image the images whose maps are compared, by index. Images without a map
+// are skipped. Maps are read when needed. `memory_bytes` limits the maps kept in memory; those of
+// one image and its neighbours are always kept. Returns the number of points that started in each
+// image. Throws InputError, OutputError, Interrupted; std::invalid_argument.
 [[nodiscard]] std::vector<std::int64_t> fuse(const Workspace& workspace,
                                              const std::vector<std::vector<int>>& neighbours,
                                              const FusionOptions& options,

@@ -13,8 +13,8 @@
 
 namespace tarsier::sfm {
 
-// The grey images of a workspace at the sizes that they are looked at: those that were used last, up to
-// so many bytes. Internal to this module.
+// The grey images of a workspace at working size. Keeps the most recently used ones within a memory
+// limit. Internal to this module.
 class GrayImages {
  public:
   GrayImages(const Workspace& workspace, std::vector<cv::Size> sizes, std::int64_t memory)
@@ -29,7 +29,7 @@ class GrayImages {
   std::int64_t memory_;
   std::int64_t bytes_ = 0;
   std::map<int, cv::Mat1b> images_;
-  std::list<int> order_;  // the one that was used last is the last
+  std::list<int> order_;  // the most recently used is the last
 };
 
 }  // namespace tarsier::sfm

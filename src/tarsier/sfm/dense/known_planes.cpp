@@ -16,7 +16,7 @@ struct Known {
   float inverse_depth = 0;
 };
 
-// At the scale of `camera`; one for a pixel, the nearest one.
+// At the scale of `camera`; only the nearest point per pixel.
 std::vector<Known> scaled_points(const MatchProblem& problem, const geometry::Camera& camera) {
   const double sx = static_cast<double>(camera.width) / problem.reference.camera.width;
   const double sy = static_cast<double>(camera.height) / problem.reference.camera.height;
@@ -38,7 +38,7 @@ std::vector<Known> scaled_points(const MatchProblem& problem, const geometry::Ca
   return points;
 }
 
-// Of each pixel the nearest point, by a distance transform.
+// Takes the nearest point for each pixel, by a distance transform.
 void fill_from_nearest(const std::vector<Known>& points, cv::Size size,
                        std::vector<Plane>& planes) {
   cv::Mat1b holes(size, 255);

@@ -8,10 +8,10 @@
 
 namespace tarsier::sfm {
 
-// A plane for each pixel of `camera`, the reference at some scale: through the three known points of
-// the Delaunay triangle that the pixel lies in; outside of all triangles, facing the camera at the
-// depth of the nearest point; in the middle of the range (by inverse depth) where no point is known.
-// Row by row. Internal to this module.
+// A plane for each pixel of `camera`, the reference at some scale, row by row. It passes through
+// the three known points of the Delaunay triangle that contains the pixel. Outside of all triangles
+// it faces the camera at the depth of the nearest point. Without any known point, it is in the
+// middle of the range (by inverse depth). Internal to this module.
 [[nodiscard]] std::vector<Plane> known_planes(const MatchProblem& problem,
                                               const geometry::Camera& camera);
 

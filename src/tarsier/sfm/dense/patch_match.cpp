@@ -16,7 +16,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kMinSide = 64;       // px, of the smallest scale
-constexpr int kRandomPlanes = 3;   // that each pixel of the smallest scale begins with
+constexpr int kRandomPlanes = 3;   // initial random planes per pixel of the smallest scale
 constexpr float kFirstMotion = 4;  // px, of the first changes of a plane
 constexpr float kStep = 0.25F;     // px, of the last refinement
 
@@ -66,7 +66,7 @@ MatchLevel make_level(const MatchProblem& problem, int level, bool with_depths) 
   return result;
 }
 
-// The larger images; those that are none are as they are.
+// Adds the larger images; images without one are used as they are.
 void add_large_images(const MatchProblem& problem, MatchLevel& level) {
   const auto gray_of = [](const MatchImage& image) -> const cv::Mat1b& {
     return image.large.empty() ? image.gray : image.large;
@@ -171,7 +171,7 @@ PlaneMap match_planes(const MatchProblem& problem, const PatchMatchOptions& opti
       return map_of(level, field);
     }
   }
-  return {};  // not reached: level 0 returns
+  return {};  // unreachable: level 0 returns
 }
 
 PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
@@ -200,8 +200,8 @@ PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
 }
 
 std::int64_t matching_bytes(std::int64_t pixels, std::int64_t large_pixels, int sources) {
-  // Planes, costs and the map; of each source its words, grey levels, depths and costs. What is
-  // enlarged exists twice. Of each larger image words and grey levels.
+  // Planes, costs and the map; words, grey levels, depths and costs of each source. Enlarged data
+  // exist twice. For each larger image: words and grey levels.
   return pixels * (12 + 4 + 20 + 8 + 13 + static_cast<std::int64_t>(sources) * (4 + 1 + 8 + 2)) +
          large_pixels * (static_cast<std::int64_t>(sources) + 1) * (4 + 1);
 }

@@ -11,28 +11,31 @@
 #include <stop_token>
 #include <vector>
 
-// The depth of every pixel of an image, from other images whose poses are known.
+// Computes the depth of every pixel of an image from other images with known poses.
 //
-// Each pixel has a plane, depth and normal, and the plane says where the pixels around it appear in
-// another image (a homography). How well a patch of 11x11 px agrees there is one minus its
-// normalised cross-correlation, weighted by likeness in the reference (patch_kernels.h). Good planes
-// spread to pixels around them, and each pixel changes its own at random and keeps what is better
-// (PatchMatch: Barnes and others, SIGGRAPH 2009; with slanted planes: Bleyer, Rhemann and Rother,
-// BMVC 2011). All pixels of one colour of a checkerboard go at once (Galliani, Lasinger and Schindler,
-// ICCV 2015) and look for good planes near and far in four directions (Xu and Tao, CVPR 2019). Of the
-// sources those count in which a pixel and its neighbours are seen well (after Schoenberger and
-// others, ECCV 2016). At full size patches with enough texture are 4 px wide and looked at in larger images, if
-// there are some, so that relief narrower than a patch is followed. It begins at a quarter of the size, with planes through known points, so that
-// weak texture is decided by what is around it.
+// Each pixel has a plane, i.e. depth and normal. The plane maps the pixel's surroundings to another
+// image (a homography). The cost of a patch of 11x11 px is one minus its normalised
+// cross-correlation there, weighted by similarity in the reference (patch_kernels.h). Good planes
+// are propagated to surrounding pixels, and each pixel randomly changes its own plane and keeps the
+// better one (PatchMatch: Barnes and others, SIGGRAPH 2009; with slanted planes: Bleyer, Rhemann
+// and Rother, BMVC 2011).
+//
+// All pixels of one colour of a checkerboard are updated together (Galliani, Lasinger and
+// Schindler, ICCV 2015), and search good planes near and far in four directions (Xu and Tao, CVPR
+// 2019). Of the sources, those count that see a pixel and its neighbours well (after Schoenberger
+// and others, ECCV 2016). At full size, patches with enough texture are 4 px wide and compared in
+// larger images, where available, so that relief narrower than a patch is resolved. Matching starts
+// at a quarter of the size with planes through known points, so that the surroundings decide where
+// texture is weak.
 namespace tarsier::sfm {
 
 struct PatchMatchOptions {
-  int levels = 3;            // scales, each half as large as the one before
-  int coarse_rounds = 4;     // of propagation, at the smallest scale
-  int middle_rounds = 2;     // at those between
-  int fine_rounds = 1;       // at full size
-  int geometric_rounds = 1;  // with the depths of the sources
-  int best_views = 3;        // sources that decide for a pixel
+  int levels = 3;            // scales, each half as large as the previous one
+  int coarse_rounds = 4;     // propagation rounds at the smallest scale
+  int middle_rounds = 2;     // rounds at the scales between
+  int fine_rounds = 1;       // rounds at full size
+  int geometric_rounds = 1;  // rounds with the depths of the sources
+  int best_views = 3;        // number of sources that are used for a pixel
 
   [[nodiscard]] OptionFields fields() {
     return {{"levels", levels, range(1, 6)},
@@ -47,13 +50,13 @@ struct PatchMatchOptions {
 
 struct MatchImage {
   cv::Mat1b gray;
-  geometry::Camera camera;  // of this size, without distortion
+  geometry::Camera camera;  // of this size, undistorted
   geometry::Rigid3 pose;    // camera_from_world
-  cv::Mat1f depth;          // of a source, where it is known; 0: unknown; empty: not at all
-  cv::Mat1b large = {};     // the same image, larger, for fine relief; empty: there is none
+  cv::Mat1f depth;          // of a source; 0: unknown; empty: not available
+  cv::Mat1b large = {};     // the same image, larger, for fine relief; empty: not available
 };
 
-// A point of which the depth is known: px of the reference, z in its camera.
+// A point of known depth: px of the reference, z in its camera.
 struct KnownDepth {
   cv::Point2d pixel;
   double depth = 0;
@@ -64,7 +67,7 @@ struct MatchProblem {
   std::vector<MatchImage> sources;  // 1..16
   double min_depth = 0;             // > 0
   double max_depth = 0;             // > min_depth
-  std::vector<KnownDepth> known;    // where planes begin; may be empty
+  std::vector<KnownDepth> known;    // initial planes; may be empty
   std::uint64_t seed = 0;
 
   // Throws std::invalid_argument.
@@ -72,26 +75,27 @@ struct MatchProblem {
 };
 
 struct PlaneMap {
-  cv::Mat1f depth;   // z, of each pixel, within the range
-  cv::Mat3f normal;  // unit, in the camera's frame, towards the camera
-  // 0..2: weighted mean over the best sources, with 0.2 for each px of reprojection error (3 at most)
+  cv::Mat1f depth;   // z of each pixel, within the range
+  cv::Mat3f normal;  // unit, in the camera frame, pointing to the camera
+  // 0..2: weighted mean over the best sources, plus 0.2 per px of reprojection error (at most 3 px)
   // where their depths are known.
   cv::Mat1f cost;
 };
 
-// From the images alone. Not thread-safe with respect to cv::setNumThreads; uses its threads; the
-// result does not depend on their number. Throws Interrupted; std::invalid_argument.
+// Matches by the images alone. Uses the threads of OpenCV; must not run while cv::setNumThreads()
+// is called. The result does not depend on the number of threads. Throws Interrupted;
+// std::invalid_argument.
 [[nodiscard]] PlaneMap match_planes(const MatchProblem& problem, const PatchMatchOptions& options,
                                     const std::stop_token& stop = {});
 
-// Goes over a map again, with the depths of the sources: a plane costs what its point is off when it is
-// carried to the source and back, 0.2 for each px.
+// Refines a map with the depths of the sources. The cost of a plane includes 0.2 per px of the
+// error of its point after projection to the source and back.
 [[nodiscard]] PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
                                    const PatchMatchOptions& options,
                                    const std::stop_token& stop = {});
 
-// Bytes that a problem of so many px, and so many of its larger images, with so many sources
-// needs, about.
+// Approximate memory in bytes for a problem with this many px, px of its larger images, and
+// sources.
 [[nodiscard]] std::int64_t matching_bytes(std::int64_t pixels, std::int64_t large_pixels,
                                           int sources);
 

@@ -31,7 +31,7 @@ void copy(const Eigen::Vector3d& from, std::array<float, 3>& to) {
 }  // namespace
 
 cv::Vec3f normal_of(const geometry::Camera& camera, int x, int y, const Plane& plane) {
-  // n is along the gradient of n X = d, divided by d: the plane is (slope_x fx, slope_y fy, rest) X = 1.
+  // The plane n X = d, divided by d, is (a, b, c) X = 1. The normal is opposite to (a, b, c).
   const double a = plane.slope_x * camera.fx;
   const double b = plane.slope_y * camera.fy;
   const double c =

@@ -13,18 +13,18 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr float kMinCosine = 0.17F;    // of normal and ray: 80 degrees
-constexpr float kMaxReprojection = 3;  // px; more costs no more
-constexpr float kGoodCost = 0.3F;      // the spread of the costs of views that see the same
-constexpr float kSameMotion = 0.02F;   // px; planes that are nearer than this are the same
-// Small patches: their width, of that of the others; px of the larger images between samples, half
-// of it, at least; the variance of grey levels that makes them exact enough (noise alone has 1 to 10).
+constexpr float kMinCosine = 0.17F;    // between normal and ray: 80 degrees
+constexpr float kMaxReprojection = 3;  // px; larger errors do not cost more
+constexpr float kGoodCost = 0.3F;      // spread of the costs of views that see the same
+constexpr float kSameMotion = 0.02F;   // px; planes closer than this are equal
+// Small patches: their relative width; half of the min spacing of their samples, px of the larger
+// images; the min variance of grey levels for sufficient accuracy (noise alone has 1 to 10).
 constexpr float kSmallReach = 0.4F;
 constexpr float kMinSpacing = 0.6F;
 constexpr float kMinTexture = 30;
 
-// Where the planes of pixels around are looked for: of each group the one of the least cost is
-// tried. All are of the other colour of the checkerboard: dx + dy is odd.
+// Positions of the surrounding pixels whose planes are tried: the best one of each group. All have
+// the other colour of the checkerboard: dx + dy is odd.
 struct Place {
   int x;
   int y;
@@ -84,12 +84,13 @@ struct PlaneSweeper::Pixel {
   int y = 0;
   std::size_t index = 0;
   Patch patch;
-  float reach = 1;                                       // of the patch, of its whole width
-  const std::vector<SourceLevel>* compared = nullptr;    // of the level, that the patch is for
-  std::array<std::array<float, 3>, kMaxSources> base{};  // to_source (x, y, 1)
-  std::array<std::array<float, 3>, kMaxSources> large_base{};  // the same, in the larger images
+  float reach = 1;  // relative width of the patch
+  // the sources of the level that the patch is compared with
+  const std::vector<SourceLevel>* compared = nullptr;
+  std::array<std::array<float, 3>, kMaxSources> base{};        // to_source (x, y, 1)
+  std::array<std::array<float, 3>, kMaxSources> large_base{};  // the same for the larger images
   Views views;
-  Plane plane;     // the best so far
+  Plane plane;     // best plane up to now
   float cost = 0;  // its cost over the views
   std::array<float, kMaxSources> costs{};
   std::array<bool, kMaxSources> is_known{};
@@ -164,7 +165,7 @@ void PlaneSweeper::look(int x, int y, Pixel& pixel) const {
   }
 }
 
-// Sources in which the surroundings are seen well, the best first.
+// Chooses the sources that see the surroundings well, the best first.
 void PlaneSweeper::choose_views(Pixel& pixel) const {
   const std::size_t sources = level_.sources.size();
   std::array<float, kMaxSources> score{};
@@ -172,7 +173,7 @@ void PlaneSweeper::choose_views(Pixel& pixel) const {
     const std::uint16_t* costs = field_.view_costs.data() + field_.index(x, y) * sources;
     for (std::size_t s = 0; s < sources; ++s) {
       const float cost = static_cast<float>(costs[s]) * (1 / (PlaneField::kCostUnit * kGoodCost));
-      // Falls as exp(-c^2 / 2) does, without the function.
+      // Approximates exp(-c^2 / 2) without calling the function.
       const float part = 1 + cost * cost * 0.25F;
       score[s] += 1 / (part * part * part * part);
     }
@@ -222,7 +223,7 @@ float PlaneSweeper::geometric_cost(const Pixel& pixel, const SourceLevel& source
   const float* next = map[y + 1] + x;
   const float low = std::min({row[0], row[1], next[0], next[1]});
   const float high = std::max({row[0], row[1], next[0], next[1]});
-  // Over an edge of depth the nearest pixel counts.
+  // At a depth edge the nearest pixel is used.
   const float there = low > 0 && high < 1.05F * low
                           ? (row[0] + right * (row[1] - row[0])) * (1 - down) +
                                 (next[0] + right * (next[1] - next[0])) * down
@@ -256,7 +257,7 @@ float PlaneSweeper::view_cost(const Pixel& pixel, int index, const Plane& plane)
   return cost;
 }
 
-// In the range of depths, and seen under 80 degrees at most.
+// Whether the depth is in the range and the angle between ray and normal at most 80 degrees.
 bool PlaneSweeper::is_possible(const Pixel& pixel, const Plane& plane) const {
   if (!(plane.inverse_depth >= level_.min_inverse_depth &&
         plane.inverse_depth <= level_.max_inverse_depth))
@@ -309,8 +310,7 @@ void PlaneSweeper::keep(const Pixel& pixel) {
   }
 }
 
-// How many px what the pixel sees moves in the best of its views for a change of the inverse depth
-// of 1.
+// Motion in px of the pixel's projection in its best view, per unit of inverse depth.
 float PlaneSweeper::motion_of(const Pixel& pixel) const {
   const auto s = static_cast<std::size_t>(pixel.views.source[0]);
   const std::array<float, 3>& t = level_.sources[s].to_source_w;
@@ -322,7 +322,7 @@ float PlaneSweeper::motion_of(const Pixel& pixel) const {
   return std::max(std::sqrt(dx * dx + dy * dy), 1e-6F);
 }
 
-// A depth anywhere in the range, evenly by its inverse, and a normal within 70 degrees of the ray.
+// A random depth, uniform by its inverse, and a normal within 70 degrees of the ray.
 Plane PlaneSweeper::random_plane(const Pixel& pixel, Random& random) const {
   const float w = level_.min_inverse_depth +
                   random.uniform() * (level_.max_inverse_depth - level_.min_inverse_depth);
@@ -380,7 +380,7 @@ void PlaneSweeper::change(Pixel& pixel, float motion, int changes, int round) co
   Random random(options_.seed, pixel.index, round);
   for (int i = 0; i < changes; ++i) {
     Plane plane = pixel.plane;
-    if (i % 4 == 3) {  // far away, as a surface behind or before it would be
+    if (i % 4 == 3) {  // a distant depth, as of a surface behind or in front
       plane = random_plane(pixel, random);
     } else {
       const float unit = motion / motion_of(pixel);

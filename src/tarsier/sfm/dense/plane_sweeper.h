@@ -9,29 +9,31 @@
 
 namespace tarsier::sfm {
 
-// One scale of PatchMatch (patch_match.h): better planes for the pixels of a field. Where the level has
-// larger images, patches with enough texture for it are looked at there and 0.4 times as wide (0.6, where
-// the images are not larger): a patch that is wider than the relief sees its mean. Internal to this
-// module. Same field, level and seed, same result for any number of threads: a pixel looks only at
-// pixels of the other colour of a checkerboard, and its random numbers come from its place.
+// One scale of PatchMatch (patch_match.h): improves the planes of a field. Where the level has
+// larger images, patches with enough texture are compared there with 0.4 times the width (0.6 where
+// the images are not larger), since a patch wider than the relief sees its mean. Internal to this
+// module. The result depends on field, level and seed, not on the number of threads: a pixel only
+// reads pixels of the other colour of a checkerboard, and its random numbers depend on its
+// position.
 class PlaneSweeper {
  public:
   struct Options {
-    int best_views = 3;             // sources that decide for a pixel
-    float geometric_weight = 0.2F;  // cost of a px of reprojection, of sources that have depths
+    int best_views = 3;             // number of sources that are used for a pixel
+    float geometric_weight = 0.2F;  // cost per px of reprojection error, for sources with depths
     std::uint64_t seed = 0;
   };
-  // `level` and `field`, which has its size, must outlive this.
+  // `level` and `field`, which has the level's size, must outlive this object.
   PlaneSweeper(const MatchLevel& level, PlaneField& field, const Options& options);
 
-  // The costs of the planes that the field has; those out of the range of depths come into it.
+  // Computes the costs of the field's planes; depths are clamped to the range.
   void score(const std::stop_token& stop);
   // Each pixel tries `count` planes at random depths, besides its own.
   void try_random(int count, const std::stop_token& stop);
-  // Each pixel tries the planes of eight pixels around it and `changes` changes of its own, of up to
-  // `motion` px in the sources; half of the pixels after the other half.
+  // Each pixel tries the planes of eight surrounding pixels and `changes` changes of its own, of up
+  // to `motion` px in the sources; first one half of the pixels, then the other.
   void sweep(int round, float motion, int changes, const std::stop_token& stop);
-  // The minimum of the cost along the ray: of the parabola through three planes `step` px apart.
+  // Moves each plane to the minimum of the cost along the ray: the parabola through three planes
+  // `step` px apart.
   void refine(float step, const std::stop_token& stop);
 
  private:
@@ -40,7 +42,7 @@ class PlaneSweeper {
     std::array<int, kMaxSources> source{};
     std::array<float, kMaxSources> weight{};  // sum 1
   };
-  struct Pixel;  // what is known of the pixel that is looked at
+  struct Pixel;  // data of the current pixel
   class Random;
 
   void look(int x, int y, Pixel& pixel) const;

@@ -8,12 +8,13 @@
 #include <string_view>
 #include <vector>
 
-// Binary little endian PLY files (Turk, "The PLY polygon file format", 1994): the header and the numbers in records.
+// Binary little endian PLY files (Turk, "The PLY polygon file format", 1994): the header and the
+// numbers in records.
 namespace tarsier::sfm {
 
-// How a number lies in a file.
+// The format of a number in a file.
 struct PlyType {
-  std::size_t bytes = 0;  // 0: no type
+  std::size_t bytes = 0;  // 0: unknown type
   double (*read)(const char* bytes) = nullptr;
 
   [[nodiscard]] bool is_known() const { return bytes > 0; }
@@ -21,9 +22,9 @@ struct PlyType {
 
 struct PlyProperty {
   std::string name;
-  PlyType type;   // of the number, or of each item of a list
-  PlyType count;  // of a list: of the number of its items, which comes first; else not known
-  std::size_t offset = 0;  // bytes from the record's begin, where no list is before it
+  PlyType type;   // of the number, or of the items of a list
+  PlyType count;  // for a list: type of its item count, which comes first; otherwise unknown
+  std::size_t offset = 0;  // bytes from the begin of the record, where no list precedes
 
   [[nodiscard]] bool is_list() const { return count.is_known(); }
 };
@@ -38,9 +39,9 @@ struct PlyElement {
   [[nodiscard]] const PlyProperty* find(std::string_view property) const;  // nullptr: none
 };
 
-// Reads up to the line end_header. `path` is named in errors. Throws InputError: no such file, a
-// text or big endian one, an unknown type, no count, more than 200 lines, vertices with lists.
-// The first element is called vertex.
+// Reads up to the line end_header. `path` appears in errors. Throws InputError: a missing file, a
+// text or big endian file, an unknown type, no count, more than 200 lines, vertices with lists. The
+// first element is called vertex.
 [[nodiscard]] std::vector<PlyElement> read_ply_header(std::istream& stream,
                                                       const std::string& path);
 

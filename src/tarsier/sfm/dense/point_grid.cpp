@@ -58,7 +58,7 @@ float PointGrid::distance(const cv::Vec3f& from, float limit) const {
   const cv::Vec3i middle = cell_of(from);
   const int reach = static_cast<int>(std::ceil(limit / cell_));
   float best = limit * limit;
-  // Cells in shells around the middle: what shell r + 1 has is at least r cells away.
+  // Visits shells of cells around the centre: shell r + 1 is at least r cells away.
   for (int r = 0; r <= reach; ++r) {
     const float nearest = static_cast<float>(r - 1) * cell_;
     if (r > 1 && nearest * nearest >= best) break;

@@ -9,13 +9,13 @@
 
 namespace tarsier::sfm {
 
-// Points by cells of space, to look for the nearest one. Internal to this module.
+// Points in a grid of cells, for nearest neighbour search. Internal to this module.
 class PointGrid {
  public:
   // `cell`: side of a cell, > 0.
   PointGrid(std::vector<cv::Vec3f> points, float cell);
 
-  // Distance of the nearest point, or `limit` where none is nearer.
+  // Distance of the nearest point, at most `limit`.
   [[nodiscard]] float distance(const cv::Vec3f& from, float limit) const;
   [[nodiscard]] const std::vector<cv::Vec3f>& points() const { return points_; }
 
@@ -31,7 +31,7 @@ class PointGrid {
   std::unordered_map<std::uint64_t, Range> cells_;
 };
 
-// One point of each cell, the first.
+// The first point of each cell.
 [[nodiscard]] std::vector<cv::Vec3f> thinned(const std::vector<cv::Vec3f>& points, float cell);
 
 }  // namespace tarsier::sfm

@@ -11,46 +11,46 @@
 #include <nlohmann/json_fwd.hpp>
 #include <vector>
 
-// What evaluations know of the true surface.
+// The true surface for evaluations.
 namespace tarsier::sfm {
 
-// A depth map of the truth and where it was taken from.
+// A true depth map and its camera.
 struct TrueView {
-  cv::Mat1f depth;          // 0: not known
+  cv::Mat1f depth;          // 0: unknown
   geometry::Camera camera;  // of the map
-  geometry::Rigid3 pose;    // camera from world
+  geometry::Rigid3 pose;    // camera_from_world
 
   [[nodiscard]] Eigen::Vector3d world_of(int x, int y) const;
-  // The pixel that `world` falls on has its depth, to 1 %.
+  // Whether the depth at the pixel of `world` is that of `world`, within 1 %.
   [[nodiscard]] bool sees(const Eigen::Vector3d& world) const;
 };
-// Of image `index`. Throws InputError (no depth map).
+// The view of image `index`. Throws InputError (no depth map).
 [[nodiscard]] TrueView true_view(const Workspace& workspace, int index);
 
-// How near a surface is to the true one, at one distance.
+// Scores of a surface at one distance threshold.
 struct ThresholdScore {
-  double threshold = 0;     // of the extent
-  double accuracy = 0;      // share of the points that are so near to the true surface
-  double completeness = 0;  // share of the true surface that is so near to a point
-  double f1 = 0;            // their harmonic mean
+  double threshold = 0;     // share of the extent
+  double accuracy = 0;      // share of the points within this distance of the true surface
+  double completeness = 0;  // share of the true surface within this distance of a point
+  double f1 = 0;            // harmonic mean of both
 };
-// At 0.25, 0.5 and 1 % of `extent`. `off`: distances of the surface's points from the true one,
-// `missing`: of the true one's points from the surface; both may be
-// cut at distance_limit().
+// Scores at 0.25, 0.5 and 1 % of `extent`. `off`: distances of the surface's points from the true
+// surface, `missing`: distances of the true points from the surface. Both may be clamped at
+// distance_limit().
 [[nodiscard]] std::vector<ThresholdScore> score_thresholds(const std::vector<float>& off,
                                                            const std::vector<float>& missing,
                                                            double extent);
-// World units, just beyond the largest threshold: longer distances need not be known.
+// World units, slightly above the largest threshold: larger distances need not be exact.
 [[nodiscard]] float distance_limit(double extent);
-// World units, the smallest threshold: the cells of a grid for these distances.
+// World units, the smallest threshold: the cell size of a grid for these distances.
 [[nodiscard]] float distance_cell(double extent);
 // [{"threshold", "accuracy", "completeness", "f1"}]
 [[nodiscard]] nlohmann::ordered_json to_json(const std::vector<ThresholdScore>& scores);
 
-// Share of the values that are `limit` or less; 0 of none.
+// Share of the values up to `limit`; 0 without values.
 [[nodiscard]] double share_within(const std::vector<float>& values, double limit);
 
-// Diagonal of the box around the points, without the outer 0.5 % on each side of each axis.
+// Diagonal of the bounding box of the points, without the outer 0.5 % on each side of each axis.
 [[nodiscard]] double extent_of(const std::vector<cv::Vec3f>& points);
 
 }  // namespace tarsier::sfm

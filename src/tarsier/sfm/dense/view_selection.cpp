@@ -19,15 +19,16 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kParts = 12;
-constexpr std::size_t kMaxPairs = 40;  // of an image with others, by one point
+constexpr std::size_t kMaxPairs = 40;  // per image and point, pairs with others
 constexpr int kAngles = 180;
 constexpr double kAngleStep = 0.5;  // degrees
 constexpr double kDegrees = 180 / std::numbers::pi;
 
-// Of what two images share; of a fixed size, as a model may have millions of such points.
+// The common points of two images. Of fixed size, as a model may have millions of such points.
 struct Pair {
-  std::array<float, kParts * kParts> parts{};   // of the reference's image: sum of the weights
-  std::array<std::uint32_t, kAngles> angles{};  // how many points, by their angle
+  // for parts of the reference's image: sum of the weights
+  std::array<float, kParts * kParts> parts{};
+  std::array<std::uint32_t, kAngles> angles{};  // histogram of the angles of the points
   int shared = 0;
 
   void count(int part, double angle_deg, double weight) {
@@ -36,7 +37,7 @@ struct Pair {
     ++angles[static_cast<std::size_t>(place)];
     ++shared;
   }
-  // To half a step.
+  // Accurate to half a step.
   [[nodiscard]] double median_angle() const {
     std::uint32_t below = 0;
     for (int i = 0; i < kAngles; ++i) {
@@ -162,7 +163,7 @@ class Selector {
           fmt::format("no other image shares {} points with it", options_.min_shared_points);
   }
 
-  // The angle at which the cameras of two sources are seen from what the image sees.
+  // The angle between two sources, as seen from the middle of what the image sees.
   double angle_between(int reference, int a, int b, double depth) const {
     const Image& image = model_.images[static_cast<std::size_t>(reference)];
     const Eigen::Vector3d middle = image.pose.inverse() * Eigen::Vector3d(0, 0, depth);
@@ -198,7 +199,7 @@ class Selector {
   const Model& model_;
   const ViewSelectionOptions& options_;
   std::vector<Eigen::Vector3d> centers_;
-  std::vector<std::map<int, Pair>> pairs_;  // of each image, by the other
+  std::vector<std::map<int, Pair>> pairs_;  // for each image, by the other image
 };
 
 }  // namespace

@@ -31,7 +31,7 @@ void write_map(const std::string& path, const cv::Mat& map) {
   write_colmap_map(path, map);
 }
 
-// Of each pixel the ray towards the camera.
+// For each pixel, the direction to the camera.
 cv::Mat facing_normals(const geometry::Camera& camera, cv::Size size) {
   cv::Mat3f normals(size);
   for (int y = 0; y < size.height; ++y) {
@@ -123,7 +123,7 @@ std::string Workspace::path_of_map(int index, std::string_view what, MapKind kin
 
 cv::Mat Workspace::read_image(int index) const {
   const std::string path = path_of_image(index);
-  cv::Mat pixels = read_stored_image(path);  // other programs copy EXIF to what they undistorted
+  cv::Mat pixels = read_stored_image(path);  // other programs copy EXIF to undistorted images
   const geometry::Camera& of = camera(index);
   if (pixels.cols != of.width || pixels.rows != of.height) {
     throw InputError(path, fmt::format("has {}x{} px, its camera {}x{}", pixels.cols, pixels.rows,

@@ -17,8 +17,8 @@ namespace tarsier::sfm {
 
 // The two kinds of maps of an image, by COLMAP's names.
 enum class MapKind {
-  kPhotometric,  // as the images alone give it: a depth for nearly every pixel, right or wrong
-  kGeometric,    // what the maps of other images agree with
+  kPhotometric,  // from the images alone: a depth for nearly every pixel, right or wrong
+  kGeometric,    // consistent with the maps of other images
 };
 [[nodiscard]] std::string_view name_of(MapKind kind);  // "photometric", "geometric"
 
@@ -28,14 +28,14 @@ enum class MapKind {
 //   sparse/{cameras,images,points3D}.txt            pinhole cameras, poses, points
 //   stereo/depth_maps/NAME.{photometric,geometric}.bin
 //   stereo/normal_maps/NAME.{photometric,geometric}.bin
-//   stereo/confidence/NAME.bin, NAME.photometric.bin     ours
+//   stereo/confidence/NAME.bin, NAME.photometric.bin     only of this library
 //
-// Const: the model is in memory, images and maps are read when they are asked for. Any number of
-// threads may read; one may write a map at a time. Indices outside 0..count()-1 throw
+// The class is const. The model is in memory; images and maps are read on request. Any number of
+// threads may read; only one at a time may write a map. Indices outside 0..count()-1 throw
 // std::invalid_argument.
 class Workspace {
  public:
-  // Reads the model. Throws InputError that says what is missing, or that a camera is distorted.
+  // Reads the model. Throws InputError where something is missing or a camera is distorted.
   [[nodiscard]] static Workspace open(const std::string& folder);
 
   [[nodiscard]] const std::string& folder() const { return folder_; }
@@ -43,23 +43,23 @@ class Workspace {
   [[nodiscard]] const std::string& name(int index) const;
   [[nodiscard]] const geometry::Camera& camera(int index) const;  // of the image
   [[nodiscard]] const geometry::Rigid3& pose(int index) const;    // camera_from_world
-  // All images are registered, so that its images are those of the members here.
+  // All images are registered, so indices of Model::images are valid here.
   [[nodiscard]] const Model& sparse() const { return *model_; }
 
-  // CV_8UC3, of the size of its camera. Throws InputError.
+  // CV_8UC3, in the size of its camera. Throws InputError.
   [[nodiscard]] cv::Mat read_image(int index) const;
 
-  // A depth that is not finite or below 0 is unknown; normals and confidence are those of the known
-  // depths, and where such a file is missing the confidence is 1 and the normal looks at the camera
-  // (maps of other programs). Throws InputError.
+  // A depth that is not finite or below 0 is unknown. Normals and confidence belong to the known
+  // depths. Where their files are missing (maps of other programs), the confidence is 1 and the
+  // normal points to the camera. Throws InputError.
   [[nodiscard]] DepthMap read_depth_map(int index, MapKind kind = MapKind::kGeometric) const;
   [[nodiscard]] bool has_depth_map(int index, MapKind kind = MapKind::kGeometric) const;
-  // Depth last: while it is missing or old the others do not count. Throws OutputError, and
-  // std::invalid_argument as DepthMap::check() and camera_of_map().
+  // Writes the depth last: while it is missing or old, the other files are ignored. Throws
+  // OutputError, and std::invalid_argument as DepthMap::check() and camera_of_map().
   void write_depth_map(int index, const DepthMap& map, MapKind kind = MapKind::kGeometric) const;
 
   [[nodiscard]] std::string path_of_image(int index) const;
-  // Of `what`: "depth_maps", "normal_maps" or "confidence".
+  // `what`: "depth_maps", "normal_maps" or "confidence".
   [[nodiscard]] std::string path_of_map(int index, std::string_view what, MapKind kind) const;
 
  private:

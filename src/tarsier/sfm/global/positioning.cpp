@@ -20,10 +20,11 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kMinResidual = 1e-3;  // of the start, in shortest depths
+// in the start: lower limit of a residual, in units of the min depth
+constexpr double kMinResidual = 1e-3;
 constexpr double kMinDamping = 1e-10;
 constexpr double kMaxDamping = 1e8;
-// Of a step that is solved by conjugate gradients with the factor of an earlier one.
+// For a step solved by conjugate gradients, with an earlier factorisation as preconditioner.
 constexpr double kNearTolerance = 0.1;
 constexpr int kMaxNearIterations = 6;
 
@@ -53,7 +54,7 @@ class Positioning {
   }
   [[nodiscard]] int camera(std::size_t ray) const { return problem_.rays[ray].camera; }
 
-  // Pairs of cameras that see the same point, row <= column, column by column.
+  // Pairs of cameras that see the same point, row <= column, ordered by column.
   void find_pattern() {
     std::vector<std::uint64_t> pairs;
     const auto unite = [&] {
@@ -97,10 +98,10 @@ class Positioning {
     return static_cast<std::size_t>(std::lower_bound(begin, end, row) - rows_.begin());
   }
 
-  // That of a camera with itself, the last one of its column.
+  // Index of a camera's diagonal block, the last one of its column.
   [[nodiscard]] std::size_t diagonal(int camera) const { return column_first_[at(camera) + 1] - 1; }
 
-  // Where the cameras' equations have numbers, of which each camera has `size`.
+  // The non-zero blocks of the cameras' equations, with `size` unknowns per camera.
   [[nodiscard]] linalg::BlockPattern pattern_of(int size) const {
     linalg::BlockPattern pattern;
     for (int c = 0; c <= problem_.cameras; ++c) pattern.first.push_back(size * c);
@@ -110,7 +111,7 @@ class Positioning {
     return pattern;
   }
 
-  // --- the start ---
+  // --- start ---
 
   bool start() {
     linalg::SparseCholesky factor;
@@ -122,7 +123,8 @@ class Positioning {
       std::vector<double> numbers(rows_.size(), 0);
       Eigen::MatrixX3d right = Eigen::MatrixX3d::Zero(problem_.cameras, 3);
       std::vector<Vector3d> means(points(),
-                                  Vector3d::Zero());  // of the rays' ends, seen from their cameras
+                                  // mean end of a point's rays, relative to their cameras
+                                  Vector3d::Zero());
       std::vector<double> sums(points(), 0);
       double most = 0;
       const std::uint32_t* pair_block = pair_blocks_.data();
@@ -142,7 +144,7 @@ class Positioning {
       }
       for (int i = 0; i < problem_.cameras; ++i) most = std::max(most, numbers[diagonal(i)]);
       if (!(most > 0)) return false;
-      // Nothing says where the whole lies: a weak pull to the origin does.
+      // The origin is undetermined, so a weak pull to zero fixes it.
       for (int i = 0; i < problem_.cameras; ++i) numbers[diagonal(i)] += 1e-9 * most;
       if (!factor.factorize(numbers)) return false;
       Eigen::MatrixX3d centers(problem_.cameras, 3);
@@ -164,9 +166,10 @@ class Positioning {
     return true;
   }
 
-  // --- the rest ---
+  // --- refinement ---
 
-  // What of a ray lies across the direction to the point; all of it where the point is behind.
+  // The component of a ray perpendicular to the direction of its point; the whole ray where the
+  // point is behind the camera.
   [[nodiscard]] Vector3d across(std::size_t ray, const std::vector<Vector3d>& cameras,
                                 const Vector3d& point) const {
     const Vector3d to = point - cameras[at(camera(ray))];
@@ -191,7 +194,7 @@ class Positioning {
     std::vector<Vector3d> points;
   };
 
-  // Cameras that take a step of the reduced equations, and the points that follow them.
+  // The cameras after a step of the reduced equations, and the points that follow from them.
   [[nodiscard]] Moved moved_by(const VectorXd& step) const {
     Moved moved{result_.cameras, result_.points};
     for (std::size_t i = 0; i < moved.cameras.size(); ++i)
@@ -251,7 +254,7 @@ class Positioning {
     }
   }
 
-  // Each ray is a spring between its camera and its point, across the direction from one to the other.
+  // Each ray is a spring between its camera and its point, perpendicular to the line between them.
   void linearize(double loss) {
     springs_.assign(problem_.rays.size(), Matrix3d::Zero());
     point_springs_.assign(points(), Matrix3d::Zero());
@@ -264,7 +267,7 @@ class Positioning {
         const Vector3d to = result_.points[p] - result_.cameras[at(i)];
         const double along = direction(k).dot(to);
         const double squares = to.squaredNorm();
-        if (!(along > 0)) continue;  // behind: no step is known to help
+        if (!(along > 0)) continue;  // behind the camera: no helpful step is known
         const double d = along / squares;
         const Vector3d off = direction(k) - d * to;
         const double weight = std::min(1.0, loss / std::max(loss, off.norm()));
@@ -278,7 +281,7 @@ class Positioning {
     }
   }
 
-  // The cameras' equations without the points.
+  // The cameras' equations after elimination of the points.
   std::vector<double> reduce(double damping) {
     std::vector<double> numbers(9 * rows_.size(), 0);
     right_ = camera_gradient_;
@@ -320,14 +323,14 @@ class Positioning {
   const PositioningOptions& options_;
   const std::stop_token& stop_;
   PositionedCameras result_;
-  std::vector<std::size_t> column_first_;  // of blocks
+  std::vector<std::size_t> column_first_;  // index of each column's first block
   std::vector<int> rows_;                  // of each block
-  std::vector<std::uint32_t>
-      pair_blocks_;  // of each two rays of a point, the second one not after the first
-  std::vector<Matrix3d> springs_;  // of each ray
+  // for each two rays of a point: index of their block; the second ray is not after the first
+  std::vector<std::uint32_t> pair_blocks_;
+  std::vector<Matrix3d> springs_;  // for each ray
   std::vector<Matrix3d> point_springs_;
   std::vector<Matrix3d> camera_springs_;
-  std::vector<Vector3d> gradients_;  // of each point, downhill
+  std::vector<Vector3d> gradients_;  // for each point, descent direction
   VectorXd camera_gradient_;
   VectorXd right_;
   std::vector<Matrix3d> inverses_;

@@ -15,20 +15,20 @@ namespace tarsier::sfm {
 struct PositioningProblem {
   struct Ray {
     int camera = 0;
-    Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // in the world's axes, of length 1
+    Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // in world axes, length 1
   };
   int cameras = 0;
-  // The rays point by point: those of point p are rays[first[p]] to rays[first[p + 1] - 1].
+  // The rays ordered by point: those of point p are rays[first[p]] to rays[first[p + 1] - 1].
   std::vector<std::size_t> first;
   std::vector<Ray> rays;
 };
 
 struct PositioningOptions {
   int start_iterations = 40;
-  int max_iterations = 60;  // of each loss
-  double loss = 0.1;        // sine of an angle: rays that are off by more count less
-  double last_loss = 0.01;  // the same at the end
-  double tolerance = 1e-5;  // ends when a step takes less than this share off the sum
+  int max_iterations = 60;  // for each of the two losses
+  double loss = 0.1;        // sine of an angle: rays with larger errors get less weight
+  double last_loss = 0.01;  // the same, in the final stage
+  double tolerance = 1e-5;  // stops when a step reduces the cost by less than this share
 
   [[nodiscard]] OptionFields fields() {
     return {{"start_iterations", start_iterations, range(1, 1000)},
@@ -43,29 +43,30 @@ struct PositioningOptions {
 struct PositionedCameras {
   std::vector<Eigen::Vector3d> cameras;  // centres
   std::vector<Eigen::Vector3d> points;
-  std::vector<double>
-      errors;  // of each ray: the sine of its angle to the point; 1: the point is behind
+  // per ray: the sine of its angle to the point; 1 where the point is behind the camera
+  std::vector<double> errors;
   int iterations = 0;
 };
 
-// Where cameras and points are, all at once, without a first guess: up to a shift and a scale.
+// Computes the positions of all cameras and points together, without an initial guess. The result
+// is defined up to a translation and a scale.
 //
-// The start is the convex problem of least unsquared deviations (Ozyesil and Singer, Robust camera location estimation
-// by convex programming, CVPR 2015), with points beside cameras,
+// The start is the convex problem of least unsquared deviations (Ozyesil and Singer, Robust camera
+// location estimation by convex programming, CVPR 2015), with points as well as cameras,
 //
 //   min sum |X_k - c_i - s_ik v_ik|,  s_ik >= 1,
 //
-// by reweighted least squares. Then Levenberg and Marquardt's method minimises what of a ray of length 1 lies across
-// the direction to its point,
+// solved by iteratively reweighted least squares. Then Levenberg-Marquardt minimises the component
+// of each unit ray that is perpendicular to the direction of its point,
 //
-//   sum rho(|v_ik - d_ik (X_k - c_i)|),  d_ik >= 0 the best one for each ray,
+//   sum rho(|v_ik - d_ik (X_k - c_i)|),  d_ik >= 0 the optimum for each ray,
 //
-// with Huber's loss (Zhuang, Cheong and Lee, Baseline desensitizing in translation averaging, CVPR 2018; Pan, Barath,
-// Pollefeys and Schonberger, Global structure-from-motion revisited, ECCV 2024). Points are eliminated; the cameras'
-// equations are sparse. One thread, no random numbers.
+// with Huber's loss (Zhuang, Cheong and Lee, Baseline desensitizing in translation averaging, CVPR
+// 2018; Pan, Barath, Pollefeys and Schonberger, Global structure-from-motion revisited, ECCV 2024).
+// Points are eliminated; the cameras' equations are sparse. Uses one thread and no random numbers.
 //
-// Points need two rays or more. Nothing where the equations have no solution. Throws std::invalid_argument for
-// indices out of range, Interrupted.
+// Each point needs two or more rays. Empty where the equations have no solution. Throws
+// std::invalid_argument for indices out of range, Interrupted.
 [[nodiscard]] std::optional<PositionedCameras> position_cameras(
     const PositioningProblem& problem, const PositioningOptions& options = {},
     const std::stop_token& stop = {});

@@ -19,11 +19,12 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = std::numbers::pi / 180;
-constexpr double kHalfWeight = 50;  // verified matches of an edge that counts half
-constexpr double kMinAngle = 1e-3;  // radians, of the sum of absolute angles
-constexpr double kDamping = 1e-9;   // of the Laplacian's diagonal
+constexpr double kHalfWeight = 50;  // verified matches at which an edge counts half
+// radians, lower limit for the weights of the sum of absolute angles
+constexpr double kMinAngle = 1e-3;
+constexpr double kDamping = 1e-9;  // share of the Laplacian's diagonal
 
-// Rotations along the tree of the edges of most weight; empty where the graph does not hang together.
+// Rotations along the spanning tree of maximum weight; empty where the graph is not connected.
 std::vector<Eigen::Matrix3d> along_tree(int nodes, const std::vector<RelativeRotation>& edges) {
   std::vector<std::size_t> order(edges.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -60,7 +61,7 @@ std::vector<Eigen::Matrix3d> along_tree(int nodes, const std::vector<RelativeRot
   return rotations;
 }
 
-// Weighted steps of all nodes but the first, which stays.
+// Weighted steps of all nodes but the first, which is fixed.
 class Averaging {
  public:
   Averaging(const std::vector<RelativeRotation>& edges, std::vector<Eigen::Matrix3d>& rotations)
@@ -70,7 +71,7 @@ class Averaging {
 
   [[nodiscard]] const std::vector<Eigen::Vector3d>& residuals() const { return residuals_; }
 
-  // The largest change, radians. Nothing changes where the equations have no solution.
+  // Returns the largest change, radians. Nothing changes where the equations have no solution.
   double step(const std::vector<double>& weights) {
     std::vector<Eigen::Triplet<double>> entries;
     Eigen::MatrixX3d right = Eigen::MatrixX3d::Zero(size(), 3);

@@ -12,10 +12,10 @@
 namespace tarsier::sfm {
 
 struct RotationAveragingOptions {
-  int l1_iterations = 10;       // of the first part
-  int max_iterations = 100;     // of the second part
-  double sigma_deg = 5;         // an edge that is off by more counts little
-  double tolerance_deg = 1e-3;  // ends when no rotation changes by more
+  int l1_iterations = 10;       // of the first part, for the sum of absolute angles
+  int max_iterations = 100;     // of the second part, for the robust loss
+  double sigma_deg = 5;         // edges with a larger error get little weight
+  double tolerance_deg = 1e-3;  // stops when no rotation changes by more
 
   [[nodiscard]] OptionFields fields() {
     return {{"l1_iterations", l1_iterations, range(0, 1000)},
@@ -27,22 +27,23 @@ struct RotationAveragingOptions {
 };
 
 struct AveragedRotations {
-  std::vector<Eigen::Matrix3d>
-      rotations;  // camera_from_world of each node; the first one's is the identity
-  std::vector<double> errors_deg;  // of each edge: angle between it and what the rotations say
+  // camera_from_world of each node; that of the first node is the identity
+  std::vector<Eigen::Matrix3d> rotations;
+  std::vector<double> errors_deg;  // for each edge: angle between its rotation and the result
   int iterations = 0;
 };
 
-// The rotations R_i that agree best with those of the edges, R_ij ~ R_j R_i': they minimise the robust sum of the
-// edges' angles
+// Computes the rotations R_i that agree best with the edges, R_ij ~ R_j R_i'. They minimise the
+// robust sum of the edges' angular errors
 //
 //   sum w_ij rho(|log(R_j' R_ij R_i)|)
 //
-// by steps R_i <- R_i exp(w_i) of linear least squares, which are the same sparse Laplacian for all three coordinates.
-// A tree of the edges of most weight is the start, then reweighted steps for the sum of absolute angles follow, which
-// bad edges hardly move, then those for the loss of Geman and McClure (Chatterjee and Govindu, Robust relative rotation
-// averaging, PAMI 2018). An edge of weight w counts w / (w + 50). One thread, no random numbers. Throws
-// std::invalid_argument for a graph that does not hang together or has no edges, Interrupted.
+// by linear least-squares steps R_i <- R_i exp(w_i). All three coordinates share one sparse
+// Laplacian. The start is the spanning tree of maximum weight. Reweighted steps for the sum of
+// absolute angles follow, which bad edges hardly influence. The last steps use the loss of Geman
+// and McClure (Chatterjee and Govindu, Robust relative rotation averaging, PAMI 2018). An edge of
+// weight w counts w / (w + 50). Uses one thread and no random numbers. Throws std::invalid_argument
+// for a graph that is not connected or has no edges, Interrupted.
 [[nodiscard]] AveragedRotations average_rotations(int nodes,
                                                   const std::vector<RelativeRotation>& edges,
                                                   const RotationAveragingOptions& options = {},

@@ -15,8 +15,8 @@ namespace {
 
 struct Search {
   std::vector<int> order;     // nodes, the nearest first
-  std::vector<int> distance;  // of each node; -1: not reached
-  std::vector<int> from;      // .. the node before it
+  std::vector<int> distance;  // per node; -1: not reached
+  std::vector<int> from;      // per node: the previous node
 };
 
 Search breadth_first(const std::vector<std::vector<int>>& neighbours, int start) {
@@ -57,7 +57,7 @@ bool Components::join(int a, int b) {
 
 std::vector<CycleSupport> check_cycles(int nodes, const std::vector<RelativeRotation>& edges,
                                        double max_deg) {
-  // Of each node its neighbours with a greater number, ascending, and the edges to them.
+  // For each node: its neighbours with a greater index, ascending, and the edges to them.
   std::vector<std::vector<std::pair<int, int>>> next(at(nodes));
   for (std::size_t e = 0; e < edges.size(); ++e) {
     const auto [low, high] = std::minmax(edges[e].first, edges[e].second);

@@ -23,10 +23,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kShift = 1e-9;   // of the eigenvalues, so that the matrix can be inverted
-constexpr int kIterations = 200;  // of inverse iteration, at most
+constexpr double kShift = 1e-9;   // added to the eigenvalues, so that the matrix is invertible
+constexpr int kIterations = 200;  // max iterations of inverse iteration
 constexpr double kSettled = 1e-7;
-constexpr double kUneven = 0.25;  // by how much a side may differ from its even share
+constexpr double kUneven = 0.25;  // max relative deviation of a side from its even share
 
 struct Neighbour {
   int node = 0;
@@ -47,7 +47,7 @@ Graph graph_of(int nodes, const std::vector<WeightedEdge>& edges) {
   return graph;
 }
 
-// Recursive bisection; `of` becomes the cluster of each node.
+// Recursive bisection. `of` receives the cluster of each node.
 class Bisection {
  public:
   Bisection(const Graph& graph, const ClusterOptions& options, const std::stop_token& stop)
@@ -80,7 +80,7 @@ class Bisection {
     divide(std::move(b), first + left, clusters - left);
   }
 
-  // How many of the nodes in this order go to the first `left` of the clusters.
+  // Number of nodes, in this order, that go to the first `left` clusters.
   std::ptrdiff_t best_cut(const std::vector<int>& order, int left, int clusters) {
     const auto count = static_cast<double>(order.size());
     const double even = count * left / clusters;
@@ -120,13 +120,13 @@ class Bisection {
     return result;
   }
 
-  // 0 between components that no edge joins: rounding leaves a little of it.
+  // 0 between unconnected components, where rounding may leave a small rest.
   static double cut_cost(double cut, double a, double b) {
     if (cut <= 1e-12 * (a + b)) return 0;
     return cut / a + cut / b;
   }
 
-  // Within the nodes that are being divided.
+  // Only within the nodes that are being divided.
   [[nodiscard]] double degree(int node) const {
     double sum = 0;
     for (const Neighbour& other : graph_[at(node)])
@@ -193,7 +193,7 @@ class Bisection {
     Rng rng(options_.seed);
     Eigen::VectorXd vector(count);
     for (double& value : vector) value = rng.uniform(-1, 1);
-    // Weights that differ by more than doubles can hold: as the images lie.
+    // The weights differ by more than doubles can represent: keep the order of the images.
     if (!cholesky.factorize(matrix)) {
       std::iota(vector.begin(), vector.end(), 0.0);
       return vector;
@@ -218,11 +218,11 @@ class Bisection {
   const Graph& graph_;
   const ClusterOptions& options_;
   const std::stop_token& stop_;
-  std::vector<int> place_;  // of each node; -1: it is not looked at
+  std::vector<int> place_;  // per node; -1: not among the nodes being divided
   std::vector<int> of_;
 };
 
-// The weights that are cut between clusters, of (first, second), first < second.
+// The weights cut between clusters, by (first, second), first < second.
 using Borders = std::map<std::pair<int, int>, double>;
 
 Borders borders_of(const std::vector<WeightedEdge>& edges, const std::vector<int>& of) {
@@ -239,7 +239,7 @@ struct NextCluster {
   bool in_tree = false;
 };
 
-// Of each cluster its neighbours, those of the maximum spanning tree first.
+// The neighbours of each cluster, those of the maximum spanning tree first.
 std::vector<std::vector<NextCluster>> neighbours_of(int clusters, const Borders& borders) {
   std::vector<std::pair<double, std::pair<int, int>>> order;
   for (const auto& [pair, weight] : borders) order.emplace_back(-weight, pair);
@@ -263,7 +263,7 @@ std::vector<std::vector<NextCluster>> neighbours_of(int clusters, const Borders&
 
 void grow(const Graph& graph, const std::vector<ViewCluster>& before,
           const std::vector<NextCluster>& neighbours, int overlap, ViewCluster& cluster) {
-  std::map<int, double> gain;  // of nodes beside the cluster: their weight to it
+  std::map<int, double> gain;  // per node next to the cluster: its weight to the cluster
   std::vector<char> is_in(graph.size(), 0);
   const auto take = [&](int node) {
     is_in[at(node)] = 1;

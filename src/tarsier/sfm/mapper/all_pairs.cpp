@@ -16,7 +16,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// Of conflicts: an image that a fifth of its neighbours contradict has no trust.
+// Weight of conflicts: an image that a fifth of its neighbours contradict has no trust.
 constexpr double kConflictWeight = 5;
 
 bool has_both(const Model& model, const Pair& pair) {
@@ -42,7 +42,7 @@ Model with_points_of(const Model& model, const std::vector<const Pair*>& pairs,
 
 void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
                         const std::stop_token& stop, Reconstruction& reconstruction) {
-  std::set<std::pair<int, int>> lacking;  // what they should have in common
+  std::set<std::pair<int, int>> lacking;  // pairs refused for missing evidence
   for (const RefusedPair& refused : reconstruction.refused)
     if (refused.doubt == Doubt::kEvidence || refused.doubt == Doubt::kModel)
       lacking.emplace(refused.first, refused.second);

@@ -24,7 +24,7 @@ void apply_numbers(const LensNumbers& numbers, geometry::Camera& camera) {
   for (std::size_t k = 0; k < 5; ++k) camera.distortion[k] = numbers[4 + k];
 }
 
-// Whether an adjustment may leave a lens like this behind.
+// Whether a lens is a valid result of an adjustment.
 bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
   const auto is_finite = [](double number) { return std::isfinite(number); };
   if (!std::all_of(after.distortion.begin(), after.distortion.end(), is_finite) ||
@@ -39,7 +39,7 @@ bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
   return allowed(after.fx, before.fx) && allowed(after.fy, before.fy);
 }
 
-// Without what products of many rotations have gathered.
+// Removes rounding errors accumulated over many rotations.
 geometry::Rigid3 clean(const geometry::Rigid3& pose) {
   return {geometry::rotation_of(geometry::quaternion_of(pose.rotation)), pose.translation};
 }

@@ -13,22 +13,24 @@
 namespace tarsier::sfm {
 
 struct BundleOptions {
-  bool focal = false;       // refine fx, fy (their ratio stays)
-  bool center = false;      // cx, cy
-  bool distortion = false;  // k1, k2, p1, p2
-  double loss_px = 0.5;     // Cauchy: residuals well beyond it count little; 0: plain squares
+  bool focal = false;       // refine fx and fy, with a fixed ratio
+  bool center = false;      // refine cx, cy
+  bool distortion = false;  // refine k1, k2, p1, p2
+  // scale of Cauchy's loss, which reduces the weight of larger residuals; 0: squared loss
+  double loss_px = 0.5;
   int max_iterations = 50;
-  double tolerance = 1e-6;  // ends when a step takes less than this share off the sum
-  // Images that move; all others that see their points stay as they are. Empty: all of them.
+  double tolerance = 1e-6;  // stops when a step reduces the cost by less than this share
+  // Images that move; all others that see their points are fixed. Empty: all move.
   std::vector<int> images;
-  // The points that some of `images` show, ascending. Empty: looked for among all of the model's.
+  // The points that some of `images` show, ascending. Empty: computed from the model.
   std::vector<int> points;
-  bool only_points = false;  // no image moves; `points` says which points do
-  // Images that never move, and cameras that are never refined, whatever else is asked for. Where there are such images
-  // and `images` is empty, all points move, also those that no image that moves shows.
+  bool only_points = false;  // no image moves; `points` lists the points that do
+  // Images that never move and cameras that are never refined, regardless of the other options.
+  // With fixed images and empty `images`, all points move, also those that no moving image shows.
   std::vector<int> fixed_images;
   std::vector<int> fixed_cameras;
-  // Observations of a point that are used, see choose_observations(); 0: all. Work and memory grow with the square of it.
+  // Max observations of a point that are used, see choose_observations(); 0: all. Work and memory
+  // grow with its square.
   int max_observations = 0;
 
   [[nodiscard]] OptionFields fields() {
@@ -41,26 +43,26 @@ struct BundleOptions {
 };
 
 struct BundleReport {
-  int residuals = 0;  // observations
+  int residuals = 0;  // number of observations
   int iterations = 0;
-  // What went wrong, or "". Where there is no solution the model is as it was; where the lens ran
-  // off (below), the rest is adjusted with the lens as it was.
+  // Warning, or "". Without a solution the model is unchanged. Where the lens became invalid (see
+  // below), the rest is adjusted with the previous lens.
   std::string trouble;
 };
 
-// Focal lengths that an adjustment may give: shares of the larger side of the image. One that
-// starts outside may not go farther.
+// Range of focal lengths that an adjustment may produce, as shares of the image's longer side. A
+// focal length that starts outside must not move further away.
 constexpr double kMinFocalShare = 0.1;
 constexpr double kMaxFocalShare = 20;
 
-// Bundle adjustment (Triggs et al., 2000): poses, points and, if asked, cameras that minimise the
-// sum of the robust squared reprojection errors, by bundle_solver.h. The first image stays where it is, and the distance to the
-// one farthest from it keeps the scale. A lens that is no lens afterwards (not finite, or a focal
-// length outside of the shares above) stays as it was. Throws Interrupted: the model is then as it
-// was.
+// Bundle adjustment (Triggs et al., 2000). Minimises the sum of the robust squared reprojection
+// errors over poses, points and, if requested, cameras, by bundle_solver.h. The first image is
+// fixed, and its distance to the farthest image fixes the scale. A lens that becomes invalid (not
+// finite, or a focal length outside the range above) keeps its previous values. Throws Interrupted:
+// the model is then unchanged.
 BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop = {});
 
-// The same for one image's pose alone, its points fixed; `seen`: pairs of pixel and point.
+// Adjusts one image's pose only, with fixed points; `seen`: pairs of pixel and point.
 struct Correspondence2D3D {
   cv::Point2d pixel;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();

@@ -16,9 +16,10 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kRaised = 1.05;     // times its cost before the step: such a point is refined
-constexpr int kMaxSteps = 6;         // of a point that is refined
-constexpr double kSmallGain = 1e-3;  // share of the cost; a step that gains less is the last
+// a point is refined if its cost exceeds this times its cost before the step
+constexpr double kRaised = 1.05;
+constexpr int kMaxSteps = 6;         // per refined point
+constexpr double kSmallGain = 1e-3;  // share of the cost; a step with a smaller gain is the last
 
 using Eigen::Matrix2d;
 using Eigen::Matrix3d;
@@ -31,7 +32,7 @@ double loss(const BundleProblem& problem, double squares) {
   return c2 > 0 ? c2 * std::log1p(squares / c2) : squares;
 }
 
-// The cost of a point, were it at `position`.
+// The cost of a point if it were at `position`.
 double cost_of(const BundleProblem& problem, const BundleState& state, std::size_t p,
                const Vector3d& position) {
   Vector2d residual;
@@ -46,7 +47,7 @@ double cost_of(const BundleProblem& problem, const BundleState& state, std::size
   return std::isfinite(sum) ? 0.5 * sum : kInfinity;
 }
 
-// Moves a point, which lies before all its cameras, to where it costs less. `cost`: there; becomes the new one.
+// Moves a point in front of all its cameras to a lower cost. `cost` is updated.
 void refine(const BundleProblem& problem, const BundleState& state, std::size_t p,
             Vector3d& position, double& cost) {
   Vector2d residual;

@@ -10,17 +10,17 @@
 #include <cstddef>
 #include <vector>
 
-// The inside of the bundle adjustment: the sum that is minimised, and steps of single points.
+// Internal to bundle adjustment: the cost function, and steps of single points.
 namespace tarsier::sfm {
 
-// What the adjustment changes.
+// The variables of the adjustment.
 struct BundleState {
   std::vector<geometry::Rigid3> poses;
   std::vector<LensNumbers> lenses;
   std::vector<Eigen::Vector3d> points;
 };
 
-// Does something for each point, on several threads where there are many.
+// Calls `each` for each point, on several threads where there are many.
 template <typename Each>
 void for_each_point(const BundleProblem& problem, const Each& each) {
   constexpr int kMany = 10'000;
@@ -35,7 +35,7 @@ void for_each_point(const BundleProblem& problem, const Each& each) {
   }
 }
 
-// The sum that is minimised, by points. The cost of a point is infinite where it lies behind a camera that shows it, or
+// The cost for each point. It is infinite where the point is behind a camera that shows it, or
 // where a number is not finite.
 struct BundleCosts {
   std::vector<double> of_points;
@@ -45,10 +45,11 @@ struct BundleCosts {
 };
 BundleCosts costs_of(const BundleProblem& problem, const BundleState& state);
 
-// Refines single points with the cameras fixed: those that move and whose costs a step has raised, from `before` to
-// `after` (embedded point iterations: Jeong et al., Pushing the envelope of modern methods for bundle adjustment, PAMI
-// 2012). Without it, a single point that a step takes behind a camera makes the whole step fail. `costs`: of `after`;
-// they become the new ones. The result does not depend on the number of threads.
+// Refines single points with fixed cameras: moving points whose cost a step has raised, from
+// `before` to `after` (embedded point iterations: Jeong et al., Pushing the envelope of modern
+// methods for bundle adjustment, PAMI 2012). Otherwise a single point that a step moves behind a
+// camera would make the whole step fail. `costs`: those of `after`, updated. Does not depend on the
+// number of threads.
 void refine_raised_points(const BundleProblem& problem, const BundleState& before,
                           const BundleCosts& costs_before, BundleState& after, BundleCosts& costs);
 

@@ -15,8 +15,9 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMaxTable = 10'000;   // variables: places of their blocks fit into 32 bits
-constexpr double kPathShare = 0.1;  // of a step, at which the second order of its path is measured
+constexpr int kMaxTable = 10'000;  // variables: offsets of their blocks fit into 32 bits
+// share of a step at which the second order of its path is measured
+constexpr double kPathShare = 0.1;
 
 using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
 using Matrix2x6 = Eigen::Matrix<double, 2, 6>;
@@ -92,15 +93,16 @@ void BundleVariables::find_entries(const BundleProblem& problem) {
   pair_first.push_back(pairs);
 }
 
-// A block for each two variables that a point has in common, and which one it is for each pair (k <= l) of a point's
-// entries: at pair_first + l (l + 1) / 2 + k; or where it begins for all variables.
+// Creates a block for each two variables with a common point. Stores the block of each pair (k <=
+// l) of a point's entries at pair_first + l (l + 1) / 2 + k, or the offsets for all pairs of
+// variables.
 void BundleVariables::find_blocks(const BundleProblem& problem) {
   std::vector<std::vector<std::pair<int, int>>> seen_by(at(count));  // point, entry
   for (std::size_t p = 0; p + 1 < entry_first.size(); ++p)
     for (std::size_t e = entry_first[p]; e < entry_first[p + 1]; ++e)
       seen_by[at(entries[e].variable)].emplace_back(static_cast<int>(p),
                                                     static_cast<int>(e - entry_first[p]));
-  // Points in an order in which those that touch the same blocks follow each other.
+  // Orders points so that those with the same blocks are adjacent.
   order.resize(problem.points.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   const auto place = [&](std::size_t p) {
@@ -190,7 +192,8 @@ void linearize(const BundleProblem& problem, const BundleVariables& variables,
       }
       const int l = variables.pose_entry[k];
       if (l >= 0) {
-        // A small turn w after the rotation moves the point in the camera's frame by w x place.
+        // A small rotation w after the pose's rotation moves the point in the camera frame by w x
+        // place.
         by_pose.col(0) = by_place.col(2) * place[1] - by_place.col(1) * place[2];
         by_pose.col(1) = by_place.col(0) * place[2] - by_place.col(2) * place[0];
         by_pose.col(2) = by_place.col(1) * place[0] - by_place.col(0) * place[1];
@@ -288,7 +291,7 @@ bool second_derivative(const BundleProblem& problem, const BundleVariables& vari
       if (!residual_of(seen, lens, ahead.poses[at(seen.pose)] * ahead.points[p], later, nullptr,
                        nullptr))
         return false;
-      Vector3d along = pose.rotation * step.points[p];  // of the place in the camera's frame
+      Vector3d along = pose.rotation * step.points[p];  // step of the point in the camera frame
       const int variable = variables.pose_variable[at(seen.pose)];
       if (variable >= 0) {
         const auto of_pose = step.variables.segment<6>(variables.offset_of(variable));

@@ -10,14 +10,15 @@
 #include <cstdint>
 #include <vector>
 
-// The inside of the bundle adjustment: its unknowns, and the linear equations of a step.
+// Internal to bundle adjustment: its unknowns, and the linear equations of a step.
 namespace tarsier::sfm {
 
-// The rows of a matrix of mixed second derivatives: 6 of a pose or up to 9 of a lens.
+// Rows of mixed second derivatives with a point: 6 for a pose or up to 9 for a lens.
 using MatrixNx3 = Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 9, 3>;
 
-// The variables are the poses that move, then the lenses. A pose has six numbers: a small rotation about the camera's
-// centre (radians, camera frame), then the centre (world). A lens has those of `free_numbers`.
+// The variables are the moving poses, then the lenses. A pose has six numbers: a small rotation
+// about the camera centre (radians, camera frame), then the centre (world). A lens has those of
+// `free_numbers`.
 struct BundleVariables {
   explicit BundleVariables(const BundleProblem& problem);
 
@@ -25,7 +26,7 @@ struct BundleVariables {
   [[nodiscard]] int offset_of(int variable) const {
     return variable < poses ? 6 * variable : 6 * poses + (variable - poses) * lens_size;
   }
-  // Where the numbers of the block of two entries k <= l of a point begin.
+  // Offset of the block for two entries k <= l of a point.
   [[nodiscard]] std::size_t offset_of(std::size_t point, int k, int l) const {
     const auto column = static_cast<std::size_t>(l);
     if (!block_offsets.empty()) {
@@ -38,13 +39,13 @@ struct BundleVariables {
         pair_block[pair_first[point] + column * (column + 1) / 2 + static_cast<std::size_t>(k)];
     return blocks[static_cast<std::size_t>(block)].offset;
   }
-  // Where the numbers of the block of a variable with itself begin.
+  // Offset of a variable's diagonal block.
   [[nodiscard]] std::size_t diagonal_offset(int variable) const {
     return blocks[static_cast<std::size_t>(diagonal[static_cast<std::size_t>(variable)])].offset;
   }
 
-  // Where the numbers of a block of J^T J begin: that of a pose with itself, or one whose column is a lens. A pose has no
-  // other ones before points are eliminated.
+  // Offset of a block of J^T J: a pose's diagonal block, or one whose column is a lens. Before
+  // points are eliminated, poses have no other blocks.
   [[nodiscard]] std::size_t pose_place(int pose) const {
     return 36 * static_cast<std::size_t>(pose);
   }
@@ -52,40 +53,42 @@ struct BundleVariables {
     return pose_place(poses) + offset - lens_offset;
   }
 
-  // A variable that a point is seen by.
+  // A variable that affects the observations of a point.
   struct Entry {
     int variable = 0;
     std::size_t offset = 0;  // in NormalEquations::mixed
   };
-  // Of the camera system: variables (row <= column), and where its numbers lie, column by column.
+  // A block of the camera system: variables (row <= column), and the offset of its numbers,
+  // column-major.
   struct Block {
     int row = 0;
     int column = 0;
     std::size_t offset = 0;
   };
 
-  int poses = 0;  // that move: variables 0 .. poses - 1
+  int poses = 0;  // moving poses: variables 0 .. poses - 1
   int count = 0;
   int lens_size = 0;
-  int size = 0;  // numbers of all variables
+  int size = 0;  // sum of the sizes of all variables
   std::ptrdiff_t moving_points = 0;
-  std::vector<int> pose_variable;  // of each pose, or -1
-  std::vector<int> lens_variable;  // of each lens, or -1
-  std::vector<Entry> entries;      // of each point, by variable
-  std::vector<std::size_t>
-      entry_first;  // those of point p: entry_first[p] to entry_first[p + 1] - 1
-  std::vector<std::size_t> pair_first;  // likewise in pair_block
-  std::vector<int> pose_entry;          // of each observation: among its point's entries, or -1
+  std::vector<int> pose_variable;  // for each pose, or -1
+  std::vector<int> lens_variable;  // for each lens, or -1
+  std::vector<Entry> entries;      // for each point, sorted by variable
+  // those of point p: entry_first[p] to entry_first[p + 1] - 1
+  std::vector<std::size_t> entry_first;
+  std::vector<std::size_t> pair_first;  // likewise for pair_block
+  std::vector<int> pose_entry;  // for each observation: index among its point's entries, or -1
   std::vector<int> lens_entry;
-  // The blocks of each pair of a point's entries, or of all variables, whichever takes less memory; the other is empty.
+  // The blocks of each pair of a point's entries, or of all pairs of variables, whichever needs
+  // less memory; the other one is empty.
   std::vector<int> pair_block;
   std::vector<std::uint32_t> block_offsets;  // at column * count + row
-  std::vector<std::size_t> order;  // of points: those that touch the same blocks follow each other
-  std::vector<Block> blocks;       // column by column, rows ascending
-  std::vector<int> diagonal;       // block of each variable
-  std::size_t block_numbers = 0;   // of all blocks
-  std::size_t lens_offset = 0;     // where those of the columns of lenses begin
-  std::size_t mixed_numbers = 0;   // of all entries
+  std::vector<std::size_t> order;  // of the points: points that use the same blocks are adjacent
+  std::vector<Block> blocks;       // by column, rows ascending
+  std::vector<int> diagonal;       // for each variable: its diagonal block
+  std::size_t block_numbers = 0;   // numbers in all blocks
+  std::size_t lens_offset = 0;     // begin of the numbers of lens columns
+  std::size_t mixed_numbers = 0;   // numbers of all entries
 
  private:
   void number_variables(const BundleProblem& problem);
@@ -93,17 +96,18 @@ struct BundleVariables {
   void find_blocks(const BundleProblem& problem);
 };
 
-// The sum of the squares of residuals J d + r, by the step d: J^T J and J^T r.
+// The sum of squared residuals |J d + r|^2 for the step d: J^T J and J^T r.
 struct NormalEquations {
   std::vector<double> blocks;  // J^T J: BundleVariables::pose_place(), lens_place()
-  std::vector<double> mixed;   // of a variable (rows) and a point
+  std::vector<double> mixed;   // for a variable (rows) and a point
   Eigen::VectorXd gradient;
   Eigen::VectorXd scale;  // the diagonal of J^T J
   std::vector<Eigen::Matrix3d> point_hessian;
   std::vector<Eigen::Vector3d> point_gradient;
 };
 
-// The equations at a state. `curvature`: of the loss along a residual, at least this share of that across, (0, 1].
+// Computes the equations at a state. `curvature`: min ratio of the loss's curvature along a
+// residual to that perpendicular to it, (0, 1].
 void linearize(const BundleProblem& problem, const BundleVariables& variables,
                const BundleState& state, double curvature, NormalEquations& equations);
 
@@ -116,9 +120,9 @@ struct BundleStep {
 BundleState moved_by(const BundleProblem& problem, const BundleVariables& variables,
                      const BundleState& now, const BundleStep& step, double share);
 
-// J^T r'' of the variables and the points: with d the step, h a small share of it and r the residuals,
-// r'' = 2/h ((r(x + h d) - r(x)) / h - J d) is their second derivative along the step. The loss keeps its weights
-// meanwhile. False where a point comes to lie behind a camera.
+// Computes J^T r'' for the variables and the points. With the step d, a small share h of it and the
+// residuals r, r'' = 2/h ((r(x + h d) - r(x)) / h - J d) is their second derivative along the step.
+// The weights of the loss are kept. False where a point moves behind a camera.
 bool second_derivative(const BundleProblem& problem, const BundleVariables& variables,
                        const BundleState& now, const BundleStep& step, double curvature,
                        Eigen::VectorXd& gradient, std::vector<Eigen::Vector3d>& point_gradient);

@@ -14,10 +14,11 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kSharpSize = 5;    // px
-constexpr double kScaleHold = 1e4;  // px, of a scale twice as large; thousands of points pull along
+constexpr double kSharpSize = 5;  // px
+// px, residual of a scale twice as large; strong enough against thousands of points
+constexpr double kScaleHold = 1e4;
 
-// Which lens numbers are refined.
+// Indices of the refined lens parameters.
 std::vector<int> free_numbers(const BundleOptions& options) {
   std::vector<int> free;
   const auto add = [&](bool is_free, std::initializer_list<int> numbers) {
@@ -29,7 +30,7 @@ std::vector<int> free_numbers(const BundleOptions& options) {
   return free;
 }
 
-// A large feature is not located as well as a small one: by how much its residual counts.
+// Weight of a feature's residual: large features are located less accurately than small ones.
 double weight_of(const Image& image, int feature) {
   if (image.sizes.empty()) return 1;
   const auto size = static_cast<double>(image.sizes[at(feature)]);
@@ -86,7 +87,7 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
   std::vector<int> pose_of(model.images.size(), -1);
   std::vector<int>& cameras = result.cameras;
   std::vector<int> lens_of(model.cameras.size(), -1);
-  bool any_fixed = false;  // what stays holds the rest
+  bool any_fixed = false;  // fixed images determine the frame
   const auto see = [&](const Observation& seen) {
     const Image& image = model.images[at(seen.image)];
     if (lens_of[at(image.camera)] < 0) {
@@ -116,7 +117,7 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
       any_fixed = any_fixed || !moves(seen);
     }
   }
-  // In the order of the model: neighbours in it often share points, and lie side by side then.
+  // In the order of the model: neighbours often share points, and their blocks are then adjacent.
   for (std::size_t i = 0; i < pose_of.size(); ++i) {
     if (pose_of[i] < 0) continue;
     pose_of[i] = static_cast<int>(images.size());
@@ -140,8 +141,8 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
     if (lens_of[at(camera)] >= 0) problem.lens_moves[at(lens_of[at(camera)])] = 0;
 
   if (!any_fixed) {
-    // The first stays, and one coordinate of the farthest one keeps the scale, as a residual that
-    // is zero whatever the others want.
+    // The first image is fixed. One coordinate of the farthest one fixes the scale. It is a
+    // residual that can always become zero.
     const std::size_t first = 0;
     problem.pose_moves[first] = 0;
     const Eigen::Vector3d origin = problem.poses[first].center();

@@ -7,23 +7,23 @@
 
 #include <vector>
 
-// The inside of the bundle adjustment: what of a model takes part, as numbers.
+// Internal to bundle adjustment: selects the parts of a model that are adjusted.
 namespace tarsier::sfm {
 
 struct ModelProblem {
   BundleProblem problem;
-  // Indices into the model: of the problem's poses, ascending; of its lenses; and of its points.
+  // Indices into the model: the problem's poses, ascending; its lenses; and its points.
   std::vector<int> images;
   std::vector<int> cameras;
   std::vector<int> points;
 };
 
-// The adjustment that `options` ask for. Observations of large features count less, as they are not located as well. Where
-// no image stays as it is, the first one does, and the distance to the one farthest from it keeps the scale. No points where
-// nothing is to be adjusted.
+// The adjustment that `options` request. Observations of large features get less weight, as their
+// position is less accurate. Where no image is fixed, the first one is, and its distance to the
+// farthest image fixes the scale. Has no points where nothing is to be adjusted.
 [[nodiscard]] ModelProblem problem_of(const Model& model, const BundleOptions& options);
 
-// The numbers of a pinhole camera.
+// The parameters of a pinhole camera.
 [[nodiscard]] LensNumbers numbers_of(const geometry::Camera& camera);
 
 }  // namespace tarsier::sfm

@@ -10,13 +10,13 @@
 #include <cmath>
 #include <cstddef>
 
-// The inside of the bundle adjustment: residuals and their derivatives.
+// Internal to bundle adjustment: residuals and their derivatives.
 namespace tarsier::sfm {
 
-constexpr double kMinDepth = 1e-6;  // of a point before a camera
+constexpr double kMinDepth = 1e-6;  // of a point in front of a camera
 
-// The residual of an observation; false: it lies behind the camera. With derivatives, where asked
-// for, by the place in the camera's frame and by all numbers of the lens.
+// Computes the residual of an observation; false: the point is behind the camera. The derivatives
+// by the position in the camera frame and by all lens parameters are optional.
 inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens,
                         const Eigen::Vector3d& place, Eigen::Vector2d& residual,
                         Eigen::Matrix<double, 2, 3>* by_place,
@@ -40,7 +40,7 @@ inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens
   residual[0] = fx * dx + seen.weight * (lens[2] - seen.u);
   residual[1] = fy * dy + seen.weight * (lens[3] - seen.v);
   if (by_place != nullptr) {
-    const double slope = k1 + r2 * (2 * k2 + r2 * 3 * k3);  // of `radial` by r2
+    const double slope = k1 + r2 * (2 * k2 + r2 * 3 * k3);  // derivative of `radial` by r2
     const double mixed = xy * slope + 2 * (p1 * x + p2 * y);
     const double xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x;
     const double yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x;
@@ -65,8 +65,9 @@ inline double hold_residual(const BundleProblem::Hold& hold, const BundleState& 
          (state.poses[static_cast<std::size_t>(hold.pose)].center()[hold.axis] - hold.value);
 }
 
-// A residual, and the factor of its derivatives, as of plain squares that have the gradient and the second derivatives
-// of Cauchy's loss. `curvature`: of the loss along the residual, at least this share of that across.
+// Scales a residual and returns the factor for its derivatives. The squared loss then has the
+// gradient and the second derivatives of Cauchy's loss. `curvature`: min ratio of the loss's
+// curvature along the residual to that perpendicular to it.
 inline void weigh(double loss_px, double curvature, Eigen::Vector2d& residual,
                   Eigen::Matrix2d& factor) {
   factor.setIdentity();

@@ -27,23 +27,25 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinCurvature = 0.05;  // of the loss along a residual, a share of that across
-constexpr double kGoodGain = 1.4;       // of what a step promised
-constexpr double kStraightGain = 0.9;   // of what a step promised; below, the second order is used
+// min ratio of the loss's curvature along a residual to that perpendicular to it
+constexpr double kMinCurvature = 0.05;
+constexpr double kGoodGain = 1.4;  // share of the predicted gain
+// share of the predicted gain; below, the second order is used
+constexpr double kStraightGain = 0.9;
 constexpr double kFirstDamping = 1e-4;  // share of the diagonal
 constexpr double kMinDamping = 1e-12;
 constexpr double kMaxDamping = 1e12;
-constexpr int kChainPoses = 80;  // beyond, a model may be a long chain that bends
-// Of such models. Bending a long chain changes each residual by little, so that damping holds the bend back until it is
-// this low: a small change before that does not mean that the minimum is reached.
+constexpr int kChainPoses = 80;  // with more poses, a model may be a long chain that bends
+// For such models. Bending a long chain changes each residual only little, so that damping prevents
+// the bend until it is below this value. A small change before that does not indicate the minimum.
 constexpr double kFreeDamping = 1e-10;
-constexpr double kRelease = 1e-3;  // of the damping, where a change was small
-constexpr double kMaxBend = 0.75;  // of twice the second order beside the step
+constexpr double kRelease = 1e-3;  // factor of the damping after a small change
+constexpr double kMaxBend = 0.75;  // max ratio of twice the second order to the step
 constexpr double kMinGain = 1e-3;
-constexpr int kStripe = 16;  // variables whose columns one thread takes at least
+constexpr int kStripe = 16;  // min variables whose columns one thread processes
 constexpr int kMaxStripes = 32;
-constexpr int kFewPoses = 80;           // up to which a dense system is faster in any case
-constexpr double kNearTolerance = 0.1;  // leaves a hundredth of what a step could take off the sum
+constexpr int kFewPoses = 80;           // with up to these, a dense system is always faster
+constexpr double kNearTolerance = 0.1;  // costs a hundredth of the gain of an exact step
 constexpr int kMaxNearIterations = 6;
 
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
@@ -72,7 +74,7 @@ class Solver {
       return solution;
     }
     double damping = kFirstDamping;
-    double growth = 2;  // of the damping, at the next step that is no good (Nielsen, 1999)
+    double growth = 2;  // of the damping, at the next failed step (Nielsen, 1999)
     bool is_linear = false;
     while (solution.iterations < options_.max_iterations &&
            variables_.size + variables_.moving_points > 0) {
@@ -85,10 +87,10 @@ class Solver {
       std::optional<Candidate> next;
       if (solve_step(damping, step, promised)) next = best_of(now, step, promised);
       if (!next || !is_good(now, *next, promised)) {
-        // No more to be had.
+        // No further gain is possible.
         if (next && std::isfinite(next->sum) && promised <= options_.tolerance * now.sum) break;
         bends_ = variables_.poses > kChainPoses;
-        if (curvature_ < 1) {  // not as near as it looked
+        if (curvature_ < 1) {  // not as close to the minimum as assumed
           curvature_ = std::min(1.0, 4 * curvature_);
           is_linear = false;
           continue;
@@ -102,7 +104,7 @@ class Solver {
       const bool is_done = change <= options_.tolerance * now.sum;
       now = std::move(*next);
       is_linear = false;
-      // More than it promised: the loss bends less along residuals than is reckoned with.
+      // More than predicted: the loss has less curvature along residuals than assumed.
       if (change > kGoodGain * promised) curvature_ = std::max(kMinCurvature, curvature_ / 2);
       const double gain = std::min(change / promised, 2.0);
       if (gain < kStraightGain) bends_ = variables_.poses > kChainPoses;
@@ -121,7 +123,8 @@ class Solver {
     return solution;
   }
 
-  // The steps that noise in all observations leads to, sample by sample; fewer where the equations cannot be solved.
+  // The steps caused by noise in all observations, one per sample; fewer where the equations cannot
+  // be solved.
   std::vector<VectorXd> steps_of_noise(double sigma_px, int samples, std::uint64_t seed) {
     std::vector<VectorXd> steps;
     const std::vector<Vector2d> residuals = residuals_of(problem_);
@@ -162,7 +165,7 @@ class Solver {
  private:
   using Entry = BundleVariables::Entry;
 
-  // A state, and what it costs.
+  // A state and its cost.
   struct Candidate {
     BundleState state;
     BundleCosts costs;
@@ -182,8 +185,8 @@ class Solver {
     return next;
   }
 
-  // With the second order of the step's path, if that is good, else without: where a few points move by much, their
-  // second order misleads all cameras.
+  // The step with the second order of its path, if that improves, else without. Where a few points
+  // move far, their second order misleads all cameras.
   Candidate best_of(const Candidate& now, const BundleStep& step, double promised) {
     if (bends_) {
       BundleStep bent = step;
@@ -195,17 +198,17 @@ class Solver {
     return after(now, step);
   }
 
-  // The second derivatives by a variable and its point.
+  // The mixed second derivatives of a variable and its point.
   [[nodiscard]] Eigen::Map<const MatrixNx3> mixed_of(const Entry& entry) const {
     return {equations_.mixed.data() + entry.offset, variables_.size_of(entry.variable), 3};
   }
 
-  // What damping adds to a number of the diagonal.
+  // The amount that damping adds to a diagonal number.
   static double damped(double damping, double diagonal) {
     return damping * std::max(diagonal, 1e-9);
   }
 
-  // False where the equations cannot be solved. `promised`: what the step should take off the sum.
+  // False where the equations cannot be solved. `promised`: predicted reduction of the cost.
   bool solve_step(double damping, BundleStep& step, double& promised) {
     reduced_.assign(variables_.block_numbers, 0.0);
     for (int v = 0; v < variables_.poses; ++v)
@@ -240,7 +243,7 @@ class Solver {
     return std::isfinite(promised) && promised > 0;
   }
 
-  // Of points that move: what they move by, when the cameras and lenses move by the step's variables.
+  // The steps of moving points, given the step of the cameras and lenses.
   void solve_points(const std::vector<Vector3d>& gradient, BundleStep& step) const {
     step.points.assign(problem_.points.size(), Vector3d::Zero());
     for (std::size_t p = 0; p < step.points.size(); ++p) {
@@ -255,11 +258,12 @@ class Solver {
     }
   }
 
-  // Adds the second order of the path to a step (geodesic acceleration: Transtrum and Sethna, Improvements to the
-  // Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012): with d the step, h = kPathShare and r
-  // the residuals, r'' = 2/h ((r(x + h d) - r(x)) / h - J d), and a solves the same equations for -J^T r'' in place of
-  // -J^T r; the step is d + a / 2. The loss keeps its weights meanwhile. False where a is not small beside d: the step
-  // is as it was.
+  // Adds the second order of the path to a step (geodesic acceleration: Transtrum and Sethna,
+  // Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization,
+  // 2012). With the step d, h = kPathShare and the residuals r, r'' = 2/h ((r(x + h d) - r(x)) / h
+  // - J d), and a solves the same equations for -J^T r'' in place of -J^T r; the step is d + a / 2.
+  // The weights of the loss are kept. False where a is not small compared with d: the step is then
+  // unchanged.
   bool accelerate(const BundleState& now, BundleStep& step) {
     VectorXd gradient;
     std::vector<Vector3d> point_gradient;
@@ -279,7 +283,7 @@ class Solver {
     return true;
   }
 
-  // What a point's gradient takes from the right side of the cameras' equations.
+  // Subtracts a point's gradient from the right side of the cameras' equations.
   void eliminate_right(std::size_t p, const Vector3d& gradient, VectorXd& right) const {
     const Vector3d offset = point_inverse_[p] * gradient;
     for (std::size_t e = variables_.entry_first[p]; e < variables_.entry_first[p + 1]; ++e) {
@@ -289,7 +293,7 @@ class Solver {
     }
   }
 
-  // Takes the points out of the equations; false where that cannot be done.
+  // Eliminates the points from the equations; false where that is impossible.
   bool eliminate(double damping, VectorXd& right) {
     if (!invert_points(damping)) return false;
     for (const std::size_t p : variables_.order)
@@ -304,9 +308,9 @@ class Solver {
     return true;
   }
 
-  // Columns of the equations that one thread takes, and the points that are in them, in their order.
+  // The columns of the equations that one thread processes, and their points, in order.
   struct Stripe {
-    int begin = 0;  // variables
+    int begin = 0;  // index of variables
     int end = 0;
     std::vector<std::size_t> points;
   };
@@ -339,7 +343,7 @@ class Solver {
     return is_good;
   }
 
-  // What the points take from the columns of a stripe.
+  // Subtracts the points from the columns of a stripe.
   void eliminate_columns(const Stripe& stripe) {
     std::vector<PoseBlock> list;
     const auto is_before = [](const Entry& entry, int variable) {
@@ -356,7 +360,7 @@ class Solver {
     }
   }
 
-  // .. of one point, from the column of its entry l. `list` is its scratch memory.
+  // The same for one point, from the column of its entry l. `list` is scratch memory.
   void eliminate_column(std::size_t p, int l, std::vector<PoseBlock>& list) {
     const Entry* entries = variables_.entries.data() + variables_.entry_first[p];
     const Entry& column = entries[l];
@@ -435,18 +439,20 @@ class Solver {
   const BundleVariables variables_;
   NormalEquations equations_;
   bool is_sparse_ = false;
-  bool bends_ = false;    // steps have a second order
-  double curvature_ = 1;  // at least so much as a share of that across; kMinCurvature to 1
+  bool bends_ = false;  // steps use the second order
+  // min ratio of the curvature along a residual to that perpendicular to it; kMinCurvature to 1
+  double curvature_ = 1;
 
   const SubtractProducts subtract_ = subtract_products();
   std::vector<Stripe> stripes_;
-  std::vector<double> reduced_;  // the blocks without points
+  std::vector<double> reduced_;  // the blocks after elimination of points
   std::vector<Matrix3d> point_inverse_;
   MatrixXd dense_;
   linalg::Cholesky dense_factor_;
   bool is_analyzed_ = false;
   bool is_factorized_ = false;
-  bool is_of_earlier_step_ = false;  // the factor, and used as long as it is near enough
+  // the factorisation is from an earlier step and still near enough
+  bool is_of_earlier_step_ = false;
   linalg::SparseCholesky sparse_factor_;
 };
 

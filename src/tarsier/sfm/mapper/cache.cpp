@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kMaxBytes = 1'000'000'000;
-constexpr std::int64_t kMaxFlowBytes = 16'000'000'000;  // all images are in one file
+constexpr std::int64_t kMaxFlowBytes = 16'000'000'000;  // one file for all images
 constexpr std::string_view kCheckpointEnding = ".mapper";
 
 }  // namespace
@@ -139,7 +139,7 @@ void Cache::store(const std::string& key, const MapperState& state) const {
   const bool is_first = !fs::exists(path, error);
   write_checkpoint(path.string(), state);
   if (!is_first) return;
-  // Those of other options or images are large.
+  // Checkpoints for other options or images are removed, as they are large.
   const auto root = [](const fs::path& file) {
     const std::string stem = file.stem().string();
     return stem.substr(0, stem.find(kAgain.front()));

@@ -11,13 +11,13 @@
 #include <string>
 #include <string_view>
 
-// What takes long is kept on disk, so that a second run goes on where the first one ended. Each
-// entry is a file of its own, written whole or not at all, named after everything that it depends
-// on; one that is missing, damaged or of another program is worked out again.
+// Keeps expensive results on disk, so that a later run can resume. Each entry is a file of its own,
+// written completely or not at all, and named after everything it depends on. A missing, damaged or
+// foreign entry is computed again.
 namespace tarsier::sfm {
 
-// Never fails over an entry: an unreadable one is none, and where the folder cannot be written
-// store() throws OutputError. An empty folder name: nothing is kept.
+// Reading never fails: an unreadable entry counts as missing. store() throws OutputError where the
+// folder is not writable. With an empty folder name nothing is kept.
 class Cache {
  public:
   explicit Cache(std::string folder) : folder_(std::move(folder)) {}
@@ -25,7 +25,7 @@ class Cache {
   [[nodiscard]] std::optional<Features> features(const std::string& key) const;
   void store(const std::string& key, const Features& features) const;
 
-  // The pairs of one image with others, by the other's own key.
+  // The pairs of one image with others, by the other's key.
   struct PairEntry {
     int matches = 0;
     TwoView view;
@@ -34,12 +34,13 @@ class Cache {
   [[nodiscard]] Pairs pairs(const std::string& key) const;
   void store(const std::string& key, const Pairs& pairs) const;
 
-  // Points that were followed through a sequence.
+  // Points tracked through a sequence.
   [[nodiscard]] std::optional<FlowResult> flow(const std::string& key) const;
   void store(const std::string& key, const FlowResult& flow) const;
 
-  // Where the mapper was. A first one under a key removes those of other keys, but for one and the same with kAgain or
-  // kJudged at its end, of images that were mapped, or whose models were judged, with other lenses.
+  // The state of the mapper. The first checkpoint of a key removes those of other keys. Keys that
+  // differ only by the suffix kAgain (images mapped again with other lenses) or kJudged (models
+  // judged with other lenses) count as one.
   static constexpr std::string_view kAgain = "-2";
   static constexpr std::string_view kJudged = "-3";
   [[nodiscard]] std::optional<MapperState> checkpoint(const std::string& key) const;
@@ -50,7 +51,7 @@ class Cache {
   std::string folder_;
 };
 
-// A key of 32 hexadecimal digits of any text.
+// A key of 32 hexadecimal digits for any text.
 [[nodiscard]] std::string cache_key(const std::string& text);
 
 }  // namespace tarsier::sfm

@@ -17,8 +17,8 @@ namespace {
 
 constexpr int kSamples = 12;
 constexpr int kPointsPerImage = 600;
-constexpr int kMaxObservations = 40;  // of a point
-constexpr double kMinSigma = 1e-6;    // px, where all residuals are 0
+constexpr int kMaxObservations = 40;  // per point
+constexpr double kMinSigma = 1e-6;    // px, used where all residuals are 0
 constexpr double kDoubtfulWorst = 0.01;
 
 BundleOptions lenses_of(const MapperOptions& options, std::size_t images) {
@@ -29,8 +29,8 @@ BundleOptions lenses_of(const MapperOptions& options, std::size_t images) {
   return bundle;
 }
 
-// Of the residuals' coordinates the share that unknowns have not fitted: six of an image and three of a point, but place,
-// direction and scale of the whole.
+// The share of coordinates beyond the number of unknowns: six per image and three per point, minus
+// position, orientation and scale of the whole.
 double redundancy_of(std::size_t observations, std::size_t images, std::size_t points) {
   const auto coordinates = 2 * static_cast<double>(observations);
   const double unknowns = 6 * static_cast<double>(images) + 3 * static_cast<double>(points) - 7;

@@ -18,7 +18,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxBytes = 16'000'000'000;
-constexpr std::int32_t kVersion = 4;  // of what follows, and of how models are made
+constexpr std::int32_t kVersion = 4;  // of the format, and of the mapping algorithm
 
 void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
   writer.put(static_cast<std::uint64_t>(cameras.size()));
@@ -28,7 +28,7 @@ void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
 std::vector<geometry::Camera> get_cameras(PackedReader& reader) {
   const auto count = reader.get<std::uint64_t>();
   std::vector<geometry::Camera> cameras;
-  for (std::uint64_t k = 0; k < count; ++k)  // ends with the file
+  for (std::uint64_t k = 0; k < count; ++k)  // a wrong count ends with the file
     cameras.push_back(get_camera(reader));
   return cameras;
 }

@@ -27,8 +27,8 @@ using geometry::kColmapOffset;
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 constexpr std::int64_t kPairBase = 2147483647;
-constexpr std::int64_t kMaxFeatures = 10'000'000;  // of an image
-constexpr int kCalibrated = 2;                     // how COLMAP counts kinds of pairs
+constexpr std::int64_t kMaxFeatures = 10'000'000;  // per image
+constexpr int kCalibrated = 2;                     // COLMAP's codes for kinds of pairs
 constexpr int kUncalibrated = 3;
 constexpr int kDescriptorBytes = 128;
 constexpr double kMaxPixel = 1e7;
@@ -137,7 +137,7 @@ void write_images(Database& file, const ColmapDatabase& database) {
     add_points.step();
     add_points.reset();
     if (features.descriptors.empty() && rows > 0) continue;
-    // A keypoint has one descriptor there.
+    // In COLMAP, a keypoint has one descriptor.
     const cv::Mat own =
         rows > 0 ? features.descriptors.rowRange(0, static_cast<int>(rows)) : features.descriptors;
     const cv::Mat whole = own.isContinuous() ? own : own.clone();
@@ -280,7 +280,7 @@ class Reader {
             !(std::abs(p.y) < static_cast<float>(kMaxPixel)))
           fail(what + ": a place that is not in an image");
         float sigma = columns == 4 ? values[k + 2] : 1;
-        if (columns == 6)  // an affine shape: the mean length of its columns
+        if (columns == 6)  // an affine shape: use the mean length of its columns
           sigma = (std::hypot(values[k + 2], values[k + 4]) +
                    std::hypot(values[k + 3], values[k + 5])) /
                   2;

@@ -41,7 +41,7 @@ double angle_between(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b));
 }
 
-// Largest of the errors of rotation and direction between two images, degrees.
+// The larger one of the errors of rotation and translation direction between two images, degrees.
 double pair_error(const geometry::Rigid3& a, const geometry::Rigid3& b,
                   const geometry::Rigid3& true_a, const geometry::Rigid3& true_b) {
   const geometry::Rigid3 relative = b * a.inverse();
@@ -51,7 +51,7 @@ double pair_error(const geometry::Rigid3& a, const geometry::Rigid3& b,
   return std::max(rotation, direction) * kDegrees;
 }
 
-// Area under recall(error) from 0 to the threshold, in percent of it.
+// Area under recall(error) from 0 to the threshold, in percent of the threshold.
 double area(std::vector<double> errors, double threshold) {
   if (errors.empty()) return 0;
   std::sort(errors.begin(), errors.end());
@@ -131,8 +131,8 @@ PoseScores evaluate_poses(const Model& model, const PoseTruth& truth, const std:
                                        found.size()));
   }
   std::vector<double> errors;
-  // The one rotation between the two worlds that fits all orientations best; that of the centres
-  // says little where they stand in a line.
+  // The rotation between the two worlds that fits all orientations best. The rotation from the
+  // centres is inaccurate where these are nearly collinear.
   Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
   for (const std::string& image : names)
     sum += truth.at(image).rotation.transpose() * found.at(image).rotation;

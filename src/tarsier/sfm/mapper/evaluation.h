@@ -11,25 +11,26 @@
 
 namespace tarsier::sfm {
 
-// What is known of where images were taken: camera_from_world by name.
+// True poses: camera_from_world by image name.
 using PoseTruth = std::map<std::string, geometry::Rigid3>;
 
-// Lines of JSON {"name", "R": 9 numbers row by row, world to camera, "C": 3 numbers or "t"}, or a
-// folder with a COLMAP text model. Throws InputError with the line.
+// Reads JSON lines {"name", "R": 9 numbers row by row, world to camera, "C": 3 numbers or "t"}, or
+// a folder with a COLMAP text model. Throws InputError with the line.
 [[nodiscard]] PoseTruth read_pose_truth(const std::string& path);
 
 struct PoseScores {
-  int total = 0;       // images of the truth
-  int registered = 0;  // of these in the model
-  // Centres after the similarity that fits them best (Umeyama); units of the truth.
+  int total = 0;       // images of the ground truth
+  int registered = 0;  // of these, in the model
+  // Errors of the centres after the best similarity (Umeyama); units of the ground truth.
   double center_mean = 0;
   double center_median = 0;
   double center_max = 0;
-  std::string center_worst;      // name
-  double extent = 0;             // diagonal of the box around the true centres
-  double rotation_mean_deg = 0;  // after the rotation that fits them best
-  // Area under the recall curve of max(relative rotation, direction of translation) over all pairs,
-  // in percent, up to 0.5, 1, 3, 5 degrees. An image that is missing fails all its pairs.
+  std::string center_worst;      // name of the image with center_max
+  double extent = 0;             // diagonal of the bounding box of the true centres
+  double rotation_mean_deg = 0;  // after the best rotation
+  // Area under the recall curve of max(error of the relative rotation, error of the translation
+  // direction) over all pairs, in percent, up to 0.5, 1, 3, 5 degrees. A missing image fails all
+  // its pairs.
   std::map<double, double> auc;
 };
 // Throws InputError where fewer than three images are in both.

@@ -11,10 +11,11 @@
 
 namespace tarsier::sfm {
 
-// The features of an image by place: those of each cell of a grid, one cell after the other. Places lie in the image.
+// The features of an image, indexed by position: sorted by the cells of a grid. Positions are
+// inside the image.
 class FeatureGrid {
  public:
-  // Refers to `features`. `radius`: px, how far from a place features are looked for.
+  // Refers to `features`. `radius`: px, the search radius.
   FeatureGrid(const std::vector<cv::Point2f>& features, const geometry::Camera& camera,
               double radius)
       : features_(features),
@@ -36,7 +37,8 @@ class FeatureGrid {
 
   [[nodiscard]] double radius() const { return radius_; }
 
-  // Calls `visit` with each feature within the radius, until it returns true; whether it did.
+  // Calls `visit` with each feature within the radius, until it returns true. Returns whether it
+  // did.
   template <typename Visit>
   bool any(double x, double y, const Visit& visit) const {
     for (std::size_t r = row(y - radius_); r <= row(y + radius_); ++r) {
@@ -56,7 +58,7 @@ class FeatureGrid {
   }
 
  private:
-  static constexpr double kMaxColumns = 2048;  // and rows
+  static constexpr double kMaxColumns = 2048;  // also max number of rows
   [[nodiscard]] std::size_t column(double x) const {
     return static_cast<std::size_t>(std::clamp(static_cast<int>(x / side_), 0, columns_ - 1));
   }
@@ -68,11 +70,11 @@ class FeatureGrid {
   }
   const std::vector<cv::Point2f>& features_;
   double radius_;
-  double side_;  // of a cell, px
+  double side_;  // px, of a cell
   int columns_;
   int rows_;
-  std::vector<std::size_t> first_;  // of each cell, row by row: in sorted_; and the end
-  std::vector<int> sorted_;         // features
+  std::vector<std::size_t> first_;  // for each cell, row by row: its begin in sorted_; and the end
+  std::vector<int> sorted_;         // indices of features
 };
 
 }  // namespace tarsier::sfm

@@ -17,8 +17,8 @@
 namespace tarsier::sfm {
 namespace {
 
-// Where OpenCV's ORB or AKAZE finds them, in an order of their own: that of OpenCV depends on its
-// threads; some are there twice.
+// Features of OpenCV's ORB or AKAZE in a defined order and without duplicates: OpenCV's order
+// depends on the number of threads.
 struct Found {
   std::vector<cv::Point2f> points;
   std::vector<float> sizes;
@@ -32,7 +32,7 @@ Found found_by_opencv(const cv::Mat& gray, const FeatureOptions& options) {
     detector = cv::ORB::create(options.max_count, 1.2F, 8, 31, 0, 2, cv::ORB::HARRIS_SCORE, 31, 10);
   else
     detector = cv::AKAZE::create(cv::AKAZE::DESCRIPTOR_MLDB, 0, 3, 0.0005F);
-  // Both at once: alone, describing would build the pyramid again.
+  // Together: computing descriptors separately would build the pyramid again.
   std::vector<cv::KeyPoint> all;
   cv::Mat all_descriptors;
   detector->detectAndCompute(gray, cv::noArray(), all, all_descriptors);

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-// Points of an image that can be found again in others, and their descriptions.
+// Image points that can be found again in other images, with descriptors.
 namespace tarsier::sfm {
 
 enum class FeatureKind {
@@ -20,10 +20,11 @@ enum class FeatureKind {
 
 struct FeatureOptions {
   FeatureKind kind = FeatureKind::kSift;
-  int max_count = 8000;     // of an image, the strongest of each place
-  double max_pixels = 4e6;  // larger images are reduced to so many before
-  double contrast = 0.02;   // of SIFT's extrema; lower: more and weaker ones
-  bool wide = false;        // of SIFT: those of simulated views as well (simulated_views.h)
+  int max_count = 8000;     // per image; the strongest in each region
+  double max_pixels = 4e6;  // larger images are reduced to this size
+  // min contrast of SIFT extrema; lower values give more and weaker features
+  double contrast = 0.02;
+  bool wide = false;  // SIFT only: also features of simulated views (simulated_views.h)
 
   [[nodiscard]] OptionFields fields() {
     return {
@@ -39,19 +40,21 @@ struct FeatureOptions {
 };
 
 struct Features {
-  std::vector<cv::Point2f> points;  // px of the whole image, pixel centres at integers
+  std::vector<cv::Point2f> points;  // px of the full image, pixel centres at integers
   std::vector<float> sizes;         // px, diameter
   std::vector<cv::Vec3b> colors;    // BGR
-  cv::Mat descriptors;  // a row each; SIFT: CV_8UC1 128, square roots scaled so that a row's length
-                        // is about 512; ORB, AKAZE: CV_8UC1 bits
-  // Of the rows of `descriptors` beyond one a point: the point that each describes as well, as a simulated view shows it.
-  // Empty but for FeatureOptions::wide.
+  // One row per feature. SIFT: CV_8UC1 128, square roots scaled to a row length of about 512. ORB,
+  // AKAZE: CV_8UC1 bits.
+  cv::Mat descriptors;
+  // Descriptors from simulated views follow the rows of the points. For each of these further rows:
+  // the point that it also describes. Empty without FeatureOptions::wide.
   std::vector<std::int32_t> owners;
 };
 
-// `image`: CV_8UC3 or CV_8UC1. The same for any number of threads. Places are spread: of a grid of
-// cells each keeps its strongest ones. Points of several orientations at one place count once each. `wide`: the points of before come
-// first, then places that only simulated views show.
+// `image`: CV_8UC3 or CV_8UC1. Does not depend on the number of threads. Features are spread over
+// the image: each cell of a grid keeps its strongest ones. Several orientations at one position
+// count separately. `wide`: the ordinary points come first, then those that only simulated views
+// show.
 [[nodiscard]] Features find_features(const cv::Mat& image, const FeatureOptions& options);
 
 }  // namespace tarsier::sfm

@@ -21,23 +21,24 @@ namespace {
 constexpr int kRadius = 10;             // px, of a patch
 constexpr int kSide = 2 * kRadius + 1;  // of a patch
 constexpr int kStored = kSide + 2;      // with a margin for its gradients
-constexpr int kPixels = kSide * kSide;  // of a patch
+constexpr int kPixels = kSide * kSide;  // in a patch
 constexpr int kParameters = 6;          // of an affine map
-constexpr double kSmoothing = 1;        // px; less would show the pixels' grid when resampled
-constexpr int kMinSide = 48;            // px, of the coarsest image of a pyramid
-constexpr int kMaxLevels = 5;           // above the image itself
-constexpr int kIterations = 20;         // of an alignment; most need three
-constexpr double kConverged = 0.003;    // px
-constexpr double kMaxCorrection = 2;    // px; an alignment that goes farther is another place
-constexpr double kMaxZoom = 2.5;        // of a patch, either way
-constexpr double kMaxChange = 0.35;     // of a patch's shape from frame to frame, as its radius 1
-constexpr double kMinGain = 0.2;        // of its contrast
-constexpr int kBlock = 5;               // px, window of a corner
-constexpr double kQuality = 0.001;      // of a corner, against the best of the image
-constexpr double kMinCorner = 3e-5;     // gradients of 0.7 a px in all directions: above noise
-constexpr double kMaxSubPixel = 1.5;    // px; a corner that moves farther is another
-constexpr double kSpacing = 0.6;        // of the distance of points on an even grid
-constexpr double kTooNear = 0.25;       // of `spacing`: two tracks show the same point
+constexpr double kSmoothing = 1;  // px; with less, the pixel grid would be visible after resampling
+constexpr int kMinSide = 48;      // px, of the coarsest image of a pyramid
+constexpr int kMaxLevels = 5;     // above the full image
+constexpr int kIterations = 20;   // max per alignment; most need three
+constexpr double kConverged = 0.003;  // px
+constexpr double kMaxCorrection = 2;  // px; alignments with larger corrections are wrong
+constexpr double kMaxZoom = 2.5;      // of a patch, in or out
+// of a patch's shape from frame to frame, relative to its radius
+constexpr double kMaxChange = 0.35;
+constexpr double kMinGain = 0.2;      // min contrast relative to the first frame
+constexpr int kBlock = 5;             // px, window of a corner
+constexpr double kQuality = 0.001;    // of a corner, relative to the best of the image
+constexpr double kMinCorner = 3e-5;   // gradients of 0.7 per px in all directions: above noise
+constexpr double kMaxSubPixel = 1.5;  // px; a corner that moves farther is a different one
+constexpr double kSpacing = 0.6;      // relative to the spacing of points on an even grid
+constexpr double kTooNear = 0.25;     // of `spacing`: closer tracks show the same point
 
 using Parameters = cv::Matx<double, kParameters, 1>;
 using Normal = cv::Matx<double, kParameters, kParameters>;
@@ -58,20 +59,20 @@ int levels_of(cv::Size size) {
   return levels;
 }
 
-// The longer and the shorter half axis of what a circle of radius 1 becomes.
+// The longer and the shorter half axis of the image of a unit circle.
 cv::Vec2d half_axes(const cv::Matx22d& affine) {
   cv::Vec2d axes;
   cv::SVD::compute(affine, axes, cv::noArray(), cv::noArray(), cv::SVD::NO_UV);
   return axes;
 }
 
-// Where a patch is in an image: its pixel x, counted from the centre, at affine * x + shift.
+// The place of a patch in an image: pixel x, relative to the centre, is at affine * x + shift.
 struct Warp {
   cv::Matx22d affine = cv::Matx22d::eye();
   cv::Vec2d shift;
 };
 
-// A patch made ready for alignment: what gain and offset could explain is taken out of it.
+// A patch prepared for alignment. Effects of gain and offset are projected out.
 class Template {
  public:
   explicit Template(const std::vector<float>& patch) {
@@ -102,14 +103,14 @@ class Template {
     }
     for (int k = 0; k < kParameters; ++k)
       for (int l = 0; l < kParameters; ++l) normal(k, l) = dot(slopes_[k], slopes_[l]);
-    // Holds back what the patch says nothing of; where it ends stays the same.
+    // Damps directions that the patch does not determine; the minimum is unchanged.
     const double damping = 1e-3 * cv::trace(normal) / kParameters;
     for (int k = 0; k < kParameters; ++k) normal(k, k) += damping;
     inverse_ = normal.inv(cv::DECOMP_CHOLESKY, &usable_);
     usable_ = usable_ && square_ > 0;
   }
 
-  // Improves `warp`; the correlation there, or nothing where it left the image or got lost.
+  // Refines `warp`. Returns the correlation, or nothing where it left the image or diverged.
   [[nodiscard]] std::optional<double> align(const cv::Mat& image, Warp& warp) const {
     if (!usable_) return std::nullopt;
     float seen[kPixels];
@@ -120,7 +121,7 @@ class Template {
       Parameters right;
       for (int k = 0; k < kParameters; ++k) right(k) = dot(slopes_[k], seen) / gain;
       const Parameters step = inverse_ * right;
-      // The step moves the patch; the image moves the other way.
+      // The step moves the patch, so the image moves in the opposite direction.
       const cv::Matx22d turn(1 + step(2) / kRadius, step(3) / kRadius, step(4) / kRadius,
                              1 + step(5) / kRadius);
       if (std::abs(cv::determinant(turn)) < 0.1) return std::nullopt;
@@ -148,7 +149,7 @@ class Template {
     return sum;
   }
 
-  // Bilinear; false if a pixel lies outside.
+  // Bilinear; false if a pixel is outside.
   [[nodiscard]] static bool sample(const cv::Mat& image, const Warp& warp, float* out) {
     for (const int v : {-kRadius, kRadius}) {
       for (const int u : {-kRadius, kRadius}) {
@@ -167,7 +168,7 @@ class Template {
       for (int u = -kRadius; u <= kRadius; ++u) {
         const auto a = static_cast<float>(u);
         const auto b = static_cast<float>(v);
-        // Rounding could put a corner one pixel out.
+        // Rounding could put a corner one pixel outside.
         const float x = std::max(0.0F, affine(0, 0) * a + affine(0, 1) * b + shift[0]);
         const float y = std::max(0.0F, affine(1, 0) * a + affine(1, 1) * b + shift[1]);
         const int left = std::min(static_cast<int>(x), image.cols - 2);
@@ -194,8 +195,8 @@ class Template {
 
 struct FlowTracker::Live {
   Track track;
-  int last = 0;                             // frame to end in
-  cv::Vec2d offset;                         // px, from the patch's middle to the point
+  int last = 0;                             // last frame
+  cv::Vec2d offset;                         // px, from the patch's centre to the point
   cv::Matx22d affine = cv::Matx22d::eye();  // patch to current frame
   std::vector<float> patch;                 // kStored x kStored, smoothed
 };
@@ -216,7 +217,7 @@ void FlowTracker::add(const cv::Mat& image) {
   spacing_ =
       std::max(3.0, kSpacing * std::sqrt(static_cast<double>(size_.area()) / options_.max_points));
   const cv::Mat gray = gray_of(image);
-  // With derivatives: they serve the way back and the next frame's way forward.
+  // Derivatives are used for the backward tracking and for the next frame's forward tracking.
   std::vector<cv::Mat> pyramid;
   lazy_opencv::optical_flow_pyramid(gray, pyramid, kWindow, levels_of(size_));
   cv::Mat smooth;
@@ -226,7 +227,7 @@ void FlowTracker::add(const cv::Mat& image) {
   if (!live_.empty()) {
     follow(image, pyramid, smooth);
     separate();
-    // After they were separated: one that ends here leaves its place to a new one.
+    // After separate(), so that new points can take the place of those that end here.
     std::erase_if(live_, [&](Live& live) {
       if (live.last > count_) return false;
       end(live);
@@ -287,7 +288,7 @@ void FlowTracker::follow(const cv::Mat& image, const std::vector<cv::Mat>& pyram
   live_ = std::move(rest);
 }
 
-// Of tracks that met the oldest goes on; the others' last points are wrong.
+// Of tracks that met, the oldest continues. The last points of the others are wrong.
 void FlowTracker::separate() {
   cv::Mat taken(size_, CV_8UC1, cv::Scalar(0));
   const int radius = std::max(1, cvRound(kTooNear * spacing_));
@@ -314,7 +315,7 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
   const int wanted = options_.max_points - static_cast<int>(live_.size());
   const int margin = kRadius + 2;
   if (wanted <= 0) return;
-  // Local maxima that are not near a point that is followed, nor near a better one.
+  // Local maxima that are near neither a tracked point nor a better maximum.
   cv::Mat corners;
   cv::cornerMinEigenVal(gray, corners, kBlock);
   double best = 0;
@@ -341,7 +342,7 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
   struct Corner {
     float strength = 0;
     cv::Point place;
-    int rank = 0;  // how many of its cell come before it
+    int rank = 0;  // number of better corners in its cell
   };
   std::vector<Corner> candidates;
   for (int y = margin; y < size_.height - margin; ++y) {
@@ -360,7 +361,7 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
     corner.rank = enter(corner.place);
     return false;
   });
-  // The emptiest cells first; of these the strongest corners.
+  // The emptiest cells first; within them the strongest corners.
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Corner& a, const Corner& b) { return a.rank < b.rank; });
   if (static_cast<int>(candidates.size()) > wanted)
@@ -371,8 +372,8 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
   for (const Corner& corner : candidates) points.emplace_back(corner.place);
   cv::cornerSubPix(gray, points, {3, 3}, {-1, -1},
                    {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.01});
-  // Where too many begin at once they would also end at once, and the frames before and after would
-  // have nothing in common.
+  // If too many tracks began together they would also end together, and the frames before and after
+  // would have no matches.
   const int whole = options_.reach - 1;
   const int share = (static_cast<int>(live_.size() + points.size()) + whole - 1) / whole;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -408,7 +409,7 @@ FlowResult FlowTracker::finish() {
       features.colors.push_back(track.colors[k]);
       features.sizes.push_back(track.sizes[k]);
     }
-    // Indices grow from track to track, so each list is in order.
+    // Indices grow from track to track, so each list is sorted.
     for (std::size_t i = 0; i < indices.size(); ++i) {
       for (std::size_t j = i + 1; j < indices.size(); ++j) {
         matches[{track.start + static_cast<int>(i), track.start + static_cast<int>(j)}].push_back(

@@ -12,11 +12,11 @@
 namespace tarsier::sfm {
 
 struct FlowOptions {
-  int max_points = 4000;  // that are followed at a time
-  int grid = 16;          // cells along the larger side, each gets its share of them
-  int reach = 6;          // images that a point is followed over at most
-  double back_px = 0.7;   // followed back, a point must come this near to its start
-  double alike = 0.85;    // least correlation with the patch of the first image
+  int max_points = 4000;  // max number of points tracked at a time
+  int grid = 16;          // cells along the longer side; each gets its share of points
+  int reach = 6;          // max number of images over which a point is tracked
+  double back_px = 0.7;   // max distance to its start after backward tracking
+  double alike = 0.85;    // min correlation with the patch of the first image
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_points", max_points, range(10, 1'000'000)},
@@ -28,30 +28,31 @@ struct FlowOptions {
   void check() const { check_fields(*this); }
 };
 
-// What two images have in common, first < second.
+// Matches of two images, first < second.
 struct FlowMatches {
   int first = 0;
   int second = 0;
-  std::vector<Match> matches;  // by `first`
+  std::vector<Match> matches;  // sorted by `first`
 };
 
 struct FlowResult {
-  std::vector<Features> features;  // of each image; no descriptors; sizes: px of the patch
-  std::vector<FlowMatches> pairs;  // by first, second; those with at least one match
+  std::vector<Features> features;  // for each image; no descriptors; sizes: px of the patch
+  std::vector<FlowMatches> pairs;  // sorted by first, second; with at least one match
 };
 
-// Follows points through the frames of a video or a quick series. Corners (Shi and Tomasi, "Good
-// features to track", CVPR 1994), spread over the image, are found wherever no point is followed
-// yet. Each goes from frame to frame by pyramidal Lucas-Kanade (Bouguet, 2000), forward and back.
-// Then it is aligned again with the patch of its first frame, by an affine map with gain and offset
-// (inverse compositional, Baker and Matthews, IJCV 2004), so that errors do not add up. A point is
-// dropped where following it back does not end at its start, where its patch no longer looks the
-// same or leaves the image, and where it runs into an older one. It also ends after `reach`
-// images, with another beginning there; the ends are spread over the frames, so that no frame
-// cuts the sequence in two.
+// Tracks points through the frames of a video or a fast series. Corners (Shi and Tomasi, "Good
+// features to track", CVPR 1994) are detected wherever no point is tracked yet, spread over the
+// image. They are tracked from frame to frame by pyramidal Lucas-Kanade (Bouguet, 2000), forward
+// and backward. Then each is aligned with the patch of its first frame by an affine map with gain
+// and offset (inverse compositional, Baker and Matthews, IJCV 2004), so that errors do not
+// accumulate.
 //
-// Holds two images and a small patch for each point, whatever `reach` is. The same for any number
-// of threads.
+// A point is dropped where backward tracking misses its start, where its patch changes or leaves
+// the image, and where it meets an older point. It also ends after `reach` images, and another one
+// begins there. These ends are spread over the frames, so that no frame divides the sequence.
+//
+// Holds two images and a small patch per point, for any `reach`. Does not depend on the number of
+// threads.
 class FlowTracker {
  public:
   explicit FlowTracker(const FlowOptions& options);
@@ -59,18 +60,18 @@ class FlowTracker {
   FlowTracker(const FlowTracker&) = delete;
   FlowTracker& operator=(const FlowTracker&) = delete;
 
-  // The next frame, CV_8UC3 (BGR) or CV_8UC1, all of one size, at least 64 px on each side. Throws
-  // std::invalid_argument otherwise.
+  // Adds the next frame, CV_8UC3 (BGR) or CV_8UC1, all of one size, at least 64 px on each side.
+  // Throws std::invalid_argument otherwise.
   void add(const cv::Mat& image);
 
-  [[nodiscard]] int count() const { return count_; }  // frames so far
+  [[nodiscard]] int count() const { return count_; }  // frames up to now
 
-  // Features and matches of all frames so far; the next add() begins a new sequence. Points that
-  // were seen once only are left out.
+  // Features and matches of all frames up to now; the next add() begins a new sequence. Points in
+  // only one frame are left out.
   [[nodiscard]] FlowResult finish();
 
  private:
-  // One point through consecutive frames.
+  // A point through consecutive frames.
   struct Track {
     int start = 0;  // frame
     std::vector<cv::Point2f> points;
@@ -78,7 +79,7 @@ class FlowTracker {
     std::vector<float> sizes;
   };
 
-  struct Live;  // what following one needs; gone when it ends
+  struct Live;  // state of a tracked point; removed when it ends
 
   void follow(const cv::Mat& image, const std::vector<cv::Mat>& pyramid, const cv::Mat& smooth);
   void separate();
@@ -88,10 +89,10 @@ class FlowTracker {
   FlowOptions options_;
   int count_ = 0;
   cv::Size size_;
-  double spacing_ = 0;            // px, between corners at least
-  std::vector<cv::Mat> pyramid_;  // of the last frame
+  double spacing_ = 0;            // px, min distance between corners
+  std::vector<cv::Mat> pyramid_;  // of the latest frame
   std::vector<Live> live_;        // oldest first
-  std::vector<Track> done_;       // of two frames or more
+  std::vector<Track> done_;       // in two frames or more
 };
 
 }  // namespace tarsier::sfm

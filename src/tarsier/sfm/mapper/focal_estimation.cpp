@@ -19,22 +19,22 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMinInliers = 40;
-constexpr double kOnePlane = 0.7;       // share of the inliers: such a pair is left out
-constexpr std::size_t kMaxPairs = 200;  // of two cameras
+constexpr double kOnePlane = 0.7;       // share of the inliers: such pairs are left out
+constexpr std::size_t kMaxPairs = 200;  // per pair of cameras
 constexpr std::size_t kMaxAllPairs = 2000;
-constexpr std::size_t kMaxInliers = 150;  // of a pair
-constexpr int kHalf = 11;                 // factors above and below 1
-constexpr double kStep = 0.1;             // of their logarithms
+constexpr std::size_t kMaxInliers = 150;  // per pair
+constexpr int kHalf = 11;                 // number of factors above and below 1
+constexpr double kStep = 0.1;             // of the logarithms of the factors
 constexpr int kFactors = 2 * kHalf + 1;
-constexpr int kRounds = 8;  // of a motion's refinement at a factor
+constexpr int kRounds = 8;  // iterations for refining a motion at a factor
 constexpr std::size_t kFolds = 5;
 constexpr double kMaxSpread = 0.1;
 
-using Curve = std::array<double, kFactors>;  // costs by factor
+using Curve = std::array<double, kFactors>;  // cost for each factor
 
 double factor_of(int k) { return std::exp(kStep * (k - kHalf)); }
 
-// Evenly from `count` things, `most` at most: every how many-th.
+// Stride that takes at most `most` of `count` items, evenly.
 std::size_t stride_of(std::size_t count, std::size_t most) {
   return std::max<std::size_t>(1, (count + most - 1) / most);
 }
@@ -80,7 +80,7 @@ class Estimator {
   [[nodiscard]] int camera_of(int image) const { return images_[at(image)].camera; }
   [[nodiscard]] bool is_guess(int image) const { return is_guess_[at(camera_of(image))] != 0; }
 
-  // Whether the pair tells the focal length of this camera and of no other.
+  // Whether the pair depends on the focal length of this camera only.
   [[nodiscard]] bool says_only(const Pair& pair, int camera) const {
     const int first = camera_of(pair.first);
     const int second = camera_of(pair.second);
@@ -88,7 +88,7 @@ class Estimator {
            (second == camera || !is_guess(pair.second)) && (first == camera || second == camera);
   }
 
-  // Of each pair of cameras evenly from the strongest to the weakest.
+  // For each pair of cameras, chooses pairs of images evenly from the strongest to the weakest.
   void choose_pairs() {
     std::vector<const Pair*> usable;
     for (const Pair& pair : pairs_) {
@@ -112,13 +112,14 @@ class Estimator {
       for (; from < to; from += stride) chosen_.push_back(usable[from]);
       from = to;
     }
-    // Where each image has a camera of its own, there are many pairs of cameras.
+    // Where each image has its own camera, there are many pairs of cameras.
     const std::size_t stride = stride_of(chosen_.size(), kMaxAllPairs);
     for (std::size_t k = 0; k * stride < chosen_.size(); ++k) chosen_[k] = chosen_[k * stride];
     chosen_.resize((chosen_.size() + stride - 1) / stride);
   }
 
-  // The rays of a pair's inliers with unknown focal lengths times a factor; returns the mean of the two.
+  // Sets the rays of a pair's inliers, with unknown focal lengths times a factor. Returns the mean
+  // focal length of the two.
   double set_rays(const Pair& pair, const PointPairs& pixels, double factor,
                   PointPairs& rays) const {
     const auto set = [&](int image, const std::vector<Eigen::Vector2d>& from,
@@ -148,7 +149,8 @@ class Estimator {
     }
     for (const cv::Point2d& p : undistorted(a, first)) pixels.first.emplace_back(p.x, p.y);
     for (const cv::Point2d& p : undistorted(b, second)) pixels.second.emplace_back(p.x, p.y);
-    // From several factors outwards: the motion of a wrong focal length may be a wrong one.
+    // Starts at several factors and goes outwards, as the motion at a wrong focal length may be
+    // wrong.
     Curve curve;
     curve.fill(std::numeric_limits<double>::infinity());
     std::array<geometry::Rigid3, kFactors> motions;
@@ -166,7 +168,7 @@ class Estimator {
       }
     };
     const auto sweep_from = [&](int k, const geometry::Rigid3& motion) {
-      if (!(motion.translation.norm() > 0)) return;  // none was found
+      if (!(motion.translation.norm() > 0)) return;  // no motion was found
       sweep(k, kFactors - 1, motion);
       sweep(k, 0, motion);
     };
@@ -175,13 +177,14 @@ class Estimator {
       const double focal = set_rays(pair, pixels, factor_of(k), rays);
       sweep_from(k, robust_motion(rays, {.threshold = threshold_px_ / focal}).second_from_first);
     }
-    // What cannot be judged says nothing.
+    // A pair without finite costs has no influence.
     if (!std::all_of(curve.begin(), curve.end(), [](double cost) { return std::isfinite(cost); }))
       curve.fill(0);
     return curve;
   }
 
-  // The logarithm of the factor at which the sum of curves is least; nothing where it is the first or the last.
+  // The logarithm of the factor with the lowest sum of curves; empty where it is the first or the
+  // last.
   static std::optional<double> minimum_of(const Curve& sum) {
     const auto least = std::min_element(sum.begin(), sum.end()) - sum.begin();
     if (least == 0 || least == kFactors - 1) return std::nullopt;
@@ -193,7 +196,7 @@ class Estimator {
     return kStep * (static_cast<double>(least) - kHalf + shift);
   }
 
-  // By the pairs `among`: the factor as focal_px, and its spread.
+  // Estimates the factor (in focal_px) and its spread from the pairs `among`.
   [[nodiscard]] std::optional<FocalEstimate> estimate(const std::vector<std::size_t>& among) const {
     if (among.size() < kFolds) return std::nullopt;
     std::array<Curve, kFolds> folds{};
@@ -232,7 +235,7 @@ class Estimator {
   const std::vector<Pair>& pairs_;
   double threshold_px_;
   std::vector<const Pair*> chosen_;
-  std::vector<Curve> curves_;  // of `chosen_`
+  std::vector<Curve> curves_;  // for `chosen_`
 };
 
 }  // namespace

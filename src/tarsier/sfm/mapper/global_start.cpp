@@ -20,22 +20,23 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kCycleDeg = 5;       // of a closed cycle
-constexpr int kMinCycles = 2;         // of an edge that can be judged by them
-constexpr double kRotationDeg = 10;   // an edge that is off by more is wrong
-constexpr std::size_t kPoints = 150;  // of an image, that take part in positioning
+constexpr double kCycleDeg = 5;       // max angle of a closed cycle
+constexpr int kMinCycles = 2;         // min cycles by which an edge can be judged
+constexpr double kRotationDeg = 10;   // edges with larger errors are wrong
+constexpr std::size_t kPoints = 150;  // per image, for positioning
 constexpr std::size_t kMaxRays = 60;  // of such a point: the equations grow with the square
-constexpr double kMaxSine = 0.1;      // of a ray and the direction to its point
-// Of an adjustment. A long loop that has to bend takes many; where it is not closed when observations that are far off are
-// left out, it stays open.
+constexpr double kMaxSine = 0.1;  // sine of the angle between a ray and the direction to its point
+// Max steps of an adjustment. A long loop that has to bend takes many. A loop that is still open
+// when inaccurate observations are dropped stays open.
 constexpr int kMaxSteps = 1000;
-// A step that takes less off the sum than this share is the last. A loop of n images bends by 1/n at each image, which is
-// 1/n^2 of the sum: where the view graph's radius is more than kLongRadius, the share falls with the square.
-// That is for the first round, which closes the loop, and the last one; those between them leave observations out.
+// An adjustment stops when a step reduces the cost by less than this share. A loop of n images
+// bends by 1/n at each image, which is 1/n^2 of the cost. So where the radius of the view graph
+// exceeds kLongRadius, the share decreases with its square. This applies to the first round, which
+// closes the loop, and the last.
 constexpr double kTolerance = 1e-4;
 constexpr double kLongRadius = 60;
-constexpr double kMinShare = 0.5;  // of images, and of observations that agree at the end
-// Of reprojection_px, and Cauchy's loss of the adjustment that follows, px.
+constexpr double kMinShare = 0.5;  // min share of images, and of observations that agree at the end
+// Threshold in units of reprojection_px, and scale of Cauchy's loss for the next adjustment, px.
 struct Round {
   double threshold;
   double loss_px;
@@ -62,7 +63,8 @@ class GlobalMapping {
     if (!pairs_.empty()) image_ = pairs_.front()->first;
   }
 
-  // Takes up the work where another process was; false: the state is of other images or pairs, and this must not be used.
+  // Resumes from the state of another process; false: it belongs to other images or pairs, and this
+  // object must not be used.
   bool restore(const GlobalStartState& from) {
     if (from.step == GlobalStartState::kRefused ||
         !fits(from, pairs_.size(), start_.model.cameras.size(), images_))
@@ -110,7 +112,7 @@ class GlobalMapping {
     return std::move(start_);
   }
 
-  // Of what was restored.
+  // The rough model of a restored state.
   std::optional<GlobalModelSoFar> model_so_far() {
     if (step_ != GlobalStartState::kAdjustment) return std::nullopt;
     const std::size_t round = std::min(at(round_), std::size(kRounds) - 1);
@@ -123,7 +125,7 @@ class GlobalMapping {
  private:
   static constexpr int kBegin = -1;  // before the first of GlobalStartState's steps
 
-  // The work is about to do this round of this step.
+  // Call before this round of this step.
   void keep(GlobalStartState::Step step, int round) {
     step_ = step;
     round_ = round;
@@ -198,7 +200,7 @@ class GlobalMapping {
     given_.resize(kept);
   }
 
-  // Numbers the images of the largest part of the graph, and leaves the edges of others out.
+  // Numbers the images of the largest component, and removes the edges of others.
   void keep_largest_component() {
     number_nodes(largest_component(static_cast<int>(images_.size()), edges_));
     keep_edges(Doubt::kNone, [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
@@ -210,7 +212,7 @@ class GlobalMapping {
     for (std::size_t n = 0; n < nodes_.size(); ++n) node_of_[at(nodes_[n])] = static_cast<int>(n);
   }
 
-  // The edges by the numbers of nodes.
+  // The edges with indices of nodes.
   [[nodiscard]] std::vector<RelativeRotation> edges_of_nodes() const {
     std::vector<RelativeRotation> edges = edges_;
     for (RelativeRotation& edge : edges) {
@@ -247,7 +249,7 @@ class GlobalMapping {
 
   // --- positions ---
 
-  // Of a track that is too long, observations of images that are evenly spread among its own.
+  // Shortens a too long track to observations of evenly spaced images.
   static void keep_some(std::vector<Observation>& track) {
     if (track.size() <= kMaxRays) return;
     std::sort(track.begin(), track.end(),
@@ -257,7 +259,7 @@ class GlobalMapping {
     track.resize(kMaxRays);
   }
 
-  // The longest tracks, until each image has enough of them.
+  // Selects the longest tracks, until each image has enough of them.
   void choose_tracks() {
     std::vector<int> features;
     for (const Image& image : images_) features.push_back(static_cast<int>(image.features.size()));
@@ -276,7 +278,7 @@ class GlobalMapping {
 
   bool find_positions() {
     choose_tracks();
-    std::vector<std::vector<cv::Point2d>> pixels(images_.size());  // without distortion
+    std::vector<std::vector<cv::Point2d>> pixels(images_.size());  // undistorted
     for (const int i : nodes_)
       pixels[at(i)] =
           undistorted(images_[at(i)].features, start_.model.cameras[at(images_[at(i)].camera)]);
@@ -324,7 +326,7 @@ class GlobalMapping {
 
   // --- adjustment ---
 
-  // All observations of the tracks that are near enough in the model as it is.
+  // Keeps all observations of the tracks that fit the current model.
   void filter(double threshold_px) {
     Model& model = start_.model;
     std::vector<int> all(tracks_.size());
@@ -337,7 +339,7 @@ class GlobalMapping {
     }
     MapperOptions rough = options_;
     rough.reprojection_px = threshold_px;
-    // A point that goes is looked at again in the next round.
+    // Points removed here are considered again in the next round.
     std::vector<Eigen::Vector3d> positions;
     for (const Point& point : model.points) positions.push_back(point.position);
     (void)filter_these(model, rough, all);
@@ -384,7 +386,7 @@ class GlobalMapping {
     model.points.clear();
   }
 
-  // Images with too few points, and those that no point joins to the others, are not registered.
+  // Unregisters images with too few points, and those that no point connects with the others.
   void keep_connected() {
     Model& model = start_.model;
     for (;;) {
@@ -420,20 +422,20 @@ class GlobalMapping {
   }
 
   const std::vector<Image>& images_;
-  std::vector<const Pair*> pairs_;  // of edges_
-  std::vector<int> given_;          // of edges_: which of the pairs that were given
+  std::vector<const Pair*> pairs_;  // for edges_
+  std::vector<int> given_;          // for edges_: index into the given pairs
   const MapperOptions& options_;
   const std::stop_token& stop_;
   const GlobalStartHooks& hooks_;
-  int step_ = kBegin;  // GlobalStartState::step of what is done next
-  int round_ = 0;      // of it
-  int image_ = -1;     // one of the pairs
+  int step_ = kBegin;  // GlobalStartState::step of the next step
+  int round_ = 0;      // of the next step
+  int image_ = -1;     // an image of the pairs
   GlobalStart start_;
-  int total_ = 0;                        // images that are in a pair
+  int total_ = 0;                        // images in pairs
   std::vector<RelativeRotation> edges_;  // between images
-  std::vector<int> nodes_;               // images
+  std::vector<int> nodes_;               // indices of images
   std::vector<int> node_of_;
-  std::vector<Eigen::Matrix3d> rotations_;  // of each node
+  std::vector<Eigen::Matrix3d> rotations_;  // for each node
   std::vector<std::vector<Observation>> tracks_;
 };
 

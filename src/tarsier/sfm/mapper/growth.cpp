@@ -9,19 +9,19 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
-// Of adjustments while the model still changes, and at the end.
+constexpr double kGrowth = 1.25;  // growth of the model after which the whole is adjusted
+// Efforts of adjustments while the model still changes, and at the end.
 constexpr IncrementalMapper::Effort kRough{
     .tolerance = 1e-3, .points_per_image = 600, .max_observations = 40};
 constexpr IncrementalMapper::Effort kFine{.tolerance = 1e-5};
-constexpr int kMaxObservations = 1'000'000;  // of an adjustment: 400 to 700 bytes each
-constexpr int kMinSeen = 6;                  // points of an image that is tried
-constexpr double kMuch = 0.1;  // of all observations, that tracks gained: worth another time
+constexpr int kMaxObservations = 1'000'000;  // per adjustment: 400 to 700 bytes each
+constexpr int kMinSeen = 6;                  // min points that an image sees to be tried
+constexpr double kMuch = 0.1;  // share of all observations gained by tracks: extend once more
 
-enum ExtendRound { kExtendMore = 1, kExtendEnough };  // after the tracks were extended
+enum ExtendRound { kExtendMore = 1, kExtendEnough };  // state after the extension of tracks
 enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
 
-// At the end: by all points, or by as many as there is memory for, but not by fewer than before.
+// The final effort: all points, or as many as memory allows, but not fewer than before.
 IncrementalMapper::Effort fine_effort(const IncrementalMapper& mapper) {
   IncrementalMapper::Effort effort = kFine;
   if (mapper.observations() > kMaxObservations) {
@@ -41,7 +41,7 @@ void pass_troubles(IncrementalMapper& mapper, const GrowthHooks& hooks) {
     if (hooks.trouble) hooks.trouble(std::move(line));
 }
 
-// The images that may be added now, the best one first.
+// The images that may be added now, the best first.
 std::vector<int> candidates(const IncrementalMapper& mapper, const std::vector<bool>& used,
                             const std::map<int, int>& failed) {
   std::vector<std::pair<double, int>> scored;
@@ -60,7 +60,7 @@ std::vector<int> candidates(const IncrementalMapper& mapper, const std::vector<b
   return images;
 }
 
-// Adds the best image that can be added; false: none can.
+// Adds the best image that can be added; false: none can be.
 bool add_one(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& growth,
              const GrowthHooks& hooks, const std::stop_token& stop) {
   for (const int image : candidates(mapper, used, growth.failed)) {

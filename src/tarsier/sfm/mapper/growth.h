@@ -9,34 +9,35 @@
 #include <string>
 #include <vector>
 
-// The inside of the mapper: the steps by which one model grows from its first images to its end.
+// Internal to the mapper: the steps of a model's growth, from its first images to the end.
 namespace tarsier::sfm {
 
-// Where a model is on its way, beside the model itself.
+// The state of a model's growth, besides the model itself.
 struct Growth {
-  std::map<int, int> failed;  // images that could not be added, and the points that they saw then
-  int adjusted_at = 0;        // images in it when all of it was last adjusted
-  int stage = 0;              // 0: images are added; then the steps of the end
-  int round = 0;              // of the stage
-  // No state that another process could go on from: tracks are being extended.
+  // images that could not be added, with the number of points they saw then
+  std::map<int, int> failed;
+  int adjusted_at = 0;  // number of images at the last adjustment of the whole
+  int stage = 0;        // 0: images are added; then the final steps
+  int round = 0;        // within the stage
+  // Tracks are being extended. This is not a state from which another process can resume.
   bool between_states = false;
 };
 
 // All of them may be empty.
 struct GrowthHooks {
-  std::function<void()> step;  // is called where a checkpoint can be made
-  // An image, whether it was added, and why not.
+  std::function<void()> step;  // called where a checkpoint can be made
+  // Receives an image, whether it was added, and why not.
   std::function<void(int image, bool added, const std::string& why)> tried;
-  std::function<void(std::string line)> trouble;  // what went wrong in an adjustment
+  std::function<void(std::string line)> trouble;  // receives warnings of adjustments
 };
 
-// Adds what sees most, until nothing more can be added; not the images that are `used`. `thorough`: when nothing more can,
-// all of the model is adjusted and what failed is tried once more. Throws Interrupted.
+// Adds the images that see most of the model, until no more can be added; never images in `used`.
+// `thorough`: then adjusts the whole model and tries failed images once more. Throws Interrupted.
 void add_images(IncrementalMapper& mapper, const std::vector<bool>& used, bool thorough,
                 Growth& growth, const GrowthHooks& hooks, const std::stop_token& stop);
 
-// From where the model is to its end: images are added, all of it is adjusted, its tracks are extended, and it is adjusted
-// once more. Each round is a state of its own, from which another process can go on. Throws Interrupted.
+// Grows the model to its end: adds images, adjusts the whole, extends its tracks, and adjusts once
+// more. Each round is a state from which another process can resume. Throws Interrupted.
 void grow(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& growth,
           const GrowthHooks& hooks, const std::stop_token& stop);
 

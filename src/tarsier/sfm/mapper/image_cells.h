@@ -11,7 +11,7 @@ namespace tarsier::sfm {
 
 constexpr int kImageCells = 48;  // 8 x 6
 
-// In which of the cells of an image a pixel lies, row by row; one outside lies in the nearest.
+// Index of the image cell of a pixel, row by row. A pixel outside belongs to the nearest cell.
 inline int image_cell(const cv::Point2f& pixel, const geometry::Camera& camera) {
   const int x = std::clamp(static_cast<int>(static_cast<double>(pixel.x) * 8 / camera.width), 0, 7);
   const int y =

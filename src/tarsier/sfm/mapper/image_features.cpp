@@ -25,25 +25,27 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxFileBytes = 512'000'000;
-// Retrieval is cheaper from 24 images on, but what looks alike takes the places of true neighbours: of 36 images of a
-// symmetrical box it loses one, and 48 of a toy with an unknown lens fall in two models (docs/sfm.md, "Many images").
+// Retrieval is faster from 24 images on, but similar places displace true neighbours. It loses one
+// of 36 images of a symmetrical box, and splits 48 of a toy with an unknown lens into two models
+// (docs/sfm.md, "Many images").
 constexpr int kFewImages = 60;
-constexpr double kGuessedFocal = 1.2;  // of the larger side
-constexpr int kMinShown = 3;  // images of a model that tells the focal length of their camera
+constexpr double kGuessedFocal = 1.2;  // times the longer side
+// min images of a model that determines the focal length of their camera
+constexpr int kMinShown = 3;
 
-// The camera of an image that was turned clockwise by a quarter: (x, y) becomes (height - 1 - y, x).
+// The camera of an image after a clockwise quarter turn: (x, y) becomes (height - 1 - y, x).
 geometry::Camera turned(const geometry::Camera& camera) {
   geometry::Camera result = camera;
   std::swap(result.width, result.height);
   std::swap(result.fx, result.fy);
   result.cx = camera.height - 1 - camera.cy;
   result.cy = camera.cx;
-  result.distortion[2] = camera.distortion[3];  // p1, p2: (x, y) of a ray becomes (-y, x)
+  result.distortion[2] = camera.distortion[3];  // p1, p2: the ray (x, y) becomes (-y, x)
   result.distortion[3] = -camera.distortion[2];
   return result;
 }
 
-// The given camera for an image of this size: scaled where the form is the same.
+// The given camera for an image of this size: scaled where the aspect ratios are equal.
 std::optional<geometry::Camera> fitting_as_it_is(geometry::Camera camera, cv::Size size) {
   if (camera.width == 0 || camera.height == 0 ||
       (camera.width == size.width && camera.height == size.height)) {
@@ -63,12 +65,12 @@ std::optional<geometry::Camera> fitting_as_it_is(geometry::Camera camera, cv::Si
   return camera;
 }
 
-// The same for an image of the swapped sides, too. `turns`: that bring it upright.
+// The same, also for an image with swapped sides. `turns`: quarter turns that bring it upright.
 std::optional<geometry::Camera> fitting(const geometry::Camera& given, cv::Size size, int turns) {
   if (const auto camera = fitting_as_it_is(given, size)) return camera;
   geometry::Camera camera = turned(given);
   if (turns == 1) {
-    camera = turned(turned(camera));  // it is of upright images: turned back
+    camera = turned(turned(camera));  // the camera is for upright images: turn back
   } else if (turns != 3) {
     camera.cx = (camera.width - 1) / 2.0;
     camera.cy = (camera.height - 1) / 2.0;
@@ -262,7 +264,8 @@ std::vector<std::string> ImageSet::estimate_focal_lengths(std::vector<Pair>& pai
                                                           const std::stop_token& stop) {
   std::vector<std::string> lines;
   if (!has_guess()) return lines;
-  std::vector<char> is_new = is_estimated_;  // pairs may be new where lenses are not (online.h)
+  // pairs may be new even where lenses are not (online.h)
+  std::vector<char> is_new = is_estimated_;
   for (const FocalEstimate& found : sfm::estimate_focal_lengths(
            cameras_, is_guess_, images_, pairs, options_.two_view.threshold_px, stop)) {
     lines.push_back(fmt::format(

@@ -12,9 +12,8 @@
 #include <utility>
 #include <vector>
 
-// The steps of one image and of one pair, for the pipeline of all images (pipeline.h) and
-// for the one that grows with its images (online.h): the same inputs give the same entries of
-// the cache in both.
+// The steps for one image and for one pair. The pipeline of all images (pipeline.h) and the online
+// mapper (online.h) share them, so that the same inputs give the same cache entries in both.
 namespace tarsier::sfm {
 
 struct Lens {
@@ -22,32 +21,34 @@ struct Lens {
   const char* from = "guess";  // "given", "EXIF", "guess"
 };
 
-// One image, as the pairs and the mapper need it.
+// An image, as needed by pairs and mapper.
 struct ImageFeatures {
   int input = 0;  // index of its Input
   cv::Size size;
   Lens lens;
   std::string body;  // make and model of the camera, from EXIF
-  int turns = 0;     // quarter turns clockwise that bring the image upright, 0..3
-  std::string key;   // of its bytes and of how features are found
+  int turns = 0;     // clockwise quarter turns that bring the image upright, 0..3
+  std::string key;   // from its bytes and the feature options
   Features features;
 };
 
 // ImageFeatures::key of a file with this SHA-256.
 [[nodiscard]] std::string features_key(const std::string& sha256, const FeatureOptions& options);
 
-// Reads the file, with the pixels of the sensor (scene/sensor_image.h); fills all of `image_features` but its index and its features.
-// A given camera is scaled to the image where its sides are in the same proportion, and turned by a quarter where they are when
-// swapped: as EXIF says; where it says nothing, either way would do, so that the principal point is taken for the middle and
-// the lens for one without tangential distortion. Of another form it is not used, with a warning. Throws InputError.
+// Reads the file, with the pixels of the sensor (scene/sensor_image.h), and fills all of
+// `image_features` but its index and features. A given camera is scaled to the image where the
+// aspect ratios are equal. Where they are equal with swapped sides, it is turned by a quarter turn,
+// as EXIF says. Without EXIF both directions are possible, so the principal point is set to the
+// centre and tangential distortion to zero. With another aspect ratio the camera is not used, with
+// a warning. Throws InputError.
 [[nodiscard]] cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
                                        ImageFeatures& image_features);
 
-// Fills the features; true if they come from the cache. Throws OutputError (cache).
+// Computes the features; returns true if they come from the cache. Throws OutputError (cache).
 bool find_image_features(const cv::Mat& image, const PipelineOptions& options, const Cache& cache,
                          ImageFeatures& image_features);
 
-// Under which the pairs of an image are kept, and under which another one is found among them.
+// Cache key for the pairs of an image, and the key of the other image within them.
 [[nodiscard]] std::string pairs_key(const ImageFeatures& image_features,
                                     const PipelineOptions& options);
 [[nodiscard]] std::string partner_key(const ImageFeatures& image_features);
@@ -57,57 +58,56 @@ bool find_image_features(const cv::Mat& image, const PipelineOptions& options, c
                                         const PipelineOptions& options,
                                         const std::vector<float>& ratios = {});
 
-// Matches the descriptors of the two images that `pair` names and verifies what was found: fills its number of
-// matches and its view. `found`, where not null, becomes all matches.
+// Matches the descriptors of the two images of `pair` and verifies the matches. Sets the pair's
+// number of matches and its view. `found` may be null; it receives all matches.
 void compare_images(const ImageFeatures& first, const ImageFeatures& second,
                     const PipelineOptions& options, Pair& pair,
                     std::vector<Match>* found = nullptr);
 
-// The options with their seed in all of their parts.
+// The options with the seed copied to all parts.
 [[nodiscard]] PipelineOptions seeded(PipelineOptions options);
 
-// What PairChoice::kAuto stands for with so many images; other choices as they are.
+// The choice that PairChoice::kAuto makes for this number of images; other choices unchanged.
 [[nodiscard]] PairChoice pair_choice(const PipelineOptions& options, int images);
 
-// The images to compare, by their indices: the smaller one first, sorted, each pair once. `names` are those of the
-// images that could be read; `descriptors` is asked for them where images are found by what they show
-// (Retrieval), and `places` says where they were taken (empty: nothing is known). Throws InputError
-// (pairs_file).
+// The pairs of images to compare, by index: the smaller one first, sorted, each pair once. `names`
+// are those of the readable images. `descriptors` is called where images are found by retrieval.
+// `places` are camera positions (empty: unknown). Throws InputError (pairs_file).
 [[nodiscard]] std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
                                                   const KnownPlaces& places,
                                                   const DescriptorSource& descriptors,
                                                   const PipelineOptions& options);
 
-// All that the mapper needs to know of its images.
+// All that the mapper needs to know about its images.
 struct MatchedImages {
-  std::vector<ImageFeatures> images;                  // that could be read, as the inputs
-  std::vector<std::pair<int, std::string>> left_out;  // inputs that could not, and why
-  std::vector<Pair> pairs;                            // verified, sorted; of indices into `images`
+  std::vector<ImageFeatures> images;  // readable images, in the order of the inputs
+  // inputs that could not be read, with the reason
+  std::vector<std::pair<int, std::string>> left_out;
+  std::vector<Pair> pairs;  // verified, sorted; of indices into `images`
 };
 
-// The images of a model to be, and their cameras: one for those of a size and lens, or one
-// each.
+// The images of a future model and their cameras: one camera per size and lens, or one per image.
 class ImageSet {
  public:
   explicit ImageSet(const PipelineOptions& options) : options_(options) {}
   void add(const ImageFeatures& image_features, const std::string& name);
   [[nodiscard]] const std::vector<geometry::Camera>& cameras() const { return cameras_; }
-  // Takes focal lengths that are guesses from the epipolar geometry of the pairs (focal_estimation.h), where these tell them,
-  // and estimates the motions of the pairs again. Returns what was found, a line for each camera. Nothing where lenses are not
-  // to be refined. Throws Interrupted.
+  // Estimates guessed focal lengths from the epipolar geometry of the pairs (focal_estimation.h),
+  // where these determine them, and estimates the motions of the pairs again. Returns a log line
+  // for each camera. Does nothing where lenses are not refined. Throws Interrupted.
   std::vector<std::string> estimate_focal_lengths(std::vector<Pair>& pairs,
                                                   const std::stop_token& stop);
-  // The same, from models that were made with other focal lengths: of each camera that of the first model that has three of its
-  // images, where its logarithm differs by more than `min_change`.
+  // The same, from models made with other focal lengths. A camera takes the focal length of the
+  // first model with three of its images, where its logarithm differs by more than `min_change`.
   std::vector<std::string> take_focal_lengths(const std::vector<Model>& models, double min_change,
                                               std::vector<Pair>& pairs,
                                               const std::stop_token& stop);
-  // Whether there is a focal length that is a guess, and is to be refined.
+  // Whether a focal length is a guess that is to be refined.
   [[nodiscard]] bool has_guess() const;
-  // Whether one of the two gave the focal length of an image's camera.
+  // Whether one of the two functions above set the focal length of an image's camera.
   [[nodiscard]] bool is_estimated(int image) const;
   [[nodiscard]] const std::vector<Image>& images() const { return images_; }
-  // The given ones, with lenses refined where they were guessed.
+  // The given options, with lenses refined where they were guessed.
   [[nodiscard]] MapperOptions mapper_options() const;
 
  private:
@@ -117,8 +117,8 @@ class ImageSet {
 
   PipelineOptions options_;
   std::vector<geometry::Camera> cameras_;
-  std::vector<char> is_guess_;      // of each camera
-  std::vector<char> is_estimated_;  // of each camera
+  std::vector<char> is_guess_;      // for each camera
+  std::vector<char> is_estimated_;  // for each camera
   std::vector<Image> images_;
   std::map<std::tuple<int, int, double, std::string>, int> known_;
   bool any_guess_ = false;

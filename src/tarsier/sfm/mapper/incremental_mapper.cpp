@@ -23,17 +23,17 @@ namespace {
 
 constexpr double kRadians = CV_PI / 180;
 constexpr int kMaxPairsOfATrack = 30;
-constexpr int kNeighbours = 6;          // that move with a new image
-constexpr std::size_t kMinPoints = 30;  // of a first pair
-constexpr int kLocalPoints = 600;       // of each image that moves with a new one
-// Observations that tell where a point is while an image is added. Its track may be in hundreds of images of a video, and
-// what it costs would grow with them.
+constexpr int kNeighbours = 6;          // images adjusted together with a new image
+constexpr std::size_t kMinPoints = 30;  // of an initial pair
+constexpr int kLocalPoints = 600;       // per image that is adjusted with a new one
+// Max observations of a point used while an image is added. Tracks may be in hundreds of images of
+// a video, and the cost would grow with them.
 constexpr int kLocalObservations = 40;
-constexpr int kPointSteps = 3;                 // of the points that an adjustment left out
+constexpr int kPointSteps = 3;                 // iterations for points that an adjustment left out
 constexpr std::size_t kMaxAtOnce = 2'000'000;  // observations of points that are adjusted alone
-constexpr int kGrids = 5;                      // of 2 x 2 to 32 x 32 cells
+constexpr int kGrids = 5;                      // grids of 2 x 2 to 32 x 32 cells
 
-// Where a grid of 2^level x 2^level cells begins among the cells of all grids: after 4 + 16 + ..
+// Begin of the grid of 2^level x 2^level cells among the cells of all grids: after 4 + 16 + ..
 std::size_t grid_start(int level) { return ((std::size_t{1} << (2 * level)) - 4) / 3; }
 
 }  // namespace
@@ -192,7 +192,7 @@ void IncrementalMapper::adjust_by_some_points(BundleOptions options, const Effor
                        model_.points[at(p)].track.size() > at(effort.max_observations)))
       others.push_back(p);
   }
-  // What lies behind a camera now is dropped by the filter.
+  // The filter drops points that are now behind a camera.
   std::erase_if(others, [&](int p) {
     const Point& point = model_.points[at(p)];
     return !std::all_of(point.track.begin(), point.track.end(), [&](const Observation& seen) {
@@ -289,7 +289,7 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
     return false;
   }
   adjust_pose(entry.pose, camera, inliers, options_.reprojection_px / 2);
-  // Of the points that may change: how many observations they have.
+  // Number of observations of the points that may change.
   std::vector<std::pair<int, std::size_t>> before;
   for (const int track : track_of_[at(image)])
     if (track >= 0) before.emplace_back(track, model_.points[at(track)].track.size());
@@ -322,7 +322,7 @@ bool IncrementalMapper::refine_once(const Effort& effort, const std::stop_token&
   BundleOptions bundle;
   bundle.tolerance = effort.tolerance;
   bundle.loss_px = effort.loss_px;
-  // Two views do not tell the focal length.
+  // Two views do not determine the focal length.
   const bool enough = registered() >= 3;
   bundle.focal = options_.refine_focal && enough;
   bundle.center = options_.refine_center && registered() >= 5;
@@ -462,7 +462,7 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
     bundle.images.push_back(order[k].second);
   std::vector<int> points;
   if (registered() <= kNeighbours + 1) {
-    bundle.images.clear();  // a model this small is adjusted as a whole
+    bundle.images.clear();  // a small model is adjusted as a whole
     points = all_tracks();
   } else {
     points = points_of(bundle.images);
@@ -474,7 +474,8 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
     (void)filter(points);
     return;
   }
-  // Where neither the point nor the image has moved, nothing is off that was not before: a point may be in hundreds.
+  // Only observations whose point or image moved can have become inaccurate; a point may be in
+  // hundreds of images.
   std::vector<int> unmoved;
   std::set_difference(points.begin(), points.end(), bundle.points.begin(), bundle.points.end(),
                       std::back_inserter(unmoved));
@@ -521,7 +522,7 @@ int IncrementalMapper::triangulate_track(int track, double min_angle, std::vecto
   std::vector<Observation> there;
   there.reserve(number);
   std::copy_if(all.begin(), all.end(), std::back_inserter(there), is_there);
-  // The pair of rays that most others agree with.
+  // Searches the pair of rays with which most others agree.
   std::vector<Observation> best;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   int tried = 0;
@@ -570,7 +571,7 @@ bool IncrementalMapper::has_angle(const Model& model, const std::vector<Observat
   const auto center = [&](const Observation& seen) {
     return model.images[at(seen.image)].pose.center();
   };
-  // The first and the last are often the widest apart.
+  // The first and the last are often the farthest apart.
   if (track.size() >= 2 &&
       ray_angle(position, center(track.front()), center(track.back())) >= least)
     return true;

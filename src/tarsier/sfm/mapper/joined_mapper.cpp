@@ -87,7 +87,7 @@ class JoinedMapping {
     return is_taken;
   }
 
-  // Makes the model's points of all pairs, and lets it grow to its end.
+  // Triangulates the model's points from all pairs, and grows it to its end.
   void grow_further(std::vector<Model>& models, std::size_t m) {
     const std::vector<bool> is_taken = taken(models, m);
     Model& model = models[m];
@@ -126,7 +126,7 @@ class JoinedMapping {
           left_out));
   }
 
-  // Nothing is known but the models.
+  // For an input without pairs: only the models are known.
   void finish_without_pairs() {
     std::erase_if(made_.models, [&](const Model& model) {
       return statistics_of(model).registered < options_.min_images;

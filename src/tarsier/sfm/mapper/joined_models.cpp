@@ -28,12 +28,13 @@ namespace {
 using geometry::Sim3;
 
 constexpr double kDegrees = 180 / CV_PI;
-// Of the adjustments of a joined model, from rough to fine: where a cycle is open, errors are large at first.
+// Losses for adjusting a joined model, from rough to fine: with an open cycle, errors are initially
+// large.
 constexpr double kLosses[] = {8, 2, 0.5};  // px
 constexpr std::int64_t kManyObservations = 1'000'000;
-constexpr int kMaxObservations = 40;  // of a point, where there are many
+constexpr int kMaxObservations = 40;  // per point, where there are many
 
-// Mean cameras of the models; whether they differed.
+// Sets mean cameras of the models; returns whether they differed.
 bool join_cameras(const std::vector<const Model*>& models, Model& joined) {
   bool differs = false;
   for (std::size_t c = 0; c < joined.cameras.size(); ++c) {
@@ -82,7 +83,8 @@ int points_shown(const Image& image) {
                                         [](int point) { return point >= 0; }));
 }
 
-// Points in a row, those that enough images show; what each feature shows, and errors.
+// Keeps the points that enough images show, numbers them, and sets the points of features and the
+// errors.
 void put_in_order(Model& model, int min_views) {
   const std::size_t min_track = registered_of(model) < 4 ? 2 : at(std::max(2, min_views));
   for (Image& image : model.images) {
@@ -116,7 +118,7 @@ class Builder {
         log_(result.log),
         left_out_(result.left_out) {}
 
-  // `members`: models, the one whose frame is kept first; `places`: into that frame.
+  // `members`: models, first the one whose frame is kept; `places`: transforms into that frame.
   Model build(const std::vector<int>& members, const std::vector<Sim3>& places,
               const std::stop_token& stop) {
     Model joined;
@@ -167,7 +169,7 @@ class Builder {
     left_out_[i] = std::move(reason);
   }
 
-  // Images that two of the models have at different places: nothing says which is right.
+  // Leaves out images that two models place differently: it is unknown which is right.
   void leave_out_disputed(const std::vector<int>& members, const std::vector<Sim3>& places,
                           Model& joined) {
     const double extent = extent_of(joined);
@@ -273,7 +275,7 @@ std::string line_of(const ModelJoin& join, const std::vector<std::string>& names
                      join.first_from_second.scale * join.scale_error);
 }
 
-// Which two have images in common.
+// The pairs of models with common images.
 std::vector<ModelJoin> neighbours_of(const std::vector<Model>& models) {
   std::vector<std::vector<int>> models_of(models.front().images.size());
   for (std::size_t m = 0; m < models.size(); ++m)

@@ -19,8 +19,8 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kChunk = std::size_t{64} << 20;  // bytes that are mapped at a time
-constexpr std::size_t kRow = 64;                       // bytes: where a block of numbers begins
+constexpr std::size_t kChunk = std::size_t{64} << 20;  // bytes mapped at a time
+constexpr std::size_t kRow = 64;                       // alignment of a block of numbers, bytes
 
 std::size_t page_size() { return static_cast<std::size_t>(::sysconf(_SC_PAGESIZE)); }
 
@@ -38,7 +38,7 @@ bool write_all(int file, const std::uint8_t* data, std::size_t bytes, std::size_
   return true;
 }
 
-// Bytes that the process takes up; 0 where that is not known.
+// Resident memory of the process, bytes; 0 where unknown.
 std::size_t resident_bytes() {
   std::size_t size = 0;
   std::size_t resident = 0;
@@ -48,7 +48,7 @@ std::size_t resident_bytes() {
 
 }  // namespace
 
-// A file without a name, and where its parts are mapped.
+// An unnamed file and its mapped parts.
 class MappedStore::File {
  public:
   File() = default;
@@ -59,7 +59,7 @@ class MappedStore::File {
   File(const File&) = delete;
   File& operator=(const File&) = delete;
 
-  // Each of these: null, or what failed; errno says why.
+  // The functions below return null, or the failed operation; errno is the reason.
   [[nodiscard]] const char* make(const std::string& folder) {
     std::string path = folder + "/features-XXXXXX";
     file_ = ::mkostemp(path.data(), O_CLOEXEC);
@@ -91,7 +91,7 @@ class MappedStore::File {
     std::size_t size = 0;
   };
 
-  // A chunk of so many bytes at least, from the file's end on. What lies beyond the end is not read.
+  // Maps a chunk of at least `bytes` from the end of the file on. Data beyond the end are not read.
   [[nodiscard]] const char* map_next(std::size_t bytes) {
     const std::size_t place = rounded_up(size_, page_size());
     const std::size_t length = std::max(kChunk, bytes);
@@ -106,7 +106,7 @@ class MappedStore::File {
   int file_ = -1;
   std::size_t size_ = 0;  // written
   std::vector<Chunk> chunks_;
-  std::size_t filled_ = 0;  // of the last chunk
+  std::size_t filled_ = 0;  // bytes used in the last chunk
 };
 
 MappedStore::MappedStore(std::string folder, std::size_t limit)
@@ -142,7 +142,8 @@ cv::Mat MappedStore::add(const cv::Mat& descriptors) {
   const cv::Mat rows = descriptors.isContinuous() ? descriptors : descriptors.clone();
   const std::uint8_t* place = keep(rows.data, rows.total());
   if (place == nullptr) return descriptors;
-  return {rows.rows, rows.cols, CV_8UC1, const_cast<std::uint8_t*>(place)};  // which is only read
+  // the data are only read
+  return {rows.rows, rows.cols, CV_8UC1, const_cast<std::uint8_t*>(place)};
 }
 
 MatchList MappedStore::add(const MatchList& matches) {

@@ -12,30 +12,32 @@
 
 namespace tarsier::sfm {
 
-// Descriptors and matches of many images in a file that is mapped into memory: of an image of 5000 SIFT features 650 kB of
-// descriptors, of each of its pairs 8 bytes a match. Those take up memory that are being used. The file has no name and
-// goes with the store and the matches that came from it. Where it cannot be made or the disk is full, what comes stays in
-// memory, with a warning.
+// Descriptors and matches of many images, in a memory-mapped file. An image with 5000 SIFT features
+// has 650 kB of descriptors, and each of its pairs 8 bytes per match. Only those in use occupy
+// memory. The file has no name and vanishes with the store and the matches that came from it. Where
+// the file cannot be made or the disk is full, the data stay in memory, with a warning.
 class MappedStore {
  public:
-  // `folder`: where the file is made; empty: all stays in memory. `limit`: bytes that the process may take up (trim()).
+  // `folder` of the file; empty: all data stay in memory. `limit`: memory that the process may use,
+  // bytes (trim()).
   explicit MappedStore(std::string folder, std::size_t limit = 0);
   ~MappedStore();
   MappedStore(const MappedStore&) = delete;
   MappedStore& operator=(const MappedStore&) = delete;
 
-  // The same numbers, as long as the store is there; they are only read. CV_8UC1.
+  // Returns the same numbers, read-only and valid as long as the store. CV_8UC1.
   [[nodiscard]] cv::Mat add(const cv::Mat& descriptors);
   [[nodiscard]] MatchList add(const MatchList& matches);
-  // To be called often, when what was used will not be for a while: takes it out of memory, where the process takes up more
-  // than the limit, and warns once if that does not help. All of it is read again where it is used.
+  // Call often, when the data used so far will not be needed for a while. Releases them from memory
+  // where the process uses more than the limit, and warns once if that does not help. They are read
+  // again on use.
   void trim();
-  // Of the file.
+  // Size of the file.
   [[nodiscard]] std::size_t bytes() const;
 
  private:
   class File;
-  // Where the bytes lie in the file; null: they are not kept there.
+  // Address of the bytes in the mapped file; null where they could not be stored.
   [[nodiscard]] const std::uint8_t* keep(const void* data, std::size_t bytes);
   void give_up(const char* what);
 

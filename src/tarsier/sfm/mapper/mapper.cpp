@@ -39,13 +39,13 @@ namespace {
 
 constexpr double kRadians = CV_PI / 180;
 constexpr int kFirstPairsTried = 20;
-// Of the adjustments of a model that is extended.
+// Effort of adjustments in extend_model().
 constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3};
-constexpr int kMaxApart = 4;  // times that models are made again without some pairs
+constexpr int kMaxApart = 4;  // max times that models are made again without some pairs
 constexpr int kSmall = 10;    // images of a model that is cheap to adjust as a whole
-// Start poses whose matches are farther from their epipolar lines are rough.
+// Start poses count as rough below this share of matches near their epipolar lines.
 constexpr double kExactShare = 0.8;
-// Of rough ones: what is adjusted at first, in units of MapperOptions::reprojection_px.
+// First adjustments of rough poses: threshold in units of MapperOptions::reprojection_px.
 struct RoughRound {
   double threshold = 1;
   double loss_px = 0.5;
@@ -119,12 +119,12 @@ class Mapping {
  private:
   // --- one model ---
 
-  // Images of the pairs that are left, by component.
+  // Components of the images by the remaining pairs.
   Components components() const {
     Components components(input_.images.size());
     for (const Pair& pair : input_.pairs)
       if (is_left(pair)) components.join(pair.first, pair.second);
-    // Their poses join the images of a start model.
+    // Images of a start model are connected by their poses.
     int first = -1;
     for (std::size_t i = 0; i < start_.fits.size(); ++i) {
       if (start_.fits[i] == 0) continue;
@@ -153,8 +153,8 @@ class Mapping {
     return model_of_some(input_.cameras, input_.images, keep);
   }
 
-  // A model with the features of one component: what can join is in it, and a folder of many small
-  // scenes does not cost each of them the features of all.
+  // Creates a mapper with the features of one component only: all images that can be registered are
+  // in it, and a folder of many small scenes does not hold all features for each.
   void make_mapper(Components& components, int root) {
     mapper_.reset();
     Model model = model_of_component(components, root);
@@ -174,8 +174,8 @@ class Mapping {
     }
   }
 
-  // Maps a component of what is left globally, if one is large enough and that is not refused. `only`: the root of the
-  // one that is tried, of whatever size; -1: all.
+  // Maps a component of the remaining images globally, if one is large enough and is not refused.
+  // `only`: the root of the component to try, of whatever size; -1: all.
   bool begin_globally(Components& components, int only) {
     PairsOfComponents pairs_of = pairs_of_components(components);
     std::map<int, int> sizes;
@@ -216,7 +216,7 @@ class Mapping {
       result_.log.push_back(fmt::format("{}{}", kGlobalRefusal, start.refusal));
       global_start_.reset();
       if (options_.choice != MapperChoice::kGlobal) {
-        // What continues from a checkpoint must not try it, and say so, once more.
+        // Prevents another attempt and log line after resuming from a checkpoint.
         GlobalStartState& refused = global_start_.emplace();
         refused.image = chosen.front()->first;
         refused.step = GlobalStartState::kRefused;
@@ -230,8 +230,8 @@ class Mapping {
     return false;
   }
 
-  using PairsOfComponents = std::map<int, std::vector<std::size_t>>;  // by their roots
-  // What global mapping takes.
+  using PairsOfComponents = std::map<int, std::vector<std::size_t>>;  // by root
+  // The pairs that global mapping uses.
   [[nodiscard]] PairsOfComponents pairs_of_components(Components& components) const {
     PairsOfComponents pairs_of;
     for (std::size_t k = 0; k < input_.pairs.size(); ++k)
@@ -246,7 +246,7 @@ class Mapping {
     return pairs;
   }
 
-  // The model that is being made of all images at once, if it has positions.
+  // The unfinished model of a global start, if it has positions.
   std::optional<Model> rough_model() {
     if (!global_start_) return std::nullopt;
     Components components = this->components();
@@ -265,7 +265,7 @@ class Mapping {
 
   // --- a start model ---
 
-  // What adjustments leave as it is.
+  // Fixes the poses and cameras of the start model.
   void hold_start() {
     std::vector<int> images;
     for (std::size_t i = 0; i < start_.fits.size() && input_.start->fixed; ++i)
@@ -324,11 +324,11 @@ class Mapping {
       return false;
     }
     begin_growing();
-    growth_.adjusted_at = 0;  // all of it is adjusted before anything is added
+    growth_.adjusted_at = 0;  // adjust the whole before adding images
     return true;
   }
 
-  // Whether half of the start images or more, and two, show points.
+  // Whether at least half of the start images, and at least two, show points.
   bool shows_enough() {
     std::vector<int> shown(input_.images.size(), 0);
     for (const Point& point : mapper_->model().points)
@@ -348,7 +348,8 @@ class Mapping {
       if (line.starts_with(kStartRefusal)) result_.no_model = line;
   }
 
-  // Images that are not to be added: in finished models, or of a start model that stays as it is.
+  // Images that must not be added: those in finished models, and rejected ones of a fixed start
+  // model.
   [[nodiscard]] std::vector<bool> not_to_add() const {
     std::vector<bool> result = used_;
     for (std::size_t i = 0; i < start_.fits.size() && input_.start->fixed; ++i)
@@ -364,7 +365,7 @@ class Mapping {
     global_start_.reset();
   }
 
-  // Finds a start among what is left; false: there is none.
+  // Finds a start among the remaining images; false: there is none.
   bool begin_model() {
     if (input_.start) return result_.models.empty() && begin_with_start();
     Components components = this->components();
@@ -389,7 +390,7 @@ class Mapping {
       if (promise > 0 && doubts_[k] == Doubt::kNone) starts.emplace_back(-promise, k);
     }
     std::sort(starts.begin(), starts.end());
-    int made_of = -1;  // component
+    int made_of = -1;  // root of the component
     for (std::size_t k = 0; k < starts.size() && k < kFirstPairsTried; ++k) {
       const Pair& pair = input_.pairs[starts[k].second];
       const int root = components.root(pair.first);
@@ -440,7 +441,7 @@ class Mapping {
               stop_);
     Model model = mapper_->finished(input_.colors);
     mapper_.reset();
-    // What grew image by image hangs together.
+    // A model grown image by image is always connected.
     if (const int left_out = is_global_ ? keep_largest_part(model) : 0; left_out > 0) {
       result_.log.push_back(
           fmt::format("{} images are left out of a model: too few points that two of its {} others "
@@ -465,7 +466,7 @@ class Mapping {
     }
   }
 
-  // `conflicts` of the model, where they are known.
+  // `conflicts` of the model, where known.
   void add_model(Model model, std::shared_ptr<const ModelConflicts> conflicts = {}) {
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       used_[i] = used_[i] || model.images[i].registered;
@@ -477,13 +478,13 @@ class Mapping {
     global_start_.reset();
   }
 
-  // Whether images of a model that grew one by one are to be mapped globally, which spreads the errors of a loop over all
-  // of it.
+  // Whether an incrementally grown model has open loops. Then its images are mapped globally, which
+  // distributes the error over the whole loop.
   bool leaves_loops_open(const Model& model) {
     if (is_global_ || options_.choice == MapperChoice::kGlobal) return false;
     if (std::any_of(result_.log.begin(), result_.log.end(),
                     [](const std::string& line) { return line.starts_with(kGlobalRefusal); }))
-      return false;  // tried before
+      return false;  // tried already
     const std::vector<const Pair*> open = open_loops(model, left_pairs());
     if (open.empty()) return false;
     const Pair& strongest =
@@ -499,9 +500,9 @@ class Mapping {
     return true;
   }
 
-  // The one of two models of the same images that agrees with more of the verified matches.
+  // Of two models of the same images, the one that agrees with more verified matches.
   Model better(Model aside, Model global) {
-    // Also with those that global mapping left out.
+    // Including matches that global mapping left out.
     const std::vector<Doubt> doubts = doubts_;
     clear_doubts_of_cycles();
     const std::vector<const Pair*> left = left_pairs();
@@ -530,9 +531,9 @@ class Mapping {
     return static_cast<int>(first - model.images.begin());
   }
 
-  // Whether the model lays places over each other: the pairs that did it are refused, and its images are mapped again
-  // without them, globally if that is possible, as a few wrong pairs that are left do less harm there. `conflicts`: of the
-  // model, where they were looked for.
+  // Whether the model superimposes places. Then the responsible pairs are refused, and its images
+  // are mapped again without them. That is done globally if possible, where a few remaining wrong
+  // pairs do less harm. `conflicts`: those of the model, where computed.
   bool takes_apart(const Model& model, std::shared_ptr<const ModelConflicts>& conflicts) {
     if (input_.followed || apart_ >= kMaxApart) return false;
     conflicts = std::make_shared<const ModelConflicts>(model);
@@ -541,7 +542,7 @@ class Mapping {
     if (refused.empty()) return false;
     for (const Pair* pair : refused)
       doubts_[static_cast<std::size_t>(pair - input_.pairs.data())] = Doubt::kModel;
-    // What contradicted the wrong pairs may be right.
+    // Pairs that contradicted the wrong ones may be right.
     clear_doubts_of_cycles();
     ++apart_;
     result_.log.push_back(fmt::format(
@@ -552,7 +553,8 @@ class Mapping {
     return true;
   }
 
-  // A scene one of whose models was taken apart does, and one whose open loops cannot be closed globally may.
+  // Whether the scene repeats: a model was taken apart, or its open loops could not be closed
+  // globally.
   [[nodiscard]] bool repeats() const { return input_.repeats || apart_ > 0 || stays_open_; }
 
   void tell_troubles() {
@@ -569,7 +571,7 @@ class Mapping {
       keep();
   }
 
-  // Whether there is a model that grows, and not one that is being made of all images at once.
+  // Whether an incremental model is growing, as opposed to a global start.
   [[nodiscard]] bool is_growing() const { return mapper_ && mapper_->registered() > 0; }
 
   void show_sometimes() {
@@ -649,7 +651,7 @@ class Mapping {
       make_mapper(components, components.root(state.current->model.registered.front()));
       const std::size_t tracks = mapper_->model().points.size();
       if (static_cast<std::int64_t>(tracks) != state.current->model.points) {
-        mapper_.reset();  // of other pairs: this model begins again
+        mapper_.reset();  // made from other pairs: start this model again
       } else {
         mapper_->restore(*state.current);
         growth_ = {};
@@ -677,22 +679,22 @@ class Mapping {
   const std::stop_token& stop_;
   const MapperHooks& hooks_;
   Reconstruction result_;
-  std::vector<std::shared_ptr<const ModelConflicts>> conflicts_;  // of result_.models, where known
+  std::vector<std::shared_ptr<const ModelConflicts>> conflicts_;  // for result_.models, where known
   std::vector<bool> used_;                                        // images in finished models
   std::vector<PairEvidence> evidence_;
-  std::vector<Doubt> doubts_;  // of each pair
-  StartCheck start_;           // of input_.start
+  std::vector<Doubt> doubts_;  // for each pair
+  StartCheck start_;           // for input_.start
   bool done_ = false;
   std::optional<IncrementalMapper> mapper_;
   Growth growth_;  // of the model of mapper_
   int adjustments_ = 0;
-  int apart_ = 0;               // models that were taken apart
-  bool stays_open_ = false;     // a model has open loops and was no better when mapped globally
-  std::optional<Model> aside_;  // left loops open; its images are mapped globally
-  // Was taken apart, and nothing has been made of its images again: where the work is interrupted now, it is what there is.
+  int apart_ = 0;               // number of models that were taken apart
+  bool stays_open_ = false;     // a model has open loops and was not improved by global mapping
+  std::optional<Model> aside_;  // has open loops; its images are mapped globally
+  // A model that was taken apart, until its images are mapped again; the result of an interruption.
   std::optional<Model> taken_apart_;
   bool is_global_ = false;  // how the model of mapper_ began
-  // Where the poses of all images of a component are being found at once, or that this was refused.
+  // State of a global start of a component, or its refusal.
   std::optional<GlobalStartState> global_start_;
   Clock::time_point kept_at_ = Clock::now();
   double keeping_s_ = 0;
@@ -701,7 +703,7 @@ class Mapping {
   bool has_shown_ = false;
 };
 
-// By their pixels, where these can be had.
+// The objections by pixels, where pixels are available.
 std::vector<PatchDoubt> doubts_about(const MapperInput& input, Progress& progress,
                                      const std::stop_token& stop) {
   if (!input.gray) return std::vector<PatchDoubt>(input.pairs.size());
@@ -725,7 +727,7 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   RemappingCheckpoint checkpoint(input, hooks);
   const MapperHooks first = checkpoint.first();
   Reconstruction result = Mapping(input, options, progress, stop, first).run();
-  // What begins with poses that are given is not made again without them.
+  // Reconstructions from given poses are not repeated without these.
   if (result.interrupted || !result.has_conflicts || input.start) return result;
   const auto map = [&](const std::vector<Pair>& pairs) {
     const MapperInput among{.cameras = input.cameras,
@@ -756,7 +758,8 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
     result.interrupted = true;
     return result;
   }
-  // Elsewhere pairs may disagree for other reasons, as a focal length that is not quite right.
+  // Only for scenes that repeat. Otherwise pairs may disagree for other reasons, e.g. an inexact
+  // focal length.
   return with_trust_in_shapes(better_of(std::move(result), std::move(*second)));
 }
 

@@ -11,21 +11,21 @@
 
 namespace tarsier::sfm {
 
-// Feature `first` of one image and `second` of another seem to show the same point.
+// A correspondence of feature `first` of one image and `second` of another.
 struct Match {
   int first = 0;
   int second = 0;
   friend bool operator==(const Match&, const Match&) = default;
 };
 
-// Matches that are only read, in memory or in a file that is mapped into it (mapped_store.h). Copies share them.
+// Read-only matches, in memory or in a memory-mapped file (mapped_store.h). Copies share the data.
 class MatchList {
  public:
   MatchList() = default;
   MatchList(std::vector<Match> matches)
       : MatchList(std::make_shared<const std::vector<Match>>(std::move(matches))) {}
   MatchList(std::initializer_list<Match> matches) : MatchList(std::vector<Match>(matches)) {}
-  // `owner` keeps them where they are.
+  // `owner` keeps the data alive.
   MatchList(std::shared_ptr<const void> owner, std::span<const Match> matches)
       : owner_(std::move(owner)), matches_(matches) {}
 

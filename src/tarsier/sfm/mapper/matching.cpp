@@ -13,7 +13,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// Rows of bytes whose squared distances are those of the descriptors: bits as bytes 0 and 1.
+// Rows of bytes whose squared distances equal those of the descriptors: bits become bytes 0 and 1.
 std::vector<std::uint8_t> bytes_of(const cv::Mat& descriptors, FeatureKind kind) {
   std::vector<std::uint8_t> bytes;
   const bool bits = kind != FeatureKind::kSift;
@@ -38,7 +38,7 @@ double norm_of(const cv::Mat& descriptors, int row) {
   return std::sqrt(std::max(1, product(a, a, descriptors.cols)));
 }
 
-// The distance of bits is their count, that of vectors the root of the squares.
+// The distance of bits is their count; that of vectors is the root of the squared distance.
 bool passes(const Nearest& nearest, FeatureKind kind, const MatchOptions& options) {
   const double ratio = options.ratio * (kind == FeatureKind::kSift ? options.ratio : 1);
   return static_cast<double>(nearest.best) < ratio * static_cast<double>(nearest.second);
@@ -48,14 +48,14 @@ float ratio_of(const Nearest& nearest) {
   return static_cast<float>(nearest.best) / static_cast<float>(nearest.second);
 }
 
-// Of each descriptor the first point at the place that it describes.
+// For each descriptor: the first point at the position that it describes.
 std::vector<std::int32_t> places_of(const Features& features) {
   const auto points = static_cast<std::int32_t>(features.points.size());
   std::vector<std::int32_t> places;
   places.reserve(static_cast<std::size_t>(features.descriptors.rows));
   for (std::int32_t i = 0; i < points; ++i) {
     const auto k = static_cast<std::size_t>(i);
-    // Points of one place follow each other.
+    // Points at one position are adjacent.
     const bool same = i > 0 && features.points[k] == features.points[k - 1];
     places.push_back(same ? places.back() : i);
   }
@@ -143,8 +143,8 @@ std::vector<Match> match_features(const Features& first, const Features& second,
                {b.data(), second.descriptors.rows, depth, places_b.data()}, of_a.data(),
                of_b.data());
 
-  // Two places may be joined by several of their descriptors: by the nearest. A place that is joined with several keeps the
-  // nearest one.
+  // Several descriptors may match the same two positions: the nearest match counts. A position that
+  // matches several others keeps the nearest one.
   struct Candidate {
     std::int32_t distance;
     Match match;

@@ -16,44 +16,44 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
-constexpr int kMinShared = 12;               // points of two images that are compared
+constexpr int kMinShared = 12;               // min common points of two compared images
 constexpr std::size_t kMaxNear = 40;         // images that each is compared with
 constexpr double kMaxAngle = 12 * kRadians;  // between the rays of two images to a point
-constexpr double kMaxScale = 1.3;            // of their distances to it
-constexpr double kFarthest = 6;  // distance() of two images; farther ones are judged as such
-constexpr double kRadius = 2.5;  // px, of an image of 1000 px: a feature so near is the point's
-constexpr double kShift = 6;     // radii, to the places beside it
+constexpr double kMaxScale = 1.3;            // ratio of their distances to it
+constexpr double kFarthest = 6;              // distance() of two images; larger ones are clamped
+constexpr double kRadius = 2.5;  // px, of an image of 1000 px: search radius around a projection
+constexpr double kShift = 6;     // radii, distance to the positions that measure chance
 constexpr double kMaxChance = 0.9;
-constexpr int kMinLooks = 5;      // images that should show a point whose rate counts
-constexpr double kMost = 0.75;    // share of the points with a lower rate than "most"
-constexpr double kRare = 0.7;     // of that rate: below it a point tells places apart, or is unsure
-constexpr double kMinCommon = 5;  // other points, by which the rate of two images is known
-constexpr double kMinElsewhere = 4;       // expected of the points that are rare in other images
-constexpr double kSharedElsewhere = 0.4;  // of these: more is no contradiction
-constexpr double kMinExpected = 8;        // of two images that contradict each other
-constexpr std::size_t kMinPairs = 3;      // that contradict each other
-constexpr double kMinShare = 0.005;       // .. of those that are judged
-constexpr double kMany = 0.1;             // .. or this, where places are not known to be different
-constexpr double kMinOfImage = 3;         // that contradict one image, at least one in a model
-constexpr double kMinShareOfImage = 0.2;  // .. of those that are judged
-constexpr int kFew = 200;                 // images, of which one that is misplaced counts
-constexpr double kNeighbour = 1;          // .. one of them is no farther, by distance()
-constexpr double kContradiction = 0.15;   // of what is expected
-constexpr double kUnusual = 0.25;         // .. and of the share that is usual
-constexpr double kMinTelling = 0.35;      // a usual share below it says nothing
-constexpr double kMinUsual = 4;           // expected of images whose share says what is usual
-constexpr double kMinUsualShare = 0.3;    // of what is expected
-constexpr double kSame = 0.5;             // of the usual share: more is of one place
-constexpr double kMinBetween = 20;        // expected of two images and those around them
-constexpr double kDifferent = 0.35;       // of the usual share: less shows different places
-constexpr double kBuiltOn = 0.2;          // of a pair's matches that are points
+constexpr int kMinLooks = 5;         // min images that should show a point, for its rate to count
+constexpr double kMost = 0.75;       // quantile of the rates that defines the rate of most points
+constexpr double kRare = 0.7;        // of that rate: points with less are rare
+constexpr double kMinCommon = 5;     // min other points, which give the usual rate of two images
+constexpr double kMinElsewhere = 4;  // min expected points that are rare in the other images
+constexpr double kSharedElsewhere = 0.4;  // share of these above which there is no contradiction
+constexpr double kMinExpected = 8;        // min expected points for a contradiction
+constexpr std::size_t kMinPairs = 3;      // min contradicting pairs
+constexpr double kMinShare = 0.005;       // .. as a share of the judged ones
+constexpr double kMany = 0.1;             // .. or this, where no images are of different places
+constexpr double kMinOfImage = 3;         // min contradictions of one image, in at least one image
+constexpr double kMinShareOfImage = 0.2;  // .. as a share of its judged pairs
+constexpr int kFew = 200;                 // with fewer images, one misplaced image suffices
+constexpr double kNeighbour = 1;          // max distance() of one of these
+constexpr double kContradiction = 0.15;   // max share of the expected points for a contradiction
+constexpr double kUnusual = 0.25;         // .. relative to the usual share
+constexpr double kMinTelling = 0.35;      // with a smaller usual share, nothing is judged
+constexpr double kMinUsual = 4;         // min expected points of pairs that define the usual share
+constexpr double kMinUsualShare = 0.3;  // min usual share of the expected points
+constexpr double kSame = 0.5;           // of the usual share; above it, images show one place
+constexpr double kMinBetween = 20;      // min expected points of two images and those around them
+constexpr double kDifferent = 0.35;     // of the usual share; below it, places are different
+constexpr double kBuiltOn = 0.2;        // min share of a pair's matches that are points
 
-// px: a feature so near a point's projection is the point's.
+// Search radius around a point's projection, px.
 double radius_of(const geometry::Camera& camera) {
   return kRadius * std::max(1.0, std::max(camera.width, camera.height) / 1000.0);
 }
 
-// What the images of a model should show of its points, and do.
+// Compares what the images of a model should show of its points with what they show.
 class Comparison {
  public:
   explicit Comparison(const Model& model)
@@ -75,8 +75,9 @@ class Comparison {
   // The images that share points with it, nearest first.
   [[nodiscard]] const std::vector<int>& near(int image) const { return near_[at(image)]; }
 
-  // How far apart two images look at the middle of the points of the first: the angle in units of kMaxAngle plus the
-  // logarithm of the ratio of their distances to it in units of that of kMaxScale. 0 from the same place.
+  // Distance between the views of two images of the mean of the first one's points: the angle in
+  // units of kMaxAngle, plus the logarithm of the ratio of the distances in units of that of
+  // kMaxScale. 0 for the same position.
   [[nodiscard]] double distance(int first, int second) const {
     const std::vector<int>& points = points_of_[at(first)];
     Eigen::Vector3d middle = Eigen::Vector3d::Zero();
@@ -90,9 +91,10 @@ class Comparison {
            std::abs(std::log(one.norm() / other.norm())) / std::log(kMaxScale);
   }
 
-  // Of the points of `from` that tell places apart, those that `to` should show and does. Points that few images see are
-  // rare also because `to` does not show them, and then it shows few of the rare ones whatever the place. So it is acquitted
-  // if it shows enough of the points that are rare in the other images.
+  // The number of rare points of `from` that `to` should show, and how many it shows. Points that
+  // few images should see are rare also because `to` does not show them; then it shows few of the
+  // rare ones in any case. So it is acquitted if it shows enough of the points that are rare in the
+  // other images.
   [[nodiscard]] ModelConflicts::Evidence shown(int from, int to) const {
     Sum rare;
     Sum common;
@@ -121,9 +123,10 @@ class Comparison {
   struct Look {
     int point;
     bool is_shown;
-    int by_chance;  // of four places beside it, those that have a feature
+    int by_chance;  // number of the four positions beside it that have a feature
   };
-  // Weak points lie where there are few features, so chance is that of the points that are summed.
+  // Weak points lie in areas with few features, so chance is measured at the points that are
+  // summed.
   struct Sum {
     double points = 0;
     double shown = 0;
@@ -174,7 +177,7 @@ class Comparison {
            b <= kMaxScale * a;
   }
 
-  // The points of near images, as seen from there.
+  // Looks for the points of near images in this image.
   void look(std::size_t to) {
     if (near_[to].empty()) return;
     const Image& image = model_.images[to];
@@ -217,18 +220,18 @@ class Comparison {
   }
 
   const Model& model_;
-  std::vector<std::vector<int>> points_of_;  // of each image, ascending
+  std::vector<std::vector<int>> points_of_;  // for each image, ascending
   std::vector<Eigen::Vector3d> centers_;
   std::vector<std::vector<int>> near_;
-  std::vector<std::vector<Look>> looks_;  // of each image, by point
-  std::vector<int> looked_;               // of each point: images that should show it
-  std::vector<int> shown_;                // that do
-  double rare_ = 0;                       // rate
+  std::vector<std::vector<Look>> looks_;  // for each image, sorted by point
+  std::vector<int> looked_;               // for each point: images that should show it
+  std::vector<int> shown_;                // for each point: images that show it
+  double rare_ = 0;                       // max rate of rare points
 };
 
-// What images share of the points that tell places apart falls with their distance, in some scenes fast: a detector finds
-// weak features from nearby only. Of two images that are not of different places it is what the best of those share that
-// are as far from each other or farther.
+// The share of rare points that two images of one place usually have in common. It falls with their
+// distance, in some scenes fast, since a detector finds weak features only from nearby. It is
+// estimated by the best pairs at this distance or farther.
 class UsualShares {
  public:
   explicit UsualShares(std::vector<std::pair<double, double>> by_distance) {
@@ -292,8 +295,8 @@ ModelConflicts::ModelConflicts(const Model& model)
     const int first = static_cast<int>(i);
     for (const int second : near[i]) {
       if (second < first) continue;
-      // Of the two directions the one that says less of a contradiction: what one image alone cannot show, from farther
-      // away or from the side, is missing in one direction only.
+      // Of both directions, the one with less contradiction is used: what one image cannot show,
+      // from farther away or from the side, is missing in one direction only.
       const Evidence one = comparison.shown(first, second);
       const Evidence other = comparison.shown(second, first);
       const Evidence evidence =
@@ -389,9 +392,9 @@ ModelConflicts::Evidence ModelConflicts::between(int first, int second) const {
   return sum;
 }
 
-// Greedy contraction of a graph whose edges speak for or against (Keuper and others, Efficient decomposition of image and
-// mesh graphs by lifted multicuts, ICCV 2015): the two places that share most beyond half of the usual become one, until
-// no two do.
+// Greedy contraction of a graph with attractive and repulsive edges (Keuper and others, Efficient
+// decomposition of image and mesh graphs by lifted multicuts, ICCV 2015). The two places that share
+// most beyond half of the usual share are merged, until no two do.
 void ModelConflicts::find_places() {
   const std::size_t images = near_.size();
   std::vector<std::map<int, double>> edges(images);

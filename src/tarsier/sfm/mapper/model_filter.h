@@ -10,11 +10,11 @@ namespace tarsier::sfm {
 
 struct MapperOptions;
 
-// Drops observations that are off, behind a camera or too flat, and points that are left with fewer
-// than two; returns how many observations went. Looks at the points that some of `images` show;
-// empty: at all.
+// Drops observations with a large error, behind a camera or with a too small angle, and points with
+// fewer than two observations left. Returns the number of dropped observations. Handles the points
+// that some of `images` show; empty: all points.
 int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images = {});
-// The same for the points of these numbers. Drops only observations of `images`; empty: of all.
+// The same for the points with these indices. Drops observations of `images` only; empty: of all.
 int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points,
                  const std::vector<int>& images = {});
 

@@ -21,7 +21,7 @@ using geometry::Sim3;
 
 constexpr double kDegrees = 180 / CV_PI;
 
-// The diagonal of the box around centres.
+// The diagonal of the bounding box of centres.
 double extent_of(const std::vector<Eigen::Vector3d>& centers) {
   if (centers.empty()) return 0;
   Eigen::Vector3d low = centers.front();
@@ -58,7 +58,7 @@ void ModelGroups::run(const std::stop_token& stop) {
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return joins_[a].inliers > joins_[b].inliers;
   });
-  std::vector<char> closes(models_.size(), 0);  // of each group, at its first model
+  std::vector<char> closes(models_.size(), 0);  // per group, stored at its first model
   for (const std::size_t k : order) {
     ModelJoin& join = joins_[k];
     if (!join.refusal.empty()) continue;
@@ -94,7 +94,7 @@ Sim3 ModelGroups::place(int model, int root) const {
 }
 
 void ModelGroups::unite(const ModelJoin& join, int a, int b) {
-  // world_from_second is to be world_from_first * first_from_second.
+  // Moves the second group so that world_from_second = world_from_first * first_from_second.
   const Sim3 move =
       place_[at(join.first)] * join.first_from_second * place_[at(join.second)].inverse();
   const int kept = std::min(a, b);
@@ -157,7 +157,7 @@ void ModelGroups::average(int group, const std::stop_token& stop) {
   std::vector<Sim3> places(members.size());
   for (std::size_t m = 0; m < members.size(); ++m)
     places[m].rotation = averaged.rotations[m].transpose();
-  // Unknowns of all but the first, which stays at 0.
+  // Unknowns of all members but the first, which is fixed at 0.
   Eigen::MatrixXd laplacian = Eigen::MatrixXd::Zero(count, count);
   const auto solve = [&](const auto& difference, int columns) {
     laplacian.setZero();

@@ -13,39 +13,40 @@
 
 namespace tarsier::sfm {
 
-// A join that closes a cycle must agree with the others as far as drift goes: degrees, the logarithm of the scale, and a
-// share of the extent.
+// Max deviation by drift of a join that closes a cycle: degrees, logarithm of the scale, and share
+// of the extent.
 constexpr double kMaxOpenDeg = 10;
 constexpr double kMaxOpenScale = 0.25;
 constexpr double kMaxOpenShare = 0.1;
 
-// The diagonal of the box around the centres of registered images.
+// The diagonal of the bounding box of registered centres.
 [[nodiscard]] double extent_of(const Model& model);
-// Registered images.
+// Number of registered images.
 [[nodiscard]] int registered_of(const Model& model);
 
-// Which models become one, and where each lies in it: join_models() says how. Both arguments must outlive it.
+// Determines which models become one, and the place of each; see join_models(). Both arguments must
+// outlive this object.
 class ModelGroups {
  public:
   ModelGroups(const std::vector<Model>& models, std::vector<ModelJoin>& joins);
-  // Joins that contradict the others get a refusal. Throws Interrupted.
+  // Sets a refusal for joins that contradict the others. Throws Interrupted.
   void run(const std::stop_token& stop);
-  // Models of each group, the one with most images first; its frame is that of the group.
+  // Models of each group, the one with most images first; its frame is the frame of the group.
   [[nodiscard]] std::vector<std::vector<int>> members() const;
-  // Into the frame of `root`, of the same group.
+  // The transform into the frame of `root`, a model of the same group.
   [[nodiscard]] geometry::Sim3 place(int model, int root) const;
 
  private:
   void unite(const ModelJoin& join, int a, int b);
-  // Between what a join says and where the two models lie by other joins; "" where they agree.
+  // The difference between a join and the places of its models by other joins; "" where they agree.
   [[nodiscard]] std::string why_open(const ModelJoin& join) const;
-  // Spreads what cycles leave open.
+  // Distributes the errors of cycles.
   void average(int group, const std::stop_token& stop);
 
   const std::vector<Model>& models_;
   std::vector<ModelJoin>& joins_;
   std::vector<int> group_;
-  std::vector<geometry::Sim3> place_;  // world_from_model, of the group's world
+  std::vector<geometry::Sim3> place_;  // world_from_model, in the group's world
 };
 
 }  // namespace tarsier::sfm

@@ -22,10 +22,10 @@ namespace {
 using geometry::Sim3;
 
 constexpr double kDegrees = 180 / CV_PI;
-constexpr std::size_t kMaxSamples = 4000;   // points that a similarity is estimated from
-constexpr std::size_t kMaxRotations = 300;  // images that the mean rotation is looked for among
+constexpr std::size_t kMaxSamples = 4000;   // points for estimating a similarity
+constexpr std::size_t kMaxRotations = 300;  // candidate images for the mean rotation
 constexpr float kSameFeature = 0.01F;       // px
-constexpr double kNormal = 1.4826;          // standard deviations in a median absolute deviation
+constexpr double kNormal = 1.4826;          // standard deviation / median absolute deviation
 
 double median_of(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -38,7 +38,7 @@ double depth_of(const Model& model, int image, const Eigen::Vector3d& position) 
   return (model.images[at(image)].pose * position).z();
 }
 
-// A point of the first model and one of the second, and the features that show both.
+// A point of each model, and the features that show both.
 struct CommonPoint {
   int first = 0;
   int second = 0;
@@ -75,7 +75,7 @@ std::vector<CommonPoint> common_points(const Model& first, const Model& second,
   return common;
 }
 
-// Two models and what they have in common.
+// Two models and their common images and points.
 class Joining {
  public:
   Joining(const Model& first, const Model& second, const JoinOptions& options)
@@ -208,7 +208,8 @@ class Joining {
     return result;
   }
 
-  // log(depth in the first / depth in the second) of each point, at the median of its features, where both are in front.
+  // log(depth in the first / depth in the second) of each point: the median over its features,
+  // where both depths are positive.
   template <class Wanted>
   [[nodiscard]] std::vector<double> log_depth_ratios(const Wanted& wanted) const {
     std::vector<double> ratios;
@@ -250,7 +251,7 @@ class Joining {
         [&](const CommonPoint& point) { return is_inlier(point, similarity, inverse); }));
   }
 
-  // Between the pose in the first model and that in the second after it was moved.
+  // Angle between an image's pose in the first model and its transformed pose in the second.
   [[nodiscard]] double angle_between(int image, const Sim3& similarity) const {
     const geometry::Rigid3 moved =
         geometry::moved_camera(second_.images[at(image)].pose, similarity);

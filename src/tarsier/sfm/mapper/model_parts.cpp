@@ -10,9 +10,9 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kMinViews = 3;  // of a point that loses some
+constexpr std::size_t kMinViews = 3;  // for points that lose observations
 
-// Parts of a model as they grow image by image.
+// The parts of a model, grown image by image.
 class Parts {
  public:
   Parts(const Model& model, int min_common)
@@ -21,13 +21,13 @@ class Parts {
       for (const Observation& seen : model.points[p].track) points_of_[at(seen.image)].push_back(p);
   }
 
-  // The images that join `first` and the image that has most points in common with it.
+  // The part that starts with `first` and the image that has most points in common with it.
   [[nodiscard]] std::vector<int> part_of(int first) const {
     std::vector<int> part;
     std::vector<char> is_in(points_of_.size(), 0);
-    // Of each point: images of the part that show it, 2 for more.
+    // per point: number of images of the part that show it, at most 2
     std::vector<char> views(model_.points.size(), 0);
-    // Of each image: points that it shows, and two images of the part.
+    // per image: number of its points that two images of the part show
     std::vector<int> known(points_of_.size(), 0);
     std::vector<int> next{first};
     if (const int second = nearest(first); second >= 0) next.push_back(second);
@@ -46,7 +46,7 @@ class Parts {
   }
 
  private:
-  // The image with most points in common; -1 if no image has enough.
+  // The image with most common points; -1 where no image has enough.
   [[nodiscard]] int nearest(int image) const {
     std::vector<int> common(points_of_.size(), 0);
     int best = -1;
@@ -61,7 +61,7 @@ class Parts {
 
   const Model& model_;
   int min_common_;
-  std::vector<std::vector<std::size_t>> points_of_;  // of each image
+  std::vector<std::vector<std::size_t>> points_of_;  // for each image
 };
 
 }  // namespace

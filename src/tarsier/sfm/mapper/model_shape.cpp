@@ -20,7 +20,7 @@ namespace {
 constexpr std::size_t kMinInliers = 30;
 constexpr double kStrong = 0.7;
 constexpr double kMaxBend = 45 * CV_PI / 180;
-constexpr double kMaxGap = 8;  // by the usual distance of an image from its neighbours
+constexpr double kMaxGap = 8;  // relative to the usual distance of an image from its neighbours
 constexpr double kVeryStrong = 0.85;
 constexpr int kMinPart = 3;  // images
 constexpr double kFirmJoint = 2;
@@ -36,14 +36,15 @@ double distance_of(const Model& model, const Pair& pair) {
       .norm();
 }
 
-// Between the relative rotation of a pair and that of the model.
+// Angle between the relative rotation of a pair and that of the model.
 double bend_of(const Model& model, const Pair& pair) {
   const geometry::Rigid3 relative =
       model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
   return geometry::angle_of(relative.rotation * pair.view.second_from_first.rotation.transpose());
 }
 
-// The maximum spanning tree of the joints (Kruskal), and what crosses each of its edges.
+// The maximum spanning tree of the joints (Kruskal), and the sum of joints that cross each of its
+// edges.
 class Tree {
  public:
   Tree(std::size_t images, std::vector<Joint> joints)
@@ -73,12 +74,13 @@ class Tree {
     add_up(joints);
   }
 
-  // Over the edges that leave parts of so many images or more on both sides, of `all` images.
+  // The smallest sum over the edges that separate parts of at least `min_part` images, of `all`
+  // images.
   [[nodiscard]] double weakest(int min_part, int all) const {
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < parents_.size(); ++i) {
       const bool is_cut = sizes_[i] >= min_part && all - sizes_[i] >= min_part;
-      // A root joins nothing: its part is all, or lies apart.
+      // A root has no joint: its part is everything, or is separate.
       if (is_cut) least = std::min(least, parents_[i] < 0 ? 0 : crossing_[i]);
     }
     return least;
@@ -99,7 +101,8 @@ class Tree {
     }
   }
 
-  // A joint crosses the edges of the way between its images: those of either to the root, but not twice the same.
+  // A joint crosses the edges on the path between its images. These are the edges from either image
+  // to the root, without those that both share.
   void add_up(const std::vector<Joint>& joints) {
     for (const Joint& joint : joints) {
       crossing_[at(joint.first)] += joint.strength;
@@ -114,7 +117,7 @@ class Tree {
     }
   }
 
-  // Where the ways of two images to the root meet.
+  // The node where the paths of two images to the root meet.
   [[nodiscard]] int meeting(int a, int b) const {
     while (a != b) {
       int& deeper = depths_[at(a)] < depths_[at(b)] ? b : a;
@@ -127,7 +130,7 @@ class Tree {
   std::vector<int> parents_;
   std::vector<int> depths_;
   std::vector<int> sizes_;        // images of the subtree
-  std::vector<double> crossing_;  // strengths that leave the subtree
+  std::vector<double> crossing_;  // sum of strengths that leave the subtree
   std::vector<int> order_;        // parents first
 };
 
@@ -135,7 +138,7 @@ class Tree {
 
 ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
   const std::vector<std::size_t> strongest = strongest_of_images(pairs, model.images.size());
-  std::vector<std::vector<double>> distances(model.images.size());  // of pairs that agree
+  std::vector<std::vector<double>> distances(model.images.size());  // of agreeing pairs
   std::vector<Joint> joints;
   ModelShape shape;
   std::vector<const Pair*> all;

@@ -9,36 +9,39 @@
 
 namespace tarsier::sfm {
 
-// What speaks against the shape of a whole model, where each image agrees with its neighbours.
+// Evidence against the shape of a whole model, where each image agrees with its neighbours.
 //
-// The strength of a pair is its inliers by those of the strongest pair of either of its images: an image has most in common
-// with its true neighbours. A pair agrees with a model as pair_agreement.h says.
+// The strength of a pair is its number of inliers, divided by that of the strongest pair of its two
+// images: an image has most in common with its true neighbours. pair_agreement.h defines agreement
+// with a model.
 struct ModelShape {
   struct Missed {
-    std::size_t pair = 0;  // its number
+    std::size_t pair = 0;  // index of the pair
     double strength = 0;
     bool closes_loop = false;  // open_loops.h
   };
-  // Pairs that the model just misses: of 30 inliers or more, and of a strength of 0.7 or the end of an open loop, which it
-  // contradicts, but turns by 45 degrees or less from what the pair says, with the images no more than eight times as far
-  // apart as either usually is from those that it agrees with. Most are neighbours in truth; errors have added up between
-  // them, or wrong pairs have put a part of the model beside its place.
+  // Pairs that the model nearly fulfils. They have 30 inliers or more, and a strength of 0.7 or an
+  // open loop. The model contradicts them, but by a rotation of at most 45 degrees. The distance of
+  // the images is at most eight times what is usual for the agreeing pairs of either. Most are true
+  // neighbours: errors have accumulated between them, or wrong pairs have displaced a part of the
+  // model.
   std::vector<Missed> missed;
-  // Of the pairs that agree the least sum of strengths that joins two parts of three images or more, over the cuts along a
-  // maximum spanning tree; 0 where nothing joins them, and infinite where there are no two such parts.
+  // The smallest sum of strengths of agreeing pairs that connects two parts of three images or
+  // more, over the cuts along a maximum spanning tree. 0 where nothing connects them, infinite
+  // where there are no two such parts.
   double weakest_joint = 0;
 };
 
 [[nodiscard]] ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs);
 
-// Whether two pairs or more are missed that are of a strength of 0.85 or close a loop. Weaker ones may also show places side
-// by side that look alike.
+// Whether the model misses two pairs or more that have a strength of 0.85 or close a loop. Weaker
+// pairs may also show similar places side by side.
 [[nodiscard]] bool is_doubtful(const ModelShape& shape);
 
-// What a doubtful shape leaves of a model's trust and score.
+// Factor of a model's trust and score where its shape is doubtful.
 inline constexpr double kDoubtfulTrust = 0.5;
 
-// 0 to 1: half the weakest joint, 1 at most; half of that where the shape is doubtful.
+// 0 to 1: half the weakest joint, at most 1; half of that where the shape is doubtful.
 [[nodiscard]] double shape_trust(const ModelShape& shape);
 
 }  // namespace tarsier::sfm

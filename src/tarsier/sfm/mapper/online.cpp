@@ -16,9 +16,9 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMinImages = 3;        // images before a model is tried
-constexpr double kMissing = 0.4;     // share of images that do not join: another start
-constexpr double kMoreTrials = 1.5;  // so many times the images of the trial before
+constexpr int kMinImages = 3;        // min images for mapping
+constexpr double kMissing = 0.4;     // share of unregistered images that causes a new start
+constexpr double kMoreTrials = 1.5;  // growth factor of the number of images before the next trial
 
 using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) {
@@ -33,7 +33,7 @@ void OnlineOptions::check() const {
 }
 
 struct OnlineMapper::Parts {
-  // What the cache has, or is to have, of an image's pairs with later ones.
+  // Cache entry for an image's pairs with later ones.
   struct Kept {
     std::string key;
     Cache::Pairs pairs;
@@ -51,7 +51,7 @@ struct OnlineMapper::Parts {
     return {chosen.begin(), chosen.end()};
   }
 
-  // Those that share most points with the latest image of the model and are not near it in
+  // Finds the images that share most points with the model's latest image and are not near it in
   // time anyway.
   void find_neighbours() {
     neighbours_.clear();
@@ -75,7 +75,7 @@ struct OnlineMapper::Parts {
       neighbours_.push_back(order[k].second);
   }
 
-  // One file for each image that got new pairs, once a growth.
+  // Writes one file for each image that got new pairs, once per growth.
   void keep() {
     for (Kept& entry : kept) {
       if (!entry.fresh) continue;
@@ -87,8 +87,8 @@ struct OnlineMapper::Parts {
   OnlineOptions options;
   Cache cache;
   ImageSet image_set;
-  std::vector<ImageFeatures>
-      images;  // their points, colours and descriptors are in the vectors below
+  // their points, colours and descriptors are in the vectors below
+  std::vector<ImageFeatures> images;
   std::vector<std::vector<cv::Vec3b>> colors;
   std::vector<cv::Mat> descriptors;
   std::vector<Kept> kept;
@@ -96,9 +96,9 @@ struct OnlineMapper::Parts {
   std::vector<int> neighbours_;
   Model model;
   int adjusted_at = 0;
-  int tried_at = 0;  // images when all of it was last tried from the start
+  int tried_at = 0;  // number of images at the last trial from the start
   std::string waiting_for;
-  double adding = 0;  // s, since the last growth
+  double adding = 0;  // s, after the last growth
   double seconds = 0;
 };
 
@@ -195,7 +195,7 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
     std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) {
       return std::pair(a.first, a.second) < std::pair(b.first, b.second);
     });
-    (void)p.image_set.estimate_focal_lengths(pairs, stop);  // more pairs tell it better
+    (void)p.image_set.estimate_focal_lengths(pairs, stop);  // more pairs determine them better
     Reconstruction made = reconstruct(input_of(pairs), mapper, progress, stop);
     p.waiting_for = made.no_model;
     if (!made.models.empty() && statistics_of(made.models[0]).registered > registered()) {

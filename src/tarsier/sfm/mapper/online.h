@@ -14,8 +14,8 @@ namespace tarsier::sfm {
 
 struct OnlineOptions {
   PipelineOptions pipeline;  // pairs, overlap and flow are not used
-  int overlap = 5;           // images before it that each one is compared with
-  int neighbours = 3;        // of those that share most points with the latest one
+  int overlap = 5;           // number of previous images that each one is compared with
+  int neighbours = 3;        // number of compared images that share most points with the latest one
 
   [[nodiscard]] OptionFields fields() {
     return {{"overlap", overlap, range(1, 1000)}, {"neighbours", neighbours, range(0, 1000)}};
@@ -23,15 +23,15 @@ struct OnlineOptions {
   void check() const;
 };
 
-// A model that grows with its images, in the order in which they were taken. What was found is
-// kept in the cache of the pipeline, so that run_pipeline on the same inputs pays only for the
-// pairs that were left out here.
+// A model that grows with its images, in the order of capture. Results are kept in the pipeline's
+// cache, so that run_pipeline() on the same inputs computes only the pairs that were left out here.
 //
-// A new image is compared with the `overlap` before it, with the ones 8, 16, .. before, and
-// with `neighbours` that share most points with the image that joined last: a camera that
-// comes back to where it was meets what it saw then. Growing keeps poses, makes points again of all
-// pairs, adds what sees most (mapper.h) and adjusts all of it whenever it has grown by a quarter.
-// Where nearly half of the images do not join, the whole is tried again from another start.
+// A new image is compared with the `overlap` previous ones, with those 8, 16, .. before, and with
+// `neighbours` that share most points with the last registered image. So a camera that returns to a
+// place matches its earlier images. Growing keeps poses, triangulates points again from all pairs,
+// adds the images that see most (mapper.h) and adjusts the whole whenever it has grown by a
+// quarter. Where nearly half of the images cannot be registered, mapping is tried again from
+// another initial pair.
 class OnlineMapper {
  public:
   explicit OnlineMapper(const OnlineOptions& options);  // throws std::invalid_argument
@@ -39,26 +39,27 @@ class OnlineMapper {
   OnlineMapper(const OnlineMapper&) = delete;
   OnlineMapper& operator=(const OnlineMapper&) = delete;
 
-  // Reads an image, finds its features and compares it. Throws InputError (it is then left
-  // out), OutputError (cache), Interrupted (it is there, with fewer pairs).
+  // Reads an image, finds its features and compares it. Throws InputError (the image is left out),
+  // OutputError (cache), Interrupted (the image is kept, with fewer pairs).
   void add(const Input& input, const std::stop_token& stop);
 
-  // Joins what can be joined. Throws Interrupted: the model is then as it was.
+  // Registers further images where possible. Throws Interrupted: the model is then unchanged.
   void grow(const std::stop_token& stop);
 
-  // Adjusts all of the model and looks for more of its points in its images. As grow().
+  // Adjusts the whole model and searches more of its points in its images. Throws as grow().
   void refine(const std::stop_token& stop);
 
-  [[nodiscard]] int count() const;           // images that were added
-  [[nodiscard]] int registered() const;      // of these, in the model
-  [[nodiscard]] const Model& model() const;  // no images until there is a start
-  // What was found in an image, 0 .. count() - 1.
+  [[nodiscard]] int count() const;           // images added
+  [[nodiscard]] int registered() const;      // of these, registered
+  [[nodiscard]] const Model& model() const;  // without images until mapping has started
+  // The features of an image, 0 .. count() - 1.
   [[nodiscard]] const Features& features(int image) const;
-  // That were compared, in the order in which their second images were added.
+  // Compared pairs, in the order in which their second images were added.
   [[nodiscard]] const std::vector<Pair>& pairs() const;
-  // Why there is no model yet; "" where there is one, or nothing to say.
+  // Why there is no model yet; "" where there is one or no reason is known.
   [[nodiscard]] const std::string& waiting_for() const;
-  [[nodiscard]] double seconds() const;  // that the latest growth took, with the adding before it
+  // s, of the latest growth, including the adding of its images
+  [[nodiscard]] double seconds() const;
 
  private:
   struct Parts;

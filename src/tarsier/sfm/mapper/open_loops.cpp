@@ -12,9 +12,9 @@ namespace {
 
 constexpr std::size_t kMinInliers = 30;
 constexpr int kMinSteps = 8;
-constexpr double kMinAgreement = 0.5;  // of all inliers
+constexpr double kMinAgreement = 0.5;  // share of all inliers
 
-// Steps from an image to all others, by breadth-first search.
+// Number of steps from an image to all others, by breadth-first search.
 class Steps {
  public:
   explicit Steps(std::size_t images) : neighbours_(images), steps_(images) {}
@@ -37,13 +37,13 @@ class Steps {
     }
   }
 
-  // -1: no pairs lead there.
+  // -1: unreachable.
   [[nodiscard]] int to(int image) const { return steps_[at(image)]; }
 
  private:
   std::vector<std::vector<int>> neighbours_;
   std::vector<int> steps_;
-  std::vector<int> order_;  // of the search
+  std::vector<int> order_;  // order of the search
 };
 
 bool has_both(const Model& model, const Pair& pair) {

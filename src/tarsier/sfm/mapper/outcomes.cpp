@@ -14,7 +14,8 @@
 namespace tarsier::sfm {
 namespace {
 
-// Of conflicts in a folded model: an image that a third of its neighbours contradict has no trust.
+// Weight of conflicts in a folded model: an image that a third of its neighbours contradict has no
+// trust.
 constexpr double kFoldedWeight = 3;
 
 void order_models(int min_images, std::vector<Model>& models,
@@ -82,7 +83,8 @@ std::vector<RefusedPair> refused_pairs(const std::vector<Pair>& pairs,
   return refused;
 }
 
-// Whether there are pairs that laid different places over each other, and not single images that lack what they should show.
+// Whether pairs made the model superimpose different places, as opposed to single images that lack
+// points.
 bool is_folded(const Model& model, const ModelConflicts& conflicts, const std::vector<Pair>& pairs,
                const std::vector<Doubt>& doubts) {
   std::vector<const Pair*> standing;
@@ -91,7 +93,7 @@ bool is_folded(const Model& model, const ModelConflicts& conflicts, const std::v
   return !conflicting_pairs(model, conflicts, standing).empty();
 }
 
-// Of each image of a model; near images that contradict each other have less.
+// Trust for each image of a model, lower for near images that contradict each other.
 std::vector<double> image_trust(const Model& model, const MapperInput& input,
                                 const std::vector<Doubt>& doubts, bool repeats,
                                 std::shared_ptr<const ModelConflicts> conflicts,
@@ -119,7 +121,7 @@ void add_outcomes(const MapperInput& input, const MapperOptions& options,
   order_models(options.min_images, made.models, conflicts);
   if (made.models.empty()) made.no_model = why_no_model(input, options, made.log);
   made.refused = refused_pairs(input.pairs, evidence, doubts);
-  std::vector<std::vector<double>> trust;  // of each model's images
+  std::vector<std::vector<double>> trust;  // for the images of each model
   for (std::size_t m = 0; m < made.models.size(); ++m) {
     const Model& model = made.models[m];
     trust.push_back(

@@ -11,15 +11,15 @@
 #include <string_view>
 #include <vector>
 
-// The inside of the mapper: what is said of models, images and pairs once the models are made.
+// Internal to the mapper: the results for models, images and pairs, once the models are made.
 namespace tarsier::sfm {
 
-// Begins the line of the log that says why images were not mapped globally.
+// Start of the log line with the reason why images were not mapped globally.
 inline constexpr std::string_view kGlobalRefusal = "global mapping refused: ";
 
-// Orders the models of `made`, largest first, without those that are too small, and tells which pairs were refused, what
-// became of each image, and how much each model is to be trusted. `evidence` and `doubts` are of each pair of the input,
-// `conflicts` of each model, where they are known. `repeats`: as ModelConflicts::any() takes it.
+// Sorts the models of `made`, largest first, drops too small ones, and sets the refused pairs, the
+// outcome of each image and the trust of each model. `evidence` and `doubts`: for each pair of the
+// input. `conflicts`: for each model, where known. `repeats`: see ModelConflicts::any().
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
                   bool repeats, std::vector<std::shared_ptr<const ModelConflicts>> conflicts,

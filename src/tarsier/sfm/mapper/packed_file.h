@@ -13,8 +13,8 @@
 #include <type_traits>
 #include <vector>
 
-// Files of the cache: plain numbers one after the other in the machine's own byte order (they are
-// nobody else's), behind a line that names the program's version of them and their SHA-256.
+// Files of the cache: a line with the format version, the SHA-256 of the content, and plain numbers
+// in the machine's own byte order (the files are not exchanged).
 namespace tarsier::sfm {
 
 constexpr std::string_view kPackedMagic = "tarsier-sfm-1\n";
@@ -31,7 +31,7 @@ class PackedWriter {
   template <typename T>
   void put(const T& value) {
     static_assert(std::is_standard_layout_v<T> &&
-                  std::is_trivially_destructible_v<T>);  // numbers, and structs of them
+                  std::is_trivially_destructible_v<T>);  // numbers, and structs of numbers
     bytes_.append(reinterpret_cast<const char*>(&value), sizeof(T));
   }
   template <typename T>
@@ -47,7 +47,7 @@ class PackedWriter {
   }
   void put(const std::string& text) { put(std::vector<char>(text.begin(), text.end())); }
 
-  // Returns the SHA-256 of what was put. Throws OutputError.
+  // Returns the SHA-256 of the content. Throws OutputError.
   std::string write(const std::string& path) const {
     std::string sum = sha256_of(bytes_);
     write_file_atomically(path, std::string(kPackedMagic) + sum + bytes_);
@@ -58,7 +58,7 @@ class PackedWriter {
   std::string bytes_;
 };
 
-// What a reader throws where the file is not what was written.
+// Thrown by readers where the content is not what was written.
 class Damaged {};
 
 class PackedReader {
@@ -76,7 +76,7 @@ class PackedReader {
       throw Damaged();
   }
 
-  // The SHA-256 of what was put.
+  // The SHA-256 of the content.
   [[nodiscard]] std::string_view sum() const {
     return std::string_view(file_).substr(kPackedMagic.size(), 64);
   }

@@ -76,7 +76,7 @@ TwoView get_two_view(PackedReader& reader) {
   return view;
 }
 
-// Number by number: structs have gaps between theirs, and what is in those differs.
+// Written number by number, since the padding of structs is undefined.
 void put(PackedWriter& writer, const geometry::Camera& c) {
   writer.put(std::array<std::int32_t, 3>{c.width, c.height, static_cast<std::int32_t>(c.lens)});
   writer.put(std::array<double, 5>{c.fx, c.fy, c.cx, c.cy, c.rms});

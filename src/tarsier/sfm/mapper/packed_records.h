@@ -5,8 +5,9 @@
 #include "tarsier/sfm/mapper/packed_file.h"
 #include "tarsier/sfm/mapper/two_view.h"
 
-// What more than one kind of packed file (packed_file.h) holds. The readers throw Damaged for what no writer
-// gives: numbers that are not finite, lists of other lengths, values out of range.
+// Records shared by several kinds of packed files (packed_file.h). The readers throw Damaged for
+// content that no writer produces: numbers that are not finite, lists of wrong length, values out
+// of range.
 namespace tarsier::sfm {
 
 void put(PackedWriter& writer, const Features& features);

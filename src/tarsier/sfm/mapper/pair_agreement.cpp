@@ -24,11 +24,11 @@ constexpr double kRotation = 3 * kRadians;
 constexpr double kDirection = 15 * kRadians;
 constexpr double kRays = 2 * kRadians;
 constexpr double kOnePlane = 0.7;   // share of the inliers
-constexpr double kPlanePx = 4;      // between a feature and where the plane takes its match
+constexpr double kPlanePx = 4;      // px, between a feature and the mapped position of its match
 constexpr int kRounds = 8;          // of reweighted least squares
 constexpr double kExplained = 0.9;  // share of the inliers
 constexpr double kExplainedPx = 2;
-constexpr double kMinCrossing = 1e-6;  // squared sine of rays that tell a depth
+constexpr double kMinCrossing = 1e-6;  // min squared sine of rays that determine a depth
 
 // The inliers of a pair in normalised coordinates.
 struct Rays {
@@ -61,7 +61,7 @@ double threshold_of(const geometry::Camera& camera) {
   return kPlanePx / ((camera.fx + camera.fy) / 2);
 }
 
-// The plane n of least squares, each ray with its weight: what H = R + t n' does to them is linear in n.
+// The plane n by weighted least squares: the action of H = R + t n' on the rays is linear in n.
 Vector3d fit_plane(const Rays& rays, const geometry::Rigid3& motion,
                    const std::vector<double>& weights) {
   Matrix3d normal = 1e-12 * Matrix3d::Identity();
@@ -79,7 +79,7 @@ Vector3d fit_plane(const Rays& rays, const geometry::Rigid3& motion,
   return normal.ldlt().solve(right);
 }
 
-// Of the inliers of a pair the share that lies on one plane, with this relative pose of its images.
+// Share of a pair's inliers that lie on one plane, with this relative pose.
 double share_on_plane(const Rays& rays, geometry::Rigid3 motion, double threshold) {
   const double length = motion.translation.norm();
   if (length > 0) motion.translation /= length;
@@ -95,7 +95,8 @@ double share_on_plane(const Rays& rays, geometry::Rigid3 motion, double threshol
       if (!(point[2] > 0)) continue;
       const double error = (point.head<2>() / point[2] - rays.second[i]).norm() / threshold;
       if (error < 1) ++inliers;
-      // Of the error in the image, not of the linear one; Geman and McClure's weight.
+      // Weights for the error in the image instead of the algebraic error; Geman and McClure's
+      // loss.
       weights[i] = 1 / (point[2] * point[2] * (1 + error * error) * (1 + error * error));
     }
     best = std::max(best, inliers);
@@ -103,7 +104,7 @@ double share_on_plane(const Rays& rays, geometry::Rigid3 motion, double threshol
   return best / std::max(1.0, static_cast<double>(weights.size()));
 }
 
-// Whether the point of two rays lies in front of both cameras: x2 b = x1 R a + t.
+// Whether the point of two rays is in front of both cameras: x2 b = x1 R a + t.
 bool is_in_front(const geometry::Rigid3& motion, const Vector3d& first, const Vector3d& second) {
   const Vector3d turned = motion.rotation * first;
   const Vector3d across = turned.cross(second);

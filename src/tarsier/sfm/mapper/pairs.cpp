@@ -22,13 +22,13 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMaxSamples = 50'000;  // of the vocabulary, whatever the number of images
-constexpr int kFewestSampled = 20;   // of an image: reading it for fewer is not worth it
-constexpr int kIterations = 20;      // of k-means; more change the result of a search little
-constexpr int kRows = 128;           // at a time, so that their scores stay in the cache
+constexpr int kMaxSamples = 50'000;  // for the vocabulary, for any number of images
+constexpr int kFewestSampled = 20;   // min per image; fewer do not justify reading it
+constexpr int kIterations = 20;      // of k-means; more hardly change search results
+constexpr int kRows = 128;           // rows at a time, so that their scores fit into the cache
 constexpr int kBatch = 16;           // images whose descriptors are in memory at a time
-constexpr int kDepth = 512;          // of a product of VLAD vectors at a time, for the cache
-constexpr float kDense = 0.85F;      // of a similarity, that is left at twice the rank
+constexpr int kDepth = 512;          // length of a partial product of VLAD vectors, for the cache
+constexpr float kDense = 0.85F;      // share of a similarity that remains at twice the rank
 constexpr int kMaxLineBytes = 1 << 16;
 
 std::size_t at(std::ptrdiff_t row, std::ptrdiff_t width) {
@@ -40,7 +40,7 @@ void sort_unique(std::vector<ImagePair>& pairs) {
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
 }
 
-// Descriptors as numbers, a row each; bits as +-1, so that scalar products count those that agree.
+// Descriptors as numbers, one row each. Bits become +-1, so that scalar products count equal bits.
 int depth_of(const cv::Mat& descriptors, FeatureKind kind) {
   return descriptors.cols * (kind == FeatureKind::kSift ? 1 : 8);
 }
@@ -53,7 +53,7 @@ void to_floats(const std::uint8_t* in, int depth, FeatureKind kind, float* out) 
   }
 }
 
-// Rows of numbers of one length.
+// Rows of numbers of equal length.
 struct Table {
   int depth = 0;
   std::vector<float> values;
@@ -65,7 +65,7 @@ struct Table {
   [[nodiscard]] float* row(int r) { return values.data() + at(r, depth); }
 };
 
-// The words, and what finding the nearest of them needs.
+// The words, and data for finding the nearest one.
 class Vocabulary {
  public:
   Vocabulary() = default;
@@ -87,7 +87,7 @@ class Vocabulary {
 
   [[nodiscard]] const Table& words() const { return words_; }
 
-  // The nearest word of each of `count` <= kRows rows; of two as near the first.
+  // The nearest word of each of `count` <= kRows rows; the first of equally near ones.
   void find(const float* rows, int count, int* nearest) const {
     float products[kRows * linalg::kPanel];
     float best[kRows];
@@ -113,11 +113,12 @@ class Vocabulary {
  private:
   Table words_;
   int stride_ = 0;
-  std::vector<float> columns_;  // of the words, in panels
-  std::vector<float> halves_;   // of each word's squared length
+  std::vector<float> columns_;  // the words, in panels
+  std::vector<float> halves_;   // half of each word's squared length
 };
 
-// k-means++: each next word is a sample, the likelier the farther it is from the words so far.
+// k-means++: each next word is a sample, with a probability that grows with its distance from the
+// words.
 Table first_words(const Table& samples, int most, Rng& rng) {
   const int count = samples.rows();
   const int depth = samples.depth;
@@ -143,7 +144,7 @@ Table first_words(const Table& samples, int most, Rng& rng) {
         kernels.dots(rows, 1, depth, samples.row(start), depth, word, depth, products, 1);
         for (int r = 0; r < rows; ++r) {
           const auto i = static_cast<std::size_t>(start + r);
-          // Exact, as samples are small whole numbers: 0 for one that is already a word.
+          // Exact, as samples are small integers: 0 for a sample that is already a word.
           const float distance = squares[i] + square - 2 * products[r];
           distances[i] = std::min(distances[i], static_cast<double>(distance));
         }
@@ -156,7 +157,7 @@ Table first_words(const Table& samples, int most, Rng& rng) {
     for (int i = 0; i < count; ++i) {
       const double distance = distances[static_cast<std::size_t>(i)];
       if (distance <= 0) continue;
-      chosen = i;  // the last one, where rounding leaves a rest
+      chosen = i;  // the last one if rounding leaves a rest
       rest -= distance;
       if (rest < 0) break;
     }
@@ -178,7 +179,7 @@ Vocabulary make_vocabulary(const Table& samples, int most, Rng& rng) {
       }
     });
     if (nearest == before) break;
-    // Summed in the order of the samples, so that threads make no difference.
+    // Summed in the order of the samples, so that the number of threads has no effect.
     Table words = vocabulary.words();
     std::vector<double> sums(words.values.size(), 0);
     std::vector<int> members(static_cast<std::size_t>(words.rows()), 0);
@@ -191,7 +192,7 @@ Vocabulary make_vocabulary(const Table& samples, int most, Rng& rng) {
     }
     for (int w = 0; w < words.rows(); ++w) {
       const int of_word = members[static_cast<std::size_t>(w)];
-      if (of_word == 0) continue;  // stays where it is
+      if (of_word == 0) continue;  // an empty word keeps its position
       const double* sum = sums.data() + at(w, words.depth);
       for (int k = 0; k < words.depth; ++k) words.row(w)[k] = static_cast<float>(sum[k] / of_word);
     }
@@ -200,7 +201,7 @@ Vocabulary make_vocabulary(const Table& samples, int most, Rng& rng) {
   return vocabulary;
 }
 
-// Some rows of one image, by a partial shuffle.
+// Takes some rows of one image, by a partial shuffle.
 void add_samples(const cv::Mat& descriptors, FeatureKind kind, int most, Rng rng, Table& samples) {
   std::vector<int> order(static_cast<std::size_t>(descriptors.rows));
   std::iota(order.begin(), order.end(), 0);
@@ -214,7 +215,8 @@ void add_samples(const cv::Mat& descriptors, FeatureKind kind, int most, Rng rng
   }
 }
 
-// VLAD of one image, of length 1. Empty if it has no descriptors, or all of them are words.
+// The VLAD vector of one image, of length 1. Empty where it has no descriptors, or all of them are
+// words.
 std::vector<float> vlad(const cv::Mat& descriptors, FeatureKind kind,
                         const Vocabulary& vocabulary) {
   const Table& words = vocabulary.words();
@@ -251,7 +253,7 @@ std::vector<float> vlad(const cv::Mat& descriptors, FeatureKind kind,
   return result;
 }
 
-// Whether an image was taken no farther from image `from` than the `most` nearest ones.
+// Whether an image is at most as far from image `from` as the `most` nearest ones.
 class NearPlace {
  public:
   NearPlace(const KnownPlaces& places, int from, int most)
@@ -279,7 +281,7 @@ class NearPlace {
   double farthest_ = std::numeric_limits<double>::infinity();
 };
 
-// The more similar of two images comes first, by the similarities of all; of two as similar the first.
+// Orders images by descending similarity, then by index.
 struct IsMoreSimilar {
   const float* similarities;
 
@@ -288,8 +290,9 @@ struct IsMoreSimilar {
   }
 };
 
-// Of the images at 2, 4, 8, .. times the rank `nearest` from image `from`, as long as each is nearly as similar as the one
-// before, those that `from` adds: one in 2, 4, 8, .. images does. Changes the order of `images`.
+// The images at 2, 4, 8, .. times the rank `nearest` from image `from` that are added for it, while
+// each is nearly as similar as the previous one. Only one in 2, 4, 8, .. images adds them. Reorders
+// `images`.
 std::vector<int> farther_ones(int from, std::vector<int>& images, int nearest,
                               const float* similarities) {
   std::vector<int> farther;
@@ -362,7 +365,7 @@ std::vector<ImagePair> read_pairs_list(const std::string& path,
     }
     line = trimmed(line);
     if (line.empty()) continue;
-    // Every reading of the line as two names.
+    // All ways to read the line as two names.
     std::set<ImagePair> found;
     for (std::size_t gap = line.find_first_of(kSpace); gap != std::string_view::npos;
          gap = line.find_first_of(kSpace, gap + 1)) {
@@ -408,7 +411,7 @@ Retrieval::Retrieval(int count, const DescriptorSource& source, FeatureKind kind
     return descriptors;
   };
 
-  // Of many images only some, evenly spread, so that the cost is bounded.
+  // Of many images only some descriptors are taken, evenly, which limits the cost.
   Rng rng(options.seed);
   const int share = std::max(kFewestSampled, kMaxSamples / std::max(1, count));
   const int most = std::min(options.sampled, share);

@@ -14,34 +14,33 @@
 #include <utility>
 #include <vector>
 
-// Which images to compare with which. A pair names the smaller index first; lists of pairs are
-// sorted and hold each pair once.
+// Selection of the image pairs to compare. The smaller index of a pair comes first. Lists of pairs
+// are sorted and contain each pair once.
 namespace tarsier::sfm {
 
 using ImagePair = std::pair<int, int>;
 
-// Each with each: count * (count - 1) / 2 of them.
+// All pairs: count * (count - 1) / 2.
 [[nodiscard]] std::vector<ImagePair> exhaustive_pairs(int count);
 
-// For images in the order in which they were taken: each with the `overlap` (>= 1) next ones,
-// and beyond these with the ones 2, 4, 8, .. images later, which hold a long sequence together
-// where its links of neighbours drift.
+// For images in the order of capture: each with the `overlap` (>= 1) next ones, and with those 2,
+// 4, 8, .. images later. The latter stabilise a long sequence against drift between neighbours.
 [[nodiscard]] std::vector<ImagePair> sequential_pairs(int count, int overlap);
 
-// A text file with two of `names` on each line, with white space between; what follows a '#' at a
-// line's start or after white space is a comment. Names may contain spaces as long as only one
-// reading of a line fits. Throws InputError with the line's number for names that are not there, a
-// image that is paired with itself, and files that are no text of this kind.
+// Reads a text file with two of `names` on each line, separated by white space. A '#' at the start
+// of a line or after white space begins a comment. Names may contain spaces if a line can be read
+// in only one way. Throws InputError with the line number for unknown names, an image paired with
+// itself, and other kinds of files.
 [[nodiscard]] std::vector<ImagePair> read_pairs_list(const std::string& path,
                                                      const std::vector<std::string>& names);
 
-// Where images were taken, of those of which it is known; in one frame, any unit.
+// Camera positions where known; in one frame, any unit.
 using KnownPlaces = std::vector<std::optional<Eigen::Vector3d>>;
 
 struct RetrievalOptions {
-  int words = 64;     // of the vocabulary
+  int words = 64;     // size of the vocabulary
   int nearest = 12;   // images to compare each one with
-  int sampled = 200;  // at most so many descriptors of an image make the vocabulary
+  int sampled = 200;  // max descriptors per image for training the vocabulary
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -52,49 +51,50 @@ struct RetrievalOptions {
   void check() const { check_fields(*this); }
 };
 
-// Gives the descriptors of an image, as Features has them.
+// Returns the descriptors of an image, as in Features.
 using DescriptorSource = std::function<cv::Mat(int)>;
 
-// Images that look alike, found without comparing all of them point by point: each becomes one
-// vector of residuals against a vocabulary, VLAD (Jegou et al., CVPR 2010), with each word's share
-// brought to the same length (intra-normalisation, Arandjelovic and Zisserman, CVPR 2013), signed
-// square roots and length 1. The vocabulary comes from k-means (seeded as k-means++, Arthur and
-// Vassilvitskii, SODA 2007) over at most 50 000 descriptors. Keeps one byte for each word and
-// dimension of an image. The same for any number of threads.
+// Finds similar images without comparing all of them point by point. Each image becomes a vector of
+// residuals against a vocabulary, VLAD (Jegou et al., CVPR 2010), with intra-normalisation of each
+// word's part (Arandjelovic and Zisserman, CVPR 2013), signed square roots and length 1. The
+// vocabulary comes from k-means (seeded as k-means++, Arthur and Vassilvitskii, SODA 2007) over at
+// most 50 000 descriptors. Stores one byte per image, word and dimension. Does not depend on the
+// number of threads.
 class Retrieval {
  public:
-  // Calls `source` from the calling thread only, at most twice for each of `count` images, and
-  // holds the descriptors of few images at a time. Images may have none. Throws
-  // std::invalid_argument for bad options and descriptors that are not of `kind` or of different
-  // widths; what `source` throws goes through.
+  // Calls `source` only from the calling thread, at most twice for each of `count` images. Holds
+  // the descriptors of few images at a time. Images may have none. Throws std::invalid_argument for
+  // invalid options and for descriptors that are not of `kind` or differ in width. Exceptions of
+  // `source` are passed on.
   Retrieval(int count, const DescriptorSource& source, FeatureKind kind,
             const RetrievalOptions& options);
 
   [[nodiscard]] int count() const { return static_cast<int>(scales_.size()); }
 
-  // About the cosine of the two images' vectors, -1..1; 0 if one has no descriptors.
+  // Approximate cosine of the two images' vectors, -1..1; 0 where one has no descriptors.
   [[nodiscard]] double similarity(int first, int second) const;
 
-  // Each image with its `options.nearest` most similar others. One that has no descriptors is
-  // in no pair. All similarities are computed, as one product of matrices.
+  // Pairs each image with its `options.nearest` most similar others. An image without descriptors
+  // is in no pair. All similarities are computed, as one matrix product.
   //
-  // Where images lie so close that those at twice the rank have 0.85 of the similarity, the nearest ones are seen from
-  // nearly the same place. The images at 2, 4, 8, .. times the rank `options.nearest` are added there, as long as that holds,
-  // by every second, fourth, eighth, .. image: views that far apart change slowly from image to image.
+  // Where the images at twice the rank still have 0.85 of the similarity, the nearest images have
+  // almost the same view. There, images at 2, 4, 8, .. times the rank `options.nearest` are added
+  // while this holds, for every second, fourth, eighth, .. image: views that far apart change
+  // slowly from image to image.
   //
-  // `places`, one for each image or empty: where images were taken. Two thirds of the `nearest`
-  // others of an image with a place are then the most similar among those that were taken nearest
-  // to it, four times `nearest` of them and what is as near; the others are the most similar of
-  // all, since a landmark is seen from afar and a receiver may be wrong. Of an image without a
-  // place all are. Throws std::invalid_argument for another number of places and numbers that are
-  // not finite.
+  // `places`, one per image or empty, are camera positions. For an image with a place, two thirds
+  // of the `nearest` others are chosen by similarity among the nearest positions (four times
+  // `nearest`, and equally near ones). The rest are the most similar of all images, since a
+  // landmark is visible from afar and a receiver may be wrong. For an image without a place, all
+  // are chosen this way. Throws std::invalid_argument for a wrong number of places and for numbers
+  // that are not finite.
   [[nodiscard]] std::vector<ImagePair> pairs(const KnownPlaces& places = {}) const;
 
  private:
   RetrievalOptions options_;
   int length_ = 0;                    // of a vector: words times dimensions of a descriptor
-  std::vector<std::int8_t> vectors_;  // length_ of an image, in units of ..
-  std::vector<float> scales_;         // .. this; 0: it has no descriptors
+  std::vector<std::int8_t> vectors_;  // length_ numbers per image, in units of scales_
+  std::vector<float> scales_;         // per image; 0: it has no descriptors
 };
 
 }  // namespace tarsier::sfm

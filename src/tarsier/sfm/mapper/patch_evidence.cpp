@@ -20,35 +20,36 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kAsked = 300;  // features of an image, per pair
-constexpr double kReach = 0.06;      // of the longer side: how far matches tell of a feature
-constexpr std::size_t kMatches = 8;  // that tell where a feature is
-constexpr double kAround = 0.7;      // how far from their mean it may lie, in their mean spread
+constexpr std::size_t kAsked = 300;  // max features of an image per pair
+constexpr double kReach = 0.06;      // of the longer side: max distance of matches from a feature
+constexpr std::size_t kMatches = 8;  // matches that predict the position of a feature
+// max distance of the feature from their mean, relative to their mean spread
+constexpr double kAround = 0.7;
 constexpr double kResidual = 1;      // px, of those matches
-constexpr int kHalf = 5;             // of a patch, samples
+constexpr int kHalf = 5;             // samples, half size of a patch
 constexpr double kStep = 1.2;        // px between samples
 constexpr int kSearch = 2;           // samples in each direction
-constexpr double kMinDeviation = 5;  // grey levels: a patch without contrast tells nothing
-constexpr double kNoise = 3;         // grey levels, of the image that is searched
+constexpr double kMinDeviation = 5;  // grey levels: patches with less contrast are not compared
+constexpr double kNoise = 3;         // grey levels, of the searched image
 constexpr double kSame = 0.8;        // correlation
-constexpr double kDiffer = 0.4;      //
+constexpr double kDiffer = 0.4;      // correlation
 constexpr int kMaxSide = 1200;       // px
 constexpr std::size_t kMaxBytes = std::size_t{256} << 20;
-constexpr int kMinCompared = 30;        // patches of a pair that can be doubted
-constexpr std::size_t kNeighbours = 2;  // images beside one
-constexpr int kBeside = 3;              // pairs of images beside those of a pair, that doubt it
-constexpr double kRepeating = 0.25;     // of the pairs, doubted: places of the scene look alike
-constexpr double kFew = 0.2;            // of the patches that an image's best pair compares
-constexpr double kStrong = 0.6;         // of the inliers of the strongest
-constexpr double kMinShare = 0.004;     // that always may differ
-constexpr double kOfBest = 1.5;         // times the share of the best pairs
+constexpr int kMinCompared = 30;        // min patches of a pair that can be doubted
+constexpr std::size_t kNeighbours = 2;  // neighbours of an image
+constexpr int kBeside = 3;           // min doubted pairs between the neighbours of a pair's images
+constexpr double kRepeating = 0.25;  // min share of doubted pairs in a scene that repeats
+constexpr double kFew = 0.2;         // of the patches that an image's best pair compares
+constexpr double kStrong = 0.6;      // of the inliers of the strongest pair
+constexpr double kMinShare = 0.004;  // share that may always differ
+constexpr double kOfBest = 1.5;      // factor of the best pairs' share
 constexpr double kDeviations = 2;
 
 constexpr int kSide = 2 * kHalf + 1;
 constexpr int kWide = kSide + 2 * kSearch;
 constexpr int kArea = kSide * kSide;
 
-// Where the second image shows what is around a feature: x' = linear (x - feature) + at.
+// Maps the surroundings of a feature to the second image: x' = linear (x - feature) + at.
 struct LocalMap {
   cv::Matx22d linear;
   cv::Vec2d at;
@@ -64,7 +65,7 @@ class LocalMaps {
   LocalMaps(std::vector<Correspondence> matches, double reach)
       : matches_(std::move(matches)), reach_(reach) {}
 
-  // Least squares over the nearest matches; none where they do not tell.
+  // Least squares over the nearest matches; empty where they do not determine it.
   std::optional<LocalMap> around(const cv::Point2f& feature) {
     near_.clear();
     for (std::size_t k = 0; k < matches_.size(); ++k) {
@@ -114,7 +115,7 @@ class LocalMaps {
   std::vector<std::pair<float, std::size_t>> near_;
 };
 
-// Samples of a grid of `side` x `side` around `center`, bilinear; false where some lie outside.
+// Bilinear samples of a grid of `side` x `side` around `center`; false where some are outside.
 template <int side>
 bool sample(const cv::Mat& gray, const cv::Vec2d& center, const cv::Matx22d& linear,
             std::array<float, static_cast<std::size_t>(side) * side>& samples) {
@@ -147,8 +148,8 @@ bool sample(const cv::Mat& gray, const cv::Vec2d& center, const cv::Matx22d& lin
   return true;
 }
 
-// The highest correlation of the patch at `feature` with those around the place that `map` says; none where the patch has
-// no contrast, or either lies partly outside.
+// The highest correlation of the patch at `feature` with those around the position predicted by
+// `map`; empty where the patch has no contrast, or either is partly outside.
 std::optional<double> correlation(const cv::Mat& gray, const cv::Point2f& feature,
                                   const cv::Mat& other, const LocalMap& map) {
   std::array<float, kArea> patch{};
@@ -193,7 +194,8 @@ void compare_one_way(const PatchImage& first, const PatchImage& second,
     if (!is_matched[i]) unmatched.push_back(first.features[i]);
   LocalMaps maps(std::move(matches), kReach * std::max(first.gray.cols, first.gray.rows));
   std::size_t asked = 0;
-  // Evenly over the list, and the rest of it where the first ones have no matches around them.
+  // Evenly distributed over the list; then the rest of it, where the first ones have no matches
+  // around them.
   const std::size_t stride = std::max<std::size_t>(1, unmatched.size() / kAsked);
   for (std::size_t begin = 0; begin < stride; ++begin) {
     for (std::size_t i = begin; i < unmatched.size() && asked < kAsked; i += stride) {
@@ -208,7 +210,7 @@ void compare_one_way(const PatchImage& first, const PatchImage& second,
   }
 }
 
-// Pixels and features at kMaxSide at most.
+// Pixels and features, reduced to at most kMaxSide.
 PatchImage patch_image(const cv::Mat& gray, const std::vector<cv::Point2f>& features) {
   const double scale = static_cast<double>(kMaxSide) / std::max(gray.cols, gray.rows);
   if (gray.empty() || scale >= 1) return {gray, features};
@@ -220,7 +222,8 @@ PatchImage patch_image(const cv::Mat& gray, const std::vector<cv::Point2f>& feat
   return result;
 }
 
-// Of each image those that surely are beside it: of its strongest pairs those whose patches differ least.
+// For each image its certain neighbours: among its strongest pairs those whose patches differ
+// least.
 class Neighbourhoods {
  public:
   Neighbourhoods(const std::vector<Pair>& pairs, std::size_t images,
@@ -244,7 +247,7 @@ class Neighbourhoods {
         if (static_cast<double>(pairs[k].view.inliers.size()) <
             kStrong * static_cast<double>(strongest[at(image)]))
           continue;
-        // One more, so that a share of few patches counts less.
+        // One is added, so that shares of few patches have less weight.
         candidates[at(image)].push_back(
             {(evidence[k].differ + 1.0) / (evidence[k].compared() + 1), other});
       }
@@ -266,9 +269,9 @@ class Neighbourhoods {
     }
   }
 
-  // The image itself is the first one.
+  // The first one is the image itself.
   [[nodiscard]] const std::vector<int>& of(int image) const { return near_[at(image)]; }
-  // The share of patches that differ in the best pair of an image.
+  // The share of differing patches in the best pair of an image.
   [[nodiscard]] double usual(int image) const { return usual_[at(image)]; }
 
  private:
@@ -311,7 +314,7 @@ std::vector<PatchEvidence> compare_all_patches(
   std::vector<PatchEvidence> evidence(pairs.size());
   progress.begin("compare patches", static_cast<std::int64_t>(pairs.size()), "pairs");
   std::map<int, PatchImage> loaded;
-  std::size_t largest = std::size_t{kMaxSide} * kMaxSide;  // bytes of an image, at first a guess
+  std::size_t largest = std::size_t{kMaxSide} * kMaxSide;  // bytes of an image, initially a guess
   for (std::size_t start = 0; start < pairs.size();) {
     // Pairs whose images fit into memory together; at least one.
     std::set<int> wanted;
@@ -357,7 +360,7 @@ std::vector<PatchEvidence> compare_all_patches(
 std::vector<PatchDoubt> doubts_of_patches(const std::vector<Pair>& pairs, std::size_t images,
                                           const std::vector<PatchEvidence>& evidence) {
   const Neighbourhoods near(pairs, images, evidence);
-  std::map<std::pair<int, int>, bool> differs;  // of the pairs with enough patches
+  std::map<std::pair<int, int>, bool> differs;  // for the pairs with enough patches
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const int compared = evidence[k].compared();
     if (pairs[k].view.inliers.empty() || compared < kMinCompared) continue;
@@ -367,7 +370,7 @@ std::vector<PatchDoubt> doubts_of_patches(const std::vector<Pair>& pairs, std::s
         evidence[k].differ > expected + kDeviations * std::sqrt(expected);
   }
   std::vector<PatchDoubt> doubts(pairs.size());
-  std::vector<int> most(images, 0);  // patches of an image that could be compared in one pair
+  std::vector<int> most(images, 0);  // max number of compared patches of an image's pairs
   std::size_t doubted = 0;
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const int compared = evidence[k].compared();

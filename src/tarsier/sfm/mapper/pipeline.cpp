@@ -42,8 +42,8 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kGoodTrust = 0.9;
-// Changes of the logarithm of a focal length.
-constexpr double kOtherFocal = 0.15;  // it was wrong
+// Changes of the logarithm of a focal length:
+constexpr double kOtherFocal = 0.15;  // the old value was wrong
 constexpr double kSameFocal = 0.02;
 
 class Stages {
@@ -57,7 +57,7 @@ class Stages {
     progress_.end();
     note();
   }
-  // The same for a stage that begins and ends its own progress.
+  // As above, for a stage with its own progress.
   void start(const char* name) {
     name_ = name;
     start_ = std::chrono::steady_clock::now();
@@ -83,7 +83,7 @@ class Stages {
   double cpu_start_ = 0;
 };
 
-// What followed points depend on: the bytes of all files, in their order.
+// Cache key of tracked points: the bytes of all files, in their order.
 std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& stop) {
   const FlowOptions flow;
   std::string text = fmt::format("flow {} {} {} {} {}", flow.max_points, flow.grid, flow.reach,
@@ -100,7 +100,7 @@ std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& st
   return cache_key(text);
 }
 
-// What COLMAP's database knows of the images.
+// The content of a COLMAP database about the images.
 class KnownFeatures {
  public:
   explicit KnownFeatures(const std::string& path)
@@ -109,8 +109,8 @@ class KnownFeatures {
       index_[database_.images[i].name] = static_cast<int>(i);
   }
 
-  // Throws InputError where it does not know the image, or another one under its name. An empty
-  // image: there is no file, and all is as the database says.
+  // Throws InputError where the database does not contain the image, or another image under its
+  // name. With an empty image there is no file, and the data come from the database alone.
   void fill(const Input& input, const cv::Mat& image, ImageFeatures& features,
             const PipelineOptions& options) {
     const auto found = index_.find(input.name);
@@ -136,12 +136,12 @@ class KnownFeatures {
       features.features.colors.assign(features.features.points.size(), cv::Vec3b::all(128));
     else
       add_colors(image, features.features);
-    // Without files the names alone tell images apart.
+    // Without files, only the names distinguish images.
     features.key = cache_key(fmt::format("{} database {} {}", features.key, sum_, input.name));
     taken_[found->second] = static_cast<int>(taken_.size());
   }
 
-  // Those of images that were filled, in their order.
+  // The pairs of the images for which fill() was called, in their order.
   [[nodiscard]] std::vector<Pair> pairs() {
     std::vector<Pair> result;
     for (auto& known : database_.pairs) {
@@ -156,7 +156,7 @@ class KnownFeatures {
         std::swap(pair.first, pair.second);
         for (Match& match : known.matches) std::swap(match.first, match.second);
       }
-      pair.view.inliers = std::move(known.matches);  // until they are verified
+      pair.view.inliers = std::move(known.matches);  // until verification
       result.push_back(std::move(pair));
     }
     std::sort(result.begin(), result.end(), [](const Pair& a, const Pair& b) {
@@ -181,10 +181,10 @@ class KnownFeatures {
   std::string sum_;
   std::string path_;
   std::map<std::string, int> index_;
-  std::map<int, int> taken_;  // of the database's images: which one it is here
+  std::map<int, int> taken_;  // maps an image of the database to its index here
 };
 
-// Features of all images that can be read, one after the other: each uses all threads.
+// Features of all readable images, one image after the other: each uses all threads.
 std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
                                              const PipelineOptions& options, const Cache& cache,
                                              const std::optional<StartModel>& start,
@@ -216,7 +216,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
         known->fill(inputs[i], image, image_features, options);
         ++result.from_cache;
       } else if (options.flow) {
-        // A sequence has one size.
+        // All images of a sequence have the same size.
         if (!images.empty() && image.size() != images.front().size)
           throw InputError(
               inputs[i].path,
@@ -259,14 +259,14 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
       made.first = pair.first;
       made.second = pair.second;
       made.matches = static_cast<int>(pair.matches.size());
-      made.view.inliers = std::move(pair.matches);  // until they are verified
+      made.view.inliers = std::move(pair.matches);  // until verification
       result.pairs.push_back(std::move(made));
     }
   }
   return images;
 }
 
-// What another program found (PipelineHooks::matched).
+// Loads the results of another program (PipelineHooks::matched).
 std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, MappedStore& store,
                                     PipelineResult& result) {
   MatchedImages matched;
@@ -284,8 +284,8 @@ std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, MappedStore& sto
   return std::move(matched.images);
 }
 
-// Compares the images of all pairs of `result`. Those of one image are kept together as soon as all of them are
-// done. `has_matches`: the pairs have matches already, which are verified.
+// Compares the images of all pairs of `result`. The pairs of an image are cached as soon as all of
+// them are done. `has_matches`: the pairs have matches already, which are verified.
 void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images,
                  bool has_matches, const PipelineOptions& options, const Cache& cache,
                  const PipelineHooks& hooks, MappedStore& store, Progress& progress,
@@ -307,7 +307,7 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
         if (const auto entry = kept.find(partner_key(images[at(pair.second)]));
             entry != kept.end()) {
           pair.matches = entry->second.matches;
-          pair.view = entry->second.view;  // instead of what was followed, if anything
+          pair.view = entry->second.view;  // replaces tracked matches, if any
           ++from_cache;
         } else {
           const ImageFeatures& a = images[at(pair.first)];
@@ -349,7 +349,8 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
   result.from_cache += from_cache;
 }
 
-// The files again, for the mapper. One that cannot be read any more, or is another one now, is left out of it.
+// Reads the files again, for the mapper. Files that can no longer be read or have changed are left
+// out.
 GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images) {
   return [&inputs, &images](int image) {
     const ImageFeatures& features = images[at(image)];
@@ -365,7 +366,7 @@ GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<Image
   };
 }
 
-// All that the mapper's work depends on.
+// Key of all inputs of the mapper.
 std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const std::vector<std::string>& names, const ImageSet& image_set,
                        const std::vector<Pair>& pairs, const std::optional<StartPoses>& start,
@@ -401,8 +402,8 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
   return sum.hex().substr(0, 32);
 }
 
-// A model begins with the frame of one of its images. Where images are turned, that frame may lie on its side: the world is turned so
-// that down is y, as it is where no image is turned.
+// A model's world is initially the frame of one of its images. Where images are turned, that frame
+// may lie on its side. This rotates the world so that down is y, as it is without turned images.
 void turn_upright(Model& model) {
   Eigen::Vector3d down = Eigen::Vector3d::Zero();
   bool any = false;
@@ -420,12 +421,13 @@ void turn_upright(Model& model) {
 
 enum class Round {
   kFirst,
-  kAgain,  // with other lenses
-  kJudge   // the models of before, judged with other lenses
+  kAgain,  // maps again with other lenses
+  kJudge   // judges the earlier models with other lenses
 };
 
-// What map(Round::kFirst) makes. Where that is not one trusted model of all images, and says that lenses are others than was
-// guessed, the models are judged with these; or, where they are quite others, made again, if that is better.
+// Returns the result of map(Round::kFirst), or a better one. Where the result is not one trusted
+// model of all images and indicates other lenses than guessed, its models are judged with these
+// lenses. Where the lenses differ much, mapping is repeated, and the better result is taken.
 template <typename Map>
 Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bool partial,
                                const std::stop_token& stop, const Map& map) {
@@ -568,14 +570,14 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     colors.push_back(std::move(image_features.features.colors));
     if (!options.flow) descriptors.push_back(image_features.features.descriptors);
   }
-  // A database may have none of some images: then nothing is extended.
+  // A database may lack descriptors of some images: then tracks are not extended.
   if (std::any_of(images.begin(), images.end(), [](const ImageFeatures& image) {
         return static_cast<std::size_t>(image.features.descriptors.rows) <
                image.features.points.size();
       })) {
     descriptors.clear();
   }
-  // image_set has them.
+  // image_set has copies.
   for (ImageFeatures& image_features : images) {
     image_features.features.points = {};
     image_features.features.sizes = {};
@@ -596,7 +598,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
       options.cache_folder.empty()
           ? ""
           : mapper_key(images, names, image_set, result.pairs, start_poses, options);
-  std::optional<MapperState> last;  // of lenses that were guessed
+  std::optional<MapperState> last;  // state with the guessed lenses
   const auto map = [&](Round round) {
     MapperHooks mapping;
     mapping.watch = hooks.watch;
@@ -611,10 +613,10 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
       if (image_set.has_guess() && !judges) {
         last = state;
         last->patch_doubts.clear();
-        last->tries.clear();  // with the lenses of before
+        last->tries.clear();  // with the previous lenses
       }
       if (key.empty()) return;
-      // A full disk must not end the mapping.
+      // A full disk must not stop the mapping.
       try {
         cache.store(checkpoint, state);
       } catch (const OutputError& error) {
@@ -635,7 +637,8 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                               : map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
   result.reconstruction.log.insert(result.reconstruction.log.begin(), log.begin(), log.end());
   for (Model& model : result.reconstruction.models) turn_upright(model);
-  // Who interrupts waits for what there is; poses that are given are not found by the observations.
+  // Skipped after an interruption, when the user waits for the result, and for given poses, which
+  // the observations do not determine.
   if (!result.reconstruction.interrupted && !options.fixed_poses)
     add_uncertainty(options.mapper, result.reconstruction);
   stages.note();

@@ -15,7 +15,7 @@
 #include <string>
 #include <vector>
 
-// From images to models: reading, features, pairs, matching, verification, mapping.
+// The pipeline from images to models: reading, features, pairs, matching, verification, mapping.
 namespace tarsier::sfm {
 
 struct ImageFeatures;  // image_features.h
@@ -23,11 +23,11 @@ struct MatchedImages;
 struct StartSummary;  // start_model.h
 
 enum class PairChoice {
-  kAuto,        // exhaustive up to 60 images, retrieval beyond
-  kExhaustive,  // all with all
-  kSequential,  // each with those that follow it
-  kRetrieval,   // each with those that look like it
-  kList,        // what a file says
+  kAuto,        // exhaustive up to 60 images, else retrieval
+  kExhaustive,  // each image with each other
+  kSequential,  // each image with the next ones
+  kRetrieval,   // each image with the most similar ones
+  kList,        // the pairs in a file
 };
 
 struct PipelineOptions {
@@ -36,29 +36,31 @@ struct PipelineOptions {
   TwoViewOptions two_view;
   MapperOptions mapper;
   PairChoice pairs = PairChoice::kAuto;
-  std::string pairs_file;  // of kList: two names a line
-  // COLMAP's database (colmap_database.h) that features, matches and, where `camera` is not given,
-  // lenses are taken from; images are those of `inputs`, whose names it has. Empty: none.
+  std::string pairs_file;  // for kList: two names per line
+  // A COLMAP database (colmap_database.h) that supplies features, matches and, without `camera`,
+  // the lenses. Its images must have the names of `inputs`. Empty: none.
   std::string database;
-  // A model folder (colmap.h) to go on from: its poses are where mapping begins, by name (start_model.h), and its cameras are
-  // used as they are unless the mapper is set to refine lenses. Empty: none. Not with MapperChoice::kGlobal.
+  // A model folder (colmap.h) to start from; empty: none. Mapping begins with its poses, by image
+  // name (start_model.h). Its cameras are used unchanged unless the mapper refines lenses. Not
+  // allowed with MapperChoice::kGlobal.
   std::string start_model;
-  bool fixed_poses = false;  // those of start_model stay as they are
-  bool only_start = false;   // images that start_model does not have are left out
-  int overlap = 10;          // of kSequential
-  int nearest = 12;          // of kRetrieval
-  bool flow = false;         // follow points through a sequence instead of matching descriptors
-  // What the lens is. Given: used as it is unless the mapper is set to refine it. Not given: from
-  // EXIF, else from pairs of images (focal_estimation.h), else 1.2 times the larger side; and refined.
+  bool fixed_poses = false;  // the poses of start_model do not change
+  bool only_start = false;   // images that are not in start_model are left out
+  int overlap = 10;          // for kSequential
+  int nearest = 12;          // for kRetrieval
+  bool flow = false;         // track points through a sequence instead of matching descriptors
+  // The lens. Where given, it is used unchanged unless the mapper refines it. Otherwise the focal
+  // length comes from EXIF, else from pairs of images (focal_estimation.h), else it is 1.2 times
+  // the longer side; and it is refined.
   std::optional<geometry::Camera> camera;
   bool ignore_exif = false;
-  bool shared_camera = true;  // images of one size and lens have one camera; false: each its own
-  bool fixed_camera = false;  // do not refine a guess either
-  std::string cache_folder;   // "": nothing is kept
-  // GB that the process may take up: descriptors and matches lie in a file in the cache's folder and leave memory where it
-  // takes up more. 0: always when they are not being used.
+  bool shared_camera = true;  // images of one size and lens share a camera; false: one camera each
+  bool fixed_camera = false;  // guessed lenses are not refined either
+  std::string cache_folder;   // "": no cache
+  // Memory limit of the process, GB. Descriptors and matches are in a file in the cache folder.
+  // They are released from memory where the process uses more. 0: always while they are not used.
   double memory_gb = 0;
-  double checkpoint_s = 30;  // from one checkpoint of the mapper to the next; 0: each step
+  double checkpoint_s = 30;  // between two checkpoints of the mapper, s; 0: each step
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -74,11 +76,11 @@ struct PipelineOptions {
   void check() const;
 };
 
-// One image that should take part.
+// An input image.
 struct Input {
-  std::string name;  // in the model
-  std::string path;  // of the file; "": there is none, the database knows all
-  // Where it was taken, where that is known: any unit and frame, the same for all. It guides
+  std::string name;  // name in the model
+  std::string path;  // of the file; "": no file, the data are in the database
+  // Camera position where known, in any unit and frame, but the same for all images. Guides
   // kRetrieval.
   std::optional<Eigen::Vector3d> place = std::nullopt;
 };
@@ -86,66 +88,67 @@ struct Input {
 struct StageTime {
   std::string name;
   double seconds = 0;
-  double cpu_seconds = 0;  // of all threads of the process
+  double cpu_seconds = 0;  // sum over all threads of the process
 };
 
 struct ImageReport {
   std::string name;
   std::string path;  // of the file
   bool read = false;
-  std::string
-      focal_from;  // "given", "EXIF", "guess", "start model"; "pairs": from other images of the lens
+  // "given", "EXIF", "guess", "start model"; "pairs": from other images of the lens
+  std::string focal_from;
   int features = 0;
-  Outcome outcome;  // the reason also where the file could not be read
+  Outcome outcome;  // its reason is set also where the file could not be read
 };
 
 struct PipelineResult {
   Reconstruction reconstruction;
-  std::vector<ImageReport> images;  // as the inputs
+  std::vector<ImageReport> images;  // in the order of the inputs
   std::vector<Pair> pairs;          // of indices into the models' images
-  int compared = 0;                 // pairs
+  int compared = 0;                 // number of compared pairs
   int verified = 0;
-  int from_cache = 0;  // features and pairs that were there from an earlier run
-  int resumed = 0;     // images that were in models when the mapper went on from a checkpoint
-  std::shared_ptr<const StartSummary> start;  // what was made of start_model; null: there was none
+  int from_cache = 0;                         // features and pairs found in the cache
+  int resumed = 0;                            // images that a resumed checkpoint had in models
+  std::shared_ptr<const StartSummary> start;  // the use of start_model; null: there was none
   std::vector<StageTime> stages;
-  bool names_files = true;  // report_json() says where each image lies
+  bool names_files = true;  // report_json() contains the path of each image
 };
 
-// Two images that were compared: all their matches, and what verification made of them.
+// Two compared images: all their matches, and the result of verification.
 struct ComparedPair {
   const Input& first;
   const Input& second;
-  const std::vector<cv::Point2f>& first_points;  // px, of all features
+  const std::vector<cv::Point2f>& first_points;  // px, all features
   const std::vector<cv::Point2f>& second_points;
   const std::vector<Match>& matches;
   const TwoView& view;
 };
 
 struct PipelineHooks {
-  WatchModel watch;                        // sees the growing model; may be empty
-  std::function<void(const Model&)> show;  // from time to time (MapperHooks::show); may be empty
-  // Sees each pair; from any thread, but never two at a time. May be empty; if not, matches are
-  // worked out again even where they are in the cache.
+  WatchModel watch;  // receives the growing model; may be empty
+  // receives the model from time to time (MapperHooks::show); may be empty
+  std::function<void(const Model&)> show;
+  // Receives each pair, from any thread but one at a time. May be empty. Otherwise, matches are
+  // computed again even where they are in the cache.
   std::function<void(const ComparedPair&)> on_pair;
-  // Sees all features and verified pairs before the mapping; may be empty.
+  // Receives all features and verified pairs before the mapping; may be empty.
   std::function<void(const std::vector<ImageFeatures>&, const std::vector<Input>&,
                      const std::vector<Pair>&)>
       on_matched;
-  // Fills in what was found before, in other runs: then nothing is looked for in the images, and only the mapper
-  // runs. What it throws goes through. May be empty.
+  // Supplies features and pairs found by other runs. Then the images are not processed, and only
+  // the mapper runs. Its exceptions are passed on. May be empty.
   std::function<void(MatchedImages&)> matched;
-  // Makes the models instead of the mapper, as of parts that were mapped before (joined_mapper.h). What it throws goes
-  // through. May be empty.
+  // Makes the models instead of the mapper, e.g. from separately mapped parts (joined_mapper.h).
+  // Its exceptions are passed on. May be empty.
   std::function<Reconstruction(const MapperInput&, const MapperOptions&)> map;
-  // When stopped while mapping, the models so far are the result (Reconstruction::interrupted).
+  // Where mapping is stopped, return the models up to then (Reconstruction::interrupted).
   bool partial = false;
 };
 
-// The images that can be read become Model::images, in the order of `inputs`. The same result
-// for any number of threads, from the cache or not, interrupted and continued or not. Throws
-// Interrupted, InputError (pairs_file, start_model), OutputError (cache; a checkpoint that cannot be written is
-// a warning); an image that cannot be read is no error.
+// The readable images become Model::images, in the order of `inputs`. The result does not depend on
+// the number of threads, the cache, or interruption and resumption. Throws Interrupted, InputError
+// (pairs_file, start_model), OutputError (cache). An image that cannot be read is no error. A
+// checkpoint that cannot be written gives a warning.
 [[nodiscard]] PipelineResult run_pipeline(const std::vector<Input>& inputs,
                                           const PipelineOptions& options, Progress& progress,
                                           const std::stop_token& stop,

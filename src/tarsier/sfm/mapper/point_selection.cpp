@@ -13,9 +13,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinKept = 0.5;  // of the observations, where there are anchors
+constexpr double kMinKept = 0.5;  // min share of the observations that anchors must keep
 
-// Says of each of `count` things in turn whether it is among `share` that are spread evenly.
+// Selects `share` of `count` consecutive items, evenly. next() returns whether the next item is
+// selected.
 class EvenShare {
  public:
   EvenShare(std::size_t count, std::size_t share, std::uint32_t phase)
@@ -80,7 +81,7 @@ void choose_observations(const Point& point, int index, const std::vector<ImageR
   EvenShare takes_anchor(anchors, of_anchors, phase);
   EvenShare takes_mover(movers, of_movers, phase);
   EvenShare takes_fixed(fixed, of_fixed, phase);
-  // Tracks are in no order of images.
+  // Tracks are not sorted by image.
   int middle = 0;
   std::size_t skipped = near > 0 ? phase % near : 0;
   for (const Observation& seen : track) {
@@ -108,7 +109,7 @@ void choose_observations(const Point& point, int index, const std::vector<ImageR
 
 std::vector<int> select_points(const Model& model, const std::vector<int>& points,
                                const std::vector<int>& images, int per_image, int limit) {
-  std::vector<int> missing(model.images.size(), 0);  // points of each image
+  std::vector<int> missing(model.images.size(), 0);  // points still needed, for each image
   for (const int image : images) missing[at(image)] = per_image;
   const std::vector<ImageRole> roles = roles_of(model, images, limit);
   std::vector<std::pair<std::uint32_t, int>> order;

@@ -19,7 +19,7 @@ MapperHooks RemappingCheckpoint::first() {
   MapperHooks first = hooks_;
   if (hooks_.keep)
     first.keep = [this](const MapperState& state) {
-      if (!state.done) return hooks_.keep(state);  // there are no tries yet
+      if (!state.done) return hooks_.keep(state);  // there are no further attempts yet
       first_ = state;
       keep();
     };
@@ -45,7 +45,7 @@ void RemappingCheckpoint::keep_patch_doubts(std::vector<PatchDoubt> doubts) {
   if (hooks_.keep) keep();
 }
 
-// Lends first_ what follows while the caller writes it, as copies of models are large.
+// Lends the later members to first_ while the caller writes it, since copies of models are large.
 void RemappingCheckpoint::keep() {
   first_.patch_doubts = std::move(patch_doubts_);
   first_.tries = std::move(tries_);

@@ -10,13 +10,13 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMinInliers = 2;      // of a pair in a cell that it looks into
-constexpr int kMinMatched = 2;      // pairs that match a feature
-constexpr int kMinLooked = 4;       // pairs that look for it
+constexpr int kMinInliers = 2;      // min inliers of a pair in a cell that it covers
+constexpr int kMinMatched = 2;      // min pairs that match a feature
+constexpr int kMinLooked = 4;       // min pairs that cover it
 constexpr double kRareShare = 0.5;  // of the rate of most features
-constexpr double kMost = 0.75;      // features below that rate
+constexpr double kMost = 0.75;      // quantile of the rates that defines the rate of most features
 
-// One image's view of its pairs.
+// The pairs of one image.
 class ImageEvidence {
  public:
   ImageEvidence(const Image& image, const geometry::Camera& camera) {
@@ -25,7 +25,7 @@ class ImageEvidence {
     matched_.assign(cells_.size(), 0);
   }
 
-  // `features`: that the pair matches.
+  // `features`: those that the pair matches.
   void add(std::size_t pair, std::vector<int> features) {
     std::vector<int> inliers(kImageCells, 0);
     for (const int f : features) {
@@ -72,12 +72,12 @@ class ImageEvidence {
   struct Looked {
     std::size_t pair;
     std::vector<int> features;
-    std::vector<int> inliers;  // of each cell
+    std::vector<int> inliers;  // per cell
   };
   [[nodiscard]] bool is_known(std::size_t f) const {
     return matched_[f] >= kMinMatched && looked_[f] >= kMinLooked;
   }
-  std::vector<int> cells_;  // of each feature
+  std::vector<int> cells_;  // for each feature
   std::vector<int> looked_;
   std::vector<int> matched_;
   std::vector<Looked> pairs_;

@@ -15,7 +15,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kUncertain = 0.01;  // share of the extent, of a centre: worth a line
+// share of the extent: a larger uncertainty of a centre is reported
+constexpr double kUncertain = 0.01;
 
 double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
@@ -74,7 +75,7 @@ const CenterUncertainty* uncertainty_of(const Reconstruction& built, std::size_t
              : nullptr;
 }
 
-// How many points of the model each image shows.
+// Number of model points that each image shows.
 std::vector<int> points_shown(const Model& model) {
   std::vector<int> shown(model.images.size(), 0);
   for (std::size_t i = 0; i < model.images.size(); ++i)
@@ -107,7 +108,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
     shown.push_back(points_shown(model));
   }
   Json images = Json::array();
-  std::size_t index = 0;  // among those that could be read
+  std::size_t index = 0;  // among the readable images
   for (const ImageReport& report : result.images) {
     Json entry{{"name", report.name}};
     if (result.names_files && !report.path.empty())
@@ -132,7 +133,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
     images.push_back(std::move(entry));
   }
   Json refused = Json::array();
-  std::vector<std::string> names;  // of those that could be read
+  std::vector<std::string> names;  // of the readable images
   for (const ImageReport& report : result.images)
     if (report.read) names.push_back(report.name);
   for (const RefusedPair& pair : built.refused)

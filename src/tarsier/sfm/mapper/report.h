@@ -9,14 +9,17 @@
 
 namespace tarsier::sfm {
 
-// report.json: "models" (images, points, observations, mean_track, reprojection_px, cameras),
-// "images" (name, file, registered, model, features, points, reason), "pairs", "stages", "log";
-// "start_model" where mapping began with one: "images" of it, of these "here" among the inputs and
-// "registered" with poses that agree with the matches, "fixed_poses", "folder";
-// "parts" and "joins" where models were joined; "partial": true where the work was interrupted, "resumed": images of a checkpoint.
+// The content of report.json:
+// - "models" (images, points, observations, mean_track, reprojection_px, cameras),
+// - "images" (name, file, registered, model, features, points, reason), "pairs", "stages", "log",
+// - "start_model" where mapping began with one: its number of "images", how many of these are
+//   "here" among the inputs and "registered" with poses that agree with the matches, "fixed_poses",
+//   "folder",
+// - "parts" and "joins" where models were joined,
+// - "partial": true where the work was interrupted, "resumed": images of a checkpoint.
 [[nodiscard]] nlohmann::ordered_json report_json(const PipelineResult& result);
 
-// The same for people: some lines, the images that are missing each with its reason.
+// A readable summary: a few lines, and each missing image with the reason.
 [[nodiscard]] std::string summary_text(const PipelineResult& result);
 
 }  // namespace tarsier::sfm

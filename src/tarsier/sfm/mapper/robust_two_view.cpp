@@ -29,16 +29,16 @@ using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 constexpr int kRefinements = 4;
 constexpr int kLastRefinements = 10;
 
-// What is tried before a model is taken.
+// Min work before a model is accepted.
 struct Effort {
   int min_samples = 1;
-  double worth_refining = 1;  // times the least cost so far: a model that costs less is refined
+  double worth_refining = 1;  // a model is refined if its cost is below this times the lowest cost
 };
-// A motion with most inliers may still be a wrong one, which fits a plane that fills both images.
+// A motion with most inliers may still be wrong: it fits a plane that fills both images.
 constexpr Effort kMotionEffort{.min_samples = 30, .worth_refining = 2};
-constexpr double kProsacSamples = 20000;  // after which the best first are as good as any
+constexpr double kProsacSamples = 20000;  // after these, PROSAC equals uniform sampling
 
-// Coordinates side by side, so that errors are reckoned several at a time.
+// Coordinates in columns, for vectorised error computation.
 struct Columns {
   std::vector<double> x, y, u, v;
 
@@ -75,7 +75,7 @@ void sampson(const Matrix3d& e, const Columns& c, int from, int to, double* out)
   }
 }
 
-// Squared distances of the second points from where the first are taken to.
+// Squared distances between the second points and the mapped first points.
 void transfer(const Matrix3d& h, const Columns& c, int from, int to, double* out) {
   const double h00 = h(0, 0), h01 = h(0, 1), h02 = h(0, 2);
   const double h10 = h(1, 0), h11 = h(1, 1), h12 = h(1, 2);
@@ -114,16 +114,17 @@ class Ransac {
     squared_threshold_ = t * t;
   }
 
-  // `solve(sample)` gives models of kSize pairs; `refine(matrix)` one that fits the inliers better.
+  // `solve(sample)` returns models of kSize pairs; `refine(matrix)` returns one that fits the
+  // inliers better.
   template <int kSize, typename Solve, typename Refine>
   Scored run(const Solve& solve, const Refine& refine) {
     const int count = columns_.count();
     Scored best;
     if (count < kSize) return best;
-    // PROSAC: after how many samples the next best pair comes in.
+    // PROSAC: number of samples after which the next best pair is included.
     const bool is_ordered = static_cast<int>(pairs_.order.size()) == count;
     int among = is_ordered ? kSize : count;
-    double expected = kProsacSamples;  // samples of the best `among` pairs alone
+    double expected = kProsacSamples;  // number of samples from the best `among` pairs
     for (int k = 0; is_ordered && k < kSize; ++k)
       expected *= static_cast<double>(kSize - k) / static_cast<double>(count - k);
     int next_at = 1;
@@ -178,7 +179,7 @@ class Ransac {
       for (int& i : sample) i = pairs_.order[at(i)];
   }
 
-  // Gives up where it is worse than `limit` already.
+  // Stops where the cost exceeds `limit`.
   [[nodiscard]] Scored score(const Matrix3d& matrix, double limit) const {
     constexpr int kBlock = 64;
     std::array<double, kBlock> errors;
@@ -243,13 +244,13 @@ std::array<Vector2d, kSize> chosen(const std::vector<Vector2d>& all,
   return result;
 }
 
-// How many inliers lie before both cameras.
+// Number of inliers in front of both cameras.
 int in_front(const geometry::Rigid3& motion, const PointPairs& pairs,
              const std::vector<char>& is_inlier) {
   int count = 0;
   for (std::size_t i = 0; i < is_inlier.size(); ++i) {
     if (is_inlier[i] == 0) continue;
-    // z' x' = z R x + t, by least squares in z and z'.
+    // z' x' = z R x + t, least squares for z and z'.
     const Vector3d a = motion.rotation * pairs.first[i].homogeneous();
     const Vector3d b = pairs.second[i].homogeneous();
     const double ab = a.dot(b);
@@ -262,7 +263,7 @@ int in_front(const geometry::Rigid3& motion, const PointPairs& pairs,
   return count;
 }
 
-// normal += weight row row', the lower triangle alone.
+// normal += weight row row', lower triangle only.
 template <int N>
 void add_square(const Eigen::Matrix<double, N, 1>& row, double weight,
                 Eigen::Matrix<double, N, N>& normal) {
@@ -272,17 +273,17 @@ void add_square(const Eigen::Matrix<double, N, 1>& row, double weight,
   }
 }
 
-// One step of Gauss and Newton's method on Sampson's distances of the inliers, over the five numbers of
-// a motion whose translation has length 1.
+// A Gauss-Newton step on Sampson's distances of the inliers, over the five parameters of a motion
+// whose translation has length 1.
 std::optional<geometry::Rigid3> stepped(const geometry::Rigid3& motion, const Columns& c,
                                         const std::vector<char>& is_inlier,
                                         double squared_threshold) {
   const Matrix3d e = geometry::essential_of(motion);
-  // Two directions across the translation.
+  // Two directions perpendicular to the translation.
   const Vector3d& t = motion.translation;
   const Vector3d side = t.unitOrthogonal();
   const Vector3d up = t.cross(side);
-  // The derivatives of E, row by row.
+  // The derivatives of E, row-major.
   Eigen::Matrix<double, 9, 5> slopes;
   for (int k = 0; k < 3; ++k) {
     const Vector3d axis = Vector3d::Unit(k);
@@ -333,15 +334,15 @@ std::optional<geometry::Rigid3> stepped(const geometry::Rigid3& motion, const Co
   return next;
 }
 
-// The 3 x 3 matrix whose nine numbers minimise the sum of the squares of equations, by the lower
-// triangle of their normal matrix; nothing where that is not finite.
+// The 3 x 3 matrix whose nine numbers minimise the sum of squares of linear equations, from the
+// lower triangle of their normal matrix; empty where that is not finite.
 std::optional<Matrix3d> least(const Eigen::Matrix<double, 9, 9>& normal) {
   if (!normal.allFinite()) return std::nullopt;
   const Vector9 rows = linalg::symmetric_eigen(normal).vectors.col(0);
   return Matrix3d(Eigen::Map<const RowMajor3>(rows.data()));
 }
 
-// Takes points to mean 0 and mean distance sqrt 2 (Hartley, PAMI 1997).
+// Transforms points to mean 0 and mean distance sqrt 2 (Hartley, PAMI 1997).
 Matrix3d normalizer(const std::vector<Vector2d>& points) {
   Vector2d mean = Vector2d::Zero();
   for (const Vector2d& p : points) mean += p;
@@ -463,7 +464,7 @@ RobustMatrix robust_fundamental(const PointPairs& pairs, const RobustOptions& op
     const int count = geometry::seven_point(chosen(first, sample), chosen(second, sample), found);
     for (int k = 0; k < count; ++k) offer(back(found[at(k)]));
   };
-  // The eight-point method, each equation divided by Sampson's denominator of before.
+  // The eight-point method, each equation divided by the previous Sampson denominator.
   const auto refine = [&](const Matrix3d& f,
                           const std::vector<char>& is_inlier) -> std::optional<Matrix3d> {
     Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
@@ -484,7 +485,7 @@ RobustMatrix robust_fundamental(const PointPairs& pairs, const RobustOptions& op
     if (used < 8) return std::nullopt;
     const std::optional<Matrix3d> full = least(normal);
     if (!full) return std::nullopt;
-    // The nearest matrix of rank 2: without the direction v of the least singular value.
+    // The nearest matrix of rank 2: without the direction v of the smallest singular value.
     const Matrix3d squared = full->transpose() * *full;
     const Vector3d v = linalg::symmetric_eigen(squared).vectors.col(0);
     const Matrix3d flat = *full - *full * v * v.transpose();

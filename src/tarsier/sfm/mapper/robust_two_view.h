@@ -10,15 +10,17 @@
 #include <span>
 #include <vector>
 
-// Essential matrices, fundamental matrices and homographies of two sets of points of which many do
-// not belong together: samples as small as possible (geometry/epipolar.h), the best ones first
-// (PROSAC: Chum and Matas, CVPR 2005) where it is known how good they are; a model counts by the
-// truncated squared errors of all (MSAC: Torr and Zisserman, CVIU 2000), and each that is better than
-// all before is refined on its inliers (Chum, Matas and Kittler, DAGM 2003).
+// Essential matrices, fundamental matrices and homographies of correspondences with many outliers.
+// Minimal samples (geometry/epipolar.h) are drawn, the best first where a ranking is known (PROSAC:
+// Chum and Matas, CVPR 2005). Models are scored by the truncated squared errors of all pairs (MSAC:
+// Torr and Zisserman, CVIU 2000). Each new best model is refined on its inliers (Chum, Matas and
+// Kittler, DAGM 2003).
 namespace tarsier::sfm {
 
 struct RobustOptions {
-  double threshold = 1;  // of an inlier: Sampson's distance, or that of the second image's points
+  // Max error of an inlier: Sampson's distance, or for homographies the distance in the second
+  // image.
+  double threshold = 1;
   double confidence = 0.9999;  // that no better model is missed
   int max_samples = 2000;
   std::uint64_t seed = 1;
@@ -34,13 +36,13 @@ struct RobustOptions {
 struct PointPairs {
   std::vector<Eigen::Vector2d> first;
   std::vector<Eigen::Vector2d> second;
-  // Indices of the pairs, the likeliest to be right first; empty: not known.
+  // Indices of the pairs, the most reliable first; empty: unknown.
   std::vector<int> order;
 };
 
 struct RobustMatrix {
   Eigen::Matrix3d matrix = Eigen::Matrix3d::Zero();
-  std::vector<char> is_inlier;  // of each pair; empty: nothing was found
+  std::vector<char> is_inlier;  // for each pair; empty: nothing was found
   int inliers = 0;
 };
 
@@ -50,8 +52,8 @@ struct RobustMotion {
   int inliers = 0;
 };
 
-// Normalised coordinates. The motion is the one of four for which most inliers lie before both
-// cameras. Refined by Gauss and Newton's method on Sampson's distances of the inliers.
+// Normalised coordinates. Of four motions, the one with most inliers in front of both cameras is
+// taken. It is refined by Gauss-Newton on Sampson's distances of the inliers.
 [[nodiscard]] RobustMotion robust_motion(const PointPairs& pairs, const RobustOptions& options);
 
 struct RefinedMotion {
@@ -59,8 +61,8 @@ struct RefinedMotion {
   double cost = 0;  // sum of log(1 + d^2 / (threshold / 2)^2), d: Sampson's distance
 };
 
-// A motion refined on all pairs, in normalised coordinates, by so many steps of Gauss and Newton's method at most; a step
-// that costs more is not taken.
+// Refines a motion on all pairs, in normalised coordinates, by at most `max_steps` Gauss-Newton
+// steps. A step that raises the cost is not taken.
 [[nodiscard]] RefinedMotion refine_motion(const PointPairs& pairs, const geometry::Rigid3& start,
                                           double threshold, int max_steps);
 

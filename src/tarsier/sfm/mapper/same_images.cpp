@@ -10,7 +10,7 @@
 
 namespace tarsier::sfm {
 std::vector<Model> with_same_images(const std::vector<Model>& models) {
-  // Cameras that images say are the same: (model, camera) as numbers, joined.
+  // Joins cameras, numbered over all models, that are the same according to their images.
   std::vector<int> first_camera;
   std::vector<const geometry::Camera*> all;
   for (const Model& model : models) {
@@ -18,9 +18,9 @@ std::vector<Model> with_same_images(const std::vector<Model>& models) {
     for (const geometry::Camera& camera : model.cameras) all.push_back(&camera);
   }
   Components same(all.size());
-  std::map<std::string, int> index;  // of each name
+  std::map<std::string, int> index;  // by name
   std::vector<std::string> names;
-  std::vector<int> camera_of;  // of each image: one of `all`
+  std::vector<int> camera_of;  // for each image: index into `all`
   for (std::size_t m = 0; m < models.size(); ++m) {
     for (const Image& image : models[m].images) {
       const int camera = first_camera[m] + image.camera;
@@ -36,8 +36,8 @@ std::vector<Model> with_same_images(const std::vector<Model>& models) {
         (void)same.join(camera, camera_of[at(entry->second)]);
     }
   }
-  std::map<int, int> number;  // of each root
-  std::vector<int> cameras;   // the first of each that is the same
+  std::map<int, int> number;  // by root
+  std::vector<int> cameras;   // the first one of each set
   for (std::size_t c = 0; c < all.size(); ++c) {
     const int root = same.root(static_cast<int>(c));
     if (number.try_emplace(root, static_cast<int>(cameras.size())).second)

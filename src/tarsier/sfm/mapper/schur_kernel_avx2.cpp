@@ -15,11 +15,11 @@ Four load(const double* from) {
   return result;
 }
 
-// Two columns of a block are three vectors of four numbers: rows 0 to 3 of the first; its rows 4 and 5, and rows 0 and 1 of
-// the second; rows 2 to 5 of the second. Multiplications and additions are not contracted, and in the order of the baseline.
+// Two columns of a block are three vectors of four numbers: rows 0 to 3 of the first column; its
+// rows 4 and 5, and rows 0 and 1 of the second; rows 2 to 5 of the second. Multiplications and
+// additions are not contracted and have the order of the baseline.
 void subtract(const double* scaled, const PoseBlock* blocks, int count) {
-  Four factors[3][3]
-              [3];  // columns 2c and 2c + 1 of the block; vector; of the product's three terms
+  Four factors[3][3][3];  // [pair of columns 2c, 2c + 1 of the block][vector][term of the product]
   for (int c = 0; c < 3; ++c) {
     for (int j = 0; j < 3; ++j) {
       const double first = scaled[6 * j + 2 * c];
@@ -32,7 +32,7 @@ void subtract(const double* scaled, const PoseBlock* blocks, int count) {
   for (int k = 0; k < count; ++k) {
     const double* mixed = blocks[k].mixed;
     double* block = blocks[k].block;
-    Four rows[3][3];  // vector; term
+    Four rows[3][3];  // [vector][term]
     for (int j = 0; j < 3; ++j) {
       const double* column = mixed + 6 * j;
       rows[0][j] = load(column);

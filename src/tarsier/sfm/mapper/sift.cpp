@@ -21,19 +21,19 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kGrid = 16;          // cells along the larger side
-constexpr int kLayers = 3;         // scales of an octave
+constexpr int kGrid = 16;          // cells along the longer side
+constexpr int kLayers = 3;         // scales per octave
 constexpr double kSigma = 1.6;     // of the first layer, px of its octave
-constexpr double kCameraBlur = 1;  // that the doubled image has already
+constexpr double kCameraBlur = 1;  // of the doubled image, from the camera
 constexpr int kBorder = 5;         // px of an octave
 constexpr int kMinSide = 16;       // of the last octave
 constexpr double kEdge = 10;       // max ratio of the principal curvatures
 constexpr int kRefinements = 5;
-constexpr float kPeak = 0.8F;    // of the highest bin of orientations
-constexpr double kFaint = 0.25;  // of the contrast, of images of weak texture
-constexpr float kClip = 0.2F;    // of a descriptor's length
+constexpr float kPeak = 0.8F;    // min, relative to the highest bin of orientations
+constexpr double kFaint = 0.25;  // factor of the contrast, for images of weak texture
+constexpr float kClip = 0.2F;    // relative to a descriptor's length
 constexpr float kRootLength = 512;
-constexpr int kStripe = 64;  // rows that one thread takes at a time
+constexpr int kStripe = 64;  // rows that one thread processes at a time
 constexpr int kPointStripe = 256;
 
 FloatPlane plane_of(const cv::Mat1f& image) {
@@ -49,7 +49,7 @@ void for_stripes(int count, int stripe, const std::function<void(int, int)>& wor
   });
 }
 
-// Of doubled size: even pixels are those of `gray`, odd ones the means of their neighbours.
+// Doubles the size: even pixels are those of `gray`, odd ones the means of their neighbours.
 cv::Mat1f doubled(const cv::Mat& gray) {
   const int width = gray.cols;
   cv::Mat1f result(2 * gray.rows, 2 * width);
@@ -73,7 +73,7 @@ cv::Mat1f doubled(const cv::Mat& gray) {
   return result;
 }
 
-// Every second pixel, the first one too.
+// Every second pixel, starting with the first.
 cv::Mat1f halved(const cv::Mat1f& image) {
   cv::Mat1f result((image.rows + 1) / 2, (image.cols + 1) / 2);
   for (int y = 0; y < result.rows; ++y) {
@@ -84,7 +84,7 @@ cv::Mat1f halved(const cv::Mat1f& image) {
   return result;
 }
 
-// Blurred by a Gaussian of `sigma`; and the difference to it, where asked for.
+// Blurs by a Gaussian of `sigma`; optionally also returns the difference.
 cv::Mat1f blurred(const SiftKernels& kernels, const cv::Mat1f& image, double sigma,
                   cv::Mat1f* difference) {
   const int radius = std::min(kMaxBlurRadius, static_cast<int>(std::ceil(3.5 * sigma)));
@@ -114,7 +114,7 @@ struct Extremum {
   float sigma = 0;  // px of its octave
   float response = 0;
   int octave = 0;
-  int layer = 0;  // of the blurred image that is nearest to its scale
+  int layer = 0;  // index of the blurred image nearest to its scale
 };
 
 using Differences = std::array<cv::Mat1f, kLayers + 2>;
@@ -207,7 +207,7 @@ void add_extrema(const SiftKernels& kernels, const Differences& differences, int
   for (const auto& extrema : of_stripes) all.insert(all.end(), extrema.begin(), extrema.end());
 }
 
-// Radians, of the peaks of a histogram that is smoothed first.
+// Radians, of the peaks of a histogram, after smoothing.
 std::vector<float> peaks_of(const float (&histogram)[kOrientations]) {
   std::array<float, kOrientations> smooth{};
   const auto at = [&](int k) { return histogram[(k + kOrientations) % kOrientations]; };
@@ -228,7 +228,7 @@ std::vector<float> peaks_of(const float (&histogram)[kOrientations]) {
   return peaks;
 }
 
-// Clipped, and square roots of the shares: distances between them are those of Hellinger.
+// Clips, and takes square roots of the shares: their distances are Hellinger distances.
 void write_root(const float (&descriptor)[kDescriptorLength], std::uint8_t* out) {
   float square = 0;
   for (const float value : descriptor) square += value * value;
@@ -240,7 +240,7 @@ void write_root(const float (&descriptor)[kDescriptorLength], std::uint8_t* out)
                                              std::sqrt(std::min(descriptor[k], most) / sum));
 }
 
-// The octaves of an image: extrema, and the blurred images 1..kLayers, which describe them.
+// The octaves of an image: extrema, and the blurred images 1..kLayers for descriptors.
 struct ScaleSpace {
   std::vector<std::array<cv::Mat1f, kLayers + 1>> octaves;
   std::vector<Extremum> extrema;
@@ -269,7 +269,7 @@ ScaleSpace scale_space(const SiftKernels& kernels, const cv::Mat& gray, double c
   return space;
 }
 
-// All that have the contrast, then others up to `min_count`.
+// All with the contrast, then others up to `min_count`.
 std::vector<int> strong_first(const std::vector<int>& order, const std::vector<float>& responses,
                               const SiftOptions& options) {
   std::vector<int> result;
@@ -332,7 +332,7 @@ SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options) {
     space = scale_space(kernels, gray, kFaint * options.contrast);
   const std::vector<Extremum>& extrema = space.extrema;
 
-  // The strongest of each place.
+  // The strongest in each region.
   std::vector<cv::Point2f> places;
   std::vector<float> responses;
   for (const Extremum& e : extrema) {

@@ -8,20 +8,20 @@
 
 #include <vector>
 
-// The scale-invariant features of Lowe (Distinctive image features from scale-invariant keypoints,
-// IJCV 2004), with descriptors as RootSIFT (Arandjelovic and Zisserman, CVPR 2012).
+// Scale-invariant features (Lowe, Distinctive image features from scale-invariant keypoints, IJCV
+// 2004), with descriptors as RootSIFT (Arandjelovic and Zisserman, CVPR 2012).
 //
-// Images are doubled, blurred to sigma 1.6 and then in three steps an octave. Extrema of the
-// differences of neighbouring blurs are refined by a quadratic in x, y and scale; those of little
-// contrast and on edges are left out. Unlike the paper, orientation and descriptor are computed for
-// the points that are kept alone, from samples 0.75 sigma apart in the frame of the point.
+// Images are doubled and blurred to sigma 1.6, then in three steps per octave. Extrema of the
+// differences of neighbouring blurs are refined by a quadratic in x, y and scale. Extrema of low
+// contrast and on edges are left out. Unlike in the paper, orientation and descriptor are computed
+// only for the kept points, from samples 0.75 sigma apart in the frame of the point.
 namespace tarsier::sfm {
 
 struct SiftOptions {
-  int max_count = 8000;    // features; the strongest of each place
-  double contrast = 0.02;  // min of an extremum, share of the grey range
-  // Where fewer places than this have the contrast, those with a quarter of it come in as well, up to
-  // this number: images of weak texture. 0: never.
+  int max_count = 8000;    // max features; the strongest in each region
+  double contrast = 0.02;  // min contrast of an extremum, share of the grey range
+  // For images of weak texture: where fewer positions than this have the contrast, those with a
+  // quarter of it are added, up to this number. 0 disables it.
   int min_count = 1000;
 
   [[nodiscard]] OptionFields fields() {
@@ -35,16 +35,17 @@ struct SiftOptions {
 struct SiftFeatures {
   std::vector<cv::Point2f> points;  // px, pixel centres at integers
   std::vector<float> sizes;         // px, 2 sigma
-  cv::Mat descriptors;  // CV_8UC1, a row of 128 each: square roots of the shares, of length 512
+  // CV_8UC1, one row of 128 per feature: square roots of the shares, of length 512
+  cv::Mat descriptors;
 };
 
-// `gray`: CV_8UC1, at least 8 x 8 (smaller: no features). By y, then x. The same for any number of
-// threads; another instruction set may round otherwise. A place with several orientations gives
-// several features. Throws std::invalid_argument for another type.
+// `gray`: CV_8UC1, at least 8 x 8 (smaller: no features). Sorted by y, then x. Does not depend on
+// the number of threads; instruction sets may differ in rounding. A position with several
+// orientations gives several features. Throws std::invalid_argument for another type.
 [[nodiscard]] SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options);
 
-// Indices of at most `most` of these, in order of importance: the image is divided into 16 cells
-// along its larger side; the strongest of each cell come first, then the second of each ..
+// Indices of at most `most` of these, by importance. The image is divided into 16 cells along its
+// longer side; the strongest of each cell come first, then the second of each ...
 [[nodiscard]] std::vector<int> spread(const std::vector<cv::Point2f>& points,
                                       const std::vector<float>& responses, cv::Size size, int most);
 

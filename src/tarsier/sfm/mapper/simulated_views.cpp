@@ -17,24 +17,25 @@
 namespace tarsier::sfm {
 namespace {
 
-// With the views of both images a plane is matched that one shows from the front and the other under 70 degrees. Further tilts cost
-// as much again each, and registered no more images of drawn rings.
+// With these views of both images, a plane seen from the front in one and at 70 degrees in the
+// other can be matched. Each further tilt costs as much again and registers no more images of
+// rendered rings.
 constexpr std::array kTilts{2.0};
 constexpr double kStep = 72 * std::numbers::pi / 180;  // of the angle, at tilt 1
 constexpr double kBlur = 0.8;
-constexpr double kMore = 3;          // times max_count: features of all views together
-constexpr double kReach = 3;         // sigmas around a feature that must lie in the image
-constexpr double kSamePx = 0.5;      // one place: so near ..
+constexpr double kMore = 3;   // times max_count, for all views together
+constexpr double kReach = 3;  // in sigmas: neighbourhood of a feature that must be inside the image
+constexpr double kSamePx = 0.5;      // px, max distance of features at one position
 constexpr double kSameSigmas = 0.1;  // .. or this times the feature's sigma
-constexpr double kCell = 4;  // px, of the grid of places; at most so far apart are two of one place
-constexpr double kAlike = 0.95;  // cosine of two descriptors of which one is enough
+constexpr double kCell = 4;          // px, of the grid; also an upper limit of that distance
+constexpr double kAlike = 0.95;      // cosine above which a second descriptor is dropped
 
 cv::Point2d mapped(const cv::Matx23d& map, const cv::Point2f& p) {
   const cv::Vec2d q = map * cv::Vec3d(static_cast<double>(p.x), static_cast<double>(p.y), 1);
   return {q[0], q[1]};
 }
 
-// Points by place.
+// An index of points by position.
 class Places {
  public:
   explicit Places(cv::Size size)
@@ -47,7 +48,7 @@ class Places {
         .push_back({place, point});
   }
 
-  // The nearest point within `radius` <= kCell, of equal ones the first; -1: none.
+  // The nearest point within `radius` <= kCell, the first of equally near ones; -1: none.
   [[nodiscard]] int nearest(const cv::Point2d& place, double radius) const {
     int found = -1;
     double least = radius * radius;
@@ -82,7 +83,8 @@ class Places {
   std::vector<std::vector<Entry>> cells_;
 };
 
-// Whether all that a feature is made of lies in the image: a circle of the view is an ellipse there.
+// Whether the neighbourhood of a feature is inside the image: a circle of the view is an ellipse
+// there.
 bool is_inside(const cv::Point2d& place, double radius, const cv::Matx23d& map, cv::Size size) {
   const double x = radius * std::hypot(map(0, 0), map(0, 1));
   const double y = radius * std::hypot(map(1, 0), map(1, 1));
@@ -106,7 +108,7 @@ ViewImage simulate_view(const cv::Mat& gray, const SimulatedView& view) {
   TARSIER_REQUIRE(view.tilt >= 1 && view.tilt <= 16, "a tilt of {}", view.tilt);
   const double c = std::cos(view.angle);
   const double s = std::sin(view.angle);
-  // Turned, with all of the image in it: the corners of its pixels.
+  // Bounds of the rotated image, from the corners of its pixels.
   cv::Point2d low(1e300, 1e300);
   cv::Point2d high(-1e300, -1e300);
   for (const double x : {-0.5, gray.cols - 0.5}) {
@@ -147,7 +149,7 @@ std::vector<std::int32_t> add_simulated_views(const cv::Mat& gray, const SiftOpt
   for (const SimulatedView& view : views) area += 1 / view.tilt;
   Places places(gray.size());
   std::vector<std::vector<cv::Mat>> described(
-      features.points.size());  // of the first point of a place
+      features.points.size());  // for the first point at each position
   for (std::size_t i = 0, first = 0; i < features.points.size(); ++i) {
     if (i == 0 || features.points[i] != features.points[first]) {
       first = i;
@@ -168,7 +170,8 @@ std::vector<std::int32_t> add_simulated_views(const cv::Mat& gray, const SiftOpt
       const double sigma = static_cast<double>(found.sizes[k]) / 2;
       const cv::Point2d place = mapped(image.image_from_view, found.points[k]);
       if (!is_inside(place, kReach * sigma, image.image_from_view, gray.size())) continue;
-      const double wide = sigma * std::sqrt(view.tilt);  // of a circle of the ellipse's area
+      // radius of a circle with the ellipse's area
+      const double wide = sigma * std::sqrt(view.tilt);
       const double radius = std::min(kCell, std::max(kSamePx, kSameSigmas * wide));
       const cv::Mat descriptor = found.descriptors.row(static_cast<int>(k));
       const int point = places.nearest(place, radius);

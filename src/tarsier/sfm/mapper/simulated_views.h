@@ -9,34 +9,38 @@
 #include <cstdint>
 #include <vector>
 
-// Features for images that were taken from far apart. A small piece of a surface that one image shows from the front and another one
-// from the side is compressed there along one direction, by the tilt 1 / cos(angle). SIFT bears tilts of about 2. ASIFT (Morel
-// and Yu, ASIFT: a new framework for fully affine invariant image comparison, SIAM J. Imaging Sciences 2009) simulates the
-// tilts of both images instead, and compares the views of one with those of the other.
+// Features for wide baselines. A small piece of a surface that one image shows from the front and
+// another from the side is compressed there in one direction, by the tilt 1 / cos(angle). SIFT
+// tolerates tilts of about 2. ASIFT (Morel and Yu, ASIFT: a new framework for fully affine
+// invariant image comparison, SIAM J. Imaging Sciences 2009) simulates the tilts of both images and
+// compares all their views.
 namespace tarsier::sfm {
 
-// The image turned by `angle` and then compressed along x by `tilt`.
+// The image rotated by `angle` and then compressed along x by `tilt`.
 struct SimulatedView {
   double tilt = 1;   // >= 1
   double angle = 0;  // rad, 0..pi
 };
 
-// Those that add_simulated_views() makes, by tilt and then by angle: the steps of a tilt t are 72 degrees / t, as in ASIFT.
+// The views that add_simulated_views() uses, by tilt and then by angle. The angular step for a tilt
+// t is 72 degrees / t, as in ASIFT.
 [[nodiscard]] std::vector<SimulatedView> simulated_views();
 
 struct ViewImage {
   cv::Mat pixels;               // CV_8UC1
   cv::Matx23d image_from_view;  // px, pixel centres at integers
 };
-// `gray`: CV_8UC1. Blurred along x before, by 0.8 sqrt(tilt^2 - 1) px, against aliasing. Where the view shows nothing of the image
-// its border goes on.
+// `gray`: CV_8UC1. It is first blurred along x by 0.8 sqrt(tilt^2 - 1) px against aliasing. Outside
+// the image its border is replicated.
 [[nodiscard]] ViewImage simulate_view(const cv::Mat& gray, const SimulatedView& view);
 
-// Adds what the views of `gray` show to its features, `plain`, which keep their places and their numbers. A feature of a view at
-// the place of one that there is already becomes a further descriptor of that, unless it says hardly more than those that
-// it has; one at a new place becomes a feature, where the least tilt shows it. Returns the owners of the further descriptors, which
-// stand behind those of the features (Features::owners). Of all views together so many features come in as three times
-// options.max_count. Throws std::invalid_argument as find_sift(). The same for any number of threads.
+// Adds features of the views of `gray` to its ordinary features, which keep their positions and
+// indices. A view's feature at the position of an existing one becomes a further descriptor of that
+// one, unless it is nearly equal to a known descriptor. At a new position it becomes a new feature,
+// where the view of least tilt shows it. Returns the owners of the further descriptors, whose rows
+// follow those of the features (Features::owners). All views together are searched for three times
+// options.max_count features. Throws std::invalid_argument as find_sift(). Does not depend on the
+// number of threads.
 [[nodiscard]] std::vector<std::int32_t> add_simulated_views(const cv::Mat& gray,
                                                             const SiftOptions& options,
                                                             SiftFeatures& features);

@@ -22,10 +22,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinShare = 0.3;  // of the matches of an image, in pairs that agree with its pose
+constexpr double kMinShare = 0.3;  // min share of an image's matches that agreeing pairs have
 constexpr std::size_t kMinMatches = 16;
 
-// The images as a model, at the start poses.
+// The images as a model with the start poses.
 Model model_of(const StartPoses& start, const MapperInput& input) {
   Model model;
   model.cameras = input.cameras;
@@ -37,7 +37,7 @@ Model model_of(const StartPoses& start, const MapperInput& input) {
   return model;
 }
 
-// The matches of an image with images that fit, and of these those in pairs that agree.
+// The matches of an image with images that fit, and those of agreeing pairs among them.
 struct Support {
   std::size_t matches = 0;
   std::size_t agreeing = 0;
@@ -123,7 +123,7 @@ void StartModel::check_size(const Input& input, cv::Size size) const {
 
 std::vector<char> StartModel::set_lenses(const std::vector<Input>& inputs,
                                          std::vector<ImageFeatures>& images) const {
-  // Of images of one size, make and first guess: their camera in the model, or -1: several.
+  // For images of one size, make and first guess: their camera in the model; -1: several.
   using Kind = std::tuple<int, int, double, double, double, std::string, std::string>;
   const auto kind_of = [](const ImageFeatures& image) {
     const geometry::Camera& camera = image.lens.camera;

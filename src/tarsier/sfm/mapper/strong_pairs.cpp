@@ -17,9 +17,9 @@ namespace {
 
 constexpr double kShares[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the strongest pair
 constexpr int kUnchecked = 2;                     // images of a model that any poses fit
-constexpr double kNearly = 0.9;  // of a score: parts contradict themselves less than a whole
+constexpr double kNearly = 0.9;  // factor of a score: parts contradict themselves less than a whole
 
-// What the models that have both images of a pair say.
+// The agreement of models that contain both images of a pair.
 struct Judgement {
   bool is_supported = false;
   bool is_contradicted = false;
@@ -35,7 +35,7 @@ Judgement judged(const Pair& pair, const std::vector<Model>& models) {
   return result;
 }
 
-// Of a model, whatever its shape.
+// Score of a model, regardless of its shape.
 double score_of(const Reconstruction& reconstruction, std::size_t m) {
   return reconstruction.trust[m] *
          std::max(0, statistics_of(reconstruction.models[m]).registered - kUnchecked);
@@ -156,8 +156,8 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
     if (doubts[k]) left[k].view.inliers = {};
   std::vector<Pair> taken;
   Reconstruction best;
-  double last = 0;  // score, whatever the shapes of the models
-  // Where pixels have distinguished places, few pairs that are left are wrong.
+  double last = 0;  // score, regardless of shapes
+  // Where pixels distinguish places, only few of the remaining pairs are wrong.
   const bool is_distinguished = std::any_of(
       doubts.begin(), doubts.end(), [](const PatchDoubt& doubt) { return doubt.patches_differ; });
   const double nearly = is_distinguished ? kNearly : 1;

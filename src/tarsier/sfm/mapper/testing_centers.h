@@ -12,8 +12,8 @@
 
 namespace tarsier::sfm {
 
-// Largest distance of a registered image's centre from the truth (a pose for each image) after the best
-// similarity, as a share of the truth's extent; 1e9 where there is no similarity.
+// Largest distance of a registered image's centre from the truth (a pose for each image) after the
+// best similarity, as a share of the truth's extent; 1e9 where there is no similarity.
 inline double worst_center(const Model& model, const std::vector<geometry::Rigid3>& truth) {
   std::vector<Eigen::Vector3d> from;
   std::vector<Eigen::Vector3d> to;

@@ -17,7 +17,7 @@ namespace tarsier::sfm::testing {
 inline constexpr int kPrismImages = 72;
 inline constexpr int kPrismSide = kPrismImages / 4;
 
-// The place nearest to the rays of a track; observations more than 3 px off go.
+// Computes the point nearest to the rays of a track; drops observations with errors above 3 px.
 inline void triangulate(const Model& model, Point& point) {
   const geometry::Camera& camera = model.cameras[0];
   for (int round = 0; round < 3 && point.track.size() >= 2; ++round) {
@@ -46,12 +46,13 @@ inline void triangulate(const Model& model, Point& point) {
 }
 
 struct Prism {
-  Model model;              // of all its pairs
-  std::vector<Pair> pairs;  // that agree with its poses
+  Model model;              // made from all its pairs
+  std::vector<Pair> pairs;  // the pairs that agree with its poses
 };
 
-// A prism of four sides that are alike but for a fifth of their points. Folded: a quarter turn leaves such a prism as it
-// is, and all images lie before one side; the pairs are then those between the sides as well.
+// A prism of four sides that are equal except for a fifth of their points. Folded: a quarter turn
+// maps such a prism to itself, and all images are in front of one side; then pairs between the
+// sides are included.
 inline Prism prism(bool folded) {
   synth::SiteOptions options;
   options.kind = synth::SiteKind::kSymmetric;

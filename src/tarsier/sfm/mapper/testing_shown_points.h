@@ -12,7 +12,8 @@ namespace tarsier::sfm {
 
 constexpr int kShownPoints = 8;
 
-// Gives the images features: what each sees of the same eight points around `middle`, from the pose that it has now.
+// Sets the images' features to the projections of the same eight points around `middle`, by their
+// current poses.
 inline void show_points(Model& model, const Eigen::Vector3d& middle, double size) {
   model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
   for (Image& image : model.images) {
@@ -26,7 +27,8 @@ inline void show_points(Model& model, const Eigen::Vector3d& middle, double size
   }
 }
 
-// So many matches of these points, each with the one that is `shift` on in the second image; 0: they are right.
+// `count` matches of these points. Each is shifted by `shift` in the second image; 0: correct
+// matches.
 inline std::vector<Match> shown_matches(std::size_t count, int shift = 0) {
   std::vector<Match> matches;
   for (std::size_t k = 0; k < count; ++k) {

@@ -16,21 +16,22 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kFailedOfTrack = 16;  // pairs of tracks that are remembered, of each track
-constexpr std::size_t kMaxFailed = std::size_t{1} << 22;  // .. and of all
-constexpr std::size_t kMaxCompared =
-    12;  // views of a point, spread over all, that a feature is compared with
-constexpr std::size_t kMaxRays = 64;   // of two points that may be one, spread over all
-constexpr std::size_t kSureViews = 6;  // of a point that is not moved far by others
-constexpr double kFarOff = 4;          // reprojection_px: two such points are not one
+constexpr std::size_t kFailedOfTrack = 16;  // remembered failed pairs of tracks, per track
+constexpr std::size_t kMaxFailed = std::size_t{1} << 22;  // .. and in total
+// views of a point compared with a feature, evenly spread
+constexpr std::size_t kMaxCompared = 12;
+constexpr std::size_t kMaxRays = 64;   // for two points that may be one, evenly spread
+constexpr std::size_t kSureViews = 6;  // min views of a point whose position is reliable
+constexpr double kFarOff = 4;          // in units of reprojection_px: such points are different
 
-// Pairs of tracks that are not one point. A table of fixed size: a pair that another one took the place of is found again.
+// Pairs of tracks that are not one point. A hash table of fixed size: an overwritten pair is tested
+// again.
 class FailedMerges {
  public:
   explicit FailedMerges(std::size_t tracks)
       : pairs_(std::bit_ceil(std::clamp(kFailedOfTrack * tracks, kFailedOfTrack, kMaxFailed))) {}
 
-  // `size`: of both tracks; one that failed at another size may succeed now.
+  // `size`: of both tracks. A pair that failed at another size may succeed now.
   [[nodiscard]] bool contains(int track, int other, std::size_t size) const {
     const std::uint64_t key = key_of(track, other);
     const Pair& pair = pairs_[place_of(key)];
@@ -40,13 +41,13 @@ class FailedMerges {
     const std::uint64_t key = key_of(track, other);
     pairs_[place_of(key)] = {key, static_cast<std::uint32_t>(size)};
   }
-  // Whatever they grow to.
+  // Remembers the pair for all sizes.
   void insert_for_good(int track, int other) { insert(track, other, kAnySize); }
 
  private:
   static constexpr std::uint32_t kAnySize = 0;
   struct Pair {
-    std::uint64_t key = 0;  // no pair: a track is not paired with itself
+    std::uint64_t key = 0;  // unused: a track is not paired with itself
     std::uint32_t size = 0;
   };
   static std::uint64_t key_of(int track, int other) {
@@ -60,14 +61,14 @@ class FailedMerges {
   std::vector<Pair> pairs_;
 };
 
-// A set of tracks, a bit each.
+// A set of tracks, as bits.
 class TrackSet {
  public:
   explicit TrackSet(std::size_t tracks) : words_((tracks + 63) / 64, 0) {}
 
   void insert(int track) { words_[at(track) / 64] |= bit_of(track); }
   void erase(int track) { words_[at(track) / 64] &= ~bit_of(track); }
-  // Visits all in ascending order, and is empty then.
+  // Visits all in ascending order and empties the set.
   template <typename Visit>
   void take_all(const Visit& visit) {
     for (std::size_t w = 0; w < words_.size(); ++w) {
@@ -87,7 +88,7 @@ class TrackSet {
 int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
   if (descriptors_.empty() || options_.extend_px <= 0) return 0;
   int gained = 0;
-  // Which points each image shows, at first: what comes in below is not looked at again.
+  // The points that each image shows initially. Later additions are not considered.
   std::vector<std::vector<int>> shown(model_.images.size());
   for (std::size_t t = 0; t < tracks_.size(); ++t)
     for (const Observation& seen : model_.points[t].track)
@@ -97,8 +98,10 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     if (norms_[i].empty()) norms_[i] = norms_of(descriptors_[i], kind_);
   TrackSet nearby(tracks_.size());
   std::vector<int> covisible_with(model_.images.size(), -1);
-  std::vector<int> shown_by(model_.images.size(), -1);  // the last track that an image is part of
-  std::vector<int> joined_in(tracks_.size(), -1);  // the last image whose features joined a track
+  // for each image: the last track that contains it
+  std::vector<int> shown_by(model_.images.size(), -1);
+  // for each track: the last image with a feature that joined it
+  std::vector<int> joined_in(tracks_.size(), -1);
   std::vector<int> features;
   FailedMerges failed(tracks_.size());
   const auto size_of = [&](int track, int other) {
@@ -123,8 +126,8 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     }
     for (const int other : covisible)
       for (const int track : shown[at(other)]) nearby.insert(track);
-    for (const int track : shown[i]) nearby.erase(track);  // it is there already
-    std::vector<std::pair<int, cv::Point2d>> candidates;   // where they should be
+    for (const int track : shown[i]) nearby.erase(track);  // shown already
+    std::vector<std::pair<int, cv::Point2d>> candidates;   // with expected positions
     nearby.take_all([&](int track) {
       const auto pixel = camera.project(view.pose * model_.points[at(track)].position);
       if (pixel && pixel->x >= 0 && pixel->y >= 0 && pixel->x < camera.width &&
@@ -151,7 +154,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
       });
       if (!may_join) continue;
       for (const Observation& own : tracks_[at(track)]) shown_by[at(own.image)] = track;
-      if (shown_by[i] == track) continue;  // its feature there was dropped for being off
+      if (shown_by[i] == track) continue;  // its own feature there was dropped as an outlier
       const auto shares_an_image = [&](int other) {
         const std::vector<Observation>& theirs = tracks_[at(other)];
         return std::any_of(theirs.begin(), theirs.end(), [&](const Observation& one) {
@@ -225,7 +228,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   std::vector<Observation>& own = tracks_[at(track)];
   Point& point = model_.points[at(track)];
   const int other = track_of_[at(seen.image)][at(seen.feature)];
-  if (other == track) return 0;  // it was dropped for being off
+  if (other == track) return 0;  // dropped as an outlier
   if (other < 0) {
     const auto error = error_of(model_, seen, point.position);
     if (!error || *error > options_.reprojection_px) return 0;
@@ -236,7 +239,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
     count(seen, 1);
     return 1;
   }
-  // Two tracks: one point if all their rays agree.
+  // Two tracks are one point if all their rays agree.
   std::vector<Observation>& theirs = tracks_[at(other)];
   if (are_apart(point, model_.points[at(other)])) return 0;
   std::vector<Observation> all = point.track;
@@ -259,7 +262,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   for (const Observation& observation : theirs) {
     own.push_back(observation);
     track_of_[at(observation.image)][at(observation.feature)] = track;
-    if (is_point_[at(other)] == 0) count(observation, 1);  // else it is counted already
+    if (is_point_[at(other)] == 0) count(observation, 1);  // otherwise it is counted already
   }
   is_point_[at(other)] = 0;
   theirs.clear();

@@ -69,7 +69,7 @@ class Joined {
 
   std::vector<std::size_t> starts_;
   std::vector<std::size_t> parents_;
-  std::vector<std::vector<Observation>> members_;  // of roots, by image
+  std::vector<std::vector<Observation>> members_;  // for roots, sorted by image
 };
 
 }  // namespace

@@ -9,22 +9,22 @@
 
 namespace tarsier::sfm {
 
-// Two images that were verified against each other.
+// A verified pair of images.
 struct Pair {
   int first = 0;
   int second = 0;
-  int matches = 0;  // before they were verified
+  int matches = 0;  // before verification
   TwoView view;
 };
 
-// Of each image the inliers of the pair that has most; 0 where it has no pair.
+// For each image, the number of inliers of its pair with most; 0 where it has no pair.
 [[nodiscard]] std::vector<std::size_t> strongest_of_images(const std::vector<Pair>& pairs,
                                                            std::size_t images);
 
-// Joins matches to tracks: union-find over features, the surest pairs first. A join that would put
-// two features of one image into a track is refused, so a wrong match costs one link and not
-// the track. Tracks of two images or more, longest first, then by their first observation;
-// `features`: how many each image has.
+// Joins matches to tracks: union-find over features, the most reliable pairs first. A join that
+// would put two features of one image into a track is refused, so that a wrong match costs one link
+// and not the track. Returns tracks of two images or more, longest first, then by their first
+// observation. `features`: the number of features of each image.
 [[nodiscard]] std::vector<std::vector<Observation>> make_tracks(const std::vector<Pair>& pairs,
                                                                 const std::vector<int>& features);
 [[nodiscard]] std::vector<std::vector<Observation>> make_tracks(

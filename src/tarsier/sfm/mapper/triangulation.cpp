@@ -33,7 +33,7 @@ bool in_front_of_all(const std::vector<ObservationRay>& rays, const Eigen::Vecto
 
 std::optional<Eigen::Vector3d> triangulate(const std::vector<ObservationRay>& rays) {
   if (rays.size() < 2) return std::nullopt;
-  // Linear: u (r3 x + t3) = r1 x + t1, each row scaled by nothing but the unit ray.
+  // Linear: u (r3 x + t3) = r1 x + t1, each row weighted as for a unit ray.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   for (const ObservationRay& seen : rays) {

@@ -17,7 +17,7 @@ Eigen::Vector2d normalized(const cv::Point2d& pixel, const geometry::Camera& cam
   return {(pixel.x - camera.cx) / camera.fx, (pixel.y - camera.cy) / camera.fy};
 }
 
-// The least ratios first.
+// Indices sorted by ascending ratio.
 std::vector<int> order_of(const std::vector<float>& ratios) {
   std::vector<int> order(ratios.size());
   std::iota(order.begin(), order.end(), 0);
@@ -31,7 +31,7 @@ double mean_focal(const geometry::Camera& first, const geometry::Camera& second)
   return (first.fx + first.fy + second.fx + second.fy) / 4;
 }
 
-// Pixels without distortion.
+// Undistorted pixels.
 PointPairs pixels_of(const std::vector<cv::Point2f>& first, const std::vector<cv::Point2f>& second,
                      const geometry::Camera& camera, const geometry::Camera& other) {
   PointPairs pixels;
@@ -50,7 +50,7 @@ PointPairs rays_of(const PointPairs& pixels, const geometry::Camera& camera,
   return rays;
 }
 
-// The motion, and of the points of the inliers how many are in front and their angle.
+// Sets the motion, the number of inliers in front of both cameras, and their median angle.
 void set_motion(const PointPairs& inliers, const geometry::Rigid3& motion, TwoView& view) {
   view.second_from_first = motion;
   view.in_front = 0;
@@ -65,7 +65,7 @@ void set_motion(const PointPairs& inliers, const geometry::Rigid3& motion, TwoVi
   view.median_angle = upper_median(angles);
 }
 
-// Those pairs that are inliers.
+// The inlier pairs.
 PointPairs kept(const PointPairs& pairs, const std::vector<char>& is_inlier) {
   PointPairs result;
   for (std::size_t i = 0; i < is_inlier.size(); ++i) {
@@ -128,7 +128,7 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
   result.inliers = std::move(good);
   const PointPairs inliers = kept(rays, is_inlier);
   if (!options.known_focal) {
-    in_rays.threshold *= 4;  // the focal length may be off
+    in_rays.threshold *= 4;  // the focal length may be inexact
     motion = robust_motion(inliers, in_rays);
   }
   in_pixels.threshold *= 2;

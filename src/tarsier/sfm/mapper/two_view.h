@@ -10,13 +10,13 @@
 #include <cstdint>
 #include <vector>
 
-// What two images say about each other.
+// The relative geometry of two images.
 namespace tarsier::sfm {
 
 struct TwoViewOptions {
-  double threshold_px = 1.5;  // of an inlier
-  int min_inliers = 20;       // below it the images have nothing in common
-  bool known_focal = true;    // false: the fundamental matrix decides what is an inlier
+  double threshold_px = 1.5;  // max error of an inlier
+  int min_inliers = 20;       // with fewer, the images have no geometry in common
+  bool known_focal = true;    // false: inliers are determined by the fundamental matrix
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -27,30 +27,31 @@ struct TwoViewOptions {
 };
 
 struct TwoView {
-  MatchList inliers;                   // of the epipolar geometry; empty: the pair failed
-  int homography_inliers = 0;          // how many of these one plane (or a mere rotation) explains
-  geometry::Rigid3 second_from_first;  // translation of length 1; of the essential matrix
+  MatchList inliers;           // of the epipolar geometry; empty: the pair failed
+  int homography_inliers = 0;  // inliers that also fit a homography: a plane or a pure rotation
+  geometry::Rigid3 second_from_first;  // from the essential matrix; translation of length 1
   int in_front = 0;                    // inliers in front of both cameras
-  double median_angle = 0;             // radians, between the rays of those
+  double median_angle = 0;             // radians, between the rays of those inliers
 };
 
-// The essential matrix, or the fundamental matrix where the focal length is a guess, and the
-// homography of the matches (robust_two_view.h), seeded. Matches must fit the features. `ratios`: of
-// each match as of match_features(), so that the surest are tried first; empty: not known.
+// Estimates the essential matrix, or the fundamental matrix where the focal length is a guess, and
+// the homography of the matches (robust_two_view.h), with a seed. Matches must be indices of the
+// features. `ratios`: those of match_features(), so that the most reliable matches are tried first;
+// empty: unknown.
 [[nodiscard]] TwoView verify_pair(const std::vector<cv::Point2f>& first,
                                   const std::vector<cv::Point2f>& second,
                                   const std::vector<Match>& matches, const geometry::Camera& camera,
                                   const geometry::Camera& other, const TwoViewOptions& options,
                                   const std::vector<float>& ratios = {});
 
-// The motion of a view's inliers again, and what follows from it, with other cameras than it was verified with. A view in
-// which none is found stays as it is.
+// Estimates the motion of a view's inliers again, and what depends on it, with other cameras than
+// in the verification. Where no motion is found the view does not change.
 void estimate_motion_again(const std::vector<cv::Point2f>& first,
                            const std::vector<cv::Point2f>& second, const geometry::Camera& camera,
                            const geometry::Camera& other, const TwoViewOptions& options,
                            TwoView& view);
 
-// Pixels without the lens's distortion, as a pinhole of the same matrix would see them.
+// Undistorted pixels, as seen by a pinhole camera with the same matrix.
 [[nodiscard]] std::vector<cv::Point2d> undistorted(const std::vector<cv::Point2f>& pixels,
                                                    const geometry::Camera& camera);
 

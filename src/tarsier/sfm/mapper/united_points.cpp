@@ -19,7 +19,7 @@ void sort_by_image(std::vector<Observation>& track) {
             [](const Observation& a, const Observation& b) { return a.image < b.image; });
 }
 
-// Whether an image shows both, with different features.
+// Whether an image shows both points, with different features.
 bool shows_another(const std::vector<Observation>& a, const std::vector<Observation>& b) {
   for (auto p = a.begin(), q = b.begin(); p != a.end() && q != b.end();) {
     if (p->image == q->image && p->feature != q->feature) return true;
@@ -36,7 +36,7 @@ UnitedPoints::UnitedPoints(const std::vector<Image>& images) {
 
 void UnitedPoints::add(const Point& point, const Eigen::Vector3d& moved,
                        std::vector<Observation> track) {
-  std::map<int, int> views;  // of the points that have some of the track already
+  std::map<int, int> views;  // for points that contain part of the track
   for (const Observation& seen : track)
     if (const int owner = owner_of(seen); owner >= 0) ++views[owner];
   std::vector<std::pair<int, int>> order;

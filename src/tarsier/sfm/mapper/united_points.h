@@ -10,20 +10,21 @@
 
 namespace tarsier::sfm {
 
-// The tracks of several models as one list of points: those with a feature in common become one, unless that would put two
-// features of an image into a track.
+// Merges the tracks of several models into one list of points. Points with a feature in common
+// become one, unless two features of an image would then be in a track.
 class UnitedPoints {
  public:
-  // `images`: with the features that tracks name.
+  // `images` have the features that tracks refer to.
   explicit UnitedPoints(const std::vector<Image>& images);
-  // `moved`: the position in the common frame; `track`: what counts of its observations.
+  // `moved`: the position in the common frame; `track`: the observations to use.
   void add(const Point& point, const Eigen::Vector3d& moved, std::vector<Observation> track);
-  // Those with two observations or more: mean positions and colours, weighted by the observations.
+  // The points with two observations or more. Positions and colours are means weighted by
+  // observations.
   [[nodiscard]] std::vector<Point> points() const;
 
  private:
   struct United {
-    std::vector<Observation> track;  // by image
+    std::vector<Observation> track;  // sorted by image
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     cv::Vec3d color;
     double weight = 0;
@@ -32,7 +33,7 @@ class UnitedPoints {
   [[nodiscard]] int& owner_of(const Observation& seen);
   void take(int point, const std::vector<Observation>& track);
 
-  std::vector<std::vector<int>> owner_;  // of each feature: its point, or -1
+  std::vector<std::vector<int>> owner_;  // for each feature: its point, or -1
   std::vector<United> points_;
 };
 

@@ -26,11 +26,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxDepth = 32;  // of folders in folders
+constexpr int kMaxDepth = 32;  // max depth of nested folders
 constexpr const char* kResults[] = {"report.json", "plan.json", "cameras.txt",
                                     "cameras.bin", "sparse",    "stereo"};
 
-// `name`: relative, with folders or without. One that is taken becomes cam0/a-2.jpg.
+// `name` is relative, with or without folders. A repeated name becomes e.g. cam0/a-2.jpg.
 void add_input(const std::string& name, const std::string& path, std::set<std::string>& names,
                std::vector<Input>& inputs) {
   const fs::path file(name);
@@ -49,14 +49,14 @@ void add_inputs(const std::vector<std::string>& paths, std::set<std::string>& na
     add_input(fs::path(path).filename().string(), path, names, inputs);
 }
 
-// Whether a program has written its results there: a model, a dense workspace, the work of shards.
+// Whether the folder holds results of a program: a model, a dense workspace, the work of shards.
 bool has_results(const fs::path& folder) {
   std::error_code ignored;
   return std::any_of(std::begin(kResults), std::end(kResults),
                      [&](const char* name) { return fs::exists(folder / name, ignored); });
 }
 
-// The names of images in a folder and in the folders within it, relative to it, with `prefix` before them.
+// Adds the names of images in a folder and its subfolders, relative to it, with `prefix` in front.
 void add_names(const fs::path& folder, const std::string& prefix, const fs::path& output, int depth,
                std::vector<std::string>& names) {
   std::error_code error;
@@ -85,7 +85,7 @@ void add_folder(const std::string& folder, const std::string& output, std::set<s
                 std::vector<Input>& inputs) {
   std::vector<std::string> found;
   add_names(folder, "", output, 0, found);
-  if (found.empty()) (void)images_in_folder(folder);  // says what is wrong
+  if (found.empty()) (void)images_in_folder(folder);  // throws with the reason
   std::sort(found.begin(), found.end(), natural_less);
   for (const std::string& name : found)
     add_input(name, (folder.ends_with("/") ? folder : folder + "/") + name, names, inputs);

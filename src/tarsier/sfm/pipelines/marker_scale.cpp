@@ -26,9 +26,10 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kMinAngle = 3 * std::numbers::pi / 180;
-constexpr double kMaxReprojection = 3;   // px
-constexpr double kMaxSpread = 0.05;      // of a marker's side, above which a warning is due
-constexpr double kMaxDifference = 0.10;  // of the sides, and of the diagonals, of a square
+constexpr double kMaxReprojection = 3;  // px
+constexpr double kMaxSpread = 0.05;     // share of a marker's side, above which a warning is given
+// max relative difference of the sides, and of the diagonals, of a square
+constexpr double kMaxDifference = 0.10;
 
 struct Sighting {
   int image = 0;  // index into Model::images
@@ -38,7 +39,7 @@ using Sightings = std::map<int, std::vector<Sighting>>;  // by id
 
 using Square = std::array<Eigen::Vector3d, 4>;  // world
 
-// An id that an image shows twice is not known there.
+// An id that occurs twice in an image is ignored there.
 void add_sightings(const std::vector<SeenMarker>& markers, int image, Sightings& sightings) {
   for (const SeenMarker& marker : markers) {
     const auto same = std::count_if(markers.begin(), markers.end(),
@@ -72,7 +73,7 @@ Sightings find_markers(const Model& model,
   return sightings;
 }
 
-// Whether two of the cameras see the point under far enough rays.
+// Whether two of the cameras see the point under a large enough angle.
 bool is_wide(const Model& model, const std::vector<Sighting>& seen, const Eigen::Vector3d& point) {
   const auto center = [&](const Sighting& one) {
     return model.images[static_cast<std::size_t>(one.image)].pose.center();
@@ -85,7 +86,7 @@ bool is_wide(const Model& model, const std::vector<Sighting>& seen, const Eigen:
 
 enum class Verdict { kSquare, kNarrow, kNoSquare };
 
-// A corner of a marker from all that show it; empty where they have no point in common.
+// Triangulates a corner of a marker from all images that show it; empty where that fails.
 std::optional<Eigen::Vector3d> corner_of(const Model& model, const std::vector<Sighting>& seen,
                                          std::size_t corner) {
   std::vector<ObservationRay> rays;
@@ -100,7 +101,7 @@ std::optional<Eigen::Vector3d> corner_of(const Model& model, const std::vector<S
   return triangulate(rays);
 }
 
-// The largest distance of a corner from where the model puts it, px.
+// The largest reprojection error of the corners in an image, px.
 double reprojection_of(const Model& model, const Sighting& seen, const Square& corners) {
   const Image& image = model.images[static_cast<std::size_t>(seen.image)];
   const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(image.camera)];
@@ -126,7 +127,8 @@ double side_of(const Square& corners) {
   return is_square ? mean : 0;
 }
 
-// The side of a marker, units of the model. What fits worst is left out of `seen`, fewer than half.
+// Measures the side of a marker, in units of the model. The worst images are removed from `seen`,
+// but fewer than half.
 Verdict measure(const Model& model, std::vector<Sighting>& seen, double& side) {
   const std::size_t all = seen.size();
   while (seen.size() >= 2) {

@@ -14,44 +14,46 @@
 #include <string>
 #include <vector>
 
-// The unit of a model by markers of a known size that lie in the scene.
+// The unit of a model, from markers of known size in the scene.
 namespace tarsier::sfm {
 
-// A marker in an image, whatever found it.
+// A marker detected in an image, by any detector.
 struct SeenMarker {
   int id = 0;
-  std::array<Eigen::Vector2d, 4> corners;  // px, the marker's own top left first, clockwise
+  std::array<Eigen::Vector2d, 4> corners;  // px, clockwise from the marker's own top left corner
 };
-// The markers of an image (CV_8UC1), in any order.
+// Detects the markers of an image (CV_8UC1), in any order.
 using FindMarkers = std::function<std::vector<SeenMarker>(const cv::Mat& gray)>;
 
 struct KnownMarkers {
-  double side = 0;     // in any unit: the model's from then on; above 0
-  FindMarkers find;    // e.g. by planar::markers::detect_markers(), of one family
+  double side = 0;     // > 0, in any unit; this becomes the model's unit
+  FindMarkers find;    // e.g. planar::markers::detect_markers(), of one family
   void check() const;  // throws std::invalid_argument
 };
 
 struct MarkerScale {
-  double scale = 1;   // units of `side` for one of the model
-  int markers = 0;    // that tell it
-  int left_out = 0;   // markers whose corners make no square
-  int images = 0;     // in which the markers were seen
-  double spread = 0;  // largest deviation of a marker's side from the median, a share of it
+  double scale = 1;  // units of `side` per unit of the model
+  int markers = 0;   // used for the scale
+  int left_out = 0;  // markers whose corners do not form a square
+  int images = 0;    // images that show a used marker
+  // largest deviation of a marker's side from the median, as a share of the median
+  double spread = 0;
 };
 // {"scale", "markers", "left_out", "images", "spread"}
 [[nodiscard]] nlohmann::ordered_json to_json(const MarkerScale& scale);
 
-// Finds the markers in the registered images of the model, triangulates their corners from its
-// poses (triangulation.h) and compares the sides with the known one: scale = side / median of the
-// markers' mean sides. The model stays as it is.
+// Detects the markers in the registered images, triangulates their corners with the poses of the
+// model (triangulation.h) and compares their sides with the known side: scale = side / median of
+// the markers' mean sides. The model is not changed.
 //
-// A marker counts that two or more images show under rays at least 3 degrees apart. Images in which
-// a corner lies more than 3 px from its reprojection are left out, fewer than half of a marker's; the
-// marker is left out where more are (an id that is in the scene twice), or where its sides or
-// diagonals differ by more than 10 %.
+// A marker is used where two or more images see it under rays at least 3 degrees apart. Images in
+// which a corner has a reprojection error above 3 px are left out, but fewer than half of a
+// marker's images. A marker is left out where more images would have to go (e.g. an id that is in
+// the scene twice), or where its sides or diagonals differ by more than 10 %.
 //
-// `path_of`: the file of an image of the model. Throws Error (kBadInput) where no marker is left,
-// InputError for an image that cannot be read or is of another size than its camera, Interrupted.
+// `path_of` returns the file of an image of the model. Throws Error (kBadInput) where no marker can
+// be used, InputError for an image that cannot be read or whose size differs from its camera's,
+// Interrupted.
 [[nodiscard]] MarkerScale marker_scale(
     const Model& model, const std::function<std::string(const std::string& name)>& path_of,
     const KnownMarkers& known, Progress& progress, const std::stop_token& stop);

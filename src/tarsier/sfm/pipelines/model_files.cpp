@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// How large the pyramids of cameras.ply are, world units.
+// Size of the pyramids in cameras.ply, world units.
 double camera_size(const Model& model) {
   Eigen::Vector3d low(1e300, 1e300, 1e300);
   Eigen::Vector3d high = -low;

@@ -11,26 +11,27 @@
 #include <string>
 #include <vector>
 
-// The files of a model. All are written whole or not at all; all throw OutputError.
+// Writes the files of a model. Each file is written completely or not at all. All functions throw
+// OutputError.
 namespace tarsier::sfm {
 
-// cameras.txt, images.txt, points3D.txt (COLMAP), points.ply, cameras.ply.
+// Writes cameras.txt, images.txt, points3D.txt (COLMAP), points.ply and cameras.ply.
 void write_model(const std::string& folder, const Model& model);
 
-// view.html and view.png.
+// Writes view.html and view.png.
 void write_views(const std::string& folder, const Model& model);
 
-// turntable.gif: the cloud, turning; 36 images of 640x480.
+// Writes turntable.gif, an animation of the rotating point cloud: 36 images of 640x480.
 void write_turntable(const std::string& folder, const Model& model);
 
-// undistorted/: images and model for dense reconstruction, see export_undistorted(). Throws
-// InputError for an image that cannot be read any more, Interrupted.
+// Writes undistorted/, the images and the model for dense reconstruction; see export_undistorted().
+// Throws InputError for an image that can no longer be read, Interrupted.
 void write_undistorted(const std::string& folder, const Model& model,
                        const std::vector<Input>& inputs, Progress& progress,
                        const std::stop_token& stop);
 
-// Both images side by side: matches that were kept in green, removed ones in red. All as dots, as
-// many with lines as can be distinguished. Throws InputError.
+// Draws both images side by side: kept matches in green, removed ones in red. All matches are drawn
+// as dots. Lines are drawn only for as many as can be distinguished. Throws InputError.
 [[nodiscard]] cv::Mat draw_matches(const ComparedPair& pair);
 
 }  // namespace tarsier::sfm

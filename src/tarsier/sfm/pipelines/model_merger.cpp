@@ -29,7 +29,8 @@ Model read_part(const std::string& folder) {
   return model;
 }
 
-// The images of all models, without descriptors; an image that several have as the first of them has it.
+// The images of all models, without descriptors. An image of several models is taken from the
+// first.
 MatchedImages images_of(const std::vector<Model>& models) {
   MatchedImages matched;
   for (std::size_t i = 0; i < models.front().images.size(); ++i) {
@@ -73,12 +74,12 @@ ReconstructorResult merge_models(const std::vector<std::string>& folders,
   how.cache = false;
   how.pipeline = {};
   how.pipeline.seed = options.pipeline.seed;
-  how.pipeline.pairs = PairChoice::kExhaustive;  // none are looked for
+  how.pipeline.pairs = PairChoice::kExhaustive;  // no pairs are searched
   how.pipeline.fixed_camera = true;              // unless the models differ
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&](MatchedImages& matched) { matched = images_of(models); };
   mapping.map = [&](const MapperInput& input, const MapperOptions& mapper) {
-    // With the cameras of the models, each of which may be refined.
+    // Uses the cameras of the models, each of which may be refined.
     const MapperInput known{.cameras = models.front().cameras,
                             .images = input.images,
                             .colors = input.colors,

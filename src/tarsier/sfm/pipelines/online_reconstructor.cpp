@@ -25,7 +25,7 @@ namespace {
 constexpr int kLongestSide = 960;    // px, of the images in which points are tracked
 constexpr std::size_t kRecent = 12;  // key frames from which points can be tracked
 constexpr std::size_t kMaxTracked = 400;
-constexpr double kBackPx = 1.0;  // off after tracking there and back: lost
+constexpr double kBackPx = 1.0;  // px, max error after tracking forward and backward
 
 double reduction(cv::Size size) {
   return std::min(1.0, static_cast<double>(kLongestSide) / std::max(size.width, size.height));
@@ -43,16 +43,16 @@ cv::Mat reduced_gray(const cv::Mat& image) {
   return gray;
 }
 
-// The model is of the pixels of the sensor.
+// The model uses the pixels of the sensor.
 cv::Mat unturned(const Frame& image) {
   try {
     if (orientation_of_file(image.name) != 1) return read_sensor_image(image.name);
-  } catch (const InputError&) {  // it is gone, and left out when it is added
+  } catch (const InputError&) {  // the file is gone; the image is left out when it is added
   }
   return image.image;
 }
 
-// --- what is shown of the stages ---
+// --- debug images ---
 
 const cv::Scalar kInModel{80, 220, 80};
 const cv::Scalar kOther{0, 170, 255};
@@ -65,7 +65,7 @@ cv::Mat colored(const cv::Mat& gray) {
   return image;
 }
 
-// Each point with the way from where it was.
+// Draws each point with its motion.
 void draw_tracks(cv::Mat& image, const std::vector<cv::Point2f>& from,
                  const std::vector<cv::Point2f>& to, const std::vector<char>& is_lost) {
   for (std::size_t k = 0; k < from.size(); ++k) {
@@ -171,14 +171,14 @@ void OnlineReconstructor::grow(bool adjust_all, const std::stop_token& stop) {
       mapper_.grow(stop);
     }
   } catch (const Interrupted&) {
-    return;  // the caller is about to end
+    return;  // the caller is ending
   }
   waiting_ = 0;
   model_changed_ = true;
   choose_points();
 }
 
-// Points are tracked from the latest image of the model, evenly over those it shows.
+// Chooses the points to track: those of the model's latest image, evenly thinned.
 void OnlineReconstructor::choose_points() {
   tracked_ = {};
   const Model& model = mapper_.model();
@@ -219,7 +219,7 @@ void OnlineReconstructor::track_points() {
     const bool is_found =
         there[k] != 0 && here[k] != 0 && cv::norm(back[k] - tracked_.from[k]) <= kBackPx;
     tracked_.is_lost[k] = is_found ? 0 : 1;
-    if (!is_found) tracked_.to[k] = tracked_.from[k];  // where it is looked for next time
+    if (!is_found) tracked_.to[k] = tracked_.from[k];  // start of its next search
   }
 }
 
@@ -240,7 +240,7 @@ void OnlineReconstructor::show_stages(DebugSink& debug) const {
   }
 }
 
-// Those that are points of the model in green.
+// Draws points of the model in green.
 void OnlineReconstructor::show_features(DebugSink& debug) const {
   const auto& [latest, gray, scale] = recent_.back();
   const Features& features = mapper_.features(latest);
@@ -256,7 +256,7 @@ void OnlineReconstructor::show_features(DebugSink& debug) const {
   debug.image("features", shown);
 }
 
-// The earlier key frame at the left, the latest at the right.
+// Draws the earlier key frame on the left, the latest on the right.
 void OnlineReconstructor::show_matches(DebugSink& debug) const {
   const Recent& latest = recent_.back();
   const Pair* best = nullptr;

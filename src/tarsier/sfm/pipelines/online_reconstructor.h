@@ -21,29 +21,29 @@ namespace tarsier::sfm {
 struct OnlineReconstructorOptions {
   OnlineOptions mapper;
   KeyframeOptions keyframes;
-  int grow_every = 3;  // key frames from one growth of the model to the next
-  // That key frames are written to, see key_frame_path().
+  int grow_every = 3;  // key frames between two growth steps of the model
+  // Folder that key frames are written to, see key_frame_path().
   std::string frames_folder;
-  // Each frame is a key frame: those of a folder of images.
+  // Every frame is a key frame, e.g. the images of a folder.
   bool every_frame = false;
-  // With every_frame: files that are there already. A frame whose name is such a path is that image,
-  // and is not written.
+  // Only with every_frame: the existing image files. A frame whose name is the path of such a file
+  // is that image and is not written again.
   std::vector<Input> images;
 
   [[nodiscard]] OptionFields fields() { return {{"grow_every", grow_every, range(1, 1000)}}; }
-  void check() const;  // throws std::invalid_argument that names the value
+  void check() const;  // throws std::invalid_argument, which names the value
 };
 
-// What is known after a frame.
+// The state after a frame.
 struct OnlineResult {
   int key_frames = 0;
   int registered = 0;                // key frames in the model
-  int points = 0;                    // of the model
-  std::vector<cv::Point2f> tracked;  // points of the model where they are seen in this frame, px
-  bool model_changed = false;        // by this call
-  double growth_ms = 0;              // that the latest growth took, with the adding before it
+  int points = 0;                    // points of the model
+  std::vector<cv::Point2f> tracked;  // image positions of model points in this frame, px
+  bool model_changed = false;        // whether this call changed the model
+  double growth_ms = 0;              // of the latest growth, including the adding of its key frames
 };
-// {"key_frames", "registered", "points", "followed": how many are tracked}
+// {"key_frames", "registered", "points", "followed": number of tracked points}
 [[nodiscard]] nlohmann::ordered_json to_json(const OnlineResult& result);
 
 // A model that grows with the frames of a video or camera:
@@ -55,39 +55,42 @@ struct OnlineResult {
 //   while (const auto frame = source->next(1s, stop))
 //     fmt::print("{} points\n", online.process(*frame, stop).points);
 //   (void)online.finish(stop);
-//   // online.model() is a quick one; of its key frames Reconstructor::run_images(online.inputs(),
-//   // ..) makes the best one.
+//   // online.model() is a fast approximation. Reconstructor::run_images(online.inputs(), ..)
+//   // makes the most accurate model of the same key frames.
 //
-// Key frames (KeyframePicker) are written as files and added to the mapper (OnlineMapper); after
-// every few the model grows. Points of the latest image of the model are tracked into each frame, by
-// pyramidal Lucas-Kanade there and back.
+// Key frames (KeyframePicker) are written as files and added to the mapper (OnlineMapper). The
+// model grows every few key frames. Points of the model's latest image are tracked into each frame
+// by pyramidal Lucas-Kanade, forward and backward.
 //
-// One video per object; one thread. A function of the frames alone.
+// An object handles one video, in one thread. The result depends on the frames alone.
 class OnlineReconstructor {
  public:
   explicit OnlineReconstructor(const OnlineReconstructorOptions& options);  // throws as check()
 
-  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1, all of one size. Where `stop` fires, growth ends early
-  // and the model is as it was. Throws OutputError (key frames, cache); a key frame that cannot be
-  // read is left out with a warning. `debug`, which may be null, takes the stages: the corners by
-  // whose motion key frames are chosen ("motion"), the features of the latest key frame
-  // ("features"), its matches with the earlier one that has most ("matches"), and the points of the
-  // model that are tracked into the frame ("tracks").
+  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1; all frames have the same size. Where `stop` fires,
+  // growth ends early and the model is unchanged. Throws OutputError (key frames, cache). A key
+  // frame that cannot be read is left out with a warning. `debug` may be null. It receives the
+  // stages:
+  // - "motion": the corners whose motion decides about key frames,
+  // - "features": the features of the latest key frame,
+  // - "matches": its matches with the earlier key frame that has most of them,
+  // - "tracks": the model points that are tracked into the frame.
   [[nodiscard]] OnlineResult process(const Frame& frame, const std::stop_token& stop = {},
                                      DebugSink* debug = nullptr);
-  // Adjusts all of the model, and looks for its points in the latest frame.
+  // Adjusts the whole model and tracks its points into the latest frame.
   [[nodiscard]] OnlineResult refine(const std::stop_token& stop = {});
-  // No more frames: the video's last key frame; the model grows by what is waiting.
+  // Ends the video: takes its last key frame and grows the model by all waiting key frames.
   [[nodiscard]] OnlineResult finish(const std::stop_token& stop = {});
 
-  // The latest frame as the model has it, which result() is of: an image from a file has the pixels of the sensor, unturned.
+  // The latest frame, in whose pixels the result is. An image from a file has the pixels of the
+  // sensor, not turned upright.
   [[nodiscard]] const cv::Mat& image() const { return latest_.image; }
   [[nodiscard]] const Model& model() const { return mapper_.model(); }
-  // The key frames so far, in order.
+  // All key frames up to now, in order.
   [[nodiscard]] const std::vector<Input>& inputs() const { return inputs_; }
 
  private:
-  // What was seen of the model in one of its images, and where it is now.
+  // Points that the latest image of the model shows, and their positions in the latest frame.
   struct Tracked {
     cv::Mat gray;  // reduced
     std::vector<cv::Point2f> from;
@@ -95,11 +98,11 @@ class OnlineReconstructor {
     std::vector<char> is_lost;
   };
 
-  // A key frame from which points can be tracked.
+  // A key frame whose points can be tracked.
   struct Recent {
-    int image = 0;     // of the mapper
+    int image = 0;     // index in the mapper
     cv::Mat gray;      // reduced
-    double scale = 1;  // from px of the whole image
+    double scale = 1;  // reduced px per px of the full image
   };
 
   void add(const Keyframe& key_frame, const Frame& latest, const std::stop_token& stop);
@@ -115,7 +118,7 @@ class OnlineReconstructor {
   OnlineReconstructorOptions options_;
   OnlineMapper mapper_;
   KeyframePicker picker_;
-  std::map<std::string, Input> images_;  // by path
+  std::map<std::string, Input> images_;  // by path of the file
   std::vector<Input> inputs_;
   int waiting_ = 0;  // key frames since the last growth
   std::deque<Recent> recent_;

@@ -21,15 +21,15 @@
 namespace tarsier::sfm {
 namespace {
 
-// What errors of positions name.
+// The source of positions, for error messages.
 std::string source_of(const PlacementOptions& options) {
   return options.alignment == Alignment::kGps ? "positions by GPS" : options.positions_file;
 }
 
-constexpr std::int64_t kExifBytes = 1 << 20;  // before the image come the segments with EXIF
+constexpr std::int64_t kExifBytes = 1 << 20;  // EXIF segments come before the image data
 constexpr const char* kDistanceError = "the known distance: ";
 
-// The two images of the known distance. Throws where they tell no scale.
+// The two images of the known distance. Throws where they do not determine a scale.
 std::vector<const Image*> ends_of(const Model& model, const KnownDistance& known) {
   std::vector<const Image*> ends;
   for (const std::string& name : {known.first, known.second}) {
@@ -130,7 +130,7 @@ Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token&
       names.push_back(input.name);
       positions.push_back(*gps);
     } catch (const InputError&) {
-      continue;  // is left out of the model with a warning
+      continue;  // it will be left out of the model with a warning
     }
   }
   const std::vector<Eigen::Vector3d> metres = local_metres(positions);
@@ -198,7 +198,7 @@ Placement place(Model& model, const PlacementOptions& options, const Positions& 
     similarity.scale =
         options.distance->distance / (ends[0]->pose.center() - ends[1]->pose.center()).norm();
   } else if (markers) {
-    // The markers were measured in the model as it was.
+    // The markers were measured before the model was aligned.
     similarity.scale = markers->scale / (placement.aligned ? placement.aligned->scale : 1);
   } else {
     return placement;

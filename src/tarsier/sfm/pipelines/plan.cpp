@@ -42,8 +42,8 @@ constexpr int kVersion = 2;
 std::string plan_path(const std::string& folder) {
   return (fs::path(folder) / "plan.json").string();
 }
-// The way to a file from a folder, so that both can be moved together and another machine may know them by
-// another path.
+// The path of a file relative to a folder. Both can then be moved together, and another machine may
+// mount them elsewhere.
 std::string path_from(const std::string& folder, const fs::path& file) {
   const fs::path parent = fs::absolute(file).parent_path();
   return (fs::proximate(parent, fs::weakly_canonical(folder)) / file.filename()).string();
@@ -52,7 +52,7 @@ std::string pairs_path(const std::string& folder) {
   return (fs::path(folder) / "pairs.txt").string();
 }
 
-// The parts of the options that state their fields.
+// Option structs that have fields().
 struct NamedFields {
   const char* name;
   OptionFields fields;
@@ -65,7 +65,7 @@ std::vector<NamedFields> parts_of(PipelineOptions& options) {
           {"pipeline", options.fields()}};
 }
 
-// What is no number within a range.
+// Options that are not numbers in a range.
 struct NamedSwitch {
   const char* name;
   bool& value;
@@ -114,7 +114,7 @@ OrderedJson json_of(PipelineOptions options) {
   return json;
 }
 
-// The members of an object of a file, each of which must be there and of its type.
+// The members of a JSON object. Each must exist and have the right type.
 class Members {
  public:
   Members(const Json& json, const std::string& path) : json_(json), path_(path) {}

@@ -37,7 +37,7 @@ void write_report(const std::string& folder, const ReconstructorResult& result) 
                         to_json(result).dump(1) + "\n");
 }
 
-// Without its ending, and in one folder: cam0_0001 of cam0/0001.jpg.
+// The name without extension, folders joined by "_": cam0_0001 for cam0/0001.jpg.
 std::string flat_stem(const std::string& name) {
   std::string stem = fs::path(name).replace_extension().string();
   std::replace(stem.begin(), stem.end(), '/', '_');
@@ -69,7 +69,8 @@ void write_database(const std::string& path, const std::vector<ImageFeatures>& i
     known.name = inputs[static_cast<std::size_t>(image.input)].name;
     known.camera = entry->second;
     known.features = image.features;
-    if (known.features.descriptors.cols != 128) known.features.descriptors.release();  // of bits
+    // binary descriptors
+    if (known.features.descriptors.cols != 128) known.features.descriptors.release();
     database.images.push_back(std::move(known));
   }
   for (const Pair& pair : pairs)
@@ -122,13 +123,13 @@ std::string Reconstructor::frames_folder() const {
 void Reconstructor::check_outputs() const {
   if (!options_.folder.empty()) {
     make_folder(options_.folder);
-    // Throws where nothing can be written there.
+    // Throws where the folder is not writable.
     const AtomicFile writable((fs::path(options_.folder) / "report.json").string());
   }
   if (!options_.pipeline.cache_folder.empty()) make_folder(options_.pipeline.cache_folder);
 }
 
-// What would otherwise show when all the work is done.
+// Detects before the work what would otherwise fail after it.
 void Reconstructor::check_inputs(const std::vector<Input>& inputs) const {
   require_names(inputs);
   std::vector<std::string> names;

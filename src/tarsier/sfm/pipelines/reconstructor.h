@@ -17,32 +17,34 @@ namespace tarsier::sfm {
 
 struct ReconstructorOptions {
   PipelineOptions pipeline;
-  KeyframeOptions keyframes;   // of videos
-  PlacementOptions placement;  // of the largest model
-  // That all files are written to; empty: none are. Videos need one.
+  KeyframeOptions keyframes;   // for videos
+  PlacementOptions placement;  // for the largest model
+  // Folder for all files. Empty: no files are written. Videos need a folder.
   std::string folder;
-  // Keeps in folder/cache what was found, so that a second run goes on where one ended. Where
-  // pipeline.cache_folder is named, it is that one.
+  // Keeps intermediate results in folder/cache, so that a later run can resume from them.
+  // pipeline.cache_folder replaces this folder where it is set.
   bool cache = true;
-  // Further files, which need a folder.
-  bool names_files = true;   // report.json says where each image lies
+  // Further files; all of them need a folder.
+  bool names_files = true;   // report.json holds the path of each image
   bool undistorted = false;  // undistorted/: images and model for dense reconstruction
   bool binary = false;  // cameras.bin, images.bin, points3D.bin: the model as COLMAP's binary files
-  bool database = false;      // database.db: features and matches as COLMAP has them
-  bool turntable = false;     // turntable.gif: the cloud, turning
-  bool match_images = false;  // matches/: each pair, matches that were kept green, removed red
-  void check() const;         // throws std::invalid_argument that names the value
+  bool database = false;   // database.db: features and matches in COLMAP's format
+  bool turntable = false;  // turntable.gif: the rotating point cloud
+  // matches/: an image for each pair, kept matches green, removed ones red
+  bool match_images = false;
+  void check() const;  // throws std::invalid_argument, which names the value
 };
 
-// Thresholds for descriptors of this kind: those of ORB and AKAZE are less distinctive.
+// Sets the matching thresholds for this kind of descriptor. ORB and AKAZE descriptors are less
+// distinctive than SIFT.
 void use_features(PipelineOptions& options, FeatureKind kind);
 
 struct ReconstructorResult {
-  PipelineResult pipeline;  // models, largest first, and what became of each image
-  Placement placement;      // what was done to the largest model
-  std::string not_placed;   // why it has neither scale nor place that were asked for; or ""
-  // Interrupted, and the folder keeps the finished model of an earlier run, which has as many
-  // images: nothing was written.
+  PipelineResult pipeline;  // models, largest first, and the outcome of each image
+  Placement placement;      // placement of the largest model
+  std::string not_placed;   // why the requested scale or place is missing; or ""
+  // The run was interrupted and wrote nothing, because the folder holds a finished model of an
+  // earlier run with at least as many images.
   bool kept_earlier = false;
 
   [[nodiscard]] const std::vector<Model>& models() const { return pipeline.reconstruction.models; }
@@ -53,17 +55,19 @@ struct ReconstructorResult {
 [[nodiscard]] nlohmann::ordered_json to_json(const ReconstructorResult& result);
 
 struct ReconstructorHooks {
-  WatchModel watch;                        // sees the growing model; may be empty
-  std::function<void(const Model&)> show;  // from time to time (MapperHooks::show); may be empty
-  // Gives what was found in the images before (PipelineHooks::matched); may be empty.
+  WatchModel watch;  // receives the growing model; may be empty
+  // receives the model from time to time (MapperHooks::show); may be empty
+  std::function<void(const Model&)> show;
+  // Supplies features and matches that exist already (PipelineHooks::matched); may be empty.
   std::function<void(MatchedImages&)> matched;
-  // Makes the models instead of the mapper (PipelineHooks::map); may be empty.
+  // Replaces the mapper (PipelineHooks::map); may be empty.
   std::function<Reconstruction(const MapperInput&, const MapperOptions&)> map;
-  // When the models and their views are written, before further files that take time; may be empty.
+  // Called after the models and their views are written and before the slower further files; may be
+  // empty.
   std::function<void(const ReconstructorResult&)> on_models;
 };
 
-// Makes models of images or videos: camera poses and a cloud of points, and their files.
+// Reconstructs images or videos: camera poses, a point cloud and their files.
 //
 //   sfm::ReconstructorOptions options;
 //   options.folder = "model";
@@ -73,42 +77,43 @@ struct ReconstructorHooks {
 //   for (const sfm::Model& model : result.models())
 //     fmt::print("{} points\n", model.points.size());
 //
-// In the folder lie then cameras.txt, images.txt and points3D.txt (COLMAP), points.ply, cameras.ply,
-// view.html, view.png and report.json; further models are in model-1, model-2 .. The models are
-// written as soon as there are any, then scale and place, then what is made of them: what fails
-// leaves what was made before it. Models of an earlier run go (remove_old_models()).
+// The folder then holds cameras.txt, images.txt and points3D.txt (COLMAP), points.ply, cameras.ply,
+// view.html, view.png and report.json. Further models are in model-1, model-2 ... The models are
+// written as soon as they exist, then again with scale and place, then the files made from them. A
+// failing step therefore keeps the results of the steps before it. Models of an earlier run are
+// removed (remove_old_models()).
 //
-// Const: any number of threads may use it, each with a folder of its own. Same images, options and
-// seed, same result, for any number of threads.
+// The class is const: several threads may share an object, each with a folder of its own. The
+// result depends on images, options and seed, not on the number of threads.
 class Reconstructor {
  public:
   // Throws std::invalid_argument (options), InputError (placement.positions_file).
   explicit Reconstructor(const ReconstructorOptions& options);
 
   [[nodiscard]] const ReconstructorOptions& options() const { return options_; }
-  // Those that are used, with the folder of the cache.
+  // The options in use, with the folder of the cache.
   [[nodiscard]] const PipelineOptions& pipeline() const { return options_.pipeline; }
-  // That key frames are written to; "" without a folder.
+  // Folder that key frames are written to; "" where the options name no folder.
   [[nodiscard]] std::string frames_folder() const;
 
-  // Makes the folders. Throws OutputError where one cannot be written. run() begins with it.
+  // Creates the folders. Throws OutputError where one is not writable. run() calls it first.
   void check_outputs() const;
 
-  // `sources`: see find_inputs(). What can be known before the work is checked before it. When
-  // `stop` fires while images are mapped, the models so far are the result. An image that cannot be
+  // `sources`: see find_inputs(). Inputs and options are checked before the work begins. Where
+  // `stop` fires during mapping, the models made up to then are the result. An image that cannot be
   // read is no error. Throws InputError (sources, fewer than two images, positions), UsageError
-  // (placement.distance names no image), OutputError, Interrupted.
+  // (placement.distance names an unknown image), OutputError, Interrupted.
   [[nodiscard]] ReconstructorResult run(const std::vector<std::string>& sources, Progress& progress,
                                         const std::stop_token& stop,
                                         const ReconstructorHooks& hooks = {}) const;
-  // The same of images that are named already.
+  // As run(), for images that are already found and named.
   [[nodiscard]] ReconstructorResult run_images(const std::vector<Input>& inputs, Progress& progress,
                                                const std::stop_token& stop,
                                                const ReconstructorHooks& hooks = {}) const;
 
  private:
   void check_inputs(const std::vector<Input>& inputs) const;
-  // What placing the largest model takes beside the options.
+  // What placing the largest model needs besides the options.
   struct Surroundings {
     const std::vector<Input>& inputs;
     Positions known;
@@ -119,7 +124,7 @@ class Reconstructor {
   void place_largest(ReconstructorResult& result, const Surroundings& around) const;
 
   ReconstructorOptions options_;
-  Positions positions_;  // of the file
+  Positions positions_;  // from the positions file
 };
 
 }  // namespace tarsier::sfm

@@ -27,7 +27,7 @@ using Json = nlohmann::json;
 
 constexpr std::int64_t kMaxReportBytes = 1'000'000'000;
 constexpr int kMaxModels = 1'000'000;
-// The key of "images" in reports of older programs.
+// The key of "images" in reports of older versions.
 constexpr const char* kFormerImages = "photographs";
 constexpr const char* kWriter = "tarsier sfm reconstruct";
 constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt",   "points3D.txt",
@@ -62,7 +62,7 @@ void remove_file(const fs::path& path) {
   if (fs::is_regular_file(fs::symlink_status(path, error))) fs::remove(path, error);
 }
 
-// Empty ones, the innermost first.
+// Removes empty folders, the innermost first.
 void remove_folders(const fs::path& folder) {
   std::error_code error;
   std::vector<fs::path> folders;
@@ -71,11 +71,11 @@ void remove_folders(const fs::path& folder) {
     if (!entry->is_symlink(error) && entry->is_directory(error)) folders.push_back(entry->path());
   }
   std::reverse(folders.begin(), folders.end());
-  for (const fs::path& path : folders) fs::remove(path, error);  // fails where something is in it
+  for (const fs::path& path : folders) fs::remove(path, error);  // fails where it is not empty
   fs::remove(folder, error);
 }
 
-// The straightened images are those of their model.
+// Removes the undistorted images of the model in that folder.
 void remove_undistorted(const fs::path& folder) {
   try {
     for (const Image& image : read_colmap_poses((folder / "sparse").string()).images)
@@ -95,7 +95,7 @@ std::optional<EarlierRun> earlier_run(const std::string& folder) {
   const auto has_list = [&](const char* name) {
     return report.contains(name) && report[name].is_array();
   };
-  // "log" was "story" once, and "images" kFormerImages.
+  // Older versions wrote "story" for "log", and kFormerImages for "images".
   if (!has_list("models") || !(has_list("images") || has_list(kFormerImages)) ||
       !has_list("stages") || !(has_list("log") || has_list("story"))) {
     return std::nullopt;

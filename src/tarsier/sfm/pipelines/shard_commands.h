@@ -7,32 +7,34 @@
 #include <string_view>
 #include <vector>
 
-// The command lines that work through the shards of a plan.
+// The command lines that process the shards of a plan.
 namespace tarsier::sfm {
 
-// The text as one word of a shell: as it is, or in single quotes.
+// The text as one shell word: unchanged, or in single quotes.
 [[nodiscard]] std::string shell_word(std::string_view text);
 
-// The command that makes one shard: "tarsier sfm features W --shard 3/8"; of a cluster "tarsier sfm map W --cluster 3/8".
+// The command that makes one shard: "tarsier sfm features W --shard 3/8", or for a cluster "tarsier
+// sfm map W --cluster 3/8".
 [[nodiscard]] std::string shard_command(const std::string& folder, ShardStage stage, int shard,
                                         int shards);
 
 struct ClusterJob {
-  std::string program = "tarsier";  // as the nodes find it
-  std::string folder;               // of the plan
-  std::string model;                // folder for the model
+  std::string program = "tarsier";  // name of the program on the nodes
+  std::string folder;               // folder of the plan
+  std::string model;                // folder of the model
   int shards = 1;
   bool has_pairs_stage = false;
   int clusters = 0;  // 0: all images are mapped together
 };
 
-// One line each: features, pairs where they are a stage, match, map; or, with clusters, map of each and merge. With GNU
-// parallel.
+// Commands for GNU parallel, one line per stage: features, pairs (where they are a stage), match,
+// map. With clusters, the last stage is replaced by the map of each cluster and merge.
 [[nodiscard]] std::vector<std::string> parallel_commands(const ClusterJob& job);
 
-// A script for bash that submits itself to Slurm: an array of features, then pairs, an array of matches, and the
-// map (with clusters an array of them and the merge), each after the end of the one before (afterany: a lost node must not hold up the others, and each stage says
-// which shards are missing). Its words go to each sbatch.
+// A bash script that submits itself to Slurm: an array job for features, then pairs, an array job
+// for match, then map (with clusters: an array job for map, then merge). Each stage starts after
+// the end of the previous one (afterany: a lost node must not block the others, and each stage
+// reports missing shards). The script's arguments are passed to each sbatch.
 [[nodiscard]] std::string slurm_script(const ClusterJob& job);
 
 }  // namespace tarsier::sfm

@@ -33,7 +33,7 @@ using Json = nlohmann::json;
 
 constexpr std::int64_t kMaxShardBytes = 16'000'000'000;
 constexpr std::int64_t kMaxInfoBytes = 256'000'000;
-constexpr int kVersion = 2;  // of the files, and of how features and matches are found
+constexpr int kVersion = 2;  // of the file format, and of the algorithms for features and matches
 constexpr std::array<const char*, 3> kLensOrigins = {"given", "EXIF", "guess"};
 constexpr int kMaxImageSide = 1'000'000;  // px
 
@@ -50,7 +50,7 @@ std::string writer_of(ShardStage stage) {
   return "tarsier sfm match";
 }
 
-// Opens a packed file of that sum and hands it to `read`, which must read all of it.
+// Opens a packed file with this checksum and calls `read`, which must consume all of it.
 template <class Read>
 auto read_packed(const std::string& path, const std::string& sum, const Read& read) {
   try {
@@ -307,7 +307,7 @@ ClusterModels read_cluster_models(const std::string& path, const std::string& su
     for (std::size_t k = 0; k < cluster.images.size(); ++k)
       cluster.reasons.push_back(reader.get_text());
     const auto models = reader.get<std::uint64_t>();
-    for (std::uint64_t k = 0; k < models; ++k)  // ends with the file
+    for (std::uint64_t k = 0; k < models; ++k)  // a wrong count ends with the file
       cluster.models.push_back(get_packed_model(reader));
     cluster.refused = get_pairs(reader);
     if (!is_valid(cluster)) throw Damaged();

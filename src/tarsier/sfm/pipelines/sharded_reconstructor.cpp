@@ -25,8 +25,8 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kSiftColumns = 128;
-constexpr std::int64_t kPairsAtOnce = 256;  // between looks at the stop token
-// Images that a cluster takes of each neighbour.
+constexpr std::int64_t kPairsAtOnce = 256;  // between two checks of the stop token
+// Number of images that a cluster takes from each neighbour.
 constexpr int kMinOverlap = 4;
 constexpr int kMaxOverlap = 30;
 
@@ -44,7 +44,7 @@ std::string sum_of(const std::vector<std::string>& sums) {
   return sum.hex();
 }
 
-// The error names the command that makes the file.
+// Rethrows the error with the command that makes the file.
 [[noreturn]] void fail_with_command(const InputError& error, const std::string& command) {
   throw Error(ErrorKind::kInput, fmt::format("{}; run: {}", error.what(), command));
 }
@@ -56,14 +56,14 @@ void describe(const ClusterModels& cluster, ShardReport& report) {
   report.models = static_cast<int>(cluster.models.size());
 }
 
-// What the models of clusters are made of: the pairs and all matches.
+// Checksum of what the cluster models are made from: the pairs and all matches.
 std::string sum_of_matches(const std::string& from, const std::vector<ShardInfo>& matches) {
   std::vector<std::string> sums{from};
   for (const ShardInfo& info : matches) sums.push_back(info.sha256);
   return sum_of(sums);
 }
 
-// With the images and cameras of all clusters.
+// The model with the images and cameras of all clusters.
 Model model_of(const PackedModel& packed, const ClusterModels& cluster, const MapperInput& input) {
   Model model;
   model.cameras = input.cameras;
@@ -111,7 +111,7 @@ void expect_matches_fit(const Pair& pair, std::size_t first, std::size_t second,
 
 }  // namespace
 
-// Indices of images are those of all that could be read, in the order of the plan.
+// Image indices are those among all readable images, in the order of the plan.
 class ShardedReconstructor::Readable {
  public:
   Readable(const Plan& plan, std::vector<ShardInfo> infos) : infos_(std::move(infos)) {
@@ -136,8 +136,8 @@ class ShardedReconstructor::Readable {
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
   [[nodiscard]] const KnownPlaces& places() const { return places_; }
   [[nodiscard]] const std::vector<ShardInfo>& infos() const { return infos_; }
-  [[nodiscard]] const std::string& key() const { return key_; }  // of all features
-  // Where an image is in the plan.
+  [[nodiscard]] const std::string& key() const { return key_; }  // checksum of all features
+  // The index of an image in the plan.
   [[nodiscard]] int input_of(int image) const { return inputs_[at(image)]; }
   // The index of the first image of infos()[shard].
   [[nodiscard]] int first_of(std::size_t shard) const { return first_[shard]; }
@@ -323,7 +323,7 @@ ShardReport ShardedReconstructor::find_features(int shard, Progress& progress,
       (void)find_image_features(pixels, plan_.options, none, image);
       images.push_back(std::move(image));
     } catch (const InputError& error) {
-      // Left out only where it could not be read either when it was planned.
+      // Left out only where it was unreadable during planning, too.
       expect_same(sum_or_none(planned.path) == planned.sha256);
       info.left_out.emplace_back(static_cast<int>(i), error.what());
       log_warning("{} (left out)", error.what());
@@ -378,7 +378,7 @@ ShardReport ShardedReconstructor::choose_pairs(Progress& progress,
     return report;
   }
   if (is_done(ShardStage::kPairs, 1, readable.key(), report)) return report;
-  // Images are asked for in their order: one shard at a time.
+  // Images are requested in their order, so only one shard is in memory.
   std::optional<std::size_t> loaded;
   std::vector<ImageFeatures> images;
   const auto descriptors = [&](int image) {

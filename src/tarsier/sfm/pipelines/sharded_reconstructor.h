@@ -17,26 +17,27 @@
 
 namespace tarsier::sfm {
 
-// What one shard did.
+// The result of processing one shard.
 struct ShardReport {
   ShardStage stage = ShardStage::kFeatures;
   int shard = 1;
   int shards = 1;
-  std::int64_t count = 0;  // images with features, or pairs; of a cluster its images
-  int left_out = 0;        // images that cannot be read
-  int own = 0;             // of a cluster: images that others have as shared ones only
-  int registered = 0;      // .. that are in models
-  int models = 0;          // .. of which there are so many
-  bool was_done = false;   // by an earlier run: nothing was left to do
-  std::string path;        // of the file
+  std::int64_t count = 0;  // images with features, or pairs; for a cluster its images
+  int left_out = 0;        // images that could not be read
+  int own = 0;            // only of a cluster: its own images, without those shared from neighbours
+  int registered = 0;     // only of a cluster: images in models
+  int models = 0;         // only of a cluster: number of models
+  bool was_done = false;  // an earlier run had completed the shard
+  std::string path;       // path of the file
 };
-// {"stage", "shard": [i, N], "images" or "pairs", "left_out", "was_done", "output"}; of a cluster {"stage", "cluster":
-// [i, N], "images", "own", "registered", "models", "was_done", "output"}.
+// {"stage", "shard": [i, N], "images" or "pairs", "left_out", "was_done", "output"}; for a cluster
+// {"stage", "cluster": [i, N], "images", "own", "registered", "models", "was_done", "output"}.
 [[nodiscard]] nlohmann::ordered_json to_json(const ShardReport& report);
 
-// One reconstruction by many runs, on one machine or on several that see the same folder. Each shard leaves a file
-// and a .done in the folder of the plan (shard_files.h), and map() makes of them the model that Reconstructor makes
-// of the same images with the same options, to the byte: for any number of shards and threads, as long as all
+// One reconstruction by many runs, on one machine or on several that share a folder. Each shard
+// writes a file and a .done file to the folder of the plan (shard_files.h). map() makes the model
+// from them. It is identical, byte by byte, to the model that Reconstructor makes of the same
+// images with the same options. This holds for any number of shards and threads, as long as all
 // machines choose the same vector instructions (core/cpu.h).
 //
 //   NoProgress progress;
@@ -48,55 +49,61 @@ struct ShardReport {
 //   result.folder = "model";
 //   sharded.map(result, progress, {});
 //
-// A plan with a cluster size can be mapped by clusters instead (sfm/global/view_graph_clusters.h), each by a run of its own,
-// in the memory of one cluster; merge() makes one model of theirs (sfm/mapper/joined_mapper.h). It is near to that of map(),
-// but not the same.
+// A plan with a cluster size can be mapped by clusters instead (sfm/global/view_graph_clusters.h).
+// Each cluster is mapped by its own run, in the memory of one cluster. merge() joins their models
+// into one (sfm/mapper/joined_mapper.h). That model is similar to the one of map(), but not
+// identical.
 //
 //   for (int k = 1; k <= sharded.plan().clusters(); ++k) sharded.map_cluster(k, result, progress, {});
 //   sharded.merge(result, progress, {});
 //
-// Const: any number of runs may use one folder. A shard that is done is left alone; one that was stopped or killed
-// begins again. All throw InputError for a file that is missing, damaged, or of another plan (it names the command
-// that makes it), OutputError, and Interrupted.
+// The class is const: any number of runs may use one folder. A completed shard is not computed
+// again. An interrupted one starts from its beginning. All functions throw InputError for a file
+// that is missing, damaged or of another plan (the error names the command that makes it),
+// OutputError, Interrupted.
 class ShardedReconstructor {
  public:
   // Throws InputError (plan).
   explicit ShardedReconstructor(std::string folder);
 
   [[nodiscard]] const Plan& plan() const { return plan_; }
-  // Whether the pairs are found by what images show: they come after all features and before any match.
+  // Whether pairs are found by image retrieval. Then choosing them is a stage after all features
+  // and before all matches.
   [[nodiscard]] bool has_pairs_stage() const;
 
-  // Shards are 1..plan().shards. Holds the features of the shard in memory. Throws InputError also for an image that
-  // is not as it was planned.
+  // Shards are 1..plan().shards. Holds the features of the shard in memory. Throws InputError also
+  // for an image that changed after planning.
   ShardReport find_features(int shard, Progress& progress, const std::stop_token& stop) const;
-  // The pairs of all images, unless they are there. Holds the features of one shard in memory. match() does it where
-  // it is missing; shards that begin together would each do it.
+  // Chooses the pairs of all images, unless that is done already. Holds the features of one shard
+  // in memory. match() calls it where the pairs are missing; shards that start together would each
+  // do it.
   ShardReport choose_pairs(Progress& progress, const std::stop_token& stop) const;
-  // Holds the features of the images of its pairs and of one more shard in memory.
+  // Holds in memory the features of the images in its pairs, and those of one more shard.
   ShardReport match(int shard, Progress& progress, const std::stop_token& stop) const;
 
-  // Of `options`, what is not planned counts: the folder, what is written, scale and place, and of the pipeline
-  // cache_folder, memory_gb and checkpoint_s. Throws what Reconstructor throws.
+  // Of `options`, only what the plan does not determine is used: the folder, the files to write,
+  // scale and place, and the pipeline's cache_folder, memory_gb and checkpoint_s. Throws what
+  // Reconstructor throws.
   [[nodiscard]] ReconstructorResult map(const ReconstructorOptions& options, Progress& progress,
                                         const std::stop_token& stop,
                                         const ReconstructorHooks& hooks = {}) const;
 
-  // Clusters are 1..plan().clusters(). Holds the features of the images of one in memory. Which image is in which follows
-  // from all matches, so that each run finds it by itself. Of `options` what belongs to one run counts: cache (checkpoints
-  // are kept in W/cache, or in the pipeline's cache_folder), memory_gb and checkpoint_s.
+  // Clusters are 1..plan().clusters(). Holds the features of one cluster's images in memory. Each
+  // run computes the assignment of images to clusters itself, from all matches. Of `options`, only
+  // what belongs to one run is used: cache (checkpoints are kept in W/cache, or in the pipeline's
+  // cache_folder), memory_gb and checkpoint_s.
   ShardReport map_cluster(int cluster, const ReconstructorOptions& options, Progress& progress,
                           const std::stop_token& stop) const;
-  // One model of those of all clusters, or several where joining is refused. `options` as of map(). Holds the places of all
-  // features and all matches in memory, as map() does.
+  // Joins the models of all clusters into one, or into several where joining is refused. `options`
+  // are as for map(). Holds the positions of all features and all matches in memory, as map() does.
   [[nodiscard]] ReconstructorResult merge(const ReconstructorOptions& options, Progress& progress,
                                           const std::stop_token& stop,
                                           const ReconstructorHooks& hooks = {}) const;
 
  private:
-  class Readable;  // the images that could be read, and where their features are
+  class Readable;  // the readable images, and the files of their features
 
-  [[nodiscard]] int count_of(ShardStage stage) const;  // shards or clusters
+  [[nodiscard]] int count_of(ShardStage stage) const;  // number of shards or clusters
   [[nodiscard]] std::string path_of(ShardStage stage, int shard) const;
   [[nodiscard]] std::string command_of(ShardStage stage, int shard) const;
   [[nodiscard]] bool is_done(ShardStage stage, int shard, const std::string& from,
@@ -105,17 +112,17 @@ class ShardedReconstructor {
   [[nodiscard]] ShardInfo require(ShardStage stage, int shard, const std::string& from) const;
   [[nodiscard]] std::vector<ShardInfo> require_all(ShardStage stage, const std::string& from) const;
   [[nodiscard]] std::vector<ImageFeatures> load_features(const ShardInfo& info) const;
-  // All pairs, and the sum of what they and the matches depend on.
+  // All pairs, and the checksum of what pairs and matches depend on.
   [[nodiscard]] std::pair<std::vector<ImagePair>, std::string> pairs_of(
       const Readable& readable) const;
   void load(MatchedImages& matched, const Readable& readable, const std::vector<ImagePair>& pairs,
             const std::vector<ShardInfo>& matches, Progress& progress,
             const std::stop_token& stop) const;
 
-  // Matches of a shard, checked against its pairs.
+  // The matches of a shard, checked against its pairs.
   [[nodiscard]] std::vector<Pair> load_matches(const ShardInfo& info,
                                                const std::vector<ImagePair>& pairs) const;
-  // The clusters of all images that could be read.
+  // The clusters of all readable images.
   [[nodiscard]] std::vector<ViewCluster> find_clusters(const Readable& readable,
                                                        const std::vector<ImagePair>& pairs,
                                                        const std::vector<ShardInfo>& matches,

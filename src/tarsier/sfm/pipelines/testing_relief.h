@@ -11,7 +11,8 @@
 
 namespace tarsier::sfm {
 
-// Five images of a relief, 240 x 180 px, drawn once for all tests: images/0.png .. 4.png of each test's folder.
+// Writes five images of a relief, 240 x 180 px, to images/0.png .. 4.png of each test's folder.
+// They are rendered once for all tests.
 class ReliefFolderTest : public FolderTest {
  protected:
   static constexpr int kImages = 5;

@@ -23,7 +23,7 @@ constexpr double kMaxCoordinate = 1e12;
 constexpr std::size_t kMaxTriples = 1000;
 constexpr int kMaxRefits = 20;
 
-// The upper median, but never of the three pairs alone that fit by construction.
+// The upper median, but never only of the three pairs that fit by construction.
 double score_of(std::vector<double> residuals) {
   const std::size_t rank =
       std::min(residuals.size() - 1, std::max<std::size_t>(3, residuals.size() / 2));
@@ -60,7 +60,8 @@ class PositionsParser {
   explicit PositionsParser(const std::string& path) : path_(path) {}
 
   std::map<std::string, Eigen::Vector3d> parse(std::string_view text) {
-    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // what spreadsheets begin with
+    // byte order mark, as spreadsheets write it
+    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
     bool is_first = true;
     while (!text.empty()) {
       ++line_;
@@ -91,7 +92,7 @@ class PositionsParser {
       rest.remove_prefix(end);
     }
     if (!rest.empty()) fail("more than the four fields name,x,y,z");
-    if (is_first && !numbers[0] && !numbers[1] && !numbers[2]) return;  // a header
+    if (is_first && !numbers[0] && !numbers[1] && !numbers[2]) return;  // header line
     Eigen::Vector3d position = Eigen::Vector3d::Zero();
     for (std::size_t k = 0; k < 3; ++k) {
       if (!numbers[k] || std::abs(*numbers[k]) > kMaxCoordinate)
@@ -103,7 +104,7 @@ class PositionsParser {
       fail(fmt::format("'{}' is there twice", printable(std::string_view(name).substr(0, 200))));
   }
 
-  // Cuts the name off, quoted or not, so that `rest` is empty or begins with a comma.
+  // Removes the name, quoted or not, so that `rest` is empty or begins with a comma.
   std::string next_name(std::string_view& rest) const {
     std::string name;
     if (!rest.starts_with('"')) {
@@ -119,7 +120,7 @@ class PositionsParser {
       name += rest.substr(0, end);
       rest.remove_prefix(end + 1);
       if (!rest.starts_with('"')) break;
-      name += '"';  // "" stands for one
+      name += '"';  // "" stands for one quote
       rest.remove_prefix(1);
     }
     rest = trimmed(rest);
@@ -146,7 +147,7 @@ std::optional<geometry::Sim3> robust_similarity(const std::vector<Eigen::Vector3
   const auto cost_of = [&](const geometry::Sim3& similarity) {
     const std::vector<double> residuals = residuals_of(similarity, from, to);
     if (tolerance == 0) return score_of(residuals);
-    double cost = 0;  // truncated, so that of two with as many pairs the closer wins
+    double cost = 0;  // truncated, so that of two with equally many pairs the closer one wins
     for (const double r : residuals) cost += std::min(1.0, r * r / (tolerance * tolerance));
     return cost;
   };
@@ -165,11 +166,11 @@ std::optional<geometry::Sim3> robust_similarity(const std::vector<Eigen::Vector3
   }
   if (!best) return std::nullopt;
 
-  // Rounding alone must not make pairs wrong where all fit exactly.
+  // Where all pairs fit exactly, rounding errors must not make them outliers.
   const Eigen::Vector3d mean_to = all_to.rowwise().mean();
   const double extent =
       std::max(mean_to.norm(), (all_to.colwise() - mean_to).colwise().norm().maxCoeff());
-  // The least median of few pairs is too small (Rousseeuw and Leroy 1987, 5.1).
+  // The least median of few pairs is biased to small values (Rousseeuw and Leroy 1987, 5.1).
   const double spread = 3 * (1 + 5.0 / (static_cast<double>(from.size()) - 2));
   std::vector<std::size_t> agreed;
   for (int k = 0; k < kMaxRefits; ++k) {

@@ -7,12 +7,13 @@
 #include <fstream>
 #include <string>
 
-// A large file that is written in pieces of a megabyte and appears when all is written. For the .cpp files of this module.
+// Writes a large file in blocks of a megabyte. The file appears when it is complete. Only for the
+// .cpp files of this module.
 namespace tarsier::sfm {
 
 class BufferedFile {
  public:
-  // Throws OutputError, here and below, where the file cannot be written.
+  // All functions throw OutputError where the file cannot be written.
   explicit BufferedFile(const std::string& path)
       : path_(path), file_(path), stream_(file_.path(), std::ios::binary) {
     check();

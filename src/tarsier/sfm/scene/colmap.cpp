@@ -32,13 +32,13 @@ namespace fs = std::filesystem;
 using geometry::kColmapOffset;
 
 constexpr std::size_t kMaxItems = 1'000'000;        // cameras, images
-constexpr std::size_t kMaxFeatures = 500'000'000;   // of all images
+constexpr std::size_t kMaxFeatures = 500'000'000;   // in all images together
 constexpr std::size_t kMaxLineBytes = 100'000'000;  // more than a million features or observations
-constexpr double kMaxPixel = 1e7;                   // px; farther is no place in an image
+constexpr double kMaxPixel = 1e7;                   // px; larger coordinates are not in an image
 constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
 constexpr std::int64_t kMaxPointId = std::numeric_limits<std::int64_t>::max();
 constexpr int kMaxIndex = std::numeric_limits<int>::max();
-// A comment to COLMAP: how many quarter turns clockwise bring the image of this name upright.
+// A comment for COLMAP: clockwise quarter turns that bring the named image upright.
 constexpr std::string_view kTurned = "# TURNED ";
 
 class TextFile : public BufferedFile {
@@ -119,7 +119,7 @@ void write_points(const std::string& path, const Model& model) {
   file.commit();
 }
 
-// Line by line, so that a large file never stands in memory.
+// Reads line by line, so that a large file is never completely in memory.
 class LineReader {
  public:
   explicit LineReader(const std::string& path) : path_(path) {
@@ -131,8 +131,8 @@ class LineReader {
     if (!stream_) throw InputError(path, "cannot read");
   }
 
-  // The next line, any; false at the end. What is `skipped` counts for the limit of its length, but
-  // is not kept.
+  // Reads any next line; false at the end. A `skipped` line counts for the length limit, but is not
+  // kept.
   bool next(std::string_view& line, bool skipped = false) {
     line_.clear();
     std::size_t length = 0;
@@ -150,7 +150,7 @@ class LineReader {
       const std::size_t end = rest.find('\n');
       const std::string_view piece = rest.substr(0, end);
       length += piece.size();
-      // A comment's first byte is enough.
+      // The first byte of a comment suffices.
       if (line_.empty() || !(skipped || line_.front() == '#')) line_.append(piece);
       if (length > kMaxLineBytes) {
         ++number_;
@@ -166,7 +166,8 @@ class LineReader {
     return true;
   }
 
-  // The next line that is neither blank nor a comment. `on_comment` is called with the others, long ones cut.
+  // Reads the next line that is neither blank nor a comment. `on_comment` receives comments, long
+  // ones truncated.
   template <typename OnComment>
   bool next_content(std::string_view& line, const OnComment& on_comment) {
     while (next(line)) {
@@ -187,7 +188,7 @@ class LineReader {
     throw InputError(path_, fmt::format("line {}: {}", line, reason));
   }
 
-  // The next words of `rest` as what they have to be.
+  // Parse the next words of `rest` as the expected type.
   [[nodiscard]] double number(std::string_view& rest, std::string_view what) const {
     const std::string_view word = next_word(rest);
     const auto value = to_number(word);
@@ -218,7 +219,7 @@ class LineReader {
   std::int64_t number_ = 0;
 };
 
-// Ids are in trees: hash tables can be made slow by a file that chooses its ids.
+// Ids are kept in trees: a file with chosen ids could make hash tables slow.
 using IndexOf = std::map<std::int64_t, int>;
 
 class ModelReader {
@@ -231,7 +232,7 @@ class ModelReader {
     read_images(images);
     if (poses_only_) return std::move(model_);
     read_points((fs::path(folder) / "points3D.txt").string());
-    // What is left was in no track.
+    // Ids still present belong to no track.
     for (std::size_t i = 0; i < model_.images.size(); ++i) {
       for (std::size_t f = 0; f < point_ids_[i].size(); ++f) {
         if (point_ids_[i][f] >= 0) {
@@ -262,7 +263,7 @@ class ModelReader {
     std::set<std::string> names;
     std::map<std::string, int, std::less<>> turns;
     const auto on_comment = [&](std::string_view comment) {
-      // As write_images() has them; other comments say what they like.
+      // In the format of write_images(); other comments are ignored.
       if (!comment.starts_with(kTurned) || turns.size() == kMaxItems) return;
       std::string_view rest = comment.substr(kTurned.size());
       const auto quarters = to_integer(next_word(rest), 1, 3);
@@ -279,7 +280,7 @@ class ModelReader {
         image.turns = turned->second;
       lines_.push_back(reader.number() + 1);
       point_ids_.emplace_back();
-      // The line of features may be blank, and at the end of a file be lost.
+      // The line of features may be blank, or missing at the end of a file.
       if (reader.next(line, poses_only_) && !poses_only_)
         read_features(reader, line, image, point_ids_.back());
       model_.images.push_back(std::move(image));
@@ -303,7 +304,7 @@ class ModelReader {
     const auto found = cameras_.find(camera);
     if (found == cameras_.end()) reader.fail(fmt::format("camera {} is unknown", camera));
     image.camera = found->second;
-    if (!rest.empty()) rest.remove_prefix(1);  // one blank; the name may begin with another
+    if (!rest.empty()) rest.remove_prefix(1);  // one blank; the name itself may begin with a blank
     if (const std::string trouble = trouble_of_name(rest); !trouble.empty()) reader.fail(trouble);
     image.name = rest;
     return image;
@@ -337,7 +338,7 @@ class ModelReader {
       for (int k = 0; k < 3; ++k) point.position[k] = reader.number(line, "the position");
       for (int k = 2; k >= 0; --k)
         point.color[k] = static_cast<std::uint8_t>(reader.integer(line, "the colour", 0, 255));
-      // COLMAP has -1 where it did not compute it.
+      // COLMAP writes -1 for an error that it did not compute.
       point.error = std::max(reader.number(line, "the error"), 0.0);
       read_track(reader, line, id, point);
       if (point.track.size() < 2) continue;
@@ -364,7 +365,7 @@ class ModelReader {
                         "in the track",
                         feature, image, id));
       }
-      of_features[f] = -1;  // done
+      of_features[f] = -1;  // mark as used
       ++count;
       point.track.push_back({found->second, static_cast<int>(feature)});
     }
@@ -372,7 +373,7 @@ class ModelReader {
     point.track = one_of_each(point.track);
   }
 
-  // The first of each image, in their order.
+  // The first observation of each image, in their order.
   static std::vector<Observation> one_of_each(const std::vector<Observation>& track) {
     std::set<int> images;
     std::vector<Observation> result;
@@ -387,8 +388,8 @@ class ModelReader {
   Model model_;
   IndexOf cameras_;
   IndexOf images_;
-  std::vector<std::int64_t> lines_;                   // of the features of each image
-  std::vector<std::vector<std::int64_t>> point_ids_;  // of each feature; -1 where none or found
+  std::vector<std::int64_t> lines_;                   // line number of each image's features
+  std::vector<std::vector<std::int64_t>> point_ids_;  // per feature; -1: none, or used
 };
 
 }  // namespace

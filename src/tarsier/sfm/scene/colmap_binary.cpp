@@ -29,7 +29,7 @@ using geometry::kColmapOffset;
 static_assert(std::endian::native == std::endian::little);
 
 constexpr std::uint64_t kMaxItems = 1'000'000;       // cameras, images
-constexpr std::uint64_t kMaxFeatures = 500'000'000;  // of all images
+constexpr std::uint64_t kMaxFeatures = 500'000'000;  // in all images together
 constexpr std::uint64_t kMaxPoints = std::numeric_limits<int>::max();
 constexpr std::size_t kMaxNameBytes = 4096;
 constexpr double kMaxPixel = 1e7;
@@ -69,7 +69,7 @@ class BinaryReader {
     if (!std::isfinite(value)) fail(what + " is not finite");
     return value;
   }
-  // How many items follow, of `bytes` each at least: no more than the file has room for.
+  // Reads the number of following items, of at least `bytes` each. It must fit into the file.
   std::uint64_t count(std::uint64_t most, std::uint64_t bytes, const std::string& what) {
     const auto value = next<std::uint64_t>();
     if (value > most || value > left_ / bytes)
@@ -206,8 +206,8 @@ class BinaryModel {
               "track",
               feature, printable(model_.images[static_cast<std::size_t>(image->second)].name),
               what));
-        ids[feature] = kNoPoint;  // done
-        // Of two features of one image the first stays.
+        ids[feature] = kNoPoint;  // mark as used
+        // Of two features of one image the first is kept.
         if (shown.insert(image->second).second)
           point.track.push_back({image->second, static_cast<int>(feature)});
       }
@@ -221,10 +221,10 @@ class BinaryModel {
   }
 
   Model model_;
-  // In trees: hash tables can be made slow by a file that chooses its ids.
+  // Trees, as a file with chosen ids could make hash tables slow.
   std::map<std::uint32_t, int> cameras_;
   std::map<std::uint32_t, int> images_;
-  std::vector<std::vector<std::uint64_t>> point_ids_;  // of each feature of each image
+  std::vector<std::vector<std::uint64_t>> point_ids_;  // per feature of each image
 };
 
 }  // namespace
@@ -233,7 +233,7 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
   check_model(model);
   make_folder(folder);
   const fs::path place = folder;
-  // Ids from 1, of what the registered images need.
+  // Ids from 1, for what the registered images need.
   std::vector<std::uint32_t> camera_ids(model.cameras.size(), 0);
   std::vector<std::uint32_t> image_ids(model.images.size(), 0);
   std::uint64_t images = 0;

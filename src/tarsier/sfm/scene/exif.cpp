@@ -39,7 +39,7 @@ constexpr int kAltitudeRef = 5;
 constexpr int kAltitude = 6;
 constexpr int kGpsStatus = 9;
 
-// Bytes of one value of TIFF's types 1..12; 0: no such type.
+// Bytes of a value of the TIFF types 1..12; 0: unknown type.
 std::size_t bytes_of_type(std::uint32_t type) {
   constexpr std::array<std::size_t, 13> kBytes{0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8};
   return type < kBytes.size() ? kBytes[type] : 0;
@@ -48,10 +48,10 @@ std::size_t bytes_of_type(std::uint32_t type) {
 struct Entry {
   std::uint32_t type = 0;
   std::size_t count = 0;
-  std::size_t place = 0;  // of its values, all of them inside the bytes
+  std::size_t place = 0;  // offset of its values, all of them inside the bytes
 };
 
-// Reads TIFF's numbers; whatever lies outside the bytes is 0.
+// Reads TIFF numbers; bytes outside the data read as 0.
 class Tiff {
  public:
   Tiff(std::string_view bytes, bool is_little) : bytes_(bytes), is_little_(is_little) {}
@@ -66,8 +66,8 @@ class Tiff {
     return value;
   }
 
-  // One entry of the directory at `directory`. A directory is scanned again for each tag and leads
-  // to no other by itself, so circles of directories cannot catch us.
+  // An entry of the directory at `directory`. Directories are scanned for each tag and never
+  // followed automatically, so cyclic directories are harmless.
   [[nodiscard]] std::optional<Entry> find(std::size_t directory, int tag) const {
     if (directory == 0 || !is_inside(directory, 2)) return std::nullopt;
     const std::size_t entries = integer(directory, 2);
@@ -85,7 +85,7 @@ class Tiff {
     return std::nullopt;
   }
 
-  // The value number `index`; empty where there is none, or a fraction by 0.
+  // The value at `index`; empty where it does not exist or its denominator is 0.
   [[nodiscard]] std::optional<double> number(const std::optional<Entry>& entry,
                                              std::size_t index = 0) const {
     if (!entry || index >= entry->count) return std::nullopt;
@@ -114,14 +114,14 @@ class Tiff {
     }
   }
 
-  // A number in [low, high] or else `otherwise`.
+  // A number in [low, high], or else `otherwise`.
   [[nodiscard]] double number_in(std::size_t directory, int tag, double low, double high,
                                  double otherwise) const {
     const std::optional<double> value = number(find(directory, tag));
     return value && *value >= low && *value <= high ? *value : otherwise;
   }
 
-  // ASCII up to its first zero, without blanks around; other characters become '?'.
+  // ASCII up to the first zero, trimmed; other characters become '?'.
   [[nodiscard]] std::string text(std::size_t directory, int tag) const {
     const std::optional<Entry> entry = find(directory, tag);
     if (!entry || entry->type != 2) return {};
@@ -143,25 +143,25 @@ class Tiff {
   bool is_little_;
 };
 
-// The TIFF structure in the first APP1 segment that is of Exif; empty: none.
+// The TIFF structure in the first Exif APP1 segment; empty where there is none.
 std::string_view tiff_of_jpeg(std::string_view bytes) {
   const auto byte = [&](std::size_t place) { return static_cast<unsigned char>(bytes[place]); };
   if (bytes.size() < 4 || byte(0) != 0xFF || byte(1) != 0xD8) return {};
   std::size_t place = 2;
   while (place + 4 <= bytes.size() && byte(place) == 0xFF) {
     const unsigned marker = byte(place + 1);
-    if (marker == 0xFF) {  // a marker may begin with any number of these
+    if (marker == 0xFF) {  // fill bytes before a marker
       ++place;
       continue;
     }
-    if (marker == 0xDA || marker == 0xD9) break;  // the image, or the end
+    if (marker == 0xDA || marker == 0xD9) break;  // image data, or the end
     if (marker == 0x01 || (marker >= 0xD0 && marker <= 0xD7)) {
       place += 2;
       continue;
     }
     const std::size_t length = 256U * byte(place + 2) + byte(place + 3);
     if (length < 2) break;
-    // substr() ends where the bytes do: of a file cut short the rest is read.
+    // substr() ends where the bytes end: of a truncated file the rest is read.
     const std::string_view segment = bytes.substr(place + 4, length - 2);
     if (marker == 0xE1 && segment.starts_with(kExifStart)) return segment.substr(kExifStart.size());
     place += 2 + length;
@@ -169,14 +169,14 @@ std::string_view tiff_of_jpeg(std::string_view bytes) {
   return {};
 }
 
-// Degrees, minutes, seconds with its hemisphere, in degrees within the limit.
+// Degrees, minutes, seconds and hemisphere as degrees, within the limit.
 std::optional<double> angle_of(const Tiff& tiff, std::size_t directory, int tag, int ref_tag,
                                std::string_view positive, std::string_view negative, double limit) {
   const std::optional<Entry> entry = tiff.find(directory, tag);
   const std::optional<double> degrees = tiff.number(entry, 0);
   const std::string ref = tiff.text(directory, ref_tag);
   if (!degrees || (ref != positive && ref != negative)) return std::nullopt;
-  // Some cameras give degrees with decimals and 0/0 for the rest.
+  // Some cameras write decimal degrees and 0/0 for the rest.
   const double minutes = tiff.number(entry, 1).value_or(0);
   const double seconds = tiff.number(entry, 2).value_or(0);
   if (*degrees < 0 || minutes < 0 || minutes > 60 || seconds < 0 || seconds > 60)
@@ -198,7 +198,7 @@ std::optional<Eigen::Vector3d> gps_of(const Tiff& tiff, std::size_t directory) {
 
 constexpr double kEarthRadius = 6'378'137;                          // m, WGS84's semi-major axis
 constexpr double kFlattening = 1 / 298.257223563;                   // WGS84
-constexpr double kEccentricity2 = kFlattening * (2 - kFlattening);  // squared, first
+constexpr double kEccentricity2 = kFlattening * (2 - kFlattening);  // first eccentricity, squared
 
 Eigen::Vector3d earth_centred(const Eigen::Vector3d& gps) {
   const double sine = std::sin(gps[0] * kDeg);
@@ -209,8 +209,8 @@ Eigen::Vector3d earth_centred(const Eigen::Vector3d& gps) {
           (normal * (1 - kEccentricity2) + gps[2]) * sine};
 }
 
-// Geodetic latitude, rad, by Bowring's formula (Survey Review 1976): near the ground exact to 1e-9
-// degrees.
+// Geodetic latitude, rad, by Bowring's formula (Survey Review 1976); its error near the ground is
+// 1e-9 degrees.
 double latitude_of(const Eigen::Vector3d& x) {
   constexpr double kMinor = kEarthRadius * (1 - kFlattening);
   constexpr double kSecond2 = kEccentricity2 / (1 - kEccentricity2);
@@ -235,7 +235,7 @@ Exif parse_exif(std::string_view jpeg_bytes) {
   exif.orientation = static_cast<int>(tiff.number_in(main, kOrientation, 1, 8, 1));
   const std::string make = tiff.text(main, kMake);
   const std::string model = tiff.text(main, kModel);
-  // Many a model begins with its maker.
+  // Some model names begin with the maker.
   const bool is_said = make.empty() || model.starts_with(make);
   exif.camera = is_said ? model : model.empty() ? make : make + " " + model;
 

@@ -18,11 +18,12 @@ namespace {
 constexpr int kReducedSide = 960;  // px
 constexpr int kMaxCorners = 300;
 constexpr std::size_t kMinCorners = 12;
-constexpr double kMinFollowed = 0.3;  // of the corners; fewer: lost
-constexpr float kMaxReturnError = 1;  // px, there and back
-constexpr double kMinShare = 0.5;     // of min_motion, for a frame to be chosen
+constexpr double kMinFollowed = 0.3;  // share of the corners; with fewer, the track is lost
+constexpr float kMaxReturnError = 1;  // px, forward and backward
+constexpr double kMinShare = 0.5;     // of min_motion, for a candidate
 constexpr double kMaxShare = 2;
-constexpr double kDistancePenalty = 0.1;  // of the sharpness, at half a window from the moment
+// share of the sharpness, at half a window from the moment
+constexpr double kDistancePenalty = 0.1;
 
 cv::Mat reduced_gray(const cv::Mat& frame) {
   const cv::Mat gray = gray_of(frame);
@@ -45,7 +46,7 @@ double variance_of(const cv::Mat& image) {
 double sharpness_of(const cv::Mat& gray) {
   cv::Mat laplacian;
   cv::Laplacian(gray, laplacian, CV_32F);
-  return variance_of(laplacian) / (variance_of(gray) + 1);  // + 1: a uniform frame has no contrast
+  return variance_of(laplacian) / (variance_of(gray) + 1);  // + 1: a uniform image has no variance
 }
 
 std::vector<cv::Point2f> corners_of(const cv::Mat& gray) {
@@ -75,12 +76,12 @@ void KeyframePicker::set_reference(const cv::Mat& gray) {
   followed_ = corners_;
 }
 
-// Motion of a frame since the reference.
+// Measures the motion of a frame since the reference.
 void KeyframePicker::measure(Candidate& candidate) {
   candidate.motion = 0;
   candidate.is_lost = false;
   if (corners_.size() < kMinCorners) {
-    // Nothing to follow: perhaps from here.
+    // There are no corners to track: try this frame.
     set_reference(candidate.gray);
     return;
   }
@@ -113,11 +114,11 @@ void KeyframePicker::measure(Candidate& candidate) {
   candidate.motion = *middle / std::hypot(candidate.gray.cols, candidate.gray.rows);
 }
 
-// Sets or takes back the moment at which a key frame is wanted.
+// Sets or clears the moment at which a key frame is due.
 void KeyframePicker::watch(const Candidate& candidate, std::size_t place) {
   lost_ = candidate.is_lost ? lost_ + 1 : 0;
   if (moment_) {
-    // The corners are back after a blur, and the camera has not gone anywhere.
+    // The corners are found again after a blur, and the camera has not moved away.
     const bool is_back = !candidate.is_lost && candidate.motion < kMinShare * options_.min_motion;
     if (is_back) moment_.reset();
     return;
@@ -126,7 +127,7 @@ void KeyframePicker::watch(const Candidate& candidate, std::size_t place) {
     moment_ = place;
 }
 
-// Whether the frames around the moment are all there, or the camera is leaving.
+// Whether all frames around the moment have arrived, or the camera is moving too far away.
 bool KeyframePicker::is_due() const {
   if (!moment_) return false;
   const std::size_t ahead = static_cast<std::size_t>(options_.window - 1) / 2;
@@ -134,7 +135,7 @@ bool KeyframePicker::is_due() const {
          waiting_.back().motion > kMaxShare * options_.min_motion;
 }
 
-// The best of waiting_[begin, end); what is behind it is measured again from there.
+// Chooses the best of waiting_[begin, end). The frames after it are measured again from there.
 std::optional<Keyframe> KeyframePicker::choose(std::size_t begin, std::size_t end,
                                                std::size_t moment) {
   const double half = std::max(1.0, options_.window / 2.0);
@@ -147,8 +148,8 @@ std::optional<Keyframe> KeyframePicker::choose(std::size_t begin, std::size_t en
     const Candidate& candidate = waiting_[k];
     const bool is_near = candidate.motion >= kMinShare * options_.min_motion &&
                          candidate.motion <= kMaxShare * options_.min_motion;
-    // The moment itself is always allowed: the camera may be so fast that nothing else is. What
-    // follows a cut must have corners of its own: no key frame of a fade to black.
+    // The moment itself is always allowed, as a fast camera may leave no other frame. A frame after
+    // a cut needs corners of its own, so that a fade to black gives no key frame.
     const bool is_allowed = candidate.is_lost ? corners_of(candidate.gray).size() >= kMinCorners
                                               : is_near || k == moment;
     if (!is_allowed) continue;
@@ -203,7 +204,7 @@ std::optional<Keyframe> KeyframePicker::offer(const cv::Mat& frame, std::int64_t
     return Keyframe{frame.clone(), index, time, 0, candidate.sharpness};
   }
   measure(candidate);
-  candidate.image = frame.clone();  // who gives the frame may use its memory again
+  candidate.image = frame.clone();  // the caller may reuse the memory of `frame`
   waiting_.push_back(std::move(candidate));
   watch(waiting_.back(), waiting_.size() - 1);
   while (!moment_ && waiting_.size() > static_cast<std::size_t>(options_.window))

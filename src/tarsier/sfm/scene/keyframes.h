@@ -13,10 +13,11 @@
 namespace tarsier::sfm {
 
 struct KeyframeOptions {
-  // Of the image's diagonal: median motion of tracked corners since the last key frame.
+  // Median motion of the tracked corners since the last key frame, as a share of the image's
+  // diagonal.
   double min_motion = 0.03;
-  int window = 8;       // frames; the sharpest of so many around is taken
-  int max_count = 300;  // key frames
+  int window = 8;       // number of frames among which the sharpest is chosen
+  int max_count = 300;  // max number of key frames
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_motion", min_motion, range(0.001, 0.5), "--key-motion",
@@ -30,39 +31,42 @@ struct KeyframeOptions {
 struct Keyframe {
   cv::Mat image;  // a copy of the frame
   std::int64_t index = 0;
-  double time = 0;       // s, as it was offered
-  double motion = 0;     // of the diagonal, since the key frame before; 0: the first, or not known
-  double sharpness = 0;  // variance of the Laplacian by the variance of the greys
+  double time = 0;  // s, as passed to offer()
+  // share of the diagonal, since the previous key frame; 0: the first one, or unknown
+  double motion = 0;
+  double sharpness = 0;  // variance of the Laplacian / variance of the grey values
 };
 
-// Chooses the frames of a video that are worth reconstructing from: moved far enough from the one
-// before to show depth, near enough to overlap, and sharp.
+// Chooses the frames of a video that suit a reconstruction. They are sharp, far enough from the
+// previous key frame to show depth, and near enough to overlap.
 //
-// Up to 300 corners (Shi and Tomasi, CVPR 1994) of the last key frame are followed into each frame
-// by pyramidal Lucas-Kanade and back, at 960 px at most; from the key frame itself, so that nothing
-// drifts while the camera stands. When their median motion reaches `min_motion`, the next key
-// frame is chosen among `window` frames around that moment that moved 0.5 to 2 times as far: the
-// one of the greatest sharpness, less up to 10 % for its distance from the moment, so that key
-// frames of an evenly moved camera are evenly spaced. When the corners are lost for half a window
-// (a cut, a whip of the camera) one is chosen as well. An image without corners has no motion.
+// Up to 300 corners (Shi and Tomasi, CVPR 1994) of the last key frame are tracked into each frame
+// by pyramidal Lucas-Kanade, forward and backward, in images of at most 960 px. Tracking starts at
+// the key frame itself, so nothing drifts while the camera stands still. When the median motion
+// reaches `min_motion`, a key frame is chosen among the `window` frames around that moment whose
+// motion is 0.5 to 2 times as large. The sharpest one wins, after a penalty of up to 10 % for its
+// distance from the moment: an evenly moving camera then gives evenly spaced key frames. A key
+// frame is also chosen when the corners are lost for half a window (a cut, a very fast camera). An
+// image without corners has no motion.
 //
-// Holds copies of up to `window` frames. Deterministic; one video per object.
+// Holds copies of up to `window` frames. Deterministic. Use one object per video.
 class KeyframePicker {
  public:
   explicit KeyframePicker(const KeyframeOptions& options = {});
 
-  // The next frame (8-bit BGR or grey, all of one size, indices rising) gives a key frame, often an
-  // earlier one, or none. The first frame always is one; behind `most` come none. Throws
-  // std::invalid_argument.
+  // Adds the next frame (8-bit BGR or grey, all of one size, increasing indices). Returns a key
+  // frame, often an earlier one, or none. The first frame is always a key frame. After `max_count`
+  // key frames there are no more. Throws std::invalid_argument.
   [[nodiscard]] std::optional<Keyframe> offer(const cv::Mat& frame, std::int64_t index,
                                               double time);
 
-  // At the end of the video, once: the sharpest of the last `window` frames, where they moved half
-  // of `min_motion` at least or where the corners were lost.
+  // Call once at the end of the video. Returns the sharpest of the last `window` frames, where they
+  // moved by at least half of `min_motion` or the corners were lost.
   [[nodiscard]] std::optional<Keyframe> finish();
 
-  [[nodiscard]] int count() const { return count_; }  // key frames so far
-  // The corners of the last key frame, and where each was last seen: px of images of 960 px at most.
+  [[nodiscard]] int count() const { return count_; }  // key frames up to now
+  // The corners of the last key frame, and where each was last tracked to: px of the reduced images
+  // (at most 960 px).
   [[nodiscard]] const std::vector<cv::Point2f>& corners() const { return corners_; }
   [[nodiscard]] const std::vector<cv::Point2f>& followed() const { return followed_; }
 
@@ -73,7 +77,7 @@ class KeyframePicker {
     std::int64_t index = 0;
     double time = 0;
     double sharpness = 0;
-    double motion = 0;  // of the diagonal
+    double motion = 0;  // share of the diagonal
     bool is_lost = false;
   };
 
@@ -87,12 +91,12 @@ class KeyframePicker {
   cv::Size size_;
   std::int64_t last_index_ = 0;
   int count_ = 0;
-  cv::Mat reference_;                  // reduced, where the corners were found
+  cv::Mat reference_;                  // reduced image in which the corners were found
   std::vector<cv::Point2f> corners_;   // in the reference
-  std::vector<cv::Point2f> followed_;  // where they were last seen
-  std::deque<Candidate> waiting_;      // behind the last key frame, the newest last
-  std::optional<std::size_t> moment_;  // in waiting_: where the motion was reached
-  int lost_ = 0;                       // frames in a row
+  std::vector<cv::Point2f> followed_;  // their last tracked positions
+  std::deque<Candidate> waiting_;      // frames after the last key frame, the newest last
+  std::optional<std::size_t> moment_;  // index in waiting_ where the motion was reached
+  int lost_ = 0;                       // consecutive frames in which the corners are lost
 };
 
 }  // namespace tarsier::sfm

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <string>
 
-// Numbers in binary files (PLY, GLB), the lowest byte first.
+// Numbers in binary files (PLY, GLB), little endian.
 namespace tarsier::sfm {
 
 inline void put(std::string& bytes, std::uint32_t value) {

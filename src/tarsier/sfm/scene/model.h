@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-// A reconstruction: cameras, images with poses, and points that several of them see.
+// A reconstruction: cameras, images with poses, and points that two or more images see.
 namespace tarsier::sfm {
 
 struct Observation {
@@ -23,20 +23,21 @@ struct Observation {
 struct Point {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world
   cv::Vec3b color;                                     // BGR
-  double error = 0;                                    // px, root mean square of its observations
-  std::vector<Observation> track;                      // two or more, of different images
+  double error = 0;                // px, root mean square reprojection error of its observations
+  std::vector<Observation> track;  // two or more, of different images
 };
 
 struct Image {
   std::string name;  // relative to the folder of images
   int camera = 0;    // index into Model::cameras
   bool registered = false;
-  geometry::Rigid3 pose;              // camera_from_world, where registered
+  geometry::Rigid3 pose;              // camera_from_world; valid where registered
   std::vector<cv::Point2f> features;  // px, pixel centres at integers
-  std::vector<float> sizes;           // px, diameter of each feature; empty: all alike
-  std::vector<int> points;            // of each feature: index into Model::points, or -1
-  int turns =
-      0;  // quarter turns clockwise that bring its pixels upright, 0..3 (sensor_image.h); 0: not known, too
+  std::vector<float> sizes;           // px, diameter of each feature; empty: all equal
+  std::vector<int> points;            // for each feature: index into Model::points, or -1
+  // Clockwise quarter turns that bring its pixels upright, 0..3 (sensor_image.h); 0 also means
+  // unknown.
+  int turns = 0;
 };
 
 struct Model {

@@ -21,7 +21,7 @@ constexpr std::string_view kVertex =
     "property float x\nproperty float y\nproperty float z\n"
     "property uchar red\nproperty uchar green\nproperty uchar blue\n";
 
-const cv::Vec3b kCenterColor(40, 40, 220);  // BGR: red, with a lighter image
+const cv::Vec3b kCenterColor(40, 40, 220);  // BGR: red, the image corners lighter
 const cv::Vec3b kCornerColor(60, 160, 255);
 
 void put_index(std::string& bytes, std::size_t index) {
@@ -68,7 +68,7 @@ void write_cameras_ply(const std::string& path, const Model& model, double size)
         "camera {} of '{}'", image.camera, image.name);
     const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(image.camera)];
     camera.check();
-    // The image's edge is half a pixel outside the middles of its outer pixels.
+    // The image's border is half a pixel outside the centres of its outer pixels.
     const double left = (-0.5 - camera.cx) / camera.fx;
     const double right = (camera.width - 0.5 - camera.cx) / camera.fx;
     const double top = (-0.5 - camera.cy) / camera.fy;

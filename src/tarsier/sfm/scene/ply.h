@@ -7,17 +7,17 @@
 
 namespace tarsier::sfm {
 
-// PLY files (binary, little endian) for MeshLab, CloudCompare, Blender and the like, in world units
-// and with colours. Written atomically; throw OutputError, and std::invalid_argument for numbers
-// that are not finite.
+// PLY files (binary, little endian) for MeshLab, CloudCompare, Blender and similar programs, in
+// world units and with colours. Files are written atomically. Both functions throw OutputError, and
+// std::invalid_argument for numbers that are not finite.
 
 // The points: x y z (float), red green blue (uchar).
 void write_points_ply(const std::string& path, const Model& model);
 
-// A pyramid for each registered image, in their order: vertex 0 is the camera's centre, 1 to 4
-// are the corners of its image (top left, top right, bottom right, bottom left) at depth `size`
-// (world units, > 0) as a lens without distortion would see them; its edges; and six triangles
-// that close it, seen from outside counter-clockwise.
+// Writes a pyramid for each registered image, in their order. Vertex 0 is the camera centre.
+// Vertices 1 to 4 are the image corners (top left, top right, bottom right, bottom left) at depth
+// `size` (world units, > 0), as seen by a lens without distortion. Edges and six triangles close
+// the pyramid; the triangles are counter-clockwise when seen from outside.
 void write_cameras_ply(const std::string& path, const Model& model, double size);
 
 }  // namespace tarsier::sfm

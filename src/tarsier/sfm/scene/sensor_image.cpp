@@ -9,7 +9,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::int64_t kExifBytes = 1 << 20;  // before the image come the segments with EXIF
+constexpr std::int64_t kExifBytes = 1 << 20;  // EXIF segments come before the image data
 
 }  // namespace
 

@@ -11,8 +11,8 @@
 
 namespace tarsier::sfm {
 
-// A model for tests: a wall of points seen by five images of three cameras, one image not
-// registered, with features that belong to no point.
+// A model for tests: a wall of points seen by five images of three cameras. One image is not
+// registered. Some features belong to no point.
 [[nodiscard]] inline Model synthetic_model() {
   Rng rng(7);
   Model model;

@@ -80,7 +80,7 @@ void export_undistorted(const std::string& folder, const Model& model,
   }
   const Model straight = undistorted_model(model);
   throw_if_stopped(stop);
-  // Before the images: this refuses names that lead out of the folder.
+  // Before the images, as it rejects names that lead out of the folder.
   write_colmap((fs::path(folder) / "sparse").string(), straight);
   make_folder(images_folder.string());
   progress.begin("undistort", static_cast<std::int64_t>(files.size()), "images");

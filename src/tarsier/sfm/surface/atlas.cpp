@@ -13,7 +13,7 @@ namespace {
 struct Step {
   int x = 0;
   int width = 0;
-  int y = 0;  // below it all is free
+  int y = 0;  // rows from here on are free
 };
 
 class Skyline {

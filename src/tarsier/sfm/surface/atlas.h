@@ -8,10 +8,10 @@
 
 namespace tarsier::sfm {
 
-// Places for rectangles in a square: the highest first, each where its top ends lowest on the skyline of those
-// before (Burke, Kendall and Whitwell, "A new placement heuristic for the orthogonal
-// stock-cutting problem", Operations Research 2004, as the bottom-left skyline). Top left corners,
-// in the order of `sizes`; nothing where they do not fit.
+// Places rectangles in a square. The highest come first, each where its top is lowest on the
+// skyline of the placed ones (Burke, Kendall and Whitwell, "A new placement heuristic for the
+// orthogonal stock-cutting problem", Operations Research 2004, as the bottom-left skyline). Returns
+// top left corners in the order of `sizes`; empty where they do not fit.
 [[nodiscard]] std::optional<std::vector<cv::Point>> pack(const std::vector<cv::Size>& sizes,
                                                          int side);
 

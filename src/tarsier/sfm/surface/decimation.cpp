@@ -16,9 +16,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinCosine = 0.2;   // between a face before and after
-constexpr double kBoundary = 10;     // weight of the planes of the boundary
-constexpr double kStiffness = 1e-3;  // keeps the new vertex near the edge where planes do not say
+constexpr double kMinCosine = 0.2;  // between a face's normals before and after
+constexpr double kBoundary = 10;    // weight of the planes of the boundary
+// keeps the new vertex near the edge where planes do not determine it
+constexpr double kStiffness = 1e-3;
 constexpr int kStopEvery = 4096;
 
 // x' A x + 2 b' x + c: sum of weighted squared distances to planes.
@@ -48,10 +49,10 @@ struct Quadric {
 
 struct Candidate {
   double cost = 0;
-  int a = 0;  // a < b
+  int a = 0;  // vertices, a < b
   int b = 0;
-  int stamp = 0;                                                // sum of those of the vertices
-  [[nodiscard]] bool operator<(const Candidate& other) const {  // the heap gives the largest
+  int stamp = 0;                                                // sum of the vertices' stamps
+  [[nodiscard]] bool operator<(const Candidate& other) const {  // the heap returns the largest
     return std::tie(cost, a, b, stamp) > std::tie(other.cost, other.a, other.b, other.stamp);
   }
 };
@@ -59,7 +60,8 @@ struct Candidate {
 class Decimator {
  public:
   explicit Decimator(SurfaceMesh& mesh) : mesh_(mesh) {
-    // Around the middle, so that the quadrics of small meshes far from the origin stay exact.
+    // Coordinates are relative to the centre, so that quadrics of small meshes far from the origin
+    // are exact.
     for (const Eigen::Vector3f& v : mesh.vertices) middle_ += v.cast<double>();
     if (!mesh.vertices.empty()) middle_ /= static_cast<double>(mesh.vertices.size());
     for (const Eigen::Vector3f& v : mesh.vertices) vertices_.push_back(v.cast<double>() - middle_);
@@ -120,7 +122,7 @@ class Decimator {
     }
   }
 
-  // In order, each once.
+  // Sorted, without duplicates.
   [[nodiscard]] std::vector<int> around(int v) const {
     std::vector<int> result;
     for (const int f : faces_of_[at(v)])
@@ -140,7 +142,7 @@ class Decimator {
     Eigen::Vector3d place = matrix.inverse() * (stiffness * middle - sum.b);
     const double length = (vertices_[at(a)] - vertices_[at(b)]).norm();
     if (!place.allFinite() || (place - middle).norm() > 2 * length) place = middle;
-    // Short edges first where all is flat.
+    // On flat surfaces, short edges come first.
     cost = std::max(0.0, sum.at(place)) + 1e-6 * sum.weight * length * length;
     return place;
   }
@@ -154,7 +156,7 @@ class Decimator {
     heap_.push(candidate);
   }
 
-  // Of the faces of `v` without `other`.
+  // Whether a face of `v` without `other` would fold.
   [[nodiscard]] bool would_fold(int v, int other, const Eigen::Vector3d& place) const {
     for (const int f : faces_of_[at(v)]) {
       const Face& corners = face(f);
@@ -171,8 +173,8 @@ class Decimator {
       const Eigen::Vector3d after = (p - place).cross(q - place);
       const double size = after.norm();
       if (!(size > 1e-3 * (q - p).norm() * std::max((p - place).norm(), (q - place).norm())))
-        return true;  // a needle
-      // A needle of before may become whatever it likes.
+        return true;  // degenerate face
+      // A face that was degenerate before may change in any way.
       if (before.norm() > 0 && before.dot(after) < kMinCosine * before.norm() * size) return true;
     }
     return false;
@@ -191,7 +193,7 @@ class Decimator {
                           std::back_inserter(common));
     if (static_cast<int>(common.size()) != shared || shared < 1 || shared > 2) return false;
     if (boundary_[at(a)] != 0 && boundary_[at(b)] != 0 && shared == 2) return false;
-    // A tetrahedron would become a pair of triangles, and a boundary of three edges nothing.
+    // A tetrahedron would become a pair of triangles; a boundary of three edges would vanish.
     if (shared == 2 && first.size() == 3 && second.size() == 3) return false;
     if (shared == 1 && (first.size() == 2 || second.size() == 2)) return false;
     return true;
@@ -244,7 +246,7 @@ class Decimator {
   std::vector<Eigen::Vector3d> vertices_;
   std::vector<Quadric> quadrics_;
   std::vector<std::vector<int>> faces_of_;
-  std::vector<int> stamps_;  // how often a vertex moved; -1: gone
+  std::vector<int> stamps_;  // number of moves of a vertex; -1: removed
   std::vector<char> boundary_;
   std::priority_queue<Candidate> heap_;
   int left_ = 0;

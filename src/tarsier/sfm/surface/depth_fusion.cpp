@@ -15,11 +15,13 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kPixels = 1.5;           // of a depth map: side of a voxel
-constexpr double kCoarser = 1.25;         // per attempt
-constexpr double kBytesOfBlock = 12'000;  // its voxels, crossings, and the surface in it
-constexpr int kUnsureEdge = 2;  // px of a dark background that are not taken as free space
-constexpr double kReach = 0.6;  // of the truncation: around depths, where blocks are kept
+constexpr double kPixels = 1.5;           // side of a voxel in px of a depth map
+constexpr double kCoarser = 1.25;         // growth of the voxel per attempt
+constexpr double kBytesOfBlock = 12'000;  // its voxels, crossings, and its part of the surface
+// px at the edge of a dark background that do not count as free space
+constexpr int kUnsureEdge = 2;
+// of the truncation: distance from depths within which blocks are kept
+constexpr double kReach = 0.6;
 
 TangentMap read_planes(const Workspace& workspace, int view, const VolumeOptions& options) {
   DepthMap map = workspace.read_depth_map(view);
@@ -34,7 +36,7 @@ TangentMap read_planes(const Workspace& workspace, int view, const VolumeOptions
   return result;
 }
 
-// Views with a usable depth, and the median of what a pixel of theirs is wide.
+// Views with a usable depth, and the median size of their pixels on the surface.
 struct Views {
   std::vector<int> list;
   double footprint = 0;
@@ -70,7 +72,7 @@ Views usable_views(const Workspace& workspace, const VolumeOptions& options, Pro
   return views;
 }
 
-// Of all views; nothing where there are more than `limit`.
+// For all views; empty where there are more than `limit`.
 std::optional<std::vector<VoxelVolume::Key>> blocks_of(const Workspace& workspace,
                                                        const std::vector<int>& views, double voxel,
                                                        std::size_t limit,

@@ -11,14 +11,14 @@
 namespace tarsier::sfm {
 
 struct VolumeOptions {
-  // World units, side of a voxel; 0: 1.5 times the width of a depth map's pixel on what it sees.
+  // Side of a voxel, world units; 0: 1.5 times the size of a depth map's pixel on the surface.
   double voxel = 0;
-  double truncation = 4;     // voxels, that a distance is followed to
-  double min_cosine = 0.15;  // of the angle between a pixel's ray and its normal
-  int trim_px = 4;           // px of a depth map that are left out next to what is unknown in it
-  double carving = 0.1;      // weight of free space; that of a surface: 1
-  int dark_level = 24;   // grey level of a dark background (dark_background.h); 0: there is none
-  double memory_gb = 2;  // of the volume and the surface in it
+  double truncation = 4;     // voxels, up to which a distance is measured
+  double min_cosine = 0.15;  // between a pixel's ray and its normal
+  int trim_px = 4;           // px of a depth map that are left out next to unknown pixels
+  double carving = 0.1;      // weight of free space, relative to a surface's
+  int dark_level = 24;   // max grey level of a dark background (dark_background.h); 0 disables it
+  double memory_gb = 2;  // for the volume and its surface
 
   [[nodiscard]] OptionFields fields() {
     return {{"voxel", voxel, at_least(0), "--voxel",
@@ -37,15 +37,15 @@ struct VolumeOptions {
 
 struct FusedVolume {
   VoxelVolume volume{1};
-  int views = 0;          // with depth
-  int views_without = 0;  // without a depth map, or without a usable depth in it
-  bool coarser = false;   // than VolumeOptions asks for, because of the memory
+  int views = 0;          // views with depth
+  int views_without = 0;  // views without a depth map or without usable depths
+  bool coarser = false;   // voxels are larger than requested, because of the memory limit
 };
 
-// The signed distance to the surface that the depth maps of a workspace show. Depth maps are read
-// one by one, twice or, to find the size of a voxel, three times. Throws InputError: no view has a
-// depth map, none a usable depth, a broken file; UsageError where a voxel of the asked size
-// needs more memory than there may be (without such a size they become larger); Interrupted.
+// Fuses the depth maps of a workspace to a signed distance volume. Depth maps are read one by one,
+// twice, or three times to determine the voxel size. Throws InputError: no view has a depth map,
+// none has usable depths, a broken file; UsageError where voxels of the requested size exceed the
+// memory limit (without a requested size they become larger); Interrupted.
 [[nodiscard]] FusedVolume fuse_depth_maps(const Workspace& workspace, const VolumeOptions& options,
                                           Progress& progress, const std::stop_token& stop);
 

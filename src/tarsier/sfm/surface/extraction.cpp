@@ -16,10 +16,10 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kSide = VoxelVolume::kSide;
-constexpr double kMargin = 0.01;  // of a cell's edge: keeps corners of triangles apart
+constexpr double kMargin = 0.01;  // of a cell's edge: min distance of crossings from its ends
 
 struct CellEdge {
-  int low = 0;  // corner
+  int low = 0;  // corners
   int high = 0;
   int axis = 0;
 };
@@ -45,7 +45,7 @@ int edge_between(int a, int b) {
   return -1;
 }
 
-// Whether two edges lie on one side of the cell.
+// Whether two edges are on one side of the cell.
 bool share_side(int a, int b) {
   const CellEdge& first = cell_edges()[at(a)];
   const CellEdge& second = cell_edges()[at(b)];
@@ -57,7 +57,8 @@ bool share_side(int a, int b) {
   return false;
 }
 
-// Of the part of a polygon from corner `from` to `to`; none if every one has a diagonal in a side.
+// Triangulates the part of a polygon from corner `from` to `to`; empty if each triangulation has a
+// diagonal in a side.
 std::optional<std::vector<int>> triangulated(const std::vector<int>& polygon, int from, int to) {
   if (to - from < 2) return std::vector<int>{};
   const auto is_allowed = [&](int a, int b) {
@@ -76,8 +77,8 @@ std::optional<std::vector<int>> triangulated(const std::vector<int>& polygon, in
 }
 
 std::vector<int> triangles_of_case(int inside) {
-  // On every side, its corners in the order as seen from outside of the cell: the contour goes from
-  // the edge where a run of corners inside begins to the edge where it ends.
+  // Each side has its corners in order, as seen from outside the cell. The contour goes from the
+  // edge where a run of inside corners begins to the edge where it ends.
   std::array<int, 12> next{};
   next.fill(-1);
   for (int axis = 0; axis < 3; ++axis) {
@@ -114,11 +115,11 @@ std::vector<int> triangles_of_case(int inside) {
   return result;
 }
 
-// The crossings of a block, numbered in the order of voxels and axes.
+// The crossings of a block, numbered by voxel and axis.
 struct Crossings {
-  std::array<std::uint64_t, 3 * VoxelVolume::kVoxels / 64> mask{};  // bit 3 voxel + axis
+  std::array<std::uint64_t, 3 * VoxelVolume::kVoxels / 64> mask{};  // bit 3 * voxel + axis
   std::array<std::uint16_t, 3 * VoxelVolume::kVoxels / 64> before{};
-  int first = 0;  // vertex
+  int first = 0;  // index of the first vertex
   int count = 0;
 
   [[nodiscard]] int vertex(int bit) const {
@@ -128,7 +129,7 @@ struct Crossings {
   }
 };
 
-// A block and the seven after it along the axes: bit k of the number is a step along axis k.
+// A block and the seven after it along the axes: bit k of the index is a step along axis k.
 class Neighborhood {
  public:
   Neighborhood(const VoxelVolume& volume, int block) {
@@ -144,7 +145,7 @@ class Neighborhood {
     int block = -1;
     int voxel = 0;
   };
-  // 0..8 along each axis.
+  // x, y, z: 0..8.
   [[nodiscard]] Place place(int x, int y, int z) const {
     return {block_[at(which(x, y, z))], local(x, y, z)};
   }

@@ -18,7 +18,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Numbers of the specification.
+// Constants of the specification.
 constexpr std::uint32_t kMagic = 0x46546C67;  // "glTF"
 constexpr std::uint32_t kJsonChunk = 0x4E4F534A;
 constexpr std::uint32_t kBinaryChunk = 0x004E4942;
@@ -33,7 +33,7 @@ constexpr int kClamp = 33071;
 
 class Writer {
  public:
-  // Ends what was put into `binary` since the last one. Returns the number of the view.
+  // Makes a view of the data put into `binary` after the previous view. Returns its index.
   int add_view(int target, int stride = 0) {
     Json view{{"buffer", 0}, {"byteOffset", begin_}, {"byteLength", binary.size() - begin_}};
     if (stride > 0) view["byteStride"] = stride;
@@ -110,12 +110,12 @@ int add_normals(Writer& writer, const SurfaceMesh& mesh, const SurfaceCorners& c
 int add_uvs(Writer& writer, const SurfaceTexture& texture, const SurfaceCorners& corners) {
   for (const int uv : corners.uv) {
     put(writer.binary, texture.uvs[at(uv)][0]);
-    put(writer.binary, 1 - texture.uvs[at(uv)][1]);  // from the top
+    put(writer.binary, 1 - texture.uvs[at(uv)][1]);  // glTF counts from the top
   }
   return writer.add_accessor(writer.add_view(kVertices), kFloat, corners.vertex.size(), "VEC2");
 }
 
-// glTF's colours are linear, images' are not (sRGB).
+// glTF's colours are linear, those of images are sRGB.
 int add_colors(Writer& writer, const SurfaceMesh& mesh, const SurfaceCorners& corners) {
   for (const int v : corners.vertex) {
     for (int k = 2; k >= 0; --k) {
@@ -175,7 +175,7 @@ std::string glb_of(const TexturedSurface& surface, const Eigen::Matrix3d& uprigh
                                           corners.indices.size(), "SCALAR");
   json["meshes"] = {
       {{"primitives", {{{"attributes", attributes}, {"indices", indices}, {"material", 0}}}}}};
-  Json matrix = Json::array();  // column by column
+  Json matrix = Json::array();  // column-major
   for (int column = 0; column < 4; ++column) {
     for (int row = 0; row < 4; ++row)
       matrix.push_back(row < 3 && column < 3 ? upright(row, column) : row == column ? 1.0 : 0.0);

@@ -9,7 +9,7 @@
 
 namespace tarsier::sfm {
 
-// The bytes of a binary glTF 2.0 file: see write_surface(). `name` is for errors.
+// The content of a binary glTF 2.0 file, see write_surface(). `name` appears in errors.
 [[nodiscard]] std::string glb_of(const TexturedSurface& surface, const Eigen::Matrix3d& upright,
                                  const std::string& name);
 

@@ -17,8 +17,8 @@ constexpr int kSweeps = 200;
 constexpr float kInwards = 0.5F;
 constexpr float kOutwards = -0.53F;
 
-// Of each vertex the vertices around it, in order; of those of the boundary only its neighbours
-// on the boundary.
+// The sorted vertices around each vertex; for boundary vertices only the neighbours on the
+// boundary.
 struct Around {
   std::vector<int> first;
   std::vector<int> list;
@@ -36,7 +36,7 @@ Around around_vertices(const SurfaceMesh& mesh) {
   each_edge([&](int a, int b, bool boundary) {
     if (boundary) is_boundary[at(a)] = is_boundary[at(b)] = 1;
   });
-  // An inner edge comes from both of its faces, and each gives it to the vertex that it starts at.
+  // An inner edge comes from both of its faces; each adds it to the vertex where it starts.
   Around around;
   around.first.assign(mesh.vertices.size() + 1, 0);
   const auto each_neighbor = [&](const auto& take) {
@@ -66,8 +66,8 @@ Eigen::Vector3f mean_around(const Around& around, int v,
   return end > begin ? Eigen::Vector3f(sum / static_cast<float>(end - begin)) : vertices[at(v)];
 }
 
-// Triangles between two rings, of which `outer` has the surface to its left. Both begin at the
-// same side; the ring that lags behind goes on.
+// Adds triangles between two rings; the surface is to the left of `outer`. Both rings start at the
+// same side, and the one that lags behind advances.
 void stitch(const std::vector<int>& outer, const std::vector<int>& inner,
             std::vector<Face>& faces) {
   const std::size_t m = outer.size();

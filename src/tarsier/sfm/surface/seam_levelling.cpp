@@ -9,9 +9,9 @@ namespace {
 
 constexpr double kAnchor = 1e-4;
 constexpr int kIterations = 1000;
-constexpr double kTolerance = 1e-4;  // of the right side
+constexpr double kTolerance = 1e-4;  // relative to the right side
 
-// A symmetric matrix by rows: diagonal, and what is beside it.
+// A symmetric sparse matrix by rows: the diagonal and the other entries.
 struct Matrix {
   std::vector<double> diagonal;
   std::vector<std::size_t> first;

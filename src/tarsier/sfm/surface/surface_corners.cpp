@@ -15,7 +15,7 @@ SurfaceCorners corners_of(const TexturedSurface& surface) {
       for (const int v : face) result.indices.push_back(static_cast<std::uint32_t>(v));
     return result;
   }
-  // A place in the texture belongs to one vertex: that of the first face that uses it.
+  // A texture coordinate belongs to one vertex: that of the first face that uses it.
   std::vector<int> index_of(surface.texture->uvs.size(), -1);
   for (std::size_t f = 0; f < surface.mesh.faces.size(); ++f) {
     for (std::size_t k = 0; k < 3; ++k) {

@@ -8,12 +8,11 @@
 
 namespace tarsier::sfm {
 
-// A surface as graphics processors take it: one vertex for each pair of position and place in the
-// texture.
+// A surface in the form that GPUs need: one vertex per pair of position and texture coordinate.
 struct SurfaceCorners {
-  std::vector<int> vertex;             // of the surface
-  std::vector<int> uv;                 // of the texture, as many; empty: no texture
-  std::vector<std::uint32_t> indices;  // of the two above, three a face
+  std::vector<int> vertex;  // indices of the surface's vertices
+  std::vector<int> uv;      // indices of texture coordinates, equally many; empty: no texture
+  std::vector<std::uint32_t> indices;  // of the two above, three per face
 };
 [[nodiscard]] SurfaceCorners corners_of(const TexturedSurface& surface);
 

@@ -19,7 +19,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kSamples = 300'000;  // about so many of each surface
+constexpr double kSamples = 300'000;  // approximate number for each surface
 
 Eigen::Vector3f to_eigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
 
@@ -62,12 +62,12 @@ nlohmann::ordered_json to_json(const SurfaceScores& scores) {
 
 std::vector<cv::Vec3f> sample_surface(const SurfaceMesh& mesh, double spacing) {
   TARSIER_REQUIRE(spacing > 0 && std::isfinite(spacing), "a spacing of {}", spacing);
-  // The additive recurrence of the plastic number: evenly in the unit square (Roberts, "The
+  // The additive recurrence of the plastic number, uniform in the unit square (Roberts, "The
   // unreasonable effectiveness of quasirandom sequences", 2018).
   constexpr double kFirst = 0.7548776662466927;
   constexpr double kSecond = 0.5698402909980532;
   std::vector<cv::Vec3f> points;
-  double owed = 0.5;  // points that the area so far asks for
+  double owed = 0.5;  // points due for the area up to now
   for (const Face& face : mesh.faces) {
     const Eigen::Vector3f& a = mesh.vertices[static_cast<std::size_t>(face[0])];
     const Eigen::Vector3f ab = mesh.vertices[static_cast<std::size_t>(face[1])] - a;

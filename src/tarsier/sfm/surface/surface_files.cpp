@@ -26,9 +26,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxElements = 20'000'000;  // vertices, faces of a file that is read
+constexpr int kMaxElements = 20'000'000;  // max vertices, faces of a file
 constexpr std::int64_t kMaxObjBytes = 2'000'000'000;
-constexpr int kMaxCorners = 1000;  // of a face, and of its other lists
+constexpr int kMaxCorners = 1000;  // max per face, also for other lists
 
 std::string with_ending(const std::string& path, const char* ending) {
   return fs::path(path).replace_extension(ending).string();
@@ -278,7 +278,7 @@ render::Mesh render_mesh(const TexturedSurface& surface) {
   for (const Eigen::Vector3f& n : vertex_normals(mesh))
     result.normals.emplace_back(n[0], n[1], n[2]);
   const bool colored = !mesh.colors.empty() && !mesh.faces.empty();
-  // Of coloured faces each has a pixel of its own.
+  // For coloured faces, each face has its own pixel.
   const int across =
       std::max(1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(mesh.faces.size())))));
   cv::Mat pixels;

@@ -16,10 +16,10 @@ namespace {
 
 int next(int corner) { return corner == 2 ? 0 : corner + 1; }
 
-// An edge of a face, to be sorted by its vertices.
+// An edge of a face, for sorting by vertices.
 struct Side {
-  std::uint64_t key = 0;     // the smaller vertex, the larger one
-  std::uint32_t corner = 0;  // 3 face + number of the edge
+  std::uint64_t key = 0;     // the smaller and the larger vertex
+  std::uint32_t corner = 0;  // 3 * face + index of the edge
 };
 
 std::vector<Side> sorted_sides(const SurfaceMesh& mesh) {
@@ -39,7 +39,7 @@ std::vector<Side> sorted_sides(const SurfaceMesh& mesh) {
   return sides;
 }
 
-// Disjoint sets; the smallest member stands for a set.
+// Disjoint sets, represented by their smallest members.
 class Sets {
  public:
   explicit Sets(std::size_t count) : parent_(count) {
@@ -162,7 +162,7 @@ std::vector<BoundaryLoop> boundary_loops(const SurfaceMesh& mesh) {
 
 int split_touching_vertices(SurfaceMesh& mesh) {
   const std::vector<Face> neighbors = face_neighbors(mesh);
-  // Corners of faces that share vertex and edge are one fan.
+  // Corners of faces that share a vertex and an edge belong to one fan.
   Sets fans(3 * mesh.faces.size());
   const auto corner_of = [&](int face, int vertex) {
     for (int k = 0; k < 3; ++k)
@@ -178,7 +178,7 @@ int split_touching_vertices(SurfaceMesh& mesh) {
     }
   }
   std::vector<int> fan_of(mesh.vertices.size(), -1);
-  std::vector<int> own(3 * mesh.faces.size(), -1);  // of each fan
+  std::vector<int> own(3 * mesh.faces.size(), -1);  // for each fan
   int added = 0;
   for (std::size_t c = 0; c < own.size(); ++c) {
     int& vertex = mesh.faces[c / 3][c % 3];

@@ -40,7 +40,7 @@ ViewerSurface viewer_surface(const TexturedSurface& surface) {
                                                         : surface.mesh.colors[vertex]);
     if (!surface.texture) continue;
     const cv::Vec2f& uv = surface.texture->uvs[static_cast<std::size_t>(corners.uv[i])];
-    result.uvs.emplace_back(uv[0], 1 - uv[1]);  // from the top
+    result.uvs.emplace_back(uv[0], 1 - uv[1]);  // counted from the top
   }
   if (surface.texture && !corners.indices.empty()) {
     const std::vector<std::uint8_t> jpeg =

@@ -8,13 +8,13 @@
 
 namespace tarsier::sfm {
 
-// The layers of a page (viewer_html()).
+// Layers of a page, see viewer_html().
 //
-// The cloud of a PLY file, at most about a million points of it, in units of `scale` for one of the file's;
-// nothing where there is no such file. Throws InputError (read_cloud()).
+// The cloud of a PLY file, with at most about a million points, in units of `scale` per unit of the
+// file; empty where there is no such file. Throws InputError (read_cloud()).
 [[nodiscard]] ViewerCloud viewer_cloud(const std::string& path, double scale = 1);
 
-// With its texture as JPEG of quality 90, or its colours; grey where it has neither.
+// With the texture as JPEG of quality 90, or with colours; grey where there is neither.
 [[nodiscard]] ViewerSurface viewer_surface(const TexturedSurface& surface);
 
 }  // namespace tarsier::sfm

@@ -15,11 +15,12 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kSmallHole = 6;    // voxels, diameter of holes that are always closed
-constexpr double kTolerance = 1.5;  // voxels, between a vertex and the surface's depth in an image
-constexpr std::size_t kHolesNamed = 20;  // of the report
+constexpr double kSmallHole = 6;  // voxels, max diameter of holes that are always closed
+// voxels, max distance of a vertex behind the surface's depth in an image
+constexpr double kTolerance = 1.5;
+constexpr std::size_t kHolesNamed = 20;  // in the report
 
-// Measures the stages of a run.
+// Measures the times of the stages.
 class Stages {
  public:
   explicit Stages(SurfaceResult& result) : result_(result) {}
@@ -70,7 +71,7 @@ void SurfaceReconstructor::make_mesh(const Workspace& workspace, Progress& progr
   if (options_.close_holes > 0) {
     throw_if_stopped(stop);
     const double extent = measure_surface(mesh).diagonal();
-    // The outer edge of a relief may be as wide as all of it, but for rounding.
+    // The outer boundary of a relief may be as wide as the relief, except for rounding.
     result.holes_closed += close_holes(mesh, 1.001 * options_.close_holes * extent);
     stages.end("close holes");
   }

@@ -17,13 +17,14 @@ namespace tarsier::sfm {
 
 struct SurfaceOptions {
   VolumeOptions volume;
-  int faces = 300'000;      // triangles at most; 0: all
-  int smoothing = 3;        // rounds
-  double close_holes = 0;   // widest hole to close, of the surface's extent; 1: all
-  double min_part = 0.02;   // smallest part to keep, of the faces of the largest
-  int texture = 4096;       // px, largest side; 0: colours of vertices
-  bool level_seams = true;  // of the texture
-  double scale = 1;         // of the result: units for one of the model
+  int faces = 300'000;  // max number of triangles; 0: all
+  int smoothing = 3;    // rounds of smoothing
+  // max diameter of closed holes, as a share of the surface's extent; 1: all
+  double close_holes = 0;
+  double min_part = 0.02;   // min size of kept parts, as a share of the largest part's faces
+  int texture = 4096;       // px, longest side; 0: vertex colours
+  bool level_seams = true;  // level the seams of the texture
+  double scale = 1;         // units of the result per unit of the model
 
   [[nodiscard]] OptionFields fields() {
     return {
@@ -37,46 +38,47 @@ struct SurfaceOptions {
         {"scale", scale, above(0)},
     };
   }
-  void check() const;  // throws std::invalid_argument that names the value
+  void check() const;  // throws std::invalid_argument, which names the value
 };
 
 struct SurfaceResult {
   TexturedSurface surface;
   SurfaceMeasures measures;
-  std::vector<BoundaryLoop> holes;  // that are left, longest first
-  double voxel = 0;                 // world units (those of `scale`), side
-  bool coarser = false;             // voxels are larger than the depth maps, because of the memory
-  int views = 0;                    // with depth
+  std::vector<BoundaryLoop> holes;  // remaining holes, longest first
+  double voxel = 0;                 // side, in units of the result
+  bool coarser = false;  // voxels are larger than the depth maps allow, because of the memory limit
+  int views = 0;         // views with depth
   int views_without = 0;
   int parts_removed = 0;
   int holes_closed = 0;
   std::int64_t faces_extracted = 0;                     // before decimation
-  int unseen_faces = 0;                                 // that no image shows whole
-  std::vector<std::pair<std::string, double>> seconds;  // of each stage
+  int unseen_faces = 0;                                 // faces that no image shows completely
+  std::vector<std::pair<std::string, double>> seconds;  // per stage
 };
-// {"views", "views_without", "voxel", "coarser", "faces_extracted", "parts_removed", "holes_closed",
-// to_json(SurfaceMeasures), "largest_holes": up to 20 of {"length", "diameter", "center"},
-// "unseen_faces", "texture": {"width", "height", "charts", "scale"} or null, "seconds"}
+// {"views", "views_without", "voxel", "coarser", "faces_extracted", "parts_removed",
+// "holes_closed", to_json(SurfaceMeasures), "largest_holes": up to 20 of {"length", "diameter",
+// "center"}, "unseen_faces", "texture": {"width", "height", "charts", "scale"} or null, "seconds"}
 [[nodiscard]] nlohmann::ordered_json to_json(const SurfaceResult& result);
 
-// A surface of the depth maps of a dense workspace:
+// Makes a surface from the depth maps of a dense workspace:
 //
 //   const sfm::SurfaceReconstructor reconstructor(sfm::SurfaceOptions{});
 //   NoProgress progress;
 //   const sfm::SurfaceResult result = reconstructor.run(sfm::Workspace::open("dense"), progress, {});
 //   sfm::write_surface("mesh.glb", result.surface);
 //
-// The depth maps are fused to a signed distance (depth_fusion.h), its zero is the surface
-// (extraction.h), small parts go, holes of six voxels and those that options ask for are closed,
-// noise is smoothed and faces are collapsed (refinement.h, decimation.h); then colours come from the
-// images (view_scan.h), or a texture (texture.h). Const: any number of threads may use it. Same
-// workspace and options, same result, for any number of threads.
+// The depth maps are fused to a signed distance (depth_fusion.h), whose zero level is the surface
+// (extraction.h). Small parts are removed. Holes of up to six voxels, and larger ones by the
+// options, are closed. The surface is smoothed and decimated (refinement.h, decimation.h). It gets
+// vertex colours from the images (view_scan.h) or a texture (texture.h). The class is const:
+// several threads may share an object. The result depends on workspace and options, not on the
+// number of threads.
 class SurfaceReconstructor {
  public:
   explicit SurfaceReconstructor(const SurfaceOptions& options);  // throws std::invalid_argument
   [[nodiscard]] const SurfaceOptions& options() const { return options_; }
 
-  // A surface without faces where the depth maps show none. Throws as fuse_depth_maps() and
+  // Returns a surface without faces where the depth maps show none. Throws as fuse_depth_maps() and
   // make_surface_texture().
   [[nodiscard]] SurfaceResult run(const Workspace& workspace, Progress& progress,
                                   const std::stop_token& stop) const;

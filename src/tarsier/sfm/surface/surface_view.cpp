@@ -12,10 +12,10 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kEnough = 50;      // points
-constexpr std::size_t kFramed = 20'000;  // vertices that the frame is made of
+constexpr std::size_t kFramed = 20'000;  // vertices that determine the frame
 
-// The cameras and points; vertices for points where there are none. Points show what the images are
-// of: of the surface more may be far behind it.
+// The cameras and points; vertices instead where there are too few points. Points indicate the
+// subject of the images, while the surface may extend far behind it.
 Model framed_model(const TexturedSurface& surface, const Model& model) {
   Model result;
   result.cameras = model.cameras;

@@ -21,14 +21,14 @@
 #include <string>
 #include <vector>
 
-// Drawn dense workspaces with exact depth, for the tests of surfaces.
+// Rendered dense workspaces with exact depth, for tests of surfaces.
 namespace tarsier::sfm {
 
 struct SurfaceHit {
   double t = 0;  // along the ray
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
 };
-// Where a ray meets a surface first.
+// The first intersection of a ray with a surface.
 using Caster = std::function<std::optional<SurfaceHit>(const Eigen::Vector3d& origin,
                                                        const Eigen::Vector3d& direction)>;
 
@@ -45,7 +45,7 @@ inline Caster sphere_caster(const Eigen::Vector3d& center, double radius) {
   };
 }
 
-// A box around the origin.
+// A box centred at the origin.
 inline Caster box_caster(const Eigen::Vector3d& half) {
   return [=](const Eigen::Vector3d& origin,
              const Eigen::Vector3d& direction) -> std::optional<SurfaceHit> {
@@ -71,7 +71,7 @@ inline Caster box_caster(const Eigen::Vector3d& half) {
   };
 }
 
-// A camera at `center` that looks at the origin.
+// A camera at `center`, directed at the origin.
 inline geometry::Rigid3 looking_at_origin(const Eigen::Vector3d& center) {
   const Eigen::Vector3d ahead = -center.normalized();
   const Eigen::Vector3d up =
@@ -98,7 +98,7 @@ inline std::vector<geometry::Rigid3> cameras_all_around(int count, double distan
   return poses;
 }
 
-// Smooth colours of the world, BGR.
+// Smooth colours as a function of the position, BGR.
 inline cv::Vec3b test_color(const Eigen::Vector3d& x) {
   const auto wave = [](double phase) {
     return cv::saturate_cast<std::uint8_t>(128 + 90 * std::sin(phase));
@@ -146,7 +146,7 @@ inline geometry::Camera test_camera(int width = 160, int height = 120, double fo
   return camera;
 }
 
-// A dense workspace on disk. `change` may spoil a view before it is written.
+// Writes a dense workspace. `change` may modify a view before it is written.
 inline void write_workspace(const std::string& folder, const Caster& cast,
                             const geometry::Camera& camera,
                             const std::vector<geometry::Rigid3>& poses,

@@ -22,9 +22,9 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kPadding = 3;        // px of the texture around a chart
-constexpr int kTile = 6;           // px, side of the place of a face that no image shows
-constexpr double kSmaller = 0.93;  // per attempt to place the charts
-constexpr double kFull = 0.85;     // of the texture, that rectangles fill at most
+constexpr int kTile = 6;           // px, size of the patch for a face that no image shows
+constexpr double kSmaller = 0.93;  // reduction per attempt to place the charts
+constexpr double kFull = 0.85;     // max share of the texture that rectangles fill
 constexpr double kMinScale = 0.01;
 
 struct Chart {
@@ -35,7 +35,7 @@ struct Chart {
   cv::Point2d high{-1e300, -1e300};
   cv::Rect source;  // px of the image, with the padding; may reach outside of it
   cv::Rect place;   // px of the texture
-  // From px of the image to px of the texture.
+  // Converts px of the image to px of the texture.
   [[nodiscard]] cv::Point2d in_texture(const cv::Point2d& p) const {
     return {(p.x - source.x + 0.5) * place.width / source.width - 0.5 + place.x,
             (p.y - source.y + 0.5) * place.height / source.height - 0.5 + place.y};
@@ -104,7 +104,7 @@ class Painter {
     result_.charts = static_cast<int>(charts_.size());
   }
 
-  // A node of a chart and vertex; nodes of a chart are numbered on.
+  // Creates a node per chart and vertex, numbered consecutively within a chart.
   void find_nodes() {
     for (Chart& chart : charts_) {
       for (auto& [vertex, node] : chart.uv_of) {
@@ -226,7 +226,7 @@ class Painter {
   [[nodiscard]] std::vector<cv::Vec3f> offsets() const {
     SeamProblem problem;
     problem.nodes = static_cast<int>(vertices_.size());
-    std::vector<std::pair<int, int>> pairs;  // of nodes across a seam
+    std::vector<std::pair<int, int>> pairs;  // nodes on both sides of a seam
     for (int f = 0; f < static_cast<int>(chart_of_.size()); ++f) {
       if (view_of(f) < 0) continue;
       for (std::size_t k = 0; k < 3; ++k) {
@@ -256,7 +256,7 @@ class Painter {
     return level_seams(problem);
   }
 
-  // The offsets between the corners of a face; the farther pixels of the padding take the nearest.
+  // Interpolates the offsets within each face. Other pixels of the padding take the nearest.
   void level() {
     throw_if_stopped(stop_);
     const std::vector<cv::Vec3f> all = offsets();
@@ -270,7 +270,7 @@ class Painter {
     cv::Mat1b known(chart.place.size(), static_cast<unsigned char>(0));
     for (const int f : chart.faces) draw_offsets(chart, f, all, offset, known);
     for (int step = 0; step <= kPadding; ++step) spread(offset, known);
-    // What lies farther out is no part of the surface: one colour makes smaller files.
+    // Pixels farther outside are unused: a uniform colour compresses better.
     cv::Mat image = result_.image(chart.place);
     const cv::Scalar mean = cv::mean(image, known);
     for (int y = 0; y < image.rows; ++y) {
@@ -298,7 +298,7 @@ class Painter {
     const double area = (p[1] - p[0]).cross(p[2] - p[0]);
     const auto [left, right] = std::minmax({p[0].x, p[1].x, p[2].x});
     const auto [top, bottom] = std::minmax({p[0].y, p[1].y, p[2].y});
-    // Half a pixel more, so that no pixel between faces is left out.
+    // Half a pixel of margin, so that no pixel between faces is missed.
     const double slack =
         std::abs(area) > 1e-9 ? 0.6 * std::max(right - left, bottom - top) / std::abs(area) : 0;
     for (int y = std::max(0, static_cast<int>(std::floor(top)));
@@ -398,13 +398,13 @@ class Painter {
   const std::stop_token& stop_;
   std::vector<Face> neighbors_;
   std::vector<Chart> charts_;
-  std::vector<int> chart_of_;  // of each face; -1: none
+  std::vector<int> chart_of_;  // for each face; -1: none
   std::vector<std::vector<int>> charts_of_view_;
-  std::vector<int> unseen_;  // faces
+  std::vector<int> unseen_;  // indices of faces
   cv::Rect unseen_place_;
   int tiles_across_ = 1;
-  std::vector<int> vertices_;    // of each node
-  std::vector<cv::Vec4f> sums_;  // of each node: colours along seams, weight
+  std::vector<int> vertices_;    // for each node
+  std::vector<cv::Vec4f> sums_;  // for each node: sum of colours along seams, and weight
   SurfaceTexture result_;
 };
 

@@ -12,27 +12,27 @@
 
 namespace tarsier::sfm {
 
-// An image that is laid over a surface.
+// A texture for a surface.
 struct SurfaceTexture {
   cv::Mat image;               // CV_8UC3 BGR
-  std::vector<cv::Vec2f> uvs;  // (0, 0): the bottom left corner of the image, (1, 1): its top right
-  std::vector<Face> corners;   // of each face of the surface: indices of uvs
+  std::vector<cv::Vec2f> uvs;  // (0, 0): bottom left corner of the image, (1, 1): top right
+  std::vector<Face> corners;   // for each face of the surface: indices of uvs
   int charts = 0;              // connected parts with one view each
-  double scale = 1;            // pixels of the texture for one of the images
+  double scale = 1;            // px of the texture per px of the images
 };
 
 struct TextureJob {
   const Workspace& workspace;
   const SurfaceMesh& mesh;        // with colours, for faces without a view
-  const std::vector<int>& views;  // of each face; -1: none
-  int size = 4096;                // px, largest side
-  bool level = true;              // seams
+  const std::vector<int>& views;  // for each face; -1: none
+  int size = 4096;                // px, longest side
+  bool level = true;              // level the seams
 };
-// Connected faces of one view are a chart: they keep the place that they have in the image, so that its pixels are
-// copied, not resampled, unless all charts together are too large; then all are reduced by the same
-// factor. Faces that no image shows have small triangles of their own, in the colours of their
-// corners. Seams are levelled (seam_levelling.h). Around each chart the image goes on for three
-// pixels. Each image is read once. The same for any number of threads. Throws InputError,
+// Connected faces with the same view form a chart. A chart keeps its shape in the image, so that
+// pixels are copied and not resampled. Where all charts together are too large, all are reduced by
+// the same factor. Faces that no image shows get small triangles of their own, in the colours of
+// their corners. Seams are levelled (seam_levelling.h). Each chart includes three px of the image
+// around it. Each image is read once. Does not depend on the number of threads. Throws InputError,
 // Interrupted, UsageError where the texture is too small for the charts.
 [[nodiscard]] SurfaceTexture make_surface_texture(const TextureJob& job, Progress& progress,
                                                   const std::stop_token& stop);

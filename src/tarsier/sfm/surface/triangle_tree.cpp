@@ -91,7 +91,7 @@ int TriangleTree::build(int begin, int end, const std::vector<Eigen::Vector3f>& 
 float TriangleTree::distance(const Eigen::Vector3f& from, float limit) const {
   if (nodes_.empty()) return limit;
   float best = limit;
-  std::array<std::pair<float, int>, 64> waiting;  // halving leaves no deeper tree
+  std::array<std::pair<float, int>, 64> waiting;  // median splits limit the depth
   std::size_t count = 0;
   const auto put = [&](int node) {
     const float away = nodes_[static_cast<std::size_t>(node)].box.exteriorDistance(from);
@@ -114,7 +114,7 @@ float TriangleTree::distance(const Eigen::Vector3f& from, float limit) const {
     put(node.left);
     put(node.right);
     if (count == before + 2 && waiting[before].first < waiting[before + 1].first)
-      std::swap(waiting[before], waiting[before + 1]);  // the nearer one goes first
+      std::swap(waiting[before], waiting[before + 1]);  // visit the nearer one first
   }
   return best;
 }

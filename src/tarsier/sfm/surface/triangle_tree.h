@@ -10,34 +10,34 @@
 
 namespace tarsier::sfm {
 
-// Distance of `from` to the triangle a, b, c, which may be a line or a point: of the perpendicular
-// foot where it is inside, else of the nearest of the three sides (Eberly, "Distance between point
-// and triangle in 3D", 1999).
+// Distance of `from` to the triangle a, b, c, which may be degenerate: to the perpendicular foot
+// where it is inside, else to the nearest of the three sides (Eberly, "Distance between point and
+// triangle in 3D", 1999).
 [[nodiscard]] float triangle_distance(const Eigen::Vector3f& from, const Eigen::Vector3f& a,
                                       const Eigen::Vector3f& b, const Eigen::Vector3f& c);
 
-// The faces of a surface in a tree of boxes, halved at the median of the longest side, to look for
-// the nearest one. Const after construction; may be asked by several threads.
+// A bounding volume hierarchy of the faces of a surface, for nearest neighbour search. Boxes are
+// split at the median of their longest side. Const after construction, for use by several threads.
 class TriangleTree {
  public:
   explicit TriangleTree(SurfaceMesh mesh);  // throws std::invalid_argument (SurfaceMesh::check())
 
-  // Distance of the nearest face, or `limit` where none is nearer.
+  // Distance of the nearest face, at most `limit`.
   [[nodiscard]] float distance(const Eigen::Vector3f& from, float limit) const;
 
  private:
   struct Node {
     Eigen::AlignedBox3f box;
-    int left = -1;  // of an inner node; the right one follows behind all of the left
+    int left = -1;  // of an inner node; the right child follows after all of the left subtree
     int right = -1;
-    int begin = 0;  // of a leaf: its faces
+    int begin = 0;  // of a leaf: range of its faces
     int end = 0;
   };
   [[nodiscard]] const Eigen::Vector3f& corner(int face, int k) const;
   int build(int begin, int end, const std::vector<Eigen::Vector3f>& middles);
 
   SurfaceMesh mesh_;
-  std::vector<int> order_;  // of the faces, as the leaves have them
+  std::vector<int> order_;  // faces in the order of the leaves
   std::vector<Node> nodes_;
 };
 

@@ -11,10 +11,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr float kGood = 0.7F;   // of the best quality
+constexpr float kGood = 0.7F;   // share of the best quality
 constexpr float kSeam = 0.35F;  // cost of a neighbour with another view
 constexpr int kSweeps = 10;
-constexpr std::size_t kSmall = 24;  // faces of a part that joins another
+constexpr std::size_t kSmall = 24;  // smaller parts join another
 constexpr int kMerges = 3;
 
 float quality_in(const FaceViews& views, int view) {
@@ -28,9 +28,9 @@ float area_of(const SurfaceMesh& mesh, const Face& face) {
   return 0.5F * (mesh.vertices[at(face[1])] - a).cross(mesh.vertices[at(face[2])] - a).norm();
 }
 
-// View by view, the one first that shows most.
+// Assigns views greedily: next the one that shows most of the rest.
 std::vector<int> covered(const SurfaceMesh& mesh, const ViewScan& scan, int views) {
-  std::vector<std::vector<int>> faces_of(at(views));  // that a view shows well
+  std::vector<std::vector<int>> faces_of(at(views));  // faces that a view shows well
   std::vector<double> gains(at(views), 0);
   std::vector<float> areas(mesh.faces.size());
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
@@ -56,7 +56,7 @@ std::vector<int> covered(const SurfaceMesh& mesh, const ViewScan& scan, int view
     }
     gains[at(view)] = -1;
   }
-  // What rounding of the gains may have left over.
+  // Faces left over by rounding of the gains.
   for (std::size_t f = 0; f < labels.size(); ++f)
     if (labels[f] < 0) labels[f] = scan.faces[f][0].view;
   return labels;
@@ -94,7 +94,7 @@ void settle(const ViewScan& scan, const std::vector<Face>& neighbors, std::vecto
   }
 }
 
-// Parts of a few faces take the view beside them that shows most of their faces, and all of them.
+// Small parts take the adjacent view with most common edges that shows all of their faces.
 void join_small(const ViewScan& scan, const std::vector<Face>& neighbors,
                 std::vector<int>& labels) {
   std::vector<char> seen(labels.size(), 0);
@@ -102,7 +102,7 @@ void join_small(const ViewScan& scan, const std::vector<Face>& neighbors,
     if (seen[start] != 0 || labels[start] < 0) continue;
     std::vector<int> part{static_cast<int>(start)};
     seen[start] = 1;
-    std::map<int, int> beside;  // view: edges
+    std::map<int, int> beside;  // adjacent views, with the number of edges
     for (std::size_t i = 0; i < part.size(); ++i) {
       for (const int other : neighbors[at(part[i])]) {
         if (other < 0 || labels[at(other)] < 0) continue;

@@ -20,11 +20,11 @@ namespace {
 constexpr double kBorder = 2;         // px
 constexpr int kBesideBackground = 2;  // px of a depth map
 constexpr float kMinCosine = 0.08F;   // 85 degrees
-constexpr double kMaxPixels = 1.5e6;  // of the depth that is compared with
-constexpr int kFills = 64;            // steps of colours into what no image shows
+constexpr double kMaxPixels = 1.5e6;  // max size of the depth image for the visibility test
+constexpr int kFills = 64;            // steps that spread colours to vertices that no image shows
 constexpr float kFar = std::numeric_limits<float>::infinity();
 
-// The vertices in the frame of a camera.
+// Transforms the vertices to a camera's frame.
 std::vector<Eigen::Vector3f> in_camera(const SurfaceMesh& mesh, const geometry::Rigid3& pose) {
   std::vector<Eigen::Vector3f> result(mesh.vertices.size());
   cv::parallel_for_(cv::Range(0, static_cast<int>(result.size())), [&](const cv::Range& range) {
@@ -73,18 +73,18 @@ cv::Mat1f draw_surface(const SurfaceMesh& mesh, const std::vector<Eigen::Vector3
       inverse[k] = 1 / x[2];
       p[k] = {camera.fx * x[0] * inverse[k] + camera.cx, camera.fy * x[1] * inverse[k] + camera.cy};
     }
-    // What reaches behind the camera covers it hardly: surfaces are in front of the cameras.
+    // Faces that reach behind the camera are skipped: they hardly hide the surface in front of it.
     if (is_before) draw_depth(p, inverse, depth);
   }
   return depth;
 }
 
-// A view with the surface's depth in it.
+// A view with the depth of the surface.
 struct DepthView {
   geometry::Camera camera;
-  geometry::Camera small;  // of `depth`
+  geometry::Camera small;  // camera of `depth`
   cv::Mat1f depth;
-  cv::Mat1b background;  // and what is next to it; may be empty
+  cv::Mat1b background;  // including a margin; may be empty
   float tolerance = 0;
 
   [[nodiscard]] bool is_background(const cv::Point2d& p) const {
@@ -139,7 +139,7 @@ void keep_best(FaceViews& best, FaceView candidate) {
   }
 }
 
-// Colours from those around, until all have one.
+// Spreads colours to neighbouring vertices until all have one.
 void fill_colors(const SurfaceMesh& mesh, std::vector<cv::Vec3f>& colors,
                  std::vector<char>& known) {
   for (int step = 0; step < kFills; ++step) {

@@ -15,9 +15,9 @@ namespace {
 constexpr std::uint64_t kMask = (1U << 21) - 1;
 constexpr int kBias = 1 << 20;
 constexpr double kMaxBehind = 1.5;  // truncations along the ray
-constexpr double kPixels = 1;       // where one is wider than a voxel, the truncation grows
+constexpr double kPixels = 1;       // px; where these exceed a voxel, the truncation grows
 constexpr float kMinAgreement = 0.7F;
-constexpr double kMaxWider = 4;  // times the truncation of voxels
+constexpr double kMaxWider = 4;  // max factor of the truncation
 
 std::size_t slot_of(VoxelVolume::Key key, std::size_t mask) {
   key ^= key >> 31;
@@ -25,15 +25,15 @@ std::size_t slot_of(VoxelVolume::Key key, std::size_t mask) {
   return static_cast<std::size_t>(key >> 20) & mask;
 }
 
-// What integrate() needs in its inner loop.
+// Data for the inner loop of integrate().
 struct VoxelView {
-  Eigen::Matrix3f rotation;  // camera from voxels
+  Eigen::Matrix3f rotation;  // camera from voxel coordinates
   Eigen::Vector3f translation;
   float fx, fy, cx, cy;
   int width, height;
-  float per_unit;    // voxels for one of the world
+  float per_unit;    // voxels per world unit
   float truncation;  // voxels
-  float per_depth;   // voxels of truncation for one of the world of depth
+  float per_depth;   // truncation in voxels per world unit of depth
   float carving;
   float factor;  // of the weights
 };
@@ -42,9 +42,9 @@ float distance_to(const cv::Vec4f& plane, const Eigen::Vector3f& at) {
   return plane[0] * at[0] + plane[1] * at[1] + plane[2] * at[2] - plane[3];
 }
 
-// The distance, world units, to the planes of the four pixels around (u, v): a mean weighted by nearness and
-// their weights, of those that agree with the nearest pixel's: normals within 45
-// degrees (no mean across an edge), distances within `most`.
+// Mean distance, world units, to the planes of the four pixels around (u, v), weighted by proximity
+// and their weights. Only planes that agree with that of the nearest pixel are used: normals within
+// 45 degrees, so that edges are not averaged, and distances within `most`.
 float mean_distance(const TangentMap& map, const Eigen::Vector3f& at, float u, float v,
                     const cv::Vec4f& nearest_plane, float nearest, float most) {
   const auto left = static_cast<int>(std::floor(u));
@@ -77,7 +77,7 @@ void add(Voxel& voxel, float distance, float weight) {
   voxel.weight = sum;
 }
 
-// `start`: voxel (0, y, z) of a block in the camera's frame, `step`: to the next along x.
+// `start`: voxel (0, y, z) of a block in the camera frame; `step`: offset of the next one along x.
 void add_row(const VoxelView& view, const TangentMap& map, Eigen::Vector3f at,
              const Eigen::Vector3f& step, Voxel* row) {
   for (int x = 0; x < VoxelVolume::kSide; ++x, at += step) {
@@ -121,7 +121,7 @@ void add_row(const VoxelView& view, const TangentMap& map, Eigen::Vector3f at,
   }
 }
 
-// Of the known pixels those that are not within `trim` of a larger unknown part.
+// The known pixels that are not within `trim` of a larger unknown area.
 cv::Mat1b inner_pixels(const cv::Mat& depth, int trim) {
   cv::Mat1b inner;
   cv::compare(depth, 0, inner, cv::CMP_GT);
@@ -132,7 +132,7 @@ cv::Mat1b inner_pixels(const cv::Mat& depth, int trim) {
   return inner;
 }
 
-// Whether the sphere around a block may be in the image.
+// Whether the bounding sphere of a block may be in the image.
 bool may_see(const VoxelView& view, const Eigen::Vector3f& center, float radius) {
   if (center[2] < -radius) return false;
   if (center[2] < 2 * radius) return true;
@@ -140,7 +140,7 @@ bool may_see(const VoxelView& view, const Eigen::Vector3f& center, float radius)
   const float reach = 1.5F * std::max(view.fx, view.fy) * radius * inverse;
   const float u = view.fx * center[0] / center[2] + view.cx;
   const float v = view.fy * center[1] / center[2] + view.cy;
-  // A sphere off the axis spreads more.
+  // A sphere off the axis projects to a larger area.
   const float slant = 1 + std::hypot(center[0], center[1]) / center[2];
   return u > -slant * reach && v > -slant * reach &&
          u < static_cast<float>(view.width) + slant * reach &&
@@ -302,7 +302,7 @@ void integrate(VoxelVolume& volume, const TangentMap& map, const Integration& op
   const Eigen::Vector3f step = view.rotation.col(0);
   cv::parallel_for_(cv::Range(0, volume.blocks()), [&](const cv::Range& range) {
     for (int b = range.start; b < range.end; ++b) {
-      // Far from the origin floats of the world would not do.
+      // Far from the origin, float would not be accurate enough in the world frame.
       const Eigen::Vector3d first =
           map.pose *
           Eigen::Vector3d(volume.index(b).cast<double>() * (VoxelVolume::kSide * volume.size()));

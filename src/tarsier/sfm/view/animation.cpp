@@ -15,16 +15,16 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kColors = 255;  // one index is left for "as in the frame before"
+constexpr std::size_t kColors = 255;  // one index means "as in the previous frame"
 constexpr std::uint8_t kUnchanged = 255;
 constexpr std::size_t kSamples = 200'000;
-constexpr int kCodeBits = 8;  // of a pixel
+constexpr int kCodeBits = 8;  // bits of a pixel
 
 std::uint32_t key_of(const cv::Vec3b& color) {
   return static_cast<std::uint32_t>(color[0] | color[1] << 8 | color[2] << 16);
 }
 
-// The frames' own colours, unless there are too many.
+// The colours of the frames, unless there are too many.
 std::optional<std::vector<cv::Vec3b>> few_colors(const std::vector<cv::Mat>& frames) {
   std::vector<cv::Vec3b> colors;
   std::unordered_map<std::uint32_t, bool> seen;
@@ -42,13 +42,13 @@ std::optional<std::vector<cv::Vec3b>> few_colors(const std::vector<cv::Mat>& fra
   return colors;
 }
 
-// Some of the samples, from begin to end, as one colour.
+// A range of the samples, represented by one colour.
 struct Box {
   std::size_t begin = 0;
   std::size_t end = 0;
   cv::Vec3d mean;
-  int axis = 0;      // along which it is widest
-  double error = 0;  // sum of squares about the mean, along the axis
+  int axis = 0;      // the axis along which it is widest
+  double error = 0;  // sum of squared deviations from the mean, along the axis
 };
 
 Box box_of(const std::vector<cv::Vec3b>& samples, std::size_t begin, std::size_t end) {
@@ -72,14 +72,14 @@ Box box_of(const std::vector<cv::Vec3b>& samples, std::size_t begin, std::size_t
   return box;
 }
 
-// Splits the box with the largest error, at its mean, until there are enough. A flat background
-// takes one colour that way, however large it is.
+// Repeatedly splits the box with the largest error at its mean. A uniform background, however
+// large, takes only one colour.
 std::vector<cv::Vec3b> best_colors(const std::vector<cv::Mat>& frames) {
   const std::size_t pixels = frames.size() * frames[0].total();
   const std::size_t step = std::max<std::size_t>(1, pixels / kSamples);
   std::vector<cv::Vec3b> samples;
   for (std::size_t i = 0; i < pixels; i += step) {
-    // Steps of one length would run down the columns of some widths.
+    // A constant step would sample columns at some widths.
     const std::size_t at = std::min(pixels - 1, i + i * 7919 % step);
     const cv::Mat& frame = frames[at / frames[0].total()];
     const std::size_t inside = at % frames[0].total();
@@ -107,7 +107,7 @@ std::vector<cv::Vec3b> best_colors(const std::vector<cv::Mat>& frames) {
   return colors;
 }
 
-// Which colour of the palette stands for a colour.
+// Maps colours to the palette.
 class Nearest {
  public:
   Nearest(std::vector<cv::Vec3b> palette, bool exact) : palette_(std::move(palette)) {
@@ -121,7 +121,7 @@ class Nearest {
 
   std::uint8_t operator()(const cv::Vec3b& color) {
     if (!exact_.empty()) return exact_.at(key_of(color));
-    // Colours that differ by less than 4 share an answer.
+    // Colours that differ by less than 4 share an entry.
     std::int16_t& known = known_[static_cast<std::size_t>((color[0] >> 2) << 12 |
                                                           (color[1] >> 2) << 6 | color[2] >> 2)];
     if (known < 0) {
@@ -141,10 +141,10 @@ class Nearest {
  private:
   std::vector<cv::Vec3b> palette_;
   std::unordered_map<std::uint32_t, std::uint8_t> exact_;
-  std::vector<std::int16_t> known_;  // -1: not yet
+  std::vector<std::int16_t> known_;  // -1: not computed yet
 };
 
-// Bits from the lowest up, in blocks of at most 255 bytes.
+// Writes bits in blocks of at most 255 bytes, lowest bit first.
 class BlockWriter {
  public:
   explicit BlockWriter(std::string& out) : out_(out) {}
@@ -178,11 +178,11 @@ class BlockWriter {
   int count_ = 0;
 };
 
-// The codes of longer and longer strings: (code of all but its last pixel, last pixel) -> code.
+// The codes of increasingly long strings: (code of all but the last pixel, last pixel) -> code.
 class CodeTable {
  public:
   void clear() { slots_.fill({}); }
-  // Code of the string, or the place where it belongs.
+  // The entry of a string, or the free place for it.
   struct Slot {
     std::int32_t key = -1;
     std::int32_t code = 0;
@@ -228,7 +228,7 @@ void write_pixels(const std::vector<std::uint8_t>& pixels, std::string& out) {
     prefix = pixels[i];
   }
   writer.put(prefix, bits);
-  // Whoever reads it makes one more code now, and may need one more bit for it.
+  // The reader adds one more code at this point, and may need one more bit for it.
   if (next == 1 << bits && bits < 12) ++bits;
   writer.put(kEnd, bits);
   writer.finish();
@@ -257,12 +257,12 @@ void write_gif(const std::string& path, const std::vector<cv::Mat>& frames, doub
   put_16(out, size.width);
   put_16(out, size.height);
   out += "\xf7";                       // a palette of 256 colours of 8 bits
-  out += std::string_view("\0\0", 2);  // background, shape of a pixel
+  out += std::string_view("\0\0", 2);  // background, aspect ratio of a pixel
   for (std::size_t i = 0; i < 256; ++i) {
     const cv::Vec3b color = i < palette.size() ? palette[i] : cv::Vec3b();
     for (int k = 2; k >= 0; --k) out += static_cast<char>(color[k]);
   }
-  out += std::string_view("\x21\xff\x0bNETSCAPE2.0\x03\x01\0\0\0", 19);  // for ever
+  out += std::string_view("\x21\xff\x0bNETSCAPE2.0\x03\x01\0\0\0", 19);  // repeat forever
 
   Nearest nearest(palette, own.has_value());
   std::vector<std::uint8_t> before;
@@ -277,11 +277,12 @@ void write_gif(const std::string& path, const std::vector<cv::Mat>& frames, doub
         written[at] = !before.empty() && before[at] == now[at] ? kUnchanged : now[at];
       }
     }
-    // Rounded over the whole video, so that it does not run slow or fast.
+    // Rounded over the whole animation, so that its speed is exact.
     const auto until = [fps](std::size_t n) {
       return std::lround(100.0 * static_cast<double>(n) / fps);
     };
-    out += std::string_view("\x21\xf9\x04\x05", 4);  // keep the frame below, see through one index
+    // keep the previous frame, one transparent index
+    out += std::string_view("\x21\xf9\x04\x05", 4);
     put_16(out, static_cast<int>(std::clamp(until(i + 1) - until(i), 2L, 65535L)));
     out += static_cast<char>(kUnchanged);
     out += std::string_view("\0\x2c\0\0\0\0", 6);

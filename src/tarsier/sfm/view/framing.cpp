@@ -12,10 +12,11 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kWithin = 0.95;          // of the points
-constexpr double kMost = 0.8;             // of the points: what an image is of
-constexpr double kMoreForRest = 1.6;      // times the size of these, at most: hills behind a statue
-constexpr double kMoreForCameras = 1.35;  // times the points' own size, at most
+constexpr double kWithin = 0.95;  // share of the points
+constexpr double kMost = 0.8;     // share of the points that are taken for the subject
+// max factor of the subject's size, e.g. for hills behind a statue
+constexpr double kMoreForRest = 1.6;
+constexpr double kMoreForCameras = 1.35;  // max factor of the points' size
 constexpr double kMargin = 1.08;
 
 bool finite(const geometry::Rigid3& pose) {
@@ -55,8 +56,8 @@ Extent extent_of(const std::vector<Eigen::Vector3d>& all, const Framing& framing
   return result;
 }
 
-// Images are in the order in which they were taken, more or less: the median step says how
-// large cameras may be drawn without standing in each other.
+// Images are roughly in the order of capture. The median step determines how large cameras can be
+// drawn without overlapping.
 double camera_size_of(const std::vector<Eigen::Vector3d>& centers, double scale) {
   std::vector<double> steps;
   for (std::size_t i = 1; i < centers.size(); ++i)
@@ -89,7 +90,7 @@ Framing frame_model(const Model& model, bool with_cameras) {
   const auto count = static_cast<double>(centers.size());
   Eigen::Vector3d up(0, -1, 0);
   if (down.norm() > 1e-3 * count) up = -down.normalized();
-  // Cameras all around cancel out: then the first one is as good as any.
+  // Cameras all around cancel out: then the first one defines the front.
   Eigen::Vector3d front = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& candidate : std::initializer_list<Eigen::Vector3d>{
            ahead / std::max(count, 1.0), first_ahead, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}) {
@@ -127,7 +128,7 @@ std::vector<Pyramid> camera_pyramids(const Model& model, const Framing& framing)
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     const Image& image = model.images[i];
     if (!image.registered || !finite(image.pose)) continue;
-    // Half the angles of view as tangents; a camera that is not known is drawn as a usual one.
+    // Tangents of half the angles of view; typical values for an unknown camera.
     double across = 0.6;
     double upright = 0.45;
     if (image.camera >= 0 && static_cast<std::size_t>(image.camera) < model.cameras.size()) {
@@ -154,7 +155,7 @@ double fitting_distance(double radius, double half_height, double pitch, double 
                         double tan_upright) {
   const double tilt = std::abs(std::sin(pitch));
   const double level = std::cos(pitch);
-  // Across it must fit however it is turned: a circle between the two edges of the view.
+  // Horizontally it must fit at any rotation: a circle between the two edges of the view.
   const double across = radius * std::hypot(1.0, tan_across) / tan_across;
   const double upright = (half_height * level + radius * tilt) / tan_upright + 0.5 * radius * level;
   return kMargin * std::max(across, upright);

@@ -15,14 +15,14 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kTanUpright = 0.364;  // of half the angle of view: 40 degrees in all
+constexpr double kTanUpright = 0.364;  // tangent of half the angle of view: 40 degrees in all
 constexpr float kFar = std::numeric_limits<float>::infinity();
-constexpr double kNear = 0.02;        // of the distance; what is nearer is not drawn
-constexpr float kPale = 0.3F;         // of the background mixed into the farthest points
-constexpr float kShade = 0.4F;        // taken from points right behind others
+constexpr double kNear = 0.02;        // share of the distance; nearer points are not drawn
+constexpr float kPale = 0.3F;         // share of the background in the farthest points
+constexpr float kShade = 0.4F;        // darkening of points closely behind others
 constexpr double kLinePx = 1.3;       // width
 constexpr double kHiddenLine = 0.22;  // opacity of lines behind points
-constexpr int kLargest = 96;          // px of a splat
+constexpr int kLargest = 96;          // px, max size of a splat
 
 double radians(double degrees) { return degrees * std::numbers::pi / 180; }
 
@@ -31,7 +31,7 @@ struct Dot {
   cv::Vec3b color;
 };
 
-// All that does not change while the cloud turns.
+// Everything that stays the same while the cloud rotates.
 struct Scene {
   Framing framing;
   std::vector<Dot> dots;
@@ -54,12 +54,12 @@ Viewpoint viewpoint_of(const Framing& framing, const ViewOptions& options) {
   Viewpoint view;
   view.camera.width = options.size.width;
   view.camera.height = options.size.height;
-  // Images that are higher than wide keep the angle across instead.
+  // In images higher than wide, the horizontal angle is kept instead.
   view.camera.fx = view.camera.fy =
       0.5 * std::min(options.size.height, options.size.width) / kTanUpright;
   view.camera.cx = 0.5 * (options.size.width - 1);
   view.camera.cy = 0.5 * (options.size.height - 1);
-  // A full turn must give the same bits as none.
+  // A full turn must give bit-identical images.
   const double yaw = radians(std::remainder(options.yaw_deg, 360));
   const double pitch = radians(options.pitch_deg);
   view.distance = options.distance > 0
@@ -71,7 +71,7 @@ Viewpoint viewpoint_of(const Framing& framing, const ViewOptions& options) {
   const double c = std::cos(yaw);
   const double st = std::sin(pitch);
   const double ct = std::cos(pitch);
-  // Rows: right, down and ahead in the frame of the cloud.
+  // Rows: right, down and forward in the frame of the cloud.
   const Eigen::Matrix3d turn{{c, 0, -s}, {st * s, -ct, st * c}, {-ct * s, -st, -ct * c}};
   view.pose.rotation = turn * framing.base;
   view.pose.translation =
@@ -79,7 +79,7 @@ Viewpoint viewpoint_of(const Framing& framing, const ViewOptions& options) {
   return view;
 }
 
-// From where to where each row of a round splat goes; small ones are square.
+// Begin and end of each row of a round splat; small splats are square.
 using Spans = std::vector<std::vector<std::array<int, 2>>>;
 
 const Spans& spans() {
@@ -113,7 +113,7 @@ cv::Vec3b mix(const cv::Vec3b& a, const cv::Vec3b& b, float share_of_b) {
 
 void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& options,
                cv::Mat& image, cv::Mat1f& depth) {
-  // About a third of the image shows the cloud.
+  // Assumes that about a third of the image shows the cloud.
   const double spacing =
       std::sqrt(0.35 * options.size.area() /
                 static_cast<double>(std::max<std::size_t>(1, scene.dots.size())));
@@ -162,7 +162,7 @@ void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& opt
   }
 }
 
-// Darkens what lies close behind something: edges stand out, and the cloud reads as solid.
+// Darkens points closely behind others, which emphasises edges and solidity.
 void shade_edges(const cv::Mat1f& depth, float scale, cv::Mat& image) {
   const float per_unit = 1 / (0.08F * scale);
   for (int y = 1; y + 1 < image.rows; ++y) {
@@ -183,7 +183,8 @@ void shade_edges(const cv::Mat1f& depth, float scale, cv::Mat& image) {
   }
 }
 
-// A smooth line between two points in front of the camera. Its depth is compared in each pixel.
+// Draws an anti-aliased line between two points in front of the camera, with a depth test per
+// pixel.
 void draw_line(const Viewpoint& view, Eigen::Vector3d a, Eigen::Vector3d b, const cv::Vec3b& color,
                const cv::Mat1f& depth, cv::Mat& image) {
   const double near_z = kNear * view.distance;
@@ -198,7 +199,7 @@ void draw_line(const Viewpoint& view, Eigen::Vector3d a, Eigen::Vector3d b, cons
   cv::Point2d to = pixel(b);
   double from_inverse = 1 / a[2];
   double to_inverse = 1 / b[2];
-  // Along the longer of x and y.
+  // Steps along the longer of x and y.
   const bool steep = std::abs(to.y - from.y) > std::abs(to.x - from.x);
   if (steep) {
     std::swap(from.x, from.y);

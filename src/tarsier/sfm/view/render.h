@@ -10,17 +10,16 @@
 
 #include <functional>
 
-// Images of a reconstruction, drawn without a display. The same model and options give the same
-// bytes.
+// Renders images of a reconstruction without a display. The result is deterministic, byte by byte.
 namespace tarsier::sfm {
 
 struct ViewOptions {
   cv::Size size{960, 720};              // px, each side
-  double yaw_deg = 0;                   // to the right around the cloud; 0: where the cameras stood
+  double yaw_deg = 0;                   // to the right around the cloud; 0: the side of the cameras
   double pitch_deg = 15;                // above the horizon
-  double distance = 0;                  // world units from the cloud's middle; 0: so that it fits
-  int point_px = 0;                     // at the cloud's middle; 0: so that gaps close
-  bool cameras = true;                  // draws the registered ones
+  double distance = 0;                  // world units from the cloud's centre; 0: the cloud fits
+  int point_px = 0;                     // size at the cloud's centre; 0: large enough to close gaps
+  bool cameras = true;                  // draw the registered cameras
   cv::Vec3b background{250, 248, 246};  // BGR
 
   [[nodiscard]] OptionFields fields() {
@@ -33,21 +32,21 @@ struct ViewOptions {
   void check() const;  // throws std::invalid_argument
 };
 
-// The pinhole that render_model looks through.
+// The pinhole camera of render_model().
 struct Viewpoint {
   geometry::Camera camera;
   geometry::Rigid3 pose;  // camera_from_world
-  double distance = 0;    // world units, to the middle of the cloud
+  double distance = 0;    // world units, to the centre of the cloud
 };
 [[nodiscard]] Viewpoint viewpoint_of(const Model& model, const ViewOptions& options);
 
-// The points in their colours, nearer ones before farther ones and those far away paler, and the
-// cameras as pyramids, faint where points hide them. CV_8UC3. A model without points and cameras
+// Renders the points in their colours, nearer ones in front of farther ones and distant ones paler.
+// Cameras are pyramids, faint where points hide them. CV_8UC3. A model without points and cameras
 // gives the plain background.
 [[nodiscard]] cv::Mat render_model(const Model& model, const ViewOptions& options);
 
-// A full turn in `frames` (>= 1) images, from options.yaw_deg on. `take` gets the number of the
-// frame, from 0, and an image that is drawn over after it returns.
+// A full turn in `frames` (>= 1) images, starting at options.yaw_deg. `take` receives the index of
+// the frame, from 0, and an image that is reused after it returns.
 void render_turntable(const Model& model, const ViewOptions& options, int frames,
                       const std::function<void(int, const cv::Mat&)>& take);
 

@@ -25,10 +25,10 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "the page reads little endian numbers");
 
-constexpr double kWidest = 8;  // scales from the middle; positions have 16 bits for all of it
+constexpr double kWidest = 8;  // scales from the centre; the range of the 16-bit positions
 constexpr int kMaxCloud = 400'000;
 
-// JSON that may stand within a script element: nothing in it can end that element.
+// JSON that is safe in a script element: nothing in it can end that element.
 std::string json_in_script(const nlohmann::json& json) {
   const std::string text = json.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
   std::string result;
@@ -54,7 +54,7 @@ std::string counted(std::size_t number, std::string_view one, std::string_view m
   return fmt::format("{} {}", grouped(number), number == 1 ? one : many);
 }
 
-// The page's frame: x right, y up, in radii of what is seen.
+// The page's frame: x right, y up, in units of the radius.
 struct Frame {
   Framing framing;
   [[nodiscard]] Eigen::Vector3d of(const Eigen::Vector3d& world) const {
@@ -68,7 +68,7 @@ std::string base64_of(const std::vector<T>& values) {
       std::span(reinterpret_cast<const std::uint8_t*>(values.data()), values.size() * sizeof(T)));
 }
 
-// Points in 16 bits a coordinate; at most `max_points`, spread evenly. `position(i)`: world,
+// Points with 16 bits per coordinate; at most `max_points`, evenly selected. `position(i)`: world,
 // `color(i)`: BGR.
 template <typename Position, typename Color>
 nlohmann::json cloud_json(std::size_t count, const Frame& frame, int max_points,
@@ -82,7 +82,8 @@ nlohmann::json cloud_json(std::size_t count, const Frame& frame, int max_points,
     range = std::max(range, widest);
     order.push_back(i);
   }
-  // Shuffled, so that the first so many are spread evenly: the page draws fewer without WebGL.
+  // Shuffled, so that any first part is an even selection: without WebGL the page draws fewer
+  // points.
   Rng random(1);
   for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random() % i]);
   if (order.size() > static_cast<std::size_t>(max_points))
@@ -156,7 +157,7 @@ std::string layer_button(const char* layer, const char* label) {
       layer, label);
 }
 
-// Six sliders: from and to of each axis.
+// Six sliders: lower and upper limit of each axis.
 std::string cut_panel() {
   std::string panel = "<div class=\"tv-cut\" hidden>";
   for (const auto& [low, high] :
@@ -218,7 +219,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
   data.update({
       {"radius", framing.radius / scale},
       {"height", framing.half_height / scale},
-      {"unit", scale},  // of the model, for one of the page
+      {"unit", scale},  // units of the model per unit of the page
       {"cameras", base64_of(cameras)},
       {"names", std::move(names)},
       {"listed", std::min<std::size_t>(registered, 2000)},
@@ -237,7 +238,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
   page += whole ? "<div class=\"tv\">" : "<div class=\"tv tv-part\">";
   page += "<style>";
   page += kViewerCss;
-  // After the general height of a view.
+  // After the general rule for the height of a view.
   if (whole) page += "body>.tv{height:100vh;min-height:0}\n";
   page += "</style>\n<canvas tabindex=\"0\" aria-label=\"" + label + "\"></canvas>\n";
   page += "<svg class=\"tv-over\" aria-hidden=\"true\"></svg>\n";
