@@ -14,9 +14,8 @@
 namespace tarsier::cartoon {
 
 inline constexpr int kRowSlack = 64;  // bytes beyond a row that kernels may access
-inline constexpr int kBilateralTable =
-    // Weights of colour distances 0..31; larger distances have weight 0.
-    32;
+// Weights of colour distances 0..31; larger distances have weight 0.
+inline constexpr int kBilateralTable = 32;
 
 // Neighbours of a bilateral filter, in pairs, grouped into rings of equal distance from the centre.
 struct BilateralTaps {

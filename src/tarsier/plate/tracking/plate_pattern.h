@@ -12,8 +12,8 @@
 namespace tarsier::plate {
 
 inline constexpr std::size_t kGram = 3;  // characters per piece
-inline constexpr std::size_t kMaxText =
-    64;  // maximum characters of a pattern, of a correction, and of the indexed text
+// Maximum characters of a pattern, of a correction, and of the indexed text.
+inline constexpr std::size_t kMaxText = 64;
 
 // Parses a pattern typed by a user ("b-12?4*"), for LogFilter::text. Throws UsageError, which names
 // `what`, for characters that no plate can have.
