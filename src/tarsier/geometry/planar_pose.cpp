@@ -85,7 +85,7 @@ std::optional<Eigen::Matrix3d> homography(std::span<const cv::Point2d> from,
   return h;
 }
 
-// --- One image's points, ready for the pose ---
+// --- the points of one image ---
 
 struct Problem {
   std::vector<Eigen::Vector2d> on_plane;  // relative to `center`

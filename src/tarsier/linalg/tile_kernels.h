@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-// The inside of tile_cholesky.h: products of tiles, compiled for each instruction set.
+// Internals of tile_cholesky.h: products of tiles, compiled for each instruction set.
 namespace tarsier::linalg {
 
 constexpr int kTileSize = 48;  // rows and columns: eight cameras

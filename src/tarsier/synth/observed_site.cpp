@@ -265,7 +265,7 @@ class Site {
     }
   }
 
-  // --- what the images show ---
+  // --- observations ---
 
   // Direction to the camera in the axes of the surface.
   static Vector3d seen_from(const SitePoint& point, const Vector3d& center) {

@@ -145,7 +145,7 @@ void put_glow(cv::Mat& image, cv::Point2f at, double radius, const cv::Scalar& c
   }
 }
 
-// --- what does not move ---
+// --- static objects ---
 
 void draw_house(cv::Mat& image, const cv::Rect& wall, bool night, Rng& rng) {
   const double tone = rng.uniform(110, 215);

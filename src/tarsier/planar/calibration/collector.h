@@ -18,8 +18,8 @@ struct CollectorOptions {
   // px per frame: maximum mean motion of the board's points since the last offered view. 0 disables
   // the check.
   double still_px = 0;
-  // A view is new if its mean distance from every kept view (relative to the image's larger side),
-  // or its tilt, differs by at least this much.
+  // A new view differs from each kept view: its points are at least min_move (relative to the
+  // image's larger side) away in the mean, or its tilt differs by at least min_turn_deg.
   double min_move = 0.05;
   double min_turn_deg = 12;
   int most = 40;  // maximum number of views

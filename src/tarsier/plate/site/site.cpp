@@ -285,7 +285,7 @@ class Site {
     return moment.seen;
   }
 
-  // --- what is said ---
+  // --- reports ---
 
   void say(std::size_t index, std::vector<PlateEvent> events) {
     if (events.empty()) return;

@@ -15,7 +15,7 @@
 namespace tarsier::plate {
 namespace {
 
-// --- finding ---
+// --- detection ---
 
 constexpr int kMapPlanes = 10;  // label, weight of the corners, 8 corner offsets
 
@@ -64,7 +64,7 @@ double detector_loss(const linalg::Example& example, const std::vector<float>& o
                           output, shape, derivative);
 }
 
-// --- aligning ---
+// --- alignment ---
 
 double aligner_loss(const linalg::Example& example, const std::vector<float>& output, linalg::Shape,
                     std::vector<float>& derivative) {
@@ -83,7 +83,7 @@ double aligner_loss(const linalg::Example& example, const std::vector<float>& ou
   return loss;
 }
 
-// --- reading ---
+// --- line reader ---
 
 double line_loss(const linalg::Example& example, const std::vector<float>& output,
                  linalg::Shape shape, std::vector<float>& derivative) {
