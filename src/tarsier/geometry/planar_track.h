@@ -69,14 +69,17 @@ struct TrackedPlane {
 };
 
 // Processes one frame.
+//
 // Both poses (planar_poses) are tracked. Each is assigned to the nearer pose of the last frame,
 // predicted with the last rotation. The difference of their squared errors in px, over twice the
 // noise squared, is accumulated over the frames as log odds. The pose is switched only if the odds
 // are clear. A still object near frontal, whose poses have similar errors in each single image,
 // therefore does not flip. A wrong initial choice is corrected as soon as the images show it.
+//
 // Smoothing is a one-euro filter (Casiez et al., CHI 2012) on rotation and translation, driven by
 // the speed of the pixels. A change in depth or tilt of a small object hardly moves its pixels, so
 // noise in these is smoothed. leash_px limits the lag.
+//
 // Empty if there is no pose; the state is then unchanged. `time` (s) must increase. If it does not,
 // after a gap, or for another number of points, tracking restarts.
 [[nodiscard]] std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,

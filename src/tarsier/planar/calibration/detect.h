@@ -37,15 +37,19 @@ struct FindOptions {
 };
 
 // Finds the board in an image.
+//
 // Chess boards: the detector of Duda and Frese (BMVC 2018, cv::findChessboardCornersSB) on the
 // reduced image. If `patient`, the same again with evened light, then cv::findChessboardCorners
 // without its adaptive thresholds, which take seconds for a board of another size. A part of a
 // larger board does not count. The corners are then refined to the saddle point in the full image
 // (cv::cornerSubPix), in windows of at most 0.4 squares, so that neighbouring corners have no
 // influence.
+//
 // Charuco: Tarsier's own detector finds the markers. Their homographies predict the corners, which
 // are refined in the same way. A part of the board is enough.
+//
 // Dots: cv::findCirclesGrid on a limited number of blobs.
+//
 // `image` is 8-bit grey or BGR, not empty. The view is empty if there is no (whole) board, or if
 // the image is smaller than 16 px in one direction.
 [[nodiscard]] BoardView find_board(const cv::Mat& image, const BoardSpec& spec,

@@ -102,7 +102,7 @@ struct CalibrationResult {
   calibration::Coverage coverage;        // of the used views; without a camera, of all views
 
   [[nodiscard]] bool ok() const { return calibration.ok(); }
-  // without a camera, all views
+  // The views used by the calibration; without a camera, all views.
   [[nodiscard]] std::vector<calibration::BoardView> used_views() const;
 };
 

@@ -29,7 +29,7 @@ struct MarkerTrackerOptions {
   MarkerDetector detector = MarkerDetector::kTarsier;
   markers::DetectOptions detect;       // for kTarsier
   geometry::PlanarTrackOptions track;  // for videos
-  // width 0 means any image size; if empty, the camera is guessed from the image
+  // Width 0 means any image size. If empty, the camera is guessed from the image.
   std::optional<geometry::Camera> camera;
   double focal_px = 0;  // of the guessed camera; 0 means the larger side of the image
 

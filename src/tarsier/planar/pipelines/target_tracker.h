@@ -16,7 +16,7 @@ namespace tarsier::planar {
 
 struct TargetTrackerOptions {
   image_targets::TrackOptions track;  // stills use only its `detect`
-  // width 0 means any image size; without a camera there are no poses
+  // Width 0 means any image size. Without a camera there are no poses.
   std::optional<geometry::Camera> camera;
   void check() const;  // throws std::invalid_argument that names the value
 };

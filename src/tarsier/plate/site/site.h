@@ -55,7 +55,7 @@ struct SiteMoment {
 // The callbacks of a site. They are called one at a time, from any thread. An exception of a
 // callback ends the run.
 struct SiteHandlers {
-  // May be empty: events then have no wall-clock times
+  // May be empty: events then have no wall-clock times.
   std::function<SiteMoment(const Frame& frame)> moment;
   // Events of camera `camera`, in order. Ids are unique across all cameras.
   std::function<void(std::size_t camera, const std::vector<PlateEvent>& events)> events;

@@ -23,8 +23,7 @@ namespace tarsier::plate {
 struct PlateCorrection {
   std::string text;    // symbols of kAlphabet only
   std::string author;  // who made the correction
-  // when it was made
-  Moment time;
+  Moment time;         // when it was made
 };
 
 // An entry of a log, without its image.

@@ -17,7 +17,7 @@ namespace {
 constexpr double kCoasting = 1.0;     // s for which the motion is predicted without a reading
 constexpr double kParkedAfter = 3.0;  // s
 constexpr double kStray = 3.0;        // s for which a hardly read vehicle is remembered
-// characters; shorter texts are too common to identify a vehicle.
+// Characters; shorter texts are too common to identify a vehicle.
 constexpr std::size_t kTellingText = 5;
 constexpr std::int64_t kLasting = 10;  // readings
 constexpr double kLastingAgreement = 0.6;

@@ -114,6 +114,7 @@ struct LiveTrack {
 // Returns the news since the last call, for callers that record vehicles while these are in view.
 // Call it after step_tracker(), before handling the events of step_tracker(), and after
 // flush_tracker().
+//
 // kOpened: the vehicle is confirmed. kUpdated: its text has changed, it is out of view, or enough
 // time has passed (half of its stay so far, between 2 and 60 s). kWithdrawn, listed last: an opened
 // vehicle is not a vehicle, or is an earlier one that returned. A vehicle that is confirmed only
