@@ -19,7 +19,7 @@ struct Hand {
   double upright = 0.14;
   double level = 0.14;  // strokes
   double round = 0.5;   // radius of the bowls / width of the skeleton
-  double tall = 1;      // height of the bowls / `round`
+  double tall = 1;      // vertical / horizontal radius of the bowls
   double power = 2;     // of the superellipse: 2 is a circle, 1 a cut corner
   bool round_ends = false;
   bool round_joins = false;

@@ -407,7 +407,7 @@ Alignment Recognizer::align_at(const cv::Mat& gray, const Quad& corners) const {
 
 std::optional<TextCrop> Recognizer::cut_text(const cv::Mat& image, const Quad& corners,
                                              const std::string& text) const {
-  // Probability of a column that shows some character, for each character of the text.
+  // Share of a column's non-blank probability that is added to each character of the text.
   constexpr float kDoubt = 0.2F;
   constexpr float kFill = 0.9F;  // share of the distance of two centres that the characters take
   std::vector<int> classes;
