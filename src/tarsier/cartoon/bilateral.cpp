@@ -30,7 +30,7 @@ void append_weights(const PaintOptions& options, int center, int squared_radius,
   }
 }
 
-// The largest weight, at most 127, with which no sum of weight times difference can leave 16 bits.
+// The maximum weight, at most 127, for which no sum of weight times difference exceeds 16 bits.
 int center_weight(const PaintOptions& options) {
   const int radius = options.diameter / 2;
   std::vector<std::uint8_t> weights;
@@ -57,7 +57,7 @@ int center_weight(const PaintOptions& options) {
 }  // namespace
 
 bool BilateralPainter::supports(const PaintOptions& options) {
-  constexpr int kCoarsest = 48;  // weights in fewer steps do not give the same image
+  constexpr int kCoarsest = 48;  // with fewer steps, the weights do not give the same image
   const int center = center_weight(options);
   return center >= kCoarsest &&
          quantized(center * gaussian(kBilateralTable * kBilateralTable, options.sigma_color)) == 0;
@@ -74,7 +74,7 @@ void BilateralPainter::prepare(const PaintOptions& options, std::ptrdiff_t strid
   const int center = center_weight(options);
   for (int squared = 1; squared <= radius_ * radius_; ++squared) {
     const size_t before = offsets_.size();
-    // One half of the ring; the other half is its mirror image through the centre.
+    // One half of the ring; the other half is its point reflection.
     for (int dy = 0; dy <= radius_; ++dy) {
       for (int dx = dy == 0 ? 1 : -radius_; dx <= radius_; ++dx) {
         if (dx * dx + dy * dy != squared) continue;
@@ -110,7 +110,7 @@ void BilateralPainter::prepare_quads() {
     }
   }
   for (const auto& [squared, table] : table_of) {
-    if (table[kBilateralTable - 1] != 0) return;  // it stands for all larger distances
+    if (table[kBilateralTable - 1] != 0) return;  // it represents all larger distances
   }
   const auto add = [&](std::initializer_list<cv::Point> neighbours) {
     for (const cv::Point& at : neighbours) {
@@ -141,8 +141,8 @@ void BilateralPainter::filter(const Kernels& kernels, const Image& from, Image& 
   for (Plane& plane : to) plane.extend_height_by_reflection(radius_);
 }
 
-// Two passes with one hand-over to the threads, which on small images costs as much as some rows:
-// each band also computes the few rows beyond it that its second pass reads, in an image of its
+// Two passes with one hand-over to the threads, which on small images costs as much as several
+// rows. Each band also computes the few extra rows that its second pass reads, in an image of its
 // own.
 void BilateralPainter::filter_twice(const Kernels& kernels, const Image& from, Image& to) {
   const int width = from[0].width();
@@ -154,7 +154,7 @@ void BilateralPainter::filter_twice(const Kernels& kernels, const Image& from, I
     const int bottom = std::min(height, last + radius_);
     for (Plane& plane : between) plane.resize(width, bottom - top);
     for (int y = top; y < bottom; ++y) filter_row(kernels, from, y, between, y - top);
-    // Matters only where the band ends with the image: elsewhere nothing reads that far.
+    // Has an effect only if the band ends at the image's border; elsewhere these rows are not read.
     for (Plane& plane : between) plane.extend_height_by_reflection(radius_);
     for (int y = first; y < last; ++y) filter_row(kernels, between, y - top, to, y);
   });

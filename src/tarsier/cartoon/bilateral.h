@@ -14,15 +14,15 @@
 
 namespace tarsier::cartoon {
 
-// Repeated bilateral filtering of a colour image in 7-bit weights and 16-bit sums.
+// Repeated bilateral filtering of a colour image, with 7-bit weights and 16-bit sums.
 //
-// The filter is cv::bilateralFilter's: weight exp(-|v - c|_1^2 / 2 sigma_color^2 - r^2 / 2
-// sigma_space^2) in a disc of the given diameter, border mirrored without repeating the border
-// pixel. Weights are rounded to 1/127 (or a little coarser where the sums need it), so that a
-// colour distance of 32 and more has none at sigma_color <= 9.6.
+// The filter is that of cv::bilateralFilter: weight exp(-|v - c|_1^2 / 2 sigma_color^2 - r^2 / 2
+// sigma_space^2) in a disc of the given diameter; the border is mirrored without repeating the
+// border pixel. Weights are rounded to 1/127 (or slightly coarser if the sums require it), so a
+// colour distance of 32 or more has weight 0 at sigma_color <= 9.6.
 class BilateralPainter {
  public:
-  // False where the weights do not fit (sigma_color too large for 32 distances).
+  // False if the weights cannot be represented (sigma_color too large for 32 distances).
   [[nodiscard]] static bool supports(const PaintOptions& options);
 
   // Filters `image` (CV_8UC3) in place, `passes` times.
@@ -47,10 +47,10 @@ class BilateralPainter {
   void filter(const Kernels& kernels, const Image& from, Image& to);
   void filter_twice(const Kernels& kernels, const Image& from, Image& to);
 
-  Prepared prepared_;  // what the tables below were made for
+  Prepared prepared_;  // parameters of the tables below
   Image front_;
   Image back_;
-  std::vector<Image> between_;  // one for each band: what lies between the passes of filter_twice
+  std::vector<Image> between_;  // intermediate image of filter_twice, one per band
   std::vector<std::uint8_t> weights_;
   std::vector<int> ring_end_;
   std::vector<std::ptrdiff_t> offsets_;

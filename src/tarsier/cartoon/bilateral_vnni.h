@@ -4,24 +4,25 @@
 #include "tarsier/cartoon/kernels.h"
 #include "tarsier/cartoon/simd_x86.h"
 
-// The bilateral filter of diameter 9 for processors with AVX-512 VNNI, included by
-// kernels_avx512.cpp alone. It gives the bytes of bilateral_row in kernels.inl.
+// The bilateral filter of diameter 9 for processors with AVX-512 VNNI. Only kernels_avx512.cpp
+// includes it. Its output is identical to that of bilateral_row in kernels.inl.
 //
-// vpdpbusd adds four products of bytes to 32 bits. So four neighbours of one pixel lie side by side
-// in 32 bits, a quad. A register holds the quads of the 16 pixels x + phase, x + phase + 4 .. for a
-// phase 0..3. The 48 neighbours are 12 quads of three kinds:
+// vpdpbusd adds four products of bytes to a 32-bit sum. Four neighbours of one pixel therefore lie
+// together in 32 bits, a quad. A register holds the quads of the 16 pixels x + phase, x + phase + 4
+// .. for a phase 0..3. The 48 neighbours form 12 quads of three kinds:
 //
-//   dy -4:         X               X  singles, put together for each row
-//   dy -3:     L L L L X           L  level: four in a row, which is how they lie in the plane
-//   dy -2:   V V V V V V V         V  vertical: dy -2, -1, 1, 2 of one column, put together once
-//   dy -1:   V V V V V V V            for each row and used with seven dx
-//   dy  0: L L L L . L L L L
+//   dy -4:         X               X  singles, collected for each row
+//    dy -3:     L L L L X           L  level: four in a row, as they lie in the plane
+//    dy -2:   V V V V V V V         V  vertical: dy -2, -1, 1, 2 of one column, collected once
+//    dy -1:   V V V V V V V            for each row and used with seven dx
+//    dy  0: L L L L . L L L L
 //
-// and the same below. Products are of the neighbour itself, not of its difference from the centre
-// as in kernels.inl: sum w (c - v) = c sum w - sum w v, exactly, in 32 bits.
+// and symmetrically below. The products use the neighbour itself, not its difference from the
+// centre as in kernels.inl: sum w (c - v) = c sum w - sum w v, which is exact in 32 bits.
 //
-// On Zen 4 saturating arithmetic, |x| and products have half as many units as sums, minima and
-// maxima. So |c - v| is max - min for two of the three planes, which keeps all units busy.
+// On Zen 4, fewer units execute saturating arithmetic, |x| and products than sums, minima and
+// maxima. For two of the three planes |c - v| is therefore computed as max - min, which balances
+// the units.
 #define TARSIER_VNNI __attribute__((target("avx512f,avx512bw,avx512vl,avx512vbmi,avx512vnni")))
 #define TARSIER_VNNI_INLINE TARSIER_VNNI TARSIER_INLINE
 #define TARSIER_VNNI_INLINE_LAMBDA \
@@ -31,15 +32,17 @@ namespace {
 
 using tarsier::cartoon::BilateralTaps;
 
-constexpr int kQuadStrip = 512;  // pixels for which vertical quads are made at a time
-// Bytes of one phase of one plane: the strip, 64 pixels before it and 128 behind it.
+constexpr int kQuadStrip = 512;  // pixels whose vertical quads are made in one step
+// Bytes of one phase of one plane: the strip, 64 pixels before it and 128 after it.
 constexpr int kQuadRow = 64 + kQuadStrip + 128;
 constexpr int kFirstQuad = 64;
 
 struct QuadIndices {
-  alignas(64) std::uint8_t bytes[2][64];       // of two rows: two phases of pairs
-  alignas(64) std::uint16_t words[2][32];      // of two registers of pairs: one phase of quads
-  alignas(64) std::uint8_t four_times[4][64];  // each phase: one byte of four, four times
+  alignas(64) std::uint8_t bytes[2][64];  // interleaves two rows: two phases of pairs
+  // Interleaves two registers of pairs: one phase of quads.
+  alignas(64) std::uint16_t words[2][32];
+  // For each phase: repeats one byte of four, four times.
+  alignas(64) std::uint8_t four_times[4][64];
 };
 constexpr QuadIndices quad_indices() {
   QuadIndices result{};
@@ -60,8 +63,8 @@ constexpr QuadIndices quad_indices() {
 }
 constexpr QuadIndices kQuadIndices = quad_indices();
 
-// Stores the quads of the bytes at four addresses for 64 pixels: `phase_size` bytes from one phase
-// to the next. All are loaded before anything is stored, as it might be the same memory to GCC.
+// Stores the quads of the bytes at four addresses for 64 pixels; `phase_size` is the distance of
+// the phases in bytes. All loads precede the stores because GCC cannot exclude aliasing.
 TARSIER_VNNI_INLINE void store_quads(const std::uint8_t* a, const std::uint8_t* b,
                                      const std::uint8_t* c, const std::uint8_t* d, std::uint8_t* to,
                                      int phase_size) {
@@ -87,8 +90,8 @@ TARSIER_VNNI_INLINE Reg distance(Reg a, Reg b) {
   return _mm512_sub_epi8(_mm512_max_epi8(a, b), _mm512_min_epi8(a, b));
 }
 
-// Weights of four neighbours, kBilateralTable for each. If `high` is null, the outer two have the
-// same weights, and the inner two.
+// Weights of four neighbours, kBilateralTable for each. If `high` is null, the two outer neighbours
+// share one table, and so do the two inner ones.
 TARSIER_VNNI_INLINE Reg weights_of(Reg far, Reg low, const Reg* high) {
   const Reg near = _mm512_min_epu8(far, _mm512_set1_epi8(31));
   return high == nullptr
@@ -96,9 +99,10 @@ TARSIER_VNNI_INLINE Reg weights_of(Reg far, Reg low, const Reg* high) {
              : _mm512_permutex2var_epi8(low, near | _mm512_set1_epi32(0x60402000), *high);
 }
 
-// What is to be taken off the pixels of phases 2 kPart and 2 kPart + 1, each in its byte of 32 bits
-// of `less`, one register a plane. `vertical` are the quads of the strip at this x, `single` those
-// of these 64 pixels alone. other_work(0..5) is called in between.
+// Computes the correction of the pixels of phases 2 kPart and 2 kPart + 1. Each correction is in
+// its own byte of the 32 bits of `less`, one register per plane; it is subtracted from the pixel.
+// `vertical`: quads of the strip at this x; `single`: quads of these 64 pixels. other_work(0..5) is
+// called in between.
 template <int kPart, typename Work>
 TARSIER_VNNI_INLINE void filter_phases(const BilateralTaps& taps, const std::uint8_t* const* at,
                                        const std::uint8_t* vertical, const std::uint8_t* single,
@@ -112,8 +116,8 @@ TARSIER_VNNI_INLINE void filter_phases(const BilateralTaps& taps, const std::uin
     const Reg zero = _mm512_setzero_si512();
     sums[k] = {zero, zero, zero, zero};
   }
-  // Adds the products of neighbours v of the pixels of one phase. Their weights are added two by
-  // two first: these are at most 254, so that a byte holds them.
+  // Adds the products of the neighbours v of the pixels of one phase. Weights are first added in
+  // pairs; such a sum is at most 254 and fits into a byte.
   Reg before[2];
   int count[2] = {0, 0};
   const auto add_quad = [&](int k, const Reg* v, Reg low,
@@ -132,8 +136,8 @@ TARSIER_VNNI_INLINE void filter_phases(const BilateralTaps& taps, const std::uin
           _mm512_dpbusd_epi32(sums[k].weight, _mm512_add_epi8(before[k], w), _mm512_set1_epi8(1));
     }
   };
-  // Kept in registers: GCC would load them again for each use, and loads across two lines of the
-  // cache are dear.
+  // Kept in registers: otherwise GCC loads them again for each use, and loads across two cache
+  // lines are slow.
   const auto keep = [](Reg* v) TARSIER_VNNI_INLINE_LAMBDA {
     asm("" : "+v"(v[0]), "+v"(v[1]), "+v"(v[2]));
   };
@@ -156,14 +160,14 @@ TARSIER_VNNI_INLINE void filter_phases(const BilateralTaps& taps, const std::uin
     }
     if (quad % 2 == 1) other_work(quad / 2);
   }
-  // Each vertical quad is loaded once: one phase sees it at dx, the next at dx - 1.
+  // Each vertical quad is loaded once: one phase uses it at dx, the next at dx - 1.
   Reg table[4];
 #pragma GCC unroll 4
   for (int i = 0; i < 4; ++i) table[i] = reg_load(taps.quads + 512 + 64 * i);
 #pragma GCC unroll 8
   for (int dx = -3; dx <= 4; ++dx) {
     Reg v[3];
-    const int to = 2 * kPart + dx + 4;  // the 4 are taken off again
+    const int to = 2 * kPart + dx + 4;  // the 4 is subtracted again
 #pragma GCC unroll 3
     for (int i = 0; i < 3; ++i) {
       v[i] = reg_load(vertical + (4 * i + to % 4) * kQuadRow + 4 * (to / 4 - 1));
@@ -208,12 +212,12 @@ TARSIER_VNNI void bilateral9_row(const BilateralTaps& taps, const std::uint8_t* 
                                  std::uint8_t* const dst[3], int width) {
   static_assert(kQuadRow % 64 == 0);
   alignas(64) std::uint8_t vertical[12 * kQuadRow];
-  alignas(64) std::uint8_t single[2][12 * 64];  // of these 64 pixels and the next
+  alignas(64) std::uint8_t single[2][12 * 64];  // for these 64 pixels and the next ones
   const std::ptrdiff_t stride = taps.stride;
   for (int left = 0; left < width; left += kQuadStrip) {
     const int count = width - left < kQuadStrip ? width - left : kQuadStrip;
-    // Quads of one plane for 64 pixels. Made for the next ones between the arithmetic of these, as
-    // they want other units.
+    // Makes the quads of one plane for 64 pixels. Those of the next pixels are made between the
+    // arithmetic of these, because they use other execution units.
     const auto make_vertical = [&](int i, int x) TARSIER_VNNI_INLINE_LAMBDA {
       const std::uint8_t* const at = src[i] + left + x;
       store_quads(at - 2 * stride, at - stride, at + stride, at + 2 * stride,

@@ -27,15 +27,15 @@ struct CartoonState::Impl {
   Plane gray;
   Plane smooth;    // gray after the median
   Plane response;  // of the line filter
-  Plane raw_mask;  // lines before clean-up
+  Plane raw_mask;  // lines before cleaning
   Plane marks;     // pepper
   Plane mask;
-  std::vector<std::vector<std::uint8_t>> scratch;  // of median7_row, one for each band of rows
+  std::vector<std::vector<std::uint8_t>> scratch;  // of median7_row, one per band of rows
   BilateralPainter painter;
   Enlarger enlarger;
   cv::Mat small;
   cv::Mat small_other;
-  cv::Mat large;  // the painting at full size, where the output is another image
+  cv::Mat large;  // the painting at full size, if the output is another image
   cv::Mat output;
   SkinBuffers skin;
   Stabilizer lines;
@@ -64,7 +64,7 @@ namespace {
 
 using State = CartoonState::Impl;
 
-// Debug images and timers of one call, each optional.
+// Debug images and timers of one call; both optional.
 class Watch {
  public:
   Watch(DebugSink* debug, Timers* timers) : debug_(debug), timers_(timers) {}
@@ -102,7 +102,7 @@ void median7(State& state) {
   });
 }
 
-// Grey and median into state.smooth, with its margin mirrored for derivative filters.
+// Computes grey and median into state.smooth, with a mirrored margin for derivative filters.
 void smooth_gray(const cv::Mat& frame, const CartoonOptions& options, State& state,
                  Stabilizer& steady, const Watch& watch) {
   const int size = options.sketch.median_size;
@@ -179,7 +179,7 @@ void evil_response(const CartoonOptions& options, State& state, const Watch& wat
   watch.image("scharr", state.response.view());
 }
 
-// state.response to lines in state.raw_mask.
+// Thresholds state.response to lines in state.raw_mask.
 void threshold_lines(int threshold, const SteadyOptions& steady, Stabilizer& stabilizer,
                      State& state, const Watch& watch) {
   const auto timer = watch.time("threshold");
@@ -198,7 +198,7 @@ void threshold_lines(int threshold, const SteadyOptions& steady, Stabilizer& sta
   watch.image("threshold", state.raw_mask.view());
 }
 
-// Pepper noise out of state.raw_mask, into state.mask.
+// Removes pepper noise from state.raw_mask; the result is state.mask.
 void remove_pepper(const CartoonOptions& options, State& state, const Watch& watch) {
   const auto timer = watch.time("pepper");
   const int width = state.raw_mask.width();
@@ -228,7 +228,7 @@ void remove_pepper(const CartoonOptions& options, State& state, const Watch& wat
                                              state.raw_mask.row(y + 2)};
         kernel.lone_black_row(rows, marks, width);
       }
-      // Pixels nearer than 2 to the border have no 5x5 border of their own.
+      // Pixels closer than 2 to the border have no 5x5 border of their own.
       marks[0] = marks[1] = marks[width - 2] = marks[width - 1] = 0;
       marks[-1] = marks[width] = 0;
     }
@@ -283,7 +283,7 @@ void evil_lines(const cv::Mat& frame, const CartoonOptions& options, State& stat
 
 // --- painting ---
 
-// The painting at half size into state.small.
+// Paints at half size into state.small.
 void paint_small(const cv::Mat& frame, const CartoonOptions& options, State& state,
                  const Watch& watch, const std::stop_token& stop) {
   {
@@ -308,7 +308,7 @@ void paint_small(const cv::Mat& frame, const CartoonOptions& options, State& sta
   watch.image("painting", state.small);
 }
 
-// state.small at full size into `large`, with the lines of state.mask in black if `lines`.
+// Enlarges state.small to `large`, with the lines of state.mask in black if `lines`.
 void enlarge(const cv::Size& size, bool lines, const CartoonOptions& options, State& state,
              cv::Mat& large, const Watch& watch) {
   const auto timer = watch.time(lines ? "full size and lines" : "full size");
@@ -321,7 +321,7 @@ void enlarge(const cv::Size& size, bool lines, const CartoonOptions& options, St
   if (lines) large.setTo(cv::Scalar::all(0), state.mask.view() == 0);
 }
 
-// state.small at full size into state.large, there where smooth_skin looks at it.
+// Enlarges state.small to state.large, only where smooth_skin reads it.
 void enlarge_for_skin(const cv::Size& size, const cv::Mat& skin, const CartoonOptions& options,
                       State& state, const Watch& watch) {
   if (!is_fast(options) || size != skin.size() * 2) {
@@ -340,7 +340,7 @@ void show_lines(State& state) { cv::cvtColor(state.mask.view(), state.output, cv
 
 // --- skin ---
 
-// Skin of state.small; for the automatic mode also finds and remembers the faces.
+// The skin in state.small; the automatic mode also detects and remembers the faces.
 cv::Mat skin_of(const cv::Mat& frame, const CartoonOptions& options, State& state,
                 const Watch& watch) {
   const auto timer = watch.time("skin");
@@ -362,8 +362,8 @@ cv::Mat skin_of(const cv::Mat& frame, const CartoonOptions& options, State& stat
     for (const face::FaceFollower::Face& face : state.follower->follow(frame)) {
       const cv::Rect small(face.box.x / 2, face.box.y / 2, face.box.width / 2, face.box.height / 2);
       if (small.width < 4 || small.height < 4) continue;
-      // Learned again while the face is seen, blended so that a hand before it does not count at
-      // once.
+      // Updated while the face is visible. The blending limits the effect of a hand in front of the
+      // face.
       constexpr double kLearn = 0.1;
       SkinColor color = learn_skin_color(state.skin.ycrcb, small);
       const auto earlier = state.skin_colors.find(face.id);
@@ -431,7 +431,7 @@ const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, C
       break;
     case Mode::kSmooth:
       if (options.steady.on || watch.wants_images()) {
-        sketch_lines(frame, options, my, watch);  // steady lines remember those of each frame
+        sketch_lines(frame, options, my, watch);  // the stabiliser needs the lines of every frame
       } else {
         smooth_gray(frame, options, my, my.lines, watch);
         line_response(options, my, watch);

@@ -50,7 +50,7 @@ void Cartoonizer::set_options(const CartoonOptions& options) {
   if (finds_faces(complete)) {
     face::FaceDetectorOptions detector;
     if (!complete.skin.cascade.empty()) detector.cascade = complete.skin.cascade;
-    // Now, not at the first frame; its error says what to do.
+    // Fails now, not at the first frame; its error says what to do.
     if (face::find_cascade(detector.cascade).empty()) (void)face::FaceDetector(detector);
   }
   options_ = complete;

@@ -19,28 +19,29 @@
 
 namespace tarsier::cartoon {
 
-// A drawn frame.
+// The cartoon of one frame.
 struct CartoonResult {
-  // CV_8UC3, the size of the frame; with Mode::kNone the frame's own. The next frame is drawn into
-  // the same buffer, unless somebody holds this image still.
+  // CV_8UC3, of the frame's size. With Mode::kNone it is the frame's own image. The next frame
+  // reuses the buffer unless the caller still holds this image.
   cv::Mat image;
   Mode mode = Mode::kNone;
-  std::vector<cv::Rect> faces;  // px, whose skin was looked for (kAlien, kSmooth with kAuto)
-  double ms = 0;                // spent in process(), milliseconds
+  std::vector<cv::Rect> faces;  // px, faces whose skin was segmented (kAlien, kSmooth with kAuto)
+  double ms = 0;                // time spent in process(), milliseconds
 };
 
-// {"mode", "ms", "faces": [[x, y, width, height]..]}: the line of `tarsier cartoon run --json`
-// without the image's name.
+// {"mode", "ms", "faces": [[x, y, width, height]..]}: a line of `tarsier cartoon run --json`,
+// without the image name.
 [[nodiscard]] nlohmann::ordered_json to_json(const CartoonResult& result);
 
-// What is known from earlier frames of a video, and buffers: one for each stream of frames.
+// State carried from frame to frame of a video, and buffers. Use one state for each stream of
+// frames.
 struct CartoonizerState {
   CartoonState drawing;
   std::optional<double> time;  // of the latest frame
   std::int64_t index = 0;
 };
 
-// Draws images and videos as cartoons:
+// Converts images and videos into cartoons:
 //
 //   cartoon::CartoonOptions options;
 //   options.mode = cartoon::Mode::kSketch;
@@ -50,25 +51,25 @@ struct CartoonizerState {
 //   while (const auto frame = source->next(1s, {}))
 //     write_image("sketch.png", cartoonizer.process(*frame, state).image);
 //
-// process() is const: any number of threads may use it, each with a state of its own.
+// process() is const. Any number of threads may use it, each with its own state.
 class Cartoonizer {
  public:
-  // Throws std::invalid_argument (options); ModelError where the mode looks for the skin of faces
-  // that are found (FaceMode::kAuto) and there is no cascade: kFaceCascade of the store, or, where
-  // it has none, of OpenCV (Debian's opencv-data).
+  // Throws std::invalid_argument (bad options). Throws ModelError if the mode needs to find faces
+  // (FaceMode::kAuto) and there is no cascade: neither kFaceCascade in the store nor OpenCV's own
+  // (Debian's opencv-data).
   [[nodiscard]] static Cartoonizer load(const ModelStore& models,
                                         const CartoonOptions& options = {});
   static constexpr const char* kFaceCascade = "haarcascade_frontalface_alt2.xml";
 
   [[nodiscard]] const CartoonOptions& options() const { return options_; }
-  // From the next frame on; states may be kept. Throws as load().
+  // Takes effect with the next frame; states stay valid. Throws the same exceptions as load().
   void set_options(const CartoonOptions& options);
 
-  // `frame.image`: CV_8UC3 (BGR), 16x16 or larger. A still is drawn for itself, and so is the first
-  // frame of another video: one whose time is not after that of the frame before. The same frame
-  // may come again, with other options. `debug` takes each stage, `timers` what each took; both may
-  // be null. Throws InputError that names a frame that is too small, std::invalid_argument;
-  // Interrupted as cartoonize().
+  // `frame.image` is CV_8UC3 (BGR), at least 16x16. A still is drawn on its own. A frame whose time
+  // is not later than that of the previous frame starts a new video. The same frame may be
+  // processed again with other options. `debug` receives the image of each stage, and `timers` the
+  // duration of each stage. Both may be null. Throws InputError, which names the frame, if it is
+  // too small; std::invalid_argument; and Interrupted as cartoonize() does.
   [[nodiscard]] CartoonResult process(const Frame& frame, CartoonizerState& state,
                                       DebugSink* debug = nullptr, Timers* timers = nullptr,
                                       const std::stop_token& stop = {}) const;
@@ -76,7 +77,7 @@ class Cartoonizer {
  private:
   Cartoonizer(const CartoonOptions& options, const std::string& cascade);
 
-  std::string cascade_;  // of the store; empty: OpenCV's
+  std::string cascade_;  // path in the store; empty means OpenCV's
   CartoonOptions options_;
 };
 

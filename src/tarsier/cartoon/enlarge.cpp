@@ -13,7 +13,7 @@
 namespace tarsier::cartoon {
 namespace {
 
-// Lines are few: whole words without any are passed over.
+// Lines are sparse: whole words without a line are skipped.
 void draw_lines(const Plane& mask, cv::Mat& image) {
   const int width = image.cols;
   for_row_bands(image.rows, [&](int first, int last) {
@@ -54,7 +54,7 @@ void Enlarger::enlarge(const cv::Mat& small, const Plane* mask, cv::Mat& large) 
   for_row_bands(small.rows, [&](int band, int first, int last) {
     std::array<Plane, 3>& planes = scratch_[static_cast<size_t>(band)];
     for (Plane& plane : planes) plane.resize(width, 3);
-    // Rows beyond the image repeat its border, as columns do.
+    // Beyond the image, rows are clamped to its border, like columns.
     const auto within = [&](int y) { return std::clamp(y, 0, small.rows - 1); };
     const auto split = [&](int y) {
       const int turn = (y + 3) % 3;

@@ -19,18 +19,18 @@ enum class Mode { kNone, kSketch, kPaint, kCartoon, kEvil, kEvilSketch, kAlien, 
 [[nodiscard]] const std::vector<Mode>& all_modes();
 
 enum class Quality {
-  kReference,  // the definition, in plain OpenCV calls
-  kFast,       // the same image (bit-exact masks, painting >= 45 dB) from vector kernels
-  kDraft,      // fewer painting rounds: for small machines
+  kReference,  // the definition, by plain OpenCV calls
+  kFast,       // the same image (identical masks, painting >= 45 dB), by vector kernels
+  kDraft,      // fewer painting rounds, for slow machines
 };
 [[nodiscard]] std::string_view name_of(Quality quality);
 [[nodiscard]] Quality parse_quality(std::string_view name);
 
-// Pencil lines: grey, median, Laplacian (8-bit, so only its positive side), inverse threshold.
+// Pencil lines: grey, median, Laplacian (8-bit, so only its positive part), inverse threshold.
 struct SketchOptions {
   int median_size = 7;     // px
   int laplacian_size = 5;  // aperture
-  int threshold = 80;      // of the Laplacian response; a line where it is above
+  int threshold = 80;      // a pixel with a larger Laplacian response is a line
   // A black pixel whose 5x5 border is all white has its 3x3 centre whitened.
   bool remove_pepper = true;
 
@@ -46,7 +46,7 @@ struct SketchOptions {
 
 // Oil painting: bilateral filters on the half-size image.
 struct PaintOptions {
-  int rounds = 7;          // of two bilateral filters each
+  int rounds = 7;          // each with two bilateral filters
   int diameter = 9;        // px
   double sigma_color = 9;  // grey levels
   double sigma_space = 7;  // px
@@ -60,11 +60,11 @@ struct PaintOptions {
   }
 };
 
-// Thick dark lines: 3x3 Scharr in +x and -x added (and +y, -y), inverse threshold, median.
+// Thick dark lines: 3x3 Scharr, sum of +x and -x (and +y, -y), inverse threshold, median.
 struct EvilOptions {
   bool both_axes = false;  // --evil-axes xy
   int threshold = 12;
-  int median_size = 3;  // px; 1: none
+  int median_size = 3;  // px; 1 disables it
 
   [[nodiscard]] OptionFields fields() {
     return {
@@ -75,11 +75,11 @@ struct EvilOptions {
 
 enum class SkinStyle {
   kGlow,  // `color` is added to the skin
-  kTint,  // the skin keeps its brightness and takes the hue and saturation of `color`
+  kTint,  // the skin keeps its brightness and gets the hue and saturation of `color`
 };
 enum class FaceMode {
-  kOutline,  // the user puts the face into the outline; six seeds in the middle of the image
-  kAuto,     // faces are found, and each one's skin colour learned
+  kOutline,  // the user places the face in the outline; six seeds in the centre of the image
+  kAuto,     // faces are detected, and the skin colour of each is learned
 };
 
 // Skin: flood fill from six points of the face outline, bounded by edges, in Y'CrCb.
@@ -88,10 +88,10 @@ struct SkinOptions {
   SkinStyle style = SkinStyle::kGlow;
   cv::Scalar color{0, 70, 0};            // BGR, each 0..255
   int edge_threshold = 80;               // of the half-size Laplacian response
-  std::array<int, 3> lower{60, 25, 20};  // Y', Cr, Cb below the seed, 0..255
-  std::array<int, 3> upper{80, 15, 15};  // above the seed
-  double learned_distance = 2.6;         // kAuto: Mahalanobis distance in CrCb that is still skin
-  // kAuto: the cascade file that finds faces; empty: OpenCV's, see face::find_cascade().
+  std::array<int, 3> lower{60, 25, 20};  // Y', Cr, Cb: tolerance below the seed, 0..255
+  std::array<int, 3> upper{80, 15, 15};  // tolerance above the seed
+  double learned_distance = 2.6;         // kAuto: maximum Mahalanobis distance of skin in CrCb
+  // kAuto: the cascade file of the face detector; empty: OpenCV's, see face::find_cascade().
   std::string cascade;
 
   [[nodiscard]] OptionFields fields() {
@@ -102,16 +102,16 @@ struct SkinOptions {
   }
 };
 
-// Whether the skin of a mode is looked for.
+// Whether the mode segments the skin.
 [[nodiscard]] bool uses_skin(Mode mode);
 
-// Fewer flickering lines in video. See stabilize.h.
+// Reduces flickering lines in video. See stabilize.h.
 struct SteadyOptions {
   bool on = false;
-  // Share of the threshold either side of it in which a line keeps its state.
+  // Hysteresis: share of the threshold on both sides of it within which a line keeps its state.
   double hysteresis = 0.3;
-  int motion = 10;  // change of the median grey above which a pixel counts as moved
-  int memory = 6;   // frames that a still pixel is averaged over
+  int motion = 10;  // a pixel has moved if its median grey level changes by more
+  int memory = 6;   // number of frames over which a still pixel is averaged
 
   [[nodiscard]] OptionFields fields() {
     return {{"steady.hysteresis", hysteresis, range(0, 0.9), "--steady-hysteresis",
@@ -131,7 +131,7 @@ struct CartoonOptions {
   SkinOptions skin;
   SteadyOptions steady;
 
-  void check() const;  // throws std::invalid_argument, naming the value
+  void check() const;  // throws std::invalid_argument, which names the value
 };
 
 }  // namespace tarsier::cartoon

@@ -13,8 +13,7 @@
 
 namespace tarsier::cartoon {
 
-// Bytes at an address that is a multiple of kRowSlack: vectors that straddle two cache lines cost
-// twice.
+// Allocates bytes at multiples of kRowSlack. Accesses that cross a cache line cost twice as much.
 template <typename T>
 struct AlignedAllocator {
   using value_type = T;
@@ -29,11 +28,11 @@ struct AlignedAllocator {
 };
 using AlignedBytes = std::vector<std::uint8_t, AlignedAllocator<std::uint8_t>>;
 
-// A grey image with room around it, as the kernels want it: kMargin pixels on every side, rows 64
-// bytes apart at least. Keeps its memory when the size stays.
+// A grey image with the padding that the kernels need: kMargin pixels on every side, and a row
+// pitch that is a multiple of 64 bytes. Keeps its memory while the size does not change.
 class Plane {
  public:
-  // Rows above and below; to the left and right there are 64 bytes and more.
+  // Rows above and below; on the left and right there are at least 64 bytes.
   static constexpr int kMargin = 8;
 
   void resize(int width, int height) {
@@ -84,7 +83,7 @@ class Plane {
       r[width_ - 1 + i] = r[reflected(width_ - 1 + i, width_)];
     }
   }
-  // Copies whole rows, so extend the rows themselves before.
+  // Copies whole rows, so extend the rows themselves first.
   void extend_height_by_copies(int margin) {
     for (int i = 1; i <= margin; ++i) {
       copy_row(0, -i);
@@ -98,7 +97,7 @@ class Plane {
     }
   }
 
-  // Index i outside 0..size-1 mirrored into it without repeating the border pixel (any distance).
+  // Mirrors an index i outside 0..size-1 without repeating the border pixel (any distance).
   static int reflected(int i, int size) {
     if (size == 1) return 0;
     const int period = 2 * size - 2;

@@ -8,15 +8,15 @@
 
 namespace tarsier::cartoon {
 
-// How many bands for_row_bands makes of `rows` rows.
+// Number of bands that for_row_bands makes of `rows` rows.
 inline int number_of_bands(int rows) {
-  constexpr int kMinRows = 8;  // less is not worth handing over
+  constexpr int kMinRows = 8;  // smaller bands are not worth a thread
   return std::max(1, std::min(cv::getNumThreads(), rows / kMinRows));
 }
 
 // Calls work(band, first, last) for disjoint bands that cover rows 0..rows-1, on
-// cv::getNumThreads() threads. Allocates nothing itself. The bands depend on the number of threads,
-// so a result must not depend on the bands.
+// cv::getNumThreads() threads. Allocates no memory. The bands depend on the number of threads, so a
+// result must not depend on the bands.
 template <typename Work>
 requires std::invocable<Work, int, int, int>
 void for_row_bands(int rows, const Work& work) {

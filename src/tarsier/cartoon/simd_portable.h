@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <cstring>
 
-// Vectors of bytes for kernels.inl in plain C++, for processors that have no file of their own; see
+// Vectors of bytes for kernels.inl in plain C++, for processors without a header of their own; see
 // simd_x86.h.
 #define TARSIER_INLINE static inline __attribute__((always_inline))
 

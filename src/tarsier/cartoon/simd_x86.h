@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <immintrin.h>
 
-// Vectors of bytes (U8) and sums of 16-bit products (Sum16) for kernels.inl; one of TARSIER_AVX512,
-// TARSIER_AVX2, TARSIER_SSE41 is defined by the including file, which is compiled with that
-// instruction set's flags. Everything has internal linkage, so that no function compiled for a
-// newer processor can be picked by the linker for all.
+// Vectors of bytes (U8) and sums of 16-bit products (Sum16) for kernels.inl. The including file
+// defines one of TARSIER_AVX512, TARSIER_AVX2, TARSIER_SSE41 and is compiled with the flags of that
+// instruction set. Everything has internal linkage, so that the linker cannot use a function
+// compiled for a newer processor in the whole program.
 #define TARSIER_INLINE static inline __attribute__((always_inline))
 
 namespace {
@@ -64,12 +64,12 @@ TARSIER_INLINE U8 less_equal(U8 a, U8 b) {
 #endif
 }
 
-// Bytes with 128 taken off, as signed numbers; differences of two such saturate to -128..127.
+// Bytes minus 128 as signed numbers; differences of two of them saturate to -128..127.
 TARSIER_INLINE U8 to_signed(U8 a) { return {TARSIER_OP(sub_epi8)(a.v, splat(128).v)}; }
 TARSIER_INLINE U8 subtract_signed(U8 a, U8 b) { return {TARSIER_OP(subs_epi8)(a.v, b.v)}; }
 TARSIER_INLINE U8 absolute(U8 a) { return {TARSIER_OP(abs_epi8)(a.v)}; }
 
-// Table of 32 bytes; 0 for indices from 32 on.
+// Lookup in a table of 32 bytes; 0 for indices of 32 and more.
 struct Table32 {
 #if defined(TARSIER_AVX512)
   Reg all;
@@ -95,8 +95,8 @@ TARSIER_INLINE U8 look_up(const Table32& table, U8 index) {
 #if defined(TARSIER_AVX512)
   return {_mm512_permutexvar_epi8(_mm512_min_epu8(index.v, _mm512_set1_epi8(63)), table.all)};
 #else
-  // pshufb gives 0 where the index has its top bit set, else what the low four bits choose. The
-  // saturated sums set it from 16 and from 32 on; below 16 both halves answer, and `low` holds what
+  // pshufb gives 0 if the index has its top bit set; otherwise the low four bits select. The
+  // saturated sums set the top bit from 16 and from 32 on. Below 16 both halves answer, and `low`
   // cancels `high`.
   const Reg in_low = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(112));
   const Reg in_high = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(96));
@@ -105,8 +105,8 @@ TARSIER_INLINE U8 look_up(const Table32& table, U8 index) {
 #endif
 }
 
-// Two registers of 16-bit numbers, one number a byte lane. Which lanes are in which register is the
-// instruction set's own business: pack() undoes what interleave did.
+// Two registers of 16-bit numbers, one number per byte lane. The distribution of the lanes over the
+// registers depends on the instruction set; pack() reverses interleave.
 struct Sum16 {
   Reg low;
   Reg high;
@@ -115,7 +115,7 @@ TARSIER_INLINE Sum16 sum_splat(int value) {
   const Reg v = TARSIER_OP(set1_epi16)(static_cast<short>(value));
   return {v, v};
 }
-// Weights of a pair of neighbours, made ready for multiply_add.
+// Weights of a pair of neighbours, prepared for multiply_add.
 struct Pair {
   Reg low;
   Reg high;
@@ -155,7 +155,7 @@ TARSIER_INLINE Reciprocal reciprocal(const Sum16& a) {
 TARSIER_INLINE Reg scaled(Reg wide, RegF factor) {
   return TARSIER_OP(cvtps_epi32)(TARSIER_OP(mul_ps)(TARSIER_OP(cvtepi32_ps)(wide), factor));
 }
-// base - round(a * r), bytes; rounding to nearest, ties to even. |a * r| must stay below 128.
+// base - round(a * r), bytes; rounds to nearest, ties to even. |a * r| must be below 128.
 TARSIER_INLINE U8 subtract_quotient(U8 base, const Sum16& a, const Reciprocal& r) {
   const Reg low = TARSIER_OP(packs_epi32)(scaled(widen_low(a.low), r.part[0]),
                                           scaled(widen_high(a.low), r.part[1]));
@@ -179,11 +179,11 @@ TARSIER_INLINE Sum16 operator*(Sum16 a, int factor) {
   const Reg f = TARSIER_OP(set1_epi16)(static_cast<short>(factor));
   return {TARSIER_OP(mullo_epi16)(a.low, f), TARSIER_OP(mullo_epi16)(a.high, f)};
 }
-// The low 16 bits of the products, of numbers without sign.
+// The low 16 bits of the products of unsigned numbers.
 TARSIER_INLINE Sum16 multiply_low(Sum16 a, Sum16 b) {
   return {TARSIER_OP(mullo_epi16)(a.low, b.low), TARSIER_OP(mullo_epi16)(a.high, b.high)};
 }
-// max(a - b, 0) of numbers without sign.
+// max(a - b, 0) of unsigned numbers.
 TARSIER_INLINE Sum16 subtract_to_zero(Sum16 a, Sum16 b) {
   return {TARSIER_OP(subs_epu16)(a.low, b.low), TARSIER_OP(subs_epu16)(a.high, b.high)};
 }
@@ -204,7 +204,7 @@ TARSIER_INLINE U8 pack_saturated(Sum16 a) {  // to 0..255
 }
 
 template <int kBits>
-TARSIER_INLINE Sum16 shift_right(Sum16 a) {  // of numbers without sign
+TARSIER_INLINE Sum16 shift_right(Sum16 a) {  // of unsigned numbers
   return {TARSIER_OP(srli_epi16)(a.low, kBits), TARSIER_OP(srli_epi16)(a.high, kBits)};
 }
 
@@ -226,7 +226,8 @@ TARSIER_INLINE void store_alternating(std::uint8_t* p, U8 even, U8 odd) {
 #endif
 }
 
-// Sixteen pixels of three bytes: which byte of which register goes where; 0x80 gives 0.
+// Shuffles for sixteen pixels of three bytes: source and target byte of each register; 0x80 gives
+// 0.
 struct PixelShuffles {
   alignas(16) std::uint8_t join[3][3][16];   // [register of pixels][plane]
   alignas(16) std::uint8_t split[3][3][16];  // [plane][register of pixels]
@@ -257,7 +258,7 @@ TARSIER_INLINE __m128i gather3(__m128i a, __m128i b, __m128i c, const std::uint8
       _mm_or_si128(_mm_shuffle_epi8(a, load16(which[0])), _mm_shuffle_epi8(b, load16(which[1]))),
       _mm_shuffle_epi8(c, load16(which[2])));
 }
-// Pixels to planes of value - 128.
+// Converts pixels to planes of value - 128.
 TARSIER_INLINE void split16(const std::uint8_t* bgr, std::uint8_t* b, std::uint8_t* g,
                             std::uint8_t* r) {
   const __m128i p0 = load16(bgr);
@@ -268,7 +269,7 @@ TARSIER_INLINE void split16(const std::uint8_t* bgr, std::uint8_t* b, std::uint8
   store16(g, _mm_xor_si128(gather3(p0, p1, p2, kPixelShuffles.split[1]), top));
   store16(r, _mm_xor_si128(gather3(p0, p1, p2, kPixelShuffles.split[2]), top));
 }
-// Planes to pixels, as they are.
+// Converts planes to pixels, unchanged.
 TARSIER_INLINE void join16(std::uint8_t* bgr, const std::uint8_t* b, const std::uint8_t* g,
                            const std::uint8_t* r) {
   const __m128i vb = load16(b);

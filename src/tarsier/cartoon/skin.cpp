@@ -20,7 +20,7 @@ cv::Scalar differences(const std::array<int, 3>& d) {
   return {double(d[0]), double(d[1]), double(d[2])};
 }
 
-// The inner part of `mask_with_border`, without the frame of one pixel.
+// The inner part of `mask_with_border`, without the border of one pixel.
 cv::Mat inside(const cv::Mat& mask_with_border) {
   return mask_with_border(cv::Rect(1, 1, mask_with_border.cols - 2, mask_with_border.rows - 2));
 }
@@ -53,7 +53,7 @@ cv::Mat find_skin(const cv::Mat& painting, const cv::Mat& response, const SkinOp
   cv::Mat mask = inside(buffers.flood_mask);
   cv::resize(response, mask, painting.size(), 0, 0, cv::INTER_LINEAR);
   cv::threshold(mask, mask, options.edge_threshold, 255, cv::THRESH_BINARY);
-  cv::dilate(mask, mask, cv::Mat());  // closes gaps of a pixel
+  cv::dilate(mask, mask, cv::Mat());  // closes gaps of one pixel
   cv::erode(mask, mask, cv::Mat());
   mask.copyTo(buffers.edges);
   constexpr int kFlags = 4 | cv::FLOODFILL_FIXED_RANGE | cv::FLOODFILL_MASK_ONLY;
@@ -84,9 +84,9 @@ SkinColor learn_skin_color(const cv::Mat& ycrcb, const cv::Rect& face) {
   }
   const double cr_median = upper_median(cr);
   const double cb_median = upper_median(cb);
-  // Covariance of the nearer half: glasses, shadow of the nose and a beard stay out.
+  // Covariance of the nearer half, which excludes glasses, the nose's shadow and a beard.
   constexpr double kNear = 12;      // grey levels
-  constexpr double kFloor = 3 * 3;  // of each variance: noise and paint make flat patches
+  constexpr double kFloor = 3 * 3;  // added to each variance: noise and paint make flat patches
   double sum[5] = {0, 0, 0, 0, 0};
   double count = 0;
   for (size_t i = 0; i < cr.size(); ++i) {
@@ -121,7 +121,7 @@ cv::Mat find_skin_of_faces(const cv::Mat& painting, const std::vector<cv::Rect>&
   const double limit = options.learned_distance * options.learned_distance;
   for (size_t i = 0; i < faces.size(); ++i) {
     const cv::Rect& face = faces[i];
-    // The head with ears and neck: an ellipse around the box of the detector, which is tight.
+    // The head with ears and neck: an ellipse around the detector's box, which is tight.
     const double center_x = face.x + face.width / 2.0;
     const double center_y = face.y + face.height * 0.55;
     const double radius_x = face.width * 0.75;
@@ -143,7 +143,7 @@ cv::Mat find_skin_of_faces(const cv::Mat& painting, const std::vector<cv::Rect>&
       }
     }
   }
-  cv::medianBlur(mask, buffers.edges, 5);  // eyes and mouth stay holes, specks go
+  cv::medianBlur(mask, buffers.edges, 5);  // keeps the holes of eyes and mouth, removes specks
   return buffers.edges;
 }
 
@@ -172,8 +172,8 @@ cv::Rect smoothed_area(const cv::Mat& skin) {
   require_gray(skin);
   const cv::Rect box = cv::boundingRect(skin);
   if (box.empty()) return {};
-  // Closing stays within 1 px of the skin, the blur reaches 2 px further, enlarging 1 px, and a
-  // border of zeros has to stay, as each of these looks beyond its own border.
+  // Closing reaches 1 px beyond the skin, the blur another 2 px, enlarging 1 px. A border of zeros
+  // must remain, because each of these steps reads beyond its region.
   constexpr int kRoom = 8;
   return clipped({box.x - kRoom, box.y - kRoom, box.width + 2 * kRoom, box.height + 2 * kRoom},
                  skin.size());
@@ -192,12 +192,12 @@ void smooth_skin(const cv::Mat& frame, const cv::Mat& enlarged, const cv::Mat& s
   if (!area.empty()) {
     skin(area).convertTo(buffers.weight, CV_8U, 255);
     cv::dilate(buffers.weight, buffers.weight,
-               cv::Mat());  // over the thin lines that bounded the fill
+               cv::Mat());  // covers the thin lines that limited the fill
     cv::erode(buffers.weight, buffers.weight, cv::Mat());
     Plane& soft = buffers.soft_weight;
     soft.resize(area.width, area.height);
     for_row_bands(area.height, [&](int first, int last) {
-      // Looks at the rows around the band as well.
+      // Also reads the rows around the band.
       cv::Mat blurred = soft.view().rowRange(first, last);
       cv::blur(buffers.weight.rowRange(first, last), blurred, cv::Size(5, 5));
       for (int y = first; y < last; ++y) soft.extend_row_by_copies(y, 1);

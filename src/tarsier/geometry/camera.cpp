@@ -15,7 +15,7 @@ constexpr int kMaxDegree = 6;
 
 struct Distorted {
   cv::Point2d point;
-  cv::Matx22d derivative;  // of the point, by x and y
+  cv::Matx22d derivative;  // of the point with respect to x and y
 };
 
 Distorted distort(const std::array<double, 8>& k, const cv::Point2d& p) {
@@ -25,7 +25,7 @@ Distorted distort(const std::array<double, 8>& k, const cv::Point2d& p) {
   const double above = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
   const double below = 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
   const double radial = above / below;
-  const double above_slope = k[0] + r2 * (2 * k[1] + r2 * 3 * k[4]);  // by r2
+  const double above_slope = k[0] + r2 * (2 * k[1] + r2 * 3 * k[4]);  // with respect to r2
   const double below_slope = k[5] + r2 * (2 * k[6] + r2 * 3 * k[7]);
   const double slope = (above_slope - radial * below_slope) / below;
   const double p1 = k[2];
@@ -39,23 +39,24 @@ Distorted distort(const std::array<double, 8>& k, const cv::Point2d& p) {
   return result;
 }
 
-// Ascending coefficients in s.
+// Coefficients in s, ascending.
 struct Polynomial {
   std::array<double, kMaxDegree + 1> c{};
   int degree = 0;
 };
 
-// Whether every value on [0, 1] is positive, decided by Bernstein coefficients: the curve lies
-// within their range and begins and ends in the first and the last; halves are looked at where the
-// range says nothing.
+// Whether every value on [0, 1] is positive, decided by Bernstein coefficients. The curve lies
+// within their range, and begins and ends at the first and the last. If the range does not decide,
+// the interval is halved.
 bool is_positive(std::array<double, kMaxDegree + 1> b, int degree, int depth) {
   const auto n = static_cast<std::size_t>(degree);
   if (!(b[0] > 0) || !(b[n] > 0)) return false;
   if (std::all_of(b.begin(), b.begin() + degree + 1, [](double v) { return v > 0; })) return true;
-  if (depth == 0) return false;  // touches zero as near as numbers can tell
+  if (depth == 0) return false;  // touches zero to within the precision
   std::array<double, kMaxDegree + 1> left{};
   left[0] = b[0];
-  for (std::size_t level = 1; level <= n; ++level) {  // de Casteljau at 1/2; b becomes the right
+  // De Casteljau at 1/2; b becomes the right half.
+  for (std::size_t level = 1; level <= n; ++level) {
     for (std::size_t i = 0; i + level <= n; ++i) b[i] = 0.5 * (b[i] + b[i + 1]);
     left[level] = b[0];
   }
@@ -83,8 +84,8 @@ bool is_positive_up_to(const Polynomial& polynomial, double end) {
   return is_positive(bernstein, n, 40);
 }
 
-// Whether the distorted radius grows all the way from the middle to the squared radius `end`.
-// Behind a turning point the equation has solutions too, but no light takes them.
+// Whether the distorted radius grows from the centre up to the squared radius `end`. Beyond a
+// turning point the equation has solutions too, but they are not physical.
 bool grows_up_to(const std::array<double, 8>& k, double end) {
   const std::array<double, 4> above{1, k[0], k[1], k[4]};
   const std::array<double, 4> below{1, k[5], k[6], k[7]};
@@ -109,7 +110,7 @@ bool grows_up_to(const std::array<double, 8>& k, double end) {
   return is_positive_up_to(pole, end) && is_positive_up_to(slope, end);
 }
 
-// Of a fisheye: the distorted angle and its derivative.
+// For a fisheye: the distorted angle and its derivative.
 struct Bent {
   double value;
   double slope;
@@ -136,7 +137,7 @@ std::optional<cv::Point2d> fisheye_inverse(const std::array<double, 8>& k,
                                            const cv::Point2d& wanted) {
   const double target = cv::norm(wanted);
   if (target < 1e-12) return wanted;
-  // The part that grows is monotone: bisection holds Newton's steps inside it.
+  // The growing part is monotone: bisection keeps Newton's steps inside it.
   double low = 0;
   double high = CV_PI / 2;
   double angle = std::min(target, 0.9 * high);
@@ -144,7 +145,7 @@ std::optional<cv::Point2d> fisheye_inverse(const std::array<double, 8>& k,
     const Bent here = bend(k, angle);
     const double error = here.value - target;
     if (std::abs(error) <= 4e-16 * (1 + target)) break;
-    // Behind the turning point the value falls: that is too far as well.
+    // Beyond the turning point the value falls: that is too far, too.
     (error > 0 || !bends_up_to(k, angle) ? high : low) = angle;
     double next = angle - error / here.slope;
     if (!(next > low && next < high)) next = 0.5 * (low + high);
@@ -208,7 +209,7 @@ std::optional<cv::Point2d> Camera::normalized_of(const cv::Point2d& pixel) const
     cv::Point2d step((d(1, 1) * off.x - d(0, 1) * off.y) / determinant,
                      (d(0, 0) * off.y - d(1, 0) * off.x) / determinant);
     if (!std::isfinite(step.x) || !std::isfinite(step.y)) return std::nullopt;
-    // A step that makes it worse went too far: half of it, and so on.
+    // Halves a step that increases the error.
     bool better = false;
     for (int halving = 0; halving < 30 && !better; ++halving) {
       const Distorted next = distort(distortion, found - step);
@@ -221,7 +222,7 @@ std::optional<cv::Point2d> Camera::normalized_of(const cv::Point2d& pixel) const
       }
       step *= 0.5;
     }
-    if (!better) break;  // rounding, or a dead end
+    if (!better) break;  // rounding, or no progress
   }
   const cv::Matx22d& d = here.derivative;
   const bool is_regular = d(0, 0) + d(1, 1) > 0 && d(0, 0) * d(1, 1) - d(0, 1) * d(1, 0) > 0;

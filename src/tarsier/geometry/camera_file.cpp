@@ -28,7 +28,7 @@ namespace {
 
 constexpr std::int64_t kMaxFileBytes = 1'000'000;
 
-// What is wrong with a camera whose size may be unknown; empty: nothing.
+// The fault of a camera whose size may be unknown; empty if there is none.
 std::string trouble_of(const Camera& camera) {
   const auto bad_side = [](int side) { return side < 0 || side > kMaxCameraSide; };
   if (bad_side(camera.width) || bad_side(camera.height) ||
@@ -53,7 +53,7 @@ std::string trouble_of(const Camera& camera) {
   return {};
 }
 
-// Focal lengths and principal point of a matrix given row by row.
+// Focal lengths and principal point of a row-major matrix.
 Camera camera_of_matrix(const std::vector<double>& m, const std::string& path) {
   if (m.size() != 9) {
     throw InputError(path, fmt::format("a calibration matrix has 9 numbers, not {}", m.size()));
@@ -156,7 +156,7 @@ class OwnYamlParser {
     }
   }
 
-  // When the model is known too, which may come later.
+  // Called when the model is known, which may come later in the file.
   void set_distortion() {
     if (distortion_line_ == 0) return;
     line_ = distortion_line_;
@@ -189,7 +189,7 @@ double number_in(std::string_view text, std::string_view what, const std::string
   return *value;
 }
 
-// The numbers of a matrix or of a list.
+// The numbers of a matrix or a list.
 std::vector<double> numbers_in(const StoredEntry& entry, std::string_view what,
                                const std::string& path) {
   const auto data = entry.parts.find("data");
@@ -317,7 +317,7 @@ Camera read_any(const std::string& text, const std::string& path,
   if (text.starts_with("%YAML") || text.starts_with("<?xml"))
     return read_opencv(text, path, options);
   std::string_view rest = text;
-  std::string_view first;  // line with content
+  std::string_view first;  // first line with content
   while (!rest.empty() && (first.empty() || first.front() == '#')) first = trimmed(next_line(rest));
   if (first.empty() || first.front() == '#') throw InputError(path, "is empty");
   const bool is_key = (first.front() >= 'a' && first.front() <= 'z') ||
@@ -353,7 +353,7 @@ std::string own_text(const Camera& camera) {
       kOrder[static_cast<std::size_t>(camera.lens)], joined(camera.coefficients()), camera.rms);
 }
 
-// Doubles with the point that OpenCV's parser needs to take them for such.
+// Doubles with a decimal point, without which OpenCV's parser does not accept them as such.
 std::string opencv_numbers(std::span<const double> numbers) {
   std::string text;
   for (const double value : numbers) {

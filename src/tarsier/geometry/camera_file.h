@@ -7,21 +7,22 @@
 
 namespace tarsier::geometry {
 
-// Reads one camera from a file of up to 1 MB, recognised by its content, not by its name:
-// - our own camera.yaml (see write_camera_file);
+// Reads one camera from a file of up to 1 MB. The format is recognised by the content, not by the
+// name:
+// - Tarsier's camera.yaml (see write_camera_file);
 // - YAML or XML of OpenCV's FileStorage: camera_matrix, Camera_Matrix, cameraMatrix or K;
-//   distortion_coefficients, Distortion_Coefficients, distCoeffs or dist_coeffs (none, 4, 5
-//   or 8 numbers, more only if they are 0; 4 of a fisheye, which is marked by "fisheye_model: 1", by
-//   "distortion_model: equidistant" or fisheye, or by Options); image_width, image_height;
+//   distortion_coefficients, Distortion_Coefficients, distCoeffs or dist_coeffs (none, 4, 5 or 8
+//   numbers, more only if they are 0; 4 for a fisheye, which is marked by "fisheye_model: 1", by
+//   "distortion_model: equidistant" or fisheye, or by the options); image_width, image_height;
 //   avg_reprojection_error;
-// - COLMAP's cameras.txt with one camera (see colmap_camera.h), whose pixel middles at 0.5 become
-//   ours at 0;
+// - COLMAP's cameras.txt with one camera (see colmap_camera.h); pixel centres at 0.5 are converted
+//   to 0;
 // - nine numbers: a calibration matrix, row by row.
-// Width and height are 0 where the file does not tell them. Throws InputError, which names the file
-// and what is wrong in it: missing, too large, of none of these kinds, numbers that are missing or
-// not finite, focal lengths that are not positive, skew.
+// Width and height are 0 if the file does not state them. Throws InputError, which names the file
+// and the fault: a missing or too large file, another format, missing or non-finite numbers, focal
+// lengths that are not positive, skew.
 struct CameraFileOptions {
-  // The numbers in OpenCV's file are cv::fisheye's; nothing in such a file may say so.
+  // The coefficients in OpenCV's file are those of cv::fisheye. Such a file may not state this.
   bool opencv_is_fisheye = false;
 };
 [[nodiscard]] Camera read_camera_file(const std::string& path,
@@ -29,7 +30,7 @@ struct CameraFileOptions {
 
 enum class CameraFormat { kTarsier, kOpencv, kColmap };
 
-// Writes, atomically, plain YAML; what is read back is equal to the last bit:
+// Writes plain YAML, atomically. Reading it restores the camera exactly:
 //   model: pinhole                     # or rational, fisheye: see Lens
 //   width: 3072                        # px; 0: not known
 //   height: 2048
@@ -39,16 +40,16 @@ enum class CameraFormat { kTarsier, kOpencv, kColmap };
 //   cy: 1006.8099999999999
 //   distortion: [0, 0, 0, 0, 0]        # 5, 8 or 4 numbers: see Lens
 //   rms: 0                             # px, of the calibration; 0: not known
-// width, height, distortion and rms may be missing when it is read; a key that is not here may not
-// be there. OpenCV's form is YAML of its FileStorage with the names of its calibration sample
-// (camera_matrix, distortion_coefficients, image_width, ..., fisheye_model: 1 for a fisheye);
-// COLMAP's a cameras.txt with camera 1, whose size must be known. Throws OutputError;
-// std::invalid_argument for a camera that could not be read back.
+// width, height, distortion and rms are optional; other keys are not allowed. OpenCV's format is
+// YAML of its FileStorage with the names of its calibration sample (camera_matrix,
+// distortion_coefficients, image_width, ..., fisheye_model: 1 for a fisheye). COLMAP's format is a
+// cameras.txt with camera 1, whose size must be known. Throws OutputError; std::invalid_argument
+// for a camera that could not be read back.
 void write_camera_file(const std::string& path, const Camera& camera,
                        CameraFormat format = CameraFormat::kTarsier);
 
-// A camera on the command line: "fx,fy,cx,cy[,k1,k2,p1,p2[,k3[,k4,k5,k6]]]". Width and height stay
-// 0. Throws UsageError.
+// Parses a camera of the command line: "fx,fy,cx,cy[,k1,k2,p1,p2[,k3[,k4,k5,k6]]]". Width and
+// height stay 0. Throws UsageError.
 [[nodiscard]] Camera parse_camera(const std::string& text);
 
 }  // namespace tarsier::geometry

@@ -15,7 +15,7 @@
 namespace tarsier::geometry {
 namespace {
 
-// Where the parameters go: f sets both focal lengths; the digits are places in distortion.
+// Target of each parameter: f sets both focal lengths; the digits are indices of distortion.
 struct ModelOfColmap {
   std::string_view name;
   std::string_view parameters;

@@ -47,7 +47,7 @@ constexpr std::array<Monomial, 20> kCubic{{{3, 0, 0}, {0, 3, 0}, {2, 1, 0}, {1, 
                                            {1, 0, 2}, {1, 0, 1}, {1, 0, 0}, {0, 1, 2}, {0, 1, 1},
                                            {0, 1, 0}, {0, 0, 3}, {0, 0, 2}, {0, 0, 1}, {0, 0, 0}}};
 
-// Where the product of two monomials lies.
+// Index of the product of two monomials.
 template <std::size_t N, std::size_t M, std::size_t K>
 constexpr auto product_places(const std::array<Monomial, N>& a, const std::array<Monomial, M>& b,
                               const std::array<Monomial, K>& product) {
@@ -78,7 +78,7 @@ void add_product(Cubic& sum, const Quadratic& a, const Linear& b) {
 using Row9 = std::array<double, 9>;
 using Vector9 = Eigen::Matrix<double, 9, 1>;
 
-// The row of x' E x = 0 for E row by row.
+// The row of x' E x = 0 for E in row-major order.
 Row9 equation(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return {b[0] * a[0], b[0] * a[1], b[0], b[1] * a[0], b[1] * a[1], b[1], a[0], a[1], 1};
 }
@@ -89,18 +89,18 @@ double dot(const Row9& a, const Row9& b, std::size_t from) {
   return sum;
 }
 
-// x - 2 v (v.x) / (v.v) in the numbers from `from` on.
+// Reflection x - 2 v (v.x) / (v.v), applied to the elements from `from` on.
 void reflect(Row9& x, const Row9& v, double v_dot_v, std::size_t from) {
   const double factor = 2 * dot(v, x, from) / v_dot_v;
   for (std::size_t k = from; k < 9; ++k) x[k] -= factor * v[k];
 }
 
-// An orthonormal basis of what n rows are orthogonal to, by Householder reflections (Golub and Van
-// Loan, 5.2); false for rows that are not finite. Written out: Eigen's templates of these sizes take
-// ten seconds to compile.
+// An orthonormal basis of the null space of n rows, by Householder reflections (Golub and Van Loan,
+// 5.2); false for non-finite rows. Written out, because Eigen's templates of these sizes take ten
+// seconds to compile.
 template <std::size_t N>
 bool null_space(std::array<Row9, N> rows, std::array<Row9, 9 - N>& basis) {
-  std::array<double, N> lengths;  // of the reflections' vectors, squared; 0: none
+  std::array<double, N> lengths;  // squared lengths of the reflection vectors; 0: none
   for (std::size_t i = 0; i < N; ++i) {
     Row9& v = rows[i];
     const double norm = std::sqrt(dot(v, v, i));
@@ -124,7 +124,7 @@ Eigen::Matrix3d matrix_of(const Vector9& rows) {
 
 using Equations = std::array<Cubic, 10>;
 
-// The ten equations: det E, and the nine numbers of (E E' - trace(E E') / 2) E.
+// The ten equations: det E = 0, and the nine elements of (E E' - trace(E E') / 2) E.
 Equations constraints(const std::array<std::array<Linear, 3>, 3>& e) {
   Equations equations;
   std::array<std::array<Quadratic, 3>, 3> square;
@@ -157,8 +157,8 @@ Equations constraints(const std::array<std::array<Linear, 3>, 3>& e) {
   return equations;
 }
 
-// Gauss and Jordan's elimination with row pivoting: the first ten unknowns are left with the unit
-// matrix, the others express them. False where the equations do not determine them.
+// Gauss-Jordan elimination with row pivoting: the first ten unknowns get the identity matrix and
+// are expressed by the others. False if the equations do not determine them.
 bool eliminate(Equations& equations) {
   for (int i = 0; i < 10; ++i) {
     const auto place = static_cast<std::size_t>(i);
@@ -207,8 +207,9 @@ struct Polynomial {
   }
 };
 
-// Sturm's chain: a polynomial, its derivative, and the remainders of the two before with the other
-// sign. The number of sign changes at a less that at b is the number of roots between.
+// Sturm's chain: a polynomial, its derivative, and then the negated remainders of the two
+// polynomials before. The number of sign changes at a minus that at b is the number of roots in
+// between.
 class SturmChain {
  public:
   explicit SturmChain(const Polynomial& p) {
@@ -266,14 +267,15 @@ class SturmChain {
   int length_ = 0;
 };
 
-// The one root in low..high: by bisection until the signs differ, then by Newton's method within the
-// bracket.
+// The single root in low..high: by bisection until the signs differ, then by Newton's method within
+// the bracket.
 double refined_root(const SturmChain& chain, double low, double high) {
   const Polynomial& p = chain.polynomial();
   double at_low = p(low);
   double at_high = p(high);
   if (at_high == 0) return high;
-  for (int k = 0; k < 60 && (at_low < 0) == (at_high < 0); ++k) {  // a double root has no change
+  // A double root has no sign change.
+  for (int k = 0; k < 60 && (at_low < 0) == (at_high < 0); ++k) {
     const double middle = 0.5 * (low + high);
     if (chain.changes(low) != chain.changes(middle)) {
       high = middle;
@@ -345,8 +347,8 @@ int five_point(const std::array<Eigen::Vector2d, 5>& first,
   Equations equations = constraints(e);
   if (!eliminate(equations)) return 0;
 
-  // Rows 4 to 9 are x2z, x2, y2z, y2, xyz, xy: the first less z times the second, and so on, leaves
-  // three equations in x, y, 1 with polynomials in z.
+  // Rows 4 to 9 are x2z, x2, y2z, y2, xyz, xy. Subtracting z times the second from the first, and
+  // so on, gives three equations in x, y, 1 with polynomials in z.
   std::array<std::array<double, 4>, 3> of_x;
   std::array<std::array<double, 4>, 3> of_y;
   std::array<std::array<double, 5>, 3> of_1;
@@ -379,7 +381,8 @@ int five_point(const std::array<Eigen::Vector2d, 5>& first,
       const auto s = static_cast<std::size_t>(k);
       b.row(k) << value_at(of_x[s], z), value_at(of_y[s], z), value_at(of_1[s], z);
     }
-    // (x, y, 1) is across two rows: of the three products the longest is the surest.
+    // (x, y, 1) is orthogonal to two rows: the longest of the three cross products is the most
+    // accurate.
     Eigen::Vector3d best = Eigen::Vector3d::Zero();
     for (int k = 0; k < 3; ++k) {
       const Eigen::Vector3d cross = b.row(k).cross(b.row((k + 1) % 3));
@@ -417,7 +420,8 @@ int seven_point(const std::array<Eigen::Vector2d, 7>& first,
   };
   const std::array<double, 4> cubic{g.determinant(), (adjugate(g) * f).trace(),
                                     (adjugate(f) * g).trace(), f.determinant()};
-  // Where a is above 1, f + g / a by the cubic of the other order: its root is as well determined.
+  // If a is above 1, solves for f + g / a with the reversed cubic, whose root is equally well
+  // determined.
   const std::array<double, 4> reversed{cubic[3], cubic[2], cubic[1], cubic[0]};
   int count = 0;
   for (const bool is_near : {true, false}) {
@@ -434,7 +438,7 @@ int seven_point(const std::array<Eigen::Vector2d, 7>& first,
 
 bool four_point(const std::array<Eigen::Vector2d, 4>& first,
                 const std::array<Eigen::Vector2d, 4>& second, Eigen::Matrix3d& homography) {
-  // Of each image, the matrix that takes the basis and (1, 1, 1) to the four points.
+  // For each image, the matrix that maps the basis and (1, 1, 1) to the four points.
   const auto basis = [](const std::array<Eigen::Vector2d, 4>& p, Eigen::Matrix3d& m) {
     m << p[0].homogeneous(), p[1].homogeneous(), p[2].homogeneous();
     const Eigen::Vector3d weights(p[3].homogeneous().dot(m.col(1).cross(m.col(2))),

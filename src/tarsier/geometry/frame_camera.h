@@ -6,8 +6,8 @@
 
 namespace tarsier::geometry {
 
-// The camera of this frame: `given`, scaled to its size (geometry::scaled_camera). Throws
-// InputError, naming the frame, where the sides' proportion is another.
+// Returns the camera `given`, scaled to the frame's size (geometry::scaled_camera). Throws
+// InputError, which names the frame, if the aspect ratios differ.
 [[nodiscard]] geometry::Camera camera_of_frame(const geometry::Camera& given, const Frame& frame);
 
 }  // namespace tarsier::geometry

@@ -54,13 +54,13 @@ class YamlParser {
     }
     if (entry_ == nullptr) fail("'name: value' of OpenCV is expected");
     if (part_indent_ == 0) part_indent_ = indent;
-    if (!has_key || indent != part_indent_) return;  // of a list, a long text, or deeper
+    if (!has_key || indent != part_indent_) return;  // of a list, a long text, or a deeper level
     const auto [place, is_new] = entry_->parts.try_emplace(key);
     if (!is_new) fail(fmt::format("a second '{}'", printable(key)));
     start(place->second, value);
   }
 
-  // A list may go on over many lines.
+  // A list may continue over many lines.
   void start(std::string& target, std::string_view value) {
     target_ = &target;
     if (value.starts_with('[')) return add(value);
@@ -77,7 +77,7 @@ class YamlParser {
   StoredEntry* entry_ = nullptr;
   std::string* target_ = nullptr;
   std::size_t part_indent_ = 0;
-  std::ptrdiff_t open_ = 0;  // '[' without their ']'
+  std::ptrdiff_t open_ = 0;  // '[' minus ']'
   std::int64_t line_ = 0;
 };
 
@@ -113,7 +113,7 @@ class XmlParser {
   }
 
   void parse_tag(std::string_view& text) {
-    char quote = 0;  // what stands in quotes is no end
+    char quote = 0;  // a quoted character does not end the tag
     std::size_t end = 1;
     for (; end < text.size() && (quote != 0 || text[end] != '>'); ++end) {
       if (quote != 0 ? text[end] == quote : text[end] == '"' || text[end] == '\'')
@@ -153,7 +153,7 @@ class XmlParser {
       is_new = inserted;
       entry_ = &place->second;
       target_ = &entry_->text;
-    } else if (depth == 2 && name != "_") {  // those are in a list
+    } else if (depth == 2 && name != "_") {  // "_" is an element of a list
       const auto [place, inserted] = entry_->parts.try_emplace(name);
       is_new = inserted;
       target_ = &place->second;
@@ -165,7 +165,7 @@ class XmlParser {
   const std::string& path_;
   StoredEntries entries_;
   StoredEntry* entry_ = nullptr;
-  std::string* target_ = nullptr;   // that text goes to
+  std::string* target_ = nullptr;   // receives text
   std::vector<std::string> names_;  // of the open tags
 };
 

@@ -5,7 +5,7 @@
 #include <opencv2/core/matx.hpp>
 #include <opencv2/core/types.hpp>
 
-// Geometry is Eigen; these are the one way to and from the types of OpenCV's functions.
+// Geometry uses Eigen. These functions convert to and from the types of OpenCV.
 namespace tarsier::geometry {
 
 [[nodiscard]] inline cv::Vec3d to_cv(const Eigen::Vector3d& v) { return {v[0], v[1], v[2]}; }

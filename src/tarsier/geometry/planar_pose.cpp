@@ -23,7 +23,7 @@ bool all_finite(std::span<const cv::Point2d> points) {
       points, [](const cv::Point2d& p) { return std::isfinite(p.x) && std::isfinite(p.y); });
 }
 
-// Moves the centroid to the origin and the mean distance from it to sqrt(2).
+// Moves the centroid to the origin and scales the mean distance from it to sqrt(2).
 struct Conditioning {
   Eigen::Vector2d center = Eigen::Vector2d::Zero();
   double scale = 1;
@@ -46,7 +46,7 @@ std::optional<Conditioning> conditioning_of(std::span<const cv::Point2d> points)
   return c;
 }
 
-// In coordinates of the conditioned planes, from the normal equations of the algebraic error.
+// In conditioned coordinates, from the normal equations of the algebraic error.
 std::optional<Eigen::Matrix3d> conditioned_homography(std::span<const cv::Point2d> from,
                                                       std::span<const cv::Point2d> to,
                                                       const Conditioning& a,
@@ -62,7 +62,7 @@ std::optional<Eigen::Matrix3d> conditioned_homography(std::span<const cv::Point2
     normal.noalias() += row.transpose() * row;
   }
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(normal);
-  // Two directions without error: the points do not fix the map (too many on one line).
+  // Two directions without error: the points do not determine the map (too many are collinear).
   if (!(eigen.values(1) > 1e-12 * eigen.values(8))) return std::nullopt;
   const auto h = eigen.vectors.col(0);
   Eigen::Matrix3d m;
@@ -78,22 +78,22 @@ std::optional<Eigen::Matrix3d> homography(std::span<const cv::Point2d> from,
   if (!a || !b) return std::nullopt;
   const auto middle = conditioned_homography(from, to, *a, *b);
   if (!middle) return std::nullopt;
-  // Points on lines map to points on lines: then the map is singular.
+  // Points on lines are mapped to points on lines: then the map is singular.
   if (!(std::abs(middle->determinant()) > 1e-9)) return std::nullopt;
   Eigen::Matrix3d h = b->matrix().inverse() * *middle * a->matrix();
   h /= h.norm() * (h(2, 2) < 0 ? -1 : 1);
   return h;
 }
 
-// --- One image's points, ready for the pose ---
+// --- the points of one image ---
 
 struct Problem {
-  std::vector<Eigen::Vector2d> on_plane;  // about `center`
+  std::vector<Eigen::Vector2d> on_plane;  // relative to `center`
   std::vector<Eigen::Vector2d> rays;      // x / z, y / z
   Eigen::Vector2d center = Eigen::Vector2d::Zero();
   double fx = 1;
   double fy = 1;
-  Eigen::MatrixXd information;  // of the pixels; empty: all alike
+  Eigen::MatrixXd information;  // of the pixels; empty: equal weights
 };
 
 std::optional<Problem> problem_of(std::span<const cv::Point2d> on_plane,
@@ -130,7 +130,7 @@ struct Pose {
   double cost = std::numeric_limits<double>::infinity();  // sum of squares, px^2
 };
 
-// px; empty where a point is not before the camera.
+// px; empty if a point is not in front of the camera.
 std::optional<Eigen::VectorXd> errors_of(const Problem& problem, const Pose& pose) {
   Eigen::VectorXd error(static_cast<Eigen::Index>(2 * problem.rays.size()));
   for (std::size_t i = 0; i < problem.rays.size(); ++i) {
@@ -145,7 +145,7 @@ std::optional<Eigen::VectorXd> errors_of(const Problem& problem, const Pose& pos
   return error;
 }
 
-// Infinite where a point is not before the camera.
+// Infinite if a point is not in front of the camera.
 double cost_of(const Problem& problem, const Pose& pose) {
   const auto error = errors_of(problem, pose);
   if (!error) return std::numeric_limits<double>::infinity();
@@ -153,25 +153,26 @@ double cost_of(const Problem& problem, const Pose& pose) {
                                         : error->squaredNorm();
 }
 
-// The two rotations whose first-order view of the plane's origin is that of the homography
-// (Collins & Bartoli 2014, section 4). `h` has h(2, 2) = 1.
+// The two rotations whose first-order projection at the plane's origin equals that of the
+// homography (Collins & Bartoli 2014, section 4). `h` has h(2, 2) = 1.
 std::array<Eigen::Matrix3d, 2> rotations_of(const Eigen::Matrix3d& h) {
   const Eigen::Vector2d p(h(0, 2), h(1, 2));
   Eigen::Matrix2d jacobian;  // of the map at the origin
   jacobian << h(0, 0) - h(2, 0) * p.x(), h(0, 1) - h(2, 1) * p.x(), h(1, 0) - h(2, 0) * p.y(),
       h(1, 1) - h(2, 1) * p.y();
-  // Turns the optical axis into the line of sight to the origin. (Eigen's FromTwoVectors would do, but
-  // compiles an SVD for opposite directions, which do not occur.)
+  // Rotates the optical axis to the line of sight to the origin. (Eigen's FromTwoVectors also
+  // works, but compiles an SVD for opposite directions, which do not occur.)
   const Eigen::Vector3d ray = Eigen::Vector3d(p.x(), p.y(), 1).normalized();
-  const double twice = std::sqrt(2 * (1 + ray.z()));  // the cosine of half the angle, times 2
+  const double twice = std::sqrt(2 * (1 + ray.z()));  // twice the cosine of half the angle
   const Eigen::Matrix3d sight =
       Eigen::Quaterniond(twice / 2, -ray.y() / twice, ray.x() / twice, 0).toRotationMatrix();
   const Eigen::Matrix2d b = sight.topLeftCorner<2, 2>() - p * sight.bottomLeftCorner<1, 2>();
   const Eigen::Matrix2d a = b.inverse() * jacobian;
   const double gamma = (std::hypot(a(0, 0) + a(1, 1), a(0, 1) - a(1, 0)) +
                         std::hypot(a(0, 0) - a(1, 1), a(0, 1) + a(1, 0))) /
-                       2;                   // the larger singular value
-  const Eigen::Matrix2d upper = a / gamma;  // the rotation's upper left part, seen along the sight
+                       2;  // the larger singular value
+  // The rotation's upper left block, relative to the line of sight.
+  const Eigen::Matrix2d upper = a / gamma;
   const Eigen::Matrix2d rest = Eigen::Matrix2d::Identity() - upper.transpose() * upper;
   Eigen::Vector2d lower(std::sqrt(std::max(0.0, rest(0, 0))), std::sqrt(std::max(0.0, rest(1, 1))));
   if (rest(0, 1) < 0) lower.y() = -lower.y();
@@ -186,7 +187,7 @@ std::array<Eigen::Matrix3d, 2> rotations_of(const Eigen::Matrix3d& h) {
   return rotations;
 }
 
-// The translation with the least algebraic error: x - ray.x z = 0, y - ray.y z = 0.
+// The translation with the minimum algebraic error: x - ray.x z = 0, y - ray.y z = 0.
 Eigen::Vector3d translation_of(const Problem& problem, const Eigen::Matrix3d& rotation) {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
@@ -201,7 +202,7 @@ Eigen::Vector3d translation_of(const Problem& problem, const Eigen::Matrix3d& ro
   return linalg::solve_symmetric(normal, right);
 }
 
-// Of the residuals by a small turn w (R <- exp([w]x) R) and a change of t.
+// Linearises the residuals for a small rotation w (R <- exp([w]x) R) and a change of t.
 PoseEquations linearized(const Problem& problem, const Pose& pose) {
   const auto rows = static_cast<Eigen::Index>(2 * problem.rays.size());
   Eigen::Matrix<double, Eigen::Dynamic, 6> jacobian(rows, 6);
@@ -240,7 +241,7 @@ void refine(const Problem& problem, int iterations, Pose& pose) {
   const auto equations = [&](const Eigen::Matrix3d& rotation, const Eigen::Vector3d& translation) {
     return linearized(problem, {rotation, translation});
   };
-  // Damped from the start: a whole first step may leave for the other of the two minima.
+  // Damped from the start: a full first step may move to the other of the two minima.
   const RefinePoseOptions how{
       .max_steps = iterations, .max_trials = iterations, .damping = 1e-4, .tolerance = 1e-10};
   pose.cost = refine_pose(pose.rotation, pose.translation, cost, equations, how).cost;

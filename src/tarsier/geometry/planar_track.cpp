@@ -11,9 +11,9 @@
 namespace tarsier::geometry {
 namespace {
 
-// What one frame may add to the odds: a single bad image proves little.
+// Maximum contribution of one frame to the log odds: a single bad image proves little.
 constexpr double kMaxOfOneFrame = 3;
-// Poses nearer than this are one.
+// Poses with a smaller rotation between them count as equal.
 constexpr double kSame = 2 * CV_PI / 180;
 
 double angle_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
@@ -35,7 +35,7 @@ double extent_of(std::span<const cv::Point2d> pixels) {
   return std::max(high.x - low.x, high.y - low.y);
 }
 
-// How clearly the pixels speak for the first pose, in natural logarithms.
+// Log odds of the first pose, from the pixels.
 double evidence_of(const PlanarPose& first, const PlanarPose& second, std::size_t points,
                    double noise) {
   const double difference = second.rms_px * second.rms_px - first.rms_px * first.rms_px;
@@ -59,17 +59,17 @@ Rigid3 between(const Rigid3& a, const Rigid3& b, double part) {
           a.translation + part * (b.translation - a.translation)};
 }
 
-// `first` goes on as what was kept.
+// `first` continues the kept pose.
 struct Choice {
   PlanarPose first;
   std::optional<PlanarPose> second;
 };
 
-// Each of the poses to the nearer of the last frame's two.
+// Assigns each pose to the nearer of the two poses of the last frame.
 Choice assigned(const PlanarPoses& poses, const PlanarTrackState& state) {
   Choice choice{poses.best, poses.other};
   if (!poses.other) return choice;
-  // The object turns on as it did, a little less: what was measured is noise in part.
+  // Predicts the rotation slightly smaller than the last one, because a part of that is noise.
   const Eigen::Matrix3d on = interpolate(Eigen::Matrix3d::Identity(), state.turn, 0.7);
   const Eigen::Matrix3d kept = on * state.kept.rotation;
   const double best = angle_between(poses.best.camera_from_plane.rotation, kept);
@@ -91,11 +91,11 @@ void smooth(std::span<const cv::Point2d> on_plane, std::span<const cv::Point2d> 
   const double part = low_pass_share(
       options.cutoff_hz + options.beta * std::max(0.0, fastest - options.still_px_s), seconds);
   state.steady = between(state.steady, measured, part);
-  // Half-way in pose is half-way in pixels, nearly: twice brings it on the leash.
+  // Half-way in pose is nearly half-way in pixels, so two iterations satisfy the limit.
   for (int i = 0; i < 2; ++i) {
     const double away = farthest_px(state.steady, on_plane, pixels, camera);
     if (away <= options.leash_px) break;
-    // The measured pose has a distance of its own, which no leash can help.
+    // The measured pose has its own distance, which the limit cannot reduce.
     const double own = farthest_px(measured, on_plane, pixels, camera);
     const double slack = std::max(options.leash_px - own, 0.1 * options.leash_px);
     const double to_go = std::isfinite(away) ? 1 - std::min(1.0, slack / away) : 1;
@@ -128,7 +128,7 @@ std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
       state.evidence = std::clamp(
           state.evidence + evidence_of(choice.first, *choice.second, pixels.size(), noise),
           -options.max_evidence, options.max_evidence);
-      // Where the two meet there is nothing to tell apart, and no odds go on beyond.
+      // Where the two poses meet they are indistinguishable, so the odds restart.
       if (angle_between(choice.first.camera_from_plane.rotation,
                         choice.second->camera_from_plane.rotation) < kSame)
         state.evidence = 0;
@@ -140,7 +140,7 @@ std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
     } else {
       state.evidence = 0;
     }
-    // Turns are noisy near frontal: half of each is new.
+    // Rotations are noisy near frontal: half of each is new.
     const Eigen::Matrix3d turn =
         choice.first.camera_from_plane.rotation * state.kept.rotation.transpose();
     state.turn =

@@ -11,23 +11,26 @@
 #include <span>
 #include <vector>
 
-// The pose of a planar object over a video: which of its two poses is the true one, and steady.
+// Tracks the pose of a planar object in a video: chooses between its two poses and smooths the
+// result.
 namespace tarsier::geometry {
 
 struct PlanarTrackOptions {
-  // Standard deviation that a pixel is trusted to, px; or the share of the object's size in the
-  // image if that is more (a camera that is not exactly known errs in proportion).
+  // Standard deviation of a pixel, px, or this share of the object's size in the image if that is
+  // more. The share covers errors of the camera, which grow with the size.
   double noise_px = 0.3;
   double noise_share = 0.003;
-  double switch_evidence = 8;  // in which natural logarithm of odds the other pose must lead
-  double max_evidence = 40;    // odds are not remembered beyond, so that errors can be mended
-  double gap_s = 0.5;          // unseen for longer, it starts again
+  double switch_evidence = 8;  // lead of the other pose, in log odds, that causes a switch
+  // Limit of the accumulated log odds, so that an error can be corrected.
+  double max_evidence = 40;
+  double gap_s = 0.5;          // restarts if the object was not seen for longer
   bool smooth = true;          // false: `steady` is the measured pose
-  double cutoff_hz = 0.5;      // of the low pass when still
-  double still_px_s = 5;       // px/s that noise alone gives
-  double beta = 0.3;           // by which the cut-off grows, Hz for each px/s beyond
-  double speed_cutoff_hz = 3;  // of that speed itself
-  double leash_px = 0.6;       // no pixel of the steady pose is farther from its place
+  double cutoff_hz = 0.5;      // of the low-pass filter when still
+  double still_px_s = 5;       // px/s caused by noise alone
+  double beta = 0.3;           // increase of the cut-off, Hz per px/s beyond still_px_s
+  double speed_cutoff_hz = 3;  // cut-off of the low-pass filter of the speed
+  // Maximum distance of a pixel of the steady pose from its observation.
+  double leash_px = 0.6;
 
   [[nodiscard]] OptionFields fields() {
     return {{"noise_px", noise_px, above(0)},
@@ -44,14 +47,14 @@ struct PlanarTrackOptions {
   void check() const { check_fields(*this); }
 };
 
-// What is remembered between frames.
+// State between frames.
 struct PlanarTrackState {
   bool is_started = false;
-  double time = 0;                       // s
-  Rigid3 kept;                           // the last pose, as measured
-  std::optional<Eigen::Matrix3d> other;  // the other pose's rotation
-  double evidence = 0;                   // logarithm of the odds for `kept`, against the other
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // from the last frame to this one
+  double time = 0;                                     // s
+  Rigid3 kept;                                         // the last measured pose
+  std::optional<Eigen::Matrix3d> other;                // rotation of the other pose
+  double evidence = 0;                                 // log odds of `kept` against the other pose
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // rotation from the last frame to this one
   Rigid3 steady;
   std::vector<cv::Point2d> pixels;
   std::vector<cv::Point2d> speed;  // px/s, low-passed
@@ -59,21 +62,26 @@ struct PlanarTrackState {
 
 struct TrackedPlane {
   PlanarPose pose;                  // as measured
-  std::optional<PlanarPose> other;  // the one that was not chosen
-  Rigid3 steady;                    // smoothed; the measured pose where that was not asked for
-  bool is_new = false;              // no frame before this one
-  bool is_switched = false;  // the other pose of the last frames turned out to be the true one
+  std::optional<PlanarPose> other;  // the pose that was not chosen
+  Rigid3 steady;                    // smoothed pose; the measured pose if smoothing is off
+  bool is_new = false;              // first frame
+  bool is_switched = false;         // the pose was switched in this frame
 };
 
-// One frame. Both poses (planar_poses) are followed: each belongs to the nearer of those of the
-// last frame, turned on as before; the squared errors of the two in px over twice the noise squared
-// are summed over the frames as odds, and the pose is changed only against clear odds. So a still
-// object near frontal, whose poses explain single images alike, does not flip; and a wrong choice
-// at the start is corrected as soon as the images tell. Smoothing is a one-euro filter (Casiez et
-// al., CHI 2012) on rotation and translation alike, whose speed is that of the pixels: what moves
-// depth and tilt of a small object moves its pixels little, so that their noise is smoothed as
-// noise; and the leash bounds the lag. Empty where there is no pose; the state is then as it was.
-// `time` (s) rises; otherwise, after a gap, or for another number of points it starts again.
+// Processes one frame.
+//
+// Both poses (planar_poses) are tracked. Each is assigned to the nearer pose of the last frame,
+// predicted with the last rotation. The difference of their squared errors in px, over twice the
+// noise squared, is accumulated over the frames as log odds. The pose is switched only if the odds
+// are clear. A still object near frontal, whose poses have similar errors in each single image,
+// therefore does not flip. A wrong initial choice is corrected as soon as the images show it.
+//
+// Smoothing is a one-euro filter (Casiez et al., CHI 2012) on rotation and translation, driven by
+// the speed of the pixels. A change in depth or tilt of a small object hardly moves its pixels, so
+// noise in these is smoothed. leash_px limits the lag.
+//
+// Empty if there is no pose; the state is then unchanged. `time` (s) must increase. If it does not,
+// after a gap, or for another number of points, tracking restarts.
 [[nodiscard]] std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
                                                       std::span<const cv::Point2d> pixels,
                                                       const Camera& camera, double time,

@@ -9,13 +9,14 @@
 #include <algorithm>
 #include <cmath>
 
-// A pose that minimises a sum of squares, whatever the squares are of: Levenberg-Marquardt
-// (Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", 1963) over a
-// small turn w and a shift t, R <- exp([w]x) R and T <- T + t. A template, as the sums over the
-// points are to be compiled into the loop.
+// Finds the pose that minimises any sum of squares by Levenberg-Marquardt (Marquardt, "An algorithm
+// for least-squares estimation of nonlinear parameters", 1963), over a small rotation w and a shift
+// t: R <- exp([w]x) R and T <- T + t. It is a template so that the sums over the points are inlined
+// into the loop.
 namespace tarsier::geometry {
 
-// Of the residuals r by (w, t): J' J, of which the lower triangle counts, and J' r.
+// For the residuals r as functions of (w, t): J' J, of which only the lower triangle is used, and
+// J' r.
 struct PoseEquations {
   Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Zero();
   Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
@@ -23,24 +24,24 @@ struct PoseEquations {
 
 struct RefinePoseOptions {
   int max_steps = 10;       // linearisations, >= 0
-  int max_trials = 1000;    // poses that are tried in all, >= 0
-  double damping = 0;       // of the first step, as a share of the diagonal, >= 0
-  double tolerance = 1e-7;  // done when a step lowers the cost by less than this share
+  int max_trials = 1000;    // maximum number of tried poses, >= 0
+  double damping = 0;       // of the first step, relative to the diagonal, >= 0
+  double tolerance = 1e-7;  // stops if a step reduces the cost by less than this share
 };
 
 struct RefinedPose {
-  double cost = 0;         // infinite where the start has none
-  bool converged = false;  // no step lowers the cost by more than the tolerance
+  double cost = 0;         // infinite if the start has no finite cost
+  bool converged = false;  // no step reduces the cost by more than the tolerance
 };
 
-// `cost(rotation, translation)`: the sum of squares, infinite for a pose that cannot be;
-// `equations(rotation, translation)`: PoseEquations there. The pose never becomes a worse one.
+// `cost(rotation, translation)`: the sum of squares; infinite for an impossible pose.
+// `equations(rotation, translation)`: the PoseEquations at this pose. The cost never increases.
 template <class Cost, class Equations>
 RefinedPose refine_pose(Eigen::Matrix3d& rotation, Eigen::Vector3d& translation, const Cost& cost,
                         const Equations& equations, const RefinePoseOptions& options) {
-  constexpr int kAttempts = 6;        // steps that are tried at one linearisation
-  constexpr double kDamped = 1e-4;    // the first damping after a step that failed
-  constexpr double kUndamped = 1e-6;  // below it is none
+  constexpr int kAttempts = 6;        // tried steps per linearisation
+  constexpr double kDamped = 1e-4;    // first damping after a failed step
+  constexpr double kUndamped = 1e-6;  // smaller damping is set to 0
   RefinedPose result;
   result.cost = cost(rotation, translation);
   double damping = options.damping;

@@ -53,7 +53,7 @@ Eigen::Matrix3d rotation_by(const Eigen::Vector3d& v) {
   return Eigen::AngleAxisd(angle, v / angle).toRotationMatrix();
 }
 
-// From sine and cosine both: each alone loses half its digits near one of the ends.
+// Uses both sine and cosine: each alone loses half its digits near one end of the range.
 double angle_of(const Eigen::Matrix3d& r) {
   const Eigen::Vector3d twice_sine(r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1));
   return std::atan2(twice_sine.norm(), r.trace() - 1);

@@ -18,7 +18,7 @@ std::optional<Camera> scaled_camera(const Camera& camera, cv::Size image) {
   const double x = static_cast<double>(image.width) / camera.width;
   const double y = static_cast<double>(image.height) / camera.height;
   if (std::abs(x / y - 1) > 0.01) return std::nullopt;
-  // The middles of pixels are at integers, their edges half a pixel off.
+  // Pixel centres are at integers, pixel edges half a pixel away.
   scaled.fx *= x;
   scaled.fy *= y;
   scaled.cx = (camera.cx + 0.5) * x - 0.5;

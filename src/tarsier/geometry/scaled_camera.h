@@ -9,14 +9,13 @@
 
 namespace tarsier::geometry {
 
-// The camera of images of this size: the same, where the camera's size is not known (0); with all
-// lengths in proportion, where the image was made larger or smaller. Empty where the sides'
-// proportion is another (by more than 1 %): then part of the image was cut off, or it is another
-// camera's.
+// The camera for images of this size. It is unchanged if the camera's size is not known (0);
+// otherwise all lengths are scaled with the image. Empty if the aspect ratio differs by more than 1
+// %: then the image was cropped or belongs to another camera.
 [[nodiscard]] std::optional<Camera> scaled_camera(const Camera& camera, cv::Size image);
 
-// Where nothing is known: no distortion, the middle in the middle, a focal length of `focal` times
-// the larger side (1: 53 degrees of view, between webcams and telephones).
+// A camera for images without any information: no distortion, principal point at the centre, focal
+// length `focal` times the larger side (1: 53 degrees of view, between webcams and phones).
 [[nodiscard]] Camera guessed_camera(cv::Size image, double focal = 1);
 
 }  // namespace tarsier::geometry

@@ -11,9 +11,10 @@
 namespace tarsier::geometry {
 namespace {
 
-constexpr double kMinFlatness = 1e-6;  // second extent of the points by the first
+constexpr double kMinFlatness = 1e-6;  // second extent of the points / first extent
 
-// Whether a covariance has two directions of extent at least. Extents are roots of its singular values.
+// Whether a covariance has at least two directions of extent. Extents are the roots of its singular
+// values.
 bool is_spread(const Eigen::Matrix3d& covariance) {
   const Eigen::VectorXd w = linalg::left_svd(covariance).values;
   return w[0] > 0 && std::isfinite(w[0]) && w[1] > kMinFlatness * kMinFlatness * w[0];

@@ -10,7 +10,8 @@
 
 namespace tarsier::geometry {
 
-// A similarity: x_in_b = scale * rotation * x_in_a + translation; scale > 0. The translation has the unit of b.
+// A similarity: x_in_b = scale * rotation * x_in_a + translation; scale > 0. The translation is in
+// the unit of b.
 struct Sim3 {
   double scale = 1;
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
@@ -27,13 +28,13 @@ struct Sim3 {
   [[nodiscard]] Sim3 inverse() const {
     return {1 / scale, rotation.transpose(), rotation.transpose() * translation / -scale};
   }
-  // Throws std::invalid_argument unless scale > 0, the rotation is orthonormal (to 1e-6) and right-handed and all is
-  // finite.
+  // Throws std::invalid_argument unless scale > 0, the rotation is orthonormal (to 1e-6) and
+  // right-handed and all values are finite.
   void check() const;
 };
 
-// camera_from_b where a camera sees the points of a moved into b. Of x_c = R x_a + t and x_b = s Q x_a + u this is
-// R Q' x_b + (s t - R Q' u), up to the factor 1 / s, which no pixel shows.
+// The camera pose camera_from_b after the points of a are moved into b. For x_c = R x_a + t and x_b
+// = s Q x_a + u it is R Q' x_b + (s t - R Q' u), up to the factor 1 / s, which no pixel depends on.
 [[nodiscard]] Rigid3 moved_camera(const Rigid3& camera_from_a, const Sim3& b_from_a);
 
 using PointsRef = Eigen::Ref<const Eigen::Matrix3Xd>;
@@ -45,11 +46,11 @@ using PointsRef = Eigen::Ref<const Eigen::Matrix3Xd>;
           static_cast<Eigen::Index>(points.size())};
 }
 
-// The similarity that takes the columns of `from` to those of `to` with the least sum of squared distances (Umeyama,
-// PAMI 1991, eq. 40-42; mirrored data get the best rotation, never a reflection). Empty for fewer than three points,
-// and where the points do not determine it: all `from` or all `to` on one line (farther from it than 1e-6 of their
-// extent counts), or the two not correlated. Throws std::invalid_argument for different numbers of points and for
-// coordinates that are not finite.
+// The similarity that maps the columns of `from` to those of `to` with the minimum sum of squared
+// distances (Umeyama, PAMI 1991, eq. 40-42). For mirrored data it is the best rotation, never a
+// reflection. Empty for fewer than three points, or if the points do not determine it: all `from`
+// or all `to` are collinear (to within 1e-6 of their extent), or the two sets are not correlated.
+// Throws std::invalid_argument for different numbers of points and for non-finite coordinates.
 [[nodiscard]] std::optional<Sim3> similarity_between(const PointsRef& from, const PointsRef& to);
 
 }  // namespace tarsier::geometry

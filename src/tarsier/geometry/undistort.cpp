@@ -14,8 +14,8 @@
 namespace tarsier::geometry {
 namespace {
 
-constexpr int kMaxPlaces = 1000;  // on each side of an image
-constexpr double kWidest = 1.8;   // tangent, of what is kept of a fisheye
+constexpr int kMaxPlaces = 1000;  // points on each side of an image
+constexpr double kWidest = 1.8;   // tangent of the angle to which a fisheye is limited
 
 cv::Point2d ray_of_border(const Camera& camera, double x, double y) {
   const auto point = camera.normalized_of({x, y});

@@ -7,25 +7,26 @@
 
 namespace tarsier::geometry {
 
-// A pinhole without distortion, of the same size, whose whole image lies inside that of `camera`:
-// no empty borders. The outer pixel middles of its image are the largest upright rectangle
-// between the four bent borders of `camera`'s (what cv::getOptimalNewCameraMatrix does for alpha
-// 0, but with up to 1000 places on each side instead of 9), so fx, fy, cx and cy all change. Of a
-// fisheye, whose border no plane may reach, it takes what lies within tan = 1.8 (61 degrees) of the
-// axis, with equal focal lengths. A camera that has no distortion comes back as it is. Throws
-// std::invalid_argument for no camera and Error (kBadInput) where the distortion cannot be undone
-// everywhere in the image, or where nothing remains between the borders.
+// A pinhole camera without distortion, of the same size, whose whole image lies inside that of
+// `camera`: there are no empty borders. The outermost pixel centres of its image form the largest
+// upright rectangle between the four curved borders of `camera`'s image. This is what
+// cv::getOptimalNewCameraMatrix does for alpha 0, but with up to 1000 points on each side instead
+// of 9. So fx, fy, cx and cy all change.
+// The border of a fisheye image may not be reachable by a plane. Its new image is limited to tan =
+// 1.8 (61 degrees) from the axis, with equal focal lengths. A camera without distortion is returned
+// unchanged. Throws std::invalid_argument for an invalid camera, and Error (kBadInput) if the
+// distortion is not invertible everywhere in the image or if nothing remains between the borders.
 [[nodiscard]] Camera undistorted_camera(const Camera& camera);
 
-// The image that `to` would have taken in the place of `from`: 8 or 16 bit, any channels,
-// bicubic; outside of the source its border goes on. Throws std::invalid_argument unless `image`
+// The image that `to` would have taken in place of `from`: 8 or 16 bit, any channels, bicubic.
+// Outside the source the border pixels are repeated. Throws std::invalid_argument unless `image`
 // has the size of `from`, `to` has no distortion, and no side has more than 32766 px.
 [[nodiscard]] cv::Mat undistort_image(const cv::Mat& image, const Camera& from, const Camera& to);
 
-// The same for many images of one camera: where each pixel comes from is computed once.
+// The same for many images of one camera: the map is computed once.
 class Straightener {
  public:
-  // Throws as undistort_image().
+  // Throws the same exceptions as undistort_image().
   Straightener(const Camera& from, const Camera& to);
   [[nodiscard]] cv::Mat operator()(const cv::Mat& image) const;
 
@@ -36,6 +37,6 @@ class Straightener {
   cv::Mat fractions_;
 };
 
-inline constexpr int kMaxUndistortedSide = 32'766;  // px, of cv::remap
+inline constexpr int kMaxUndistortedSide = 32'766;  // px, limit of cv::remap
 
 }  // namespace tarsier::geometry

@@ -13,9 +13,9 @@ namespace tarsier::linalg {
 namespace {
 
 using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-constexpr Eigen::Index kRows = 192;  // of a product at a time: they stay in the cache
+constexpr Eigen::Index kRows = 192;  // rows per product, so that they stay in the cache
 
-// target (rows x width, at `to` of a column-major matrix of `stride` rows) -= what the kernel made.
+// target (rows x width, at `to` of a column-major matrix of `stride` rows) -= the kernel's product.
 void subtract(const std::vector<float>& product, Eigen::Index rows, Eigen::Index width, float* to,
               Eigen::Index stride) {
   for (Eigen::Index c = 0; c < width; ++c)

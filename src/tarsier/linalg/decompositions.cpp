@@ -13,7 +13,7 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// One right side has a faster way than several; both are exact to rounding, but round differently.
+// A single right-hand side has a faster method; both are exact to rounding, but round differently.
 template <class Solver>
 MatrixXd solved(const Solver& solver, const ConstMatrix& b) {
   if (b.cols() == 1) return VectorXd(solver.solve(VectorXd(b)));

@@ -3,21 +3,22 @@
 
 #include <Eigen/Core>
 
-// Decompositions of dense matrices in double precision (Golub and Van Loan, Matrix Computations). The work is Eigen's; it
-// is compiled once here, for its templates cost seconds in each file that instantiates them.
+// Decompositions of dense matrices in double precision (Golub and Van Loan, Matrix Computations).
+// Eigen does the computation. It is compiled once here, because its templates cost seconds in each
+// file that instantiates them.
 namespace tarsier::linalg {
 
-using ConstMatrix = Eigen::Ref<const Eigen::MatrixXd>;  // also of a block, without a copy
+using ConstMatrix = Eigen::Ref<const Eigen::MatrixXd>;  // also binds to a block without a copy
 
 // A = L L^T of a symmetric positive definite n x n matrix. Only the lower triangle is read.
 class Cholesky {
  public:
-  Cholesky() = default;  // of a matrix that is not positive definite: ok() is false
+  Cholesky() = default;  // ok() is false
   explicit Cholesky(const ConstMatrix& a) { compute(a); }
-  // False, as is ok() afterwards, where `a` is not positive definite.
+  // Returns false if `a` is not positive definite; then ok() is also false.
   bool compute(const ConstMatrix& a);
   [[nodiscard]] bool ok() const { return ok_; }
-  // X with A X = B, n x k. Not finite where !ok().
+  // X with A X = B, n x k. Not finite if !ok().
   [[nodiscard]] Eigen::MatrixXd solve(const ConstMatrix& b) const;
   // L, n x n; zeros above the diagonal.
   [[nodiscard]] Eigen::MatrixXd lower() const;
@@ -27,8 +28,8 @@ class Cholesky {
   bool ok_ = false;
 };
 
-// X with A X = B for a symmetric A, n x n, by A = P^T L D L^T P. Only the lower triangle is read. Not finite, or of no
-// meaning, where A is singular and B not in its range.
+// X with A X = B for a symmetric A, n x n, by A = P^T L D L^T P. Only the lower triangle is read.
+// If A is singular and B is not in its range, the result is meaningless or not finite.
 [[nodiscard]] Eigen::MatrixXd solve_symmetric(const ConstMatrix& a, const ConstMatrix& b);
 
 // X with A X = B for any invertible A, n x n, by Gaussian elimination with row pivoting.
@@ -37,13 +38,13 @@ class Cholesky {
 // A = V diag(values) V^T.
 struct SymmetricEigen {
   Eigen::VectorXd values;   // n, ascending
-  Eigen::MatrixXd vectors;  // n x n, orthonormal columns; their signs are free
+  Eigen::MatrixXd vectors;  // n x n, orthonormal columns with arbitrary signs
 };
 
-// Of a symmetric matrix, n x n; only the lower triangle is read. Throws std::invalid_argument where the QR iteration
-// does not converge (a matrix that is not finite).
+// For a symmetric matrix, n x n; only the lower triangle is read. Throws std::invalid_argument if
+// the QR iteration does not converge (a matrix that is not finite).
 [[nodiscard]] SymmetricEigen symmetric_eigen(const ConstMatrix& a);
-// A v = value B v for a symmetric A and a positive definite B; V^T B V = I.
+// Generalised problem A v = value B v for a symmetric A and a positive definite B; V^T B V = I.
 [[nodiscard]] SymmetricEigen symmetric_eigen(const ConstMatrix& a, const ConstMatrix& b);
 
 // A = U diag(values) V^T with r = min(rows, columns), by Jacobi rotations.
@@ -53,7 +54,8 @@ struct LeftSvd {
 };
 [[nodiscard]] LeftSvd left_svd(const ConstMatrix& a);
 
-// An orthonormal basis of the columns of A, rows x columns (rows >= columns, full rank), by Householder reflections.
+// An orthonormal basis of the column space of A, rows x columns (rows >= columns, full rank), by
+// Householder reflections.
 [[nodiscard]] Eigen::MatrixXd orthonormal_basis(const ConstMatrix& a);
 
 }  // namespace tarsier::linalg

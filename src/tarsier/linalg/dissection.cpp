@@ -11,9 +11,10 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr std::size_t kSmall = 16;  // variables of a part that is not cut
-constexpr double kMinHalf = 0.2;    // share of a part
-constexpr double kUneven = 2;       // what halves cost that differ by the whole part, in separators
+constexpr std::size_t kSmall = 16;  // parts of at most this many variables are not cut
+constexpr double kMinHalf = 0.2;    // minimum share of a half
+// Cost of unequal halves, in separators, when they differ by the whole part.
+constexpr double kUneven = 2;
 constexpr int kOrdered = -1;
 
 class Dissection {
@@ -34,11 +35,11 @@ class Dissection {
       if (part_of_[at(variable)] == part) cut_component(part, variable);
   }
 
-  // The variables of `part` that hang together with `start`.
+  // Cuts the component of `part` that contains `start`.
   void cut_component(int part, int start) {
     for (int k = 0; k < 2; ++k) {
       find_levels(part, start);
-      start = sequence_.back();  // a far one
+      start = sequence_.back();  // a peripheral variable
     }
     find_levels(part, start);
     const int level = separating_level();
@@ -68,8 +69,8 @@ class Dissection {
     order_.insert(order_.end(), variables.begin(), variables.end());
   }
 
-  // Fills sequence_ with the component of `start`, by distance from it; level_ with the distances, and begins_ with where
-  // each of them begins, and the end.
+  // Fills sequence_ with the component of `start`, sorted by distance from it. level_ receives the
+  // distances, and begins_ the start of each distance in sequence_, and the end.
   void find_levels(int part, int start) {
     begins_.assign(1, 0);
     sequence_.assign(1, start);
@@ -90,7 +91,7 @@ class Dissection {
     for (const int variable : sequence_) part_of_[at(variable)] = part;
   }
 
-  // The level of sequence_ that separates it best; -1: it is not to be cut.
+  // The level of sequence_ that is the best separator; -1 if the part should not be cut.
   [[nodiscard]] int separating_level() const {
     const auto all = static_cast<double>(sequence_.size());
     int best = -1;
@@ -115,7 +116,7 @@ class Dissection {
   }
 
   const std::vector<std::vector<int>>& neighbours_;
-  std::vector<int> part_of_;  // of each variable
+  std::vector<int> part_of_;  // for each variable
   int next_part_ = 0;
   std::vector<int> sequence_;
   std::vector<int> level_;

@@ -9,8 +9,8 @@
 namespace tarsier::linalg {
 namespace {
 
-// Calls visit(column offset, padded row, padded column, length) for the runs of output pixels
-// begin .. begin + count that lie in one output row.
+// Calls visit(column offset, padded row, padded column, length) for the runs of output pixels begin
+// .. begin + count that lie in one output row.
 template <typename Visit>
 void for_runs(const Layer& layer, Shape to, int begin, int count, const Visit& visit) {
   for (int done = 0; done < count;) {

@@ -4,9 +4,9 @@
 #include <cstddef>
 #include <cstdint>
 
-// The matrix products that convolutions are made of, compiled once for each instruction set
-// from one source (gemm.inl) and chosen at run time. Single precision; the order of summation
-// depends on the instruction set only, never on threads.
+// The matrix products of convolutions. They are compiled once for each instruction set from one
+// source (gemm.inl) and selected at run time. Single precision. The order of summation depends only
+// on the instruction set, never on threads.
 namespace tarsier::linalg {
 
 inline constexpr int kPanel = 48;  // columns of a panel
@@ -19,8 +19,8 @@ struct GemmKernels {
   void (*panel)(int rows, int depth, const float* a, std::ptrdiff_t row, std::ptrdiff_t column,
                 const float* b, std::ptrdiff_t b_stride, float* out);
 
-  // The same where row k of b begins at b + offsets[k], and a is rows x depth, dense: windows of a
-  // map are read where they lie.
+  // The same, but row k of b begins at b + offsets[k], and a is dense, rows x depth: windows of a
+  // map are read in place.
   void (*panel_at)(int rows, int depth, const float* a, const float* b,
                    const std::ptrdiff_t* offsets, float* out);
 
@@ -29,15 +29,15 @@ struct GemmKernels {
   void (*dots)(int rows, int columns, int length, const float* a, std::ptrdiff_t a_stride,
                const float* b, std::ptrdiff_t b_stride, float* out, std::ptrdiff_t out_stride);
 
-  // out[n] = dot(a, b + n * length, length) of whole numbers from -127 to 127, n < rows; `length`
-  // is a multiple of kByteStep, and at most kMaxBytes. The same with every instruction set.
+  // out[n] = dot(a, b + n * length, length) of integers from -127 to 127, n < rows. `length` is a
+  // multiple of kByteStep and at most kMaxBytes. The result is the same with every instruction set.
   void (*byte_dots)(int rows, int length, const std::int8_t* a, const std::int8_t* b,
                     std::int32_t* out);
 };
 
 [[nodiscard]] const GemmKernels& gemm_kernels();
 
-// Null where the compiler's target has no such instructions.
+// Null if the compiler's target does not have these instructions.
 [[nodiscard]] const GemmKernels* gemm_baseline();
 [[nodiscard]] const GemmKernels* gemm_avx2();
 [[nodiscard]] const GemmKernels* gemm_avx512();

@@ -32,7 +32,7 @@ double map_loss(const MapLoss& form, const std::vector<float>& target,
     if (label == kIgnoredCell) continue;
     float slope = 0;
     const double raw = logistic_loss(output[i], label, slope);
-    // The focal weight is taken as constant in the derivative.
+    // The focal weight is treated as a constant in the derivative.
     const float weight = label > 0.5F ? share : slope * slope * form.focal;
     loss += raw * static_cast<double>(weight);
     derivative[i] = slope * weight;

@@ -23,7 +23,7 @@
 #include <utility>
 #include <vector>
 
-// What a model file holds, listed once for writing and reading:
+// Lists the fields of a model file once, for writing and reading:
 //
 //   void list_spring(linalg::ModelFields& file, Spring& spring) {
 //     file.matrix("mean", spring.mean, 2, -1);
@@ -37,30 +37,31 @@
 //     return linalg::read_checked<Spring>(value, path, list_spring);
 //   }
 //
-// Reading goes from field to field, so that a size may depend on what stands before it. The order
-// does not matter to the file: the members of its objects are sorted by name.
+// Fields are read in the listed order, so a size may depend on an earlier field. The file does not
+// depend on the order: the members of its objects are sorted by name.
 namespace tarsier::linalg {
 
 class ModelFields {
  public:
-  // Writes.
+  // For writing.
   ModelFields() = default;
-  // Reads `object`, which must outlive this. What does not fit throws ModelError(path).
+  // For reading `object`, which must outlive this. Throws ModelError(path) for fields that do not
+  // match.
   ModelFields(const nlohmann::json& object, const std::string& path)
       : from_(&object), path_(path) {}
 
   [[nodiscard]] bool reads() const { return from_ != nullptr; }
-  // Of the file that is read.
+  // Path of the file being read.
   [[nodiscard]] const std::string& path() const { return path_; }
-  // What was written.
+  // The written object.
   [[nodiscard]] nlohmann::json take() { return std::move(to_); }
 
-  // Whether a field that may be missing is there, or is to be written.
+  // Reading: whether an optional field exists. Writing: whether it must be written.
   [[nodiscard]] bool has(const char* name, bool is_set) const {
     return reads() ? from_->contains(name) : is_set;
   }
 
-  // A number, low..high where it is read.
+  // A number; low..high is checked when reading.
   void number(const char* name, double& value, double low = std::numeric_limits<double>::lowest(),
               double high = std::numeric_limits<double>::max());
   void number(const char* name, float& value, double low, double high);
@@ -75,8 +76,8 @@ class ModelFields {
   }
   void flag(const char* name, bool& value);
   void text(const char* name, std::string& value, std::size_t max_bytes = 4096);
-  // One of the names of name_of(value), or of a table; `parse` throws std::invalid_argument for any
-  // other.
+  // One of the names of name_of(value), or of a table. `parse` throws std::invalid_argument for
+  // another name.
   template <class Named, class Parse>
   void named(const char* name, Named& value, const Parse& parse, std::size_t max_bytes = 4096) {
     if (!reads()) {
@@ -100,9 +101,9 @@ class ModelFields {
     value = *found;
   }
 
-  // A matrix, row by row, as numbers of type `Stored` (its own, if it is void). -1: any number of
-  // rows or columns. An empty one is written with the stated ones; a vector may be stored either as
-  // one row or as one column.
+  // A matrix in row-major order, as numbers of type `Stored` (void: the matrix's own type). -1: any
+  // number of rows or columns. An empty matrix is written with the given sizes. A vector may be
+  // stored as one row or as one column.
   template <class Stored = void, class Matrix>
   void matrix(const char* name, Matrix& value, std::int64_t rows, std::int64_t cols) {
     using Own = typename Matrix::Scalar;
@@ -113,7 +114,7 @@ class ModelFields {
       to_[name] = pack(rows_of<Number>(value, rows, cols));
     }
   }
-  // The same in half precision (pack_half()); single precision is read as well.
+  // The same in half precision (pack_half()). Reading also accepts single precision.
   template <class Matrix>
   void half_matrix(const char* name, Matrix& value, std::int64_t rows, std::int64_t cols) {
     if (reads()) {
@@ -122,7 +123,7 @@ class ModelFields {
       to_[name] = pack_half(rows_of<float>(value, rows, cols));
     }
   }
-  // 2 x n, point after point; -1: any number.
+  // 2 x n, point by point; -1: any number.
   template <class Matrix>
   void points(const char* name, Matrix& value, std::int64_t count) {
     using Number = typename Matrix::Scalar;
@@ -134,7 +135,7 @@ class ModelFields {
           pack(PackedArray<Number>{{value.cols(), 2}, {value.data(), value.data() + value.size()}});
     }
   }
-  // A list of `count` numbers (-1: any), as numbers of type `Stored`.
+  // A list of `count` numbers (-1: any), stored as type `Stored`.
   template <class Stored, class List>
   void list(const char* name, List& values, std::int64_t count) {
     if (reads()) {
@@ -148,7 +149,7 @@ class ModelFields {
     }
   }
 
-  // An array of another kind, of this shape (-1: any).
+  // An array of this shape (-1: any), for other containers.
   template <class Number>
   void array(const char* name, PackedArray<Number>& value,
              std::initializer_list<std::int64_t> shape) {
@@ -162,7 +163,7 @@ class ModelFields {
   // network_to_json(), network_from_json()
   void network(const char* name, Network& value, Precision precision = Precision::kSingle);
 
-  // An object with fields of its own, which `fields(ModelFields&, value)` lists.
+  // A nested object; `fields(ModelFields&, value)` lists its fields.
   template <class Part, class Fields>
   void part(const char* name, Part& value, const Fields& fields) {
     if (reads()) {
@@ -174,7 +175,7 @@ class ModelFields {
       to_[name] = inner.take();
     }
   }
-  // A list of min..max such objects.
+  // A list of min..max nested objects.
   template <class Part, class Fields>
   void parts(const char* name, std::vector<Part>& values, std::size_t min, std::size_t max,
              const Fields& fields) {
@@ -193,8 +194,7 @@ class ModelFields {
       }
     }
   }
-  // What `write(value)` makes of it, which is to_json() if it is not given, and `read(json, path)`
-  // reads.
+  // A value written by `write(value)` (default: to_json()) and read by `read(json, path)`.
   template <class Item, class Write, class Read>
   void item(const char* name, Item& value, const Write& write, const Read& read) {
     if (reads()) {
@@ -208,7 +208,7 @@ class ModelFields {
     item(
         name, value, [](const Item& it) { return to_json(it); }, read);
   }
-  // The same, missing where it is empty.
+  // The same, omitted if empty.
   template <class Item, class Read>
   void optional(const char* name, std::optional<Item>& value, const Read& read) {
     if (reads()) {
@@ -217,7 +217,7 @@ class ModelFields {
       item(name, *value, read);
     }
   }
-  // What JSON itself can hold, and `read(object, path)` takes from the object.
+  // A value that JSON stores directly; `read(object, path)` reads it from the whole object.
   template <class Value, class Read>
   void other(const char* name, Value& value, const Read& read) {
     if (reads()) {
@@ -227,12 +227,12 @@ class ModelFields {
     }
   }
 
-  // The list `name` that is read. Throws ModelError unless it has min..max items.
+  // Returns the list `name` when reading. Throws ModelError unless it has min..max items.
   [[nodiscard]] const nlohmann::json& list_of(const char* name, std::size_t min,
                                               std::size_t max) const;
 
-  // Throws ModelError(path) with these words if what was read does not hold. Writing asks for
-  // nothing: the model was checked before.
+  // When reading: throws ModelError(path) with this message if the condition is false. When writing
+  // it checks nothing, because the model was checked before.
   template <class... Words>
   void require(bool holds, fmt::format_string<Words...> reason, Words&&... words) const {
     if (reads() && !holds)
@@ -273,15 +273,15 @@ class ModelFields {
   nlohmann::json to_ = nlohmann::json::object();
 };
 
-// The fields of `model`, which `fields(ModelFields&, Model&)` lists.
+// Writes the fields of `model`, as listed by `fields(ModelFields&, Model&)`.
 template <class Model, class Fields>
 [[nodiscard]] nlohmann::json written(const Model& model, const Fields& fields) {
   ModelFields file;
-  fields(file, const_cast<Model&>(model));  // which is only read
+  fields(file, const_cast<Model&>(model));  // which only reads it
   return file.take();
 }
 
-// The reverse, for untrusted JSON. Throws ModelError(path).
+// The inverse, for untrusted JSON. Throws ModelError(path).
 template <class Model, class Fields>
 [[nodiscard]] Model read_fields(const nlohmann::json& value, const std::string& path,
                                 const Fields& fields) {
@@ -291,8 +291,8 @@ template <class Model, class Fields>
   return model;
 }
 
-// The same; a std::invalid_argument, of the model's check() above all, becomes a ModelError that
-// says `prefix` and why.
+// The same, followed by the model's check(). A std::invalid_argument becomes a ModelError with
+// `prefix` and the reason.
 template <class Model, class Fields>
 [[nodiscard]] Model read_checked(const nlohmann::json& value, const std::string& path,
                                  const Fields& fields, std::string_view prefix = "") {

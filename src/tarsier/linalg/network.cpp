@@ -14,7 +14,7 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr int kParallelPanels = 16;  // fewer are not worth a hand-over
+constexpr int kParallelPanels = 16;  // fewer are not worth another thread
 
 void check_layer(const Layer& layer) {
   const auto within = [](int value, int low, int high) { return value >= low && value <= high; };
@@ -31,7 +31,7 @@ void check_layer(const Layer& layer) {
                     layer.out);
     return;
   }
-  // More padding would only add a rim of biases, and maps that grow from layer to layer.
+  // More padding would only add a border of biases, and maps that grow from layer to layer.
   const auto reach = [&](int kernel) { return (layer.dilation * (kernel - 1) + 1) / 2; };
   TARSIER_REQUIRE(layer.pad_y <= reach(layer.kernel_y) && layer.pad_x <= reach(layer.kernel_x),
                   "padding {} x {} for a kernel of {} x {}, dilation {}", layer.pad_x, layer.pad_y,
@@ -72,7 +72,7 @@ void convolve(const Layer& layer, const float* input, Shape from, Shape to, Work
       }
     }
   };
-  // With a stride of 1 the pixels of a panel are counted along the padded rows, and read in place.
+  // With stride 1, the pixels of a panel are counted along the padded rows and read in place.
   const bool in_place = layer.stride == 1;
   const int line = in_place ? source.width : to.width;
   const int counted = (to.height - 1) * line + to.width;
@@ -117,7 +117,7 @@ void convolve(const Layer& layer, const float* input, Shape from, Shape to, Work
       static_cast<double>(panels) / kParallelPanels);
 }
 
-// The usual one, two rows at a time.
+// The common case, two rows at a time.
 void take_maximum_of_four(const float* input, Shape from, Shape to, float* output) {
   for (int c = 0; c < to.channels; ++c) {
     const float* plane = input + static_cast<std::ptrdiff_t>(c) * from.height * from.width;

@@ -10,9 +10,9 @@
 namespace tarsier::linalg {
 namespace {
 
-// Where the numbers of a stack lie. Before the first map, between two and after the last are
-// margin_y rows of zeros; each row ends in margin_x zeros, which are also what lies left of the
-// next row.
+// The memory layout of a stack. There are margin_y rows of zeros before the first map, between two
+// maps and after the last one. Each row ends in margin_x zeros, which also are the left padding of
+// the next row.
 struct Layout {
   Shape shape;
   int count = 0;
@@ -28,13 +28,13 @@ struct Layout {
   }
 };
 
-// A buffer never shrinks: growing again would fill it with zeros that nobody needs.
+// A buffer never shrinks: growing it again would fill it with zeros unnecessarily.
 float* reserve(std::vector<float>& buffer, std::size_t size) {
   if (buffer.size() < size) buffer.resize(size);
   return buffer.data();
 }
 
-// Kernels read whole panels, of which the last may reach beyond the stack.
+// Kernels read whole panels; the last one may extend beyond the stack.
 float* reserve(std::vector<float>& buffer, const Layout& layout) {
   float* data = reserve(buffer, layout.size() + kPanel);
   std::fill_n(data + layout.size(), kPanel, 0.0F);
@@ -57,7 +57,7 @@ void clear_margins(const Layout& layout, float* data) {
   }
 }
 
-// The border that the layer's output needs: that of the next convolution.
+// The layer's output gets the padding that the next convolution needs.
 Layout layout_before(const Network& network, std::size_t next, Shape shape, int count) {
   Layout layout{shape, count, 0, 0};
   if (next < network.layers.size() && network.layers[next].kind == Layer::Kind::kConvolution) {
@@ -98,7 +98,7 @@ void take_maximum(const Layer& layer, const Layout& from, const float* input, co
   }
 }
 
-// Where the weights of an output channel find their inputs, from where the output pixel would lie.
+// The input offset of each weight of an output channel, relative to the output pixel.
 void find_offsets(const Layer& layer, const Layout& from, std::vector<std::ptrdiff_t>& offsets) {
   offsets.clear();
   for (int c = 0; c < layer.in; ++c) {
@@ -111,7 +111,7 @@ void find_offsets(const Layer& layer, const Layout& from, std::vector<std::ptrdi
   }
 }
 
-// A fully connected layer: one output pixel for each map.
+// A fully connected layer: one output pixel per map.
 void connect(const Layer& layer, const Layout& from, const float* input, const Layout& to,
              float* output, StackWorkspace& workspace) {
   const auto depth = static_cast<std::size_t>(layer.depth());

@@ -37,7 +37,7 @@ void take_maximum(const float* input, const Shape& from, const Shape& to, float*
   }
 }
 
-// The shortcut of a block of stride 2 has this shape, with the channels of the block's output.
+// Shape of the shortcut of a block with stride 2, with the channels of the block's output.
 Shape halved(const Shape& from, int channels) {
   return {channels, from.height / 2, from.width / 2};
 }

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kTaps = 9;
 
-// Adds weight[-1..1] times the pixels about each of `width` ones to `out`.
+// Adds weight[-1..1] times the neighbours of each of `width` pixels to `out`.
 void add_row(const float* in, const float* weight, int width, float* out) {
   const float left = weight[0];
   const float middle = weight[1];
@@ -49,7 +49,7 @@ Shape pooled(const Shape& from, int step) {
   return {from.channels, (from.height + step - 1) / step, (from.width + step - 1) / step};
 }
 
-// In place of a map that is read before it is written: output (y, x) needs inputs from there on.
+// In place: output (y, x) needs only inputs at or after its position.
 void take_maximum(std::vector<float>& map, const Shape& from, const Shape& to, int step) {
   float* out = map.data();
   for (int c = 0; c < to.channels; ++c) {

@@ -12,19 +12,20 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr double kManyOperations = 1e7;  // below, tiles are not looked for
-constexpr double kTileGain = 6;          // operations of tiles in the time of one of elements
-constexpr double kManySolutions = 200;   // in the operations of a factorization: it is costly
+constexpr double kManyOperations = 1e7;  // with fewer, tiles are not considered
+constexpr double kTileGain = 6;  // tile operations that take the time of one element operation
+// Solutions per factorization, in operations, from which it is costly.
+constexpr double kManySolutions = 200;
 
 class ByElements : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
  public:
-  // Multiplications of a factorization, where each element is a block of so many rows and columns.
+  // Multiplications of a factorization if each element is a block of `block` rows and columns.
   [[nodiscard]] double operations(double block = 1) const {
     return block * (block * m_nonZerosPerCol.cast<double>()).squaredNorm() / 2;
   }
 };
 
-// Each element of the upper triangle is a block of its own.
+// Each element of the upper triangle is a block.
 BlockPattern pattern_of(const Eigen::SparseMatrix<double>& a) {
   BlockPattern pattern;
   for (int c = 0; c < a.outerSize(); ++c) {
@@ -36,7 +37,7 @@ BlockPattern pattern_of(const Eigen::SparseMatrix<double>& a) {
   return pattern;
 }
 
-// The blocks as the elements of a matrix.
+// A sparse matrix with one element per block.
 Eigen::SparseMatrix<double> graph_of(const BlockPattern& pattern) {
   Eigen::SparseMatrix<double> graph(pattern.variables(), pattern.variables());
   graph.reserve(static_cast<Eigen::Index>(pattern.blocks.size()));
@@ -50,7 +51,7 @@ Eigen::SparseMatrix<double> graph_of(const BlockPattern& pattern) {
   return graph;
 }
 
-// A x of the matrix of the blocks, of which only the upper triangle is read.
+// A x for the matrix of the blocks, of which only the upper triangle is read.
 Eigen::VectorXd product_of(const BlockPattern& pattern, const double* values,
                            const Eigen::VectorXd& x) {
   Eigen::VectorXd result = Eigen::VectorXd::Zero(x.size());
@@ -75,14 +76,14 @@ Eigen::VectorXd product_of(const BlockPattern& pattern, const double* values,
 
 }  // namespace
 
-// By elements or by tiles; the other takes no memory.
+// Uses elements or tiles; the other one is empty.
 struct SparseCholesky::Factor {
   std::optional<ByElements> elements;
   std::optional<TileCholesky> tiles;
-  BlockPattern pattern;                // where it was given
-  Eigen::SparseMatrix<double> matrix;  // likewise: the upper triangle
+  BlockPattern pattern;                // if it was given
+  Eigen::SparseMatrix<double> matrix;  // likewise; the upper triangle
 
-  // Whether tiles are faster than so many operations of elements.
+  // Whether tiles are faster than `operations` operations on elements.
   bool takes_tiles(double operations, BlockPattern given) {
     tiles.emplace();
     tiles->analyze(std::move(given));
@@ -91,7 +92,7 @@ struct SparseCholesky::Factor {
     return false;
   }
 
-  // The matrix of the blocks; their numbers lie column by column as well.
+  // The matrix of the blocks, stored column by column.
   void fill(const std::vector<double>& values) {
     const bool is_first = matrix.nonZeros() == 0;
     if (is_first) {

@@ -44,7 +44,7 @@ const json& list_member(const json& object, const char* name, const std::string&
   return list;
 }
 
-// The groups of a manifest: tensors that lie one after the other in shards.
+// The groups of a manifest: consecutive tensors in shards.
 const json& groups_of(const json& manifest, const std::string& path) {
   if (!manifest.is_array() || manifest.empty() || manifest.size() > 100)
     throw ModelError(path, "is not a weights manifest: a list is expected");
@@ -55,7 +55,7 @@ std::vector<std::string> shards_of(const json& group, const std::string& path) {
   std::vector<std::string> names;
   for (const json& item : list_member(group, "paths", path, 100)) {
     const std::string name = item.is_string() ? item.get<std::string>() : "";
-    // A shard lies beside its manifest: it must not send us elsewhere.
+    // A shard must be in the folder of its manifest: no other paths are accepted.
     if (name.empty() || name.front() == '.' || name.size() > kMaxName ||
         name.find('/') != std::string::npos || name.find('\0') != std::string::npos)
       throw ModelError(path, "a shard's name is no file name");
@@ -165,7 +165,7 @@ NamedTensors tensors_from_json(const json& payload, const char* name, const std:
     const bool quantised = item.contains("levels");
     const json& packed = member(item, quantised ? "levels" : "numbers", path);
     const json& shape = list_member(packed, "shape", path, 4);
-    // unpack() checks the numbers of a shape whose number of dimensions is stated.
+    // unpack() checks the numbers, given the number of dimensions.
     const auto unpacked = [&]<typename T>(std::vector<T>& into) {
       PackedArray<T> array;
       switch (shape.size()) {

@@ -8,12 +8,12 @@
 #include <string>
 #include <vector>
 
-// Named arrays of numbers: the weights of networks that other programs trained, as
-// tensorflow.js stores them and as our model files keep them.
+// Named arrays of numbers: network weights trained by other programs, as stored by tensorflow.js
+// and in Tarsier's model files.
 namespace tarsier::linalg {
 
-// `shape` with the last index fastest; one byte a number, each scale * level + min, or numbers as
-// they are.
+// An array of `shape`, last index fastest. It has either one byte per number, with the value scale
+// * level + min, or floating-point `values`.
 struct NamedTensor {
   std::string name;
   std::vector<std::int64_t> shape;
@@ -24,26 +24,27 @@ struct NamedTensor {
 };
 using NamedTensors = std::vector<NamedTensor>;
 
-// Reads a weights manifest of tensorflow.js and its shards, which lie beside it. Throws
-// ModelError, InputError.
+// Reads a weights manifest of tensorflow.js and its shards in the same folder. Throws ModelError,
+// InputError.
 [[nodiscard]] NamedTensors read_weights_manifest(const std::string& manifest);
-// The shards that a manifest names: file names, no paths. Throws ModelError.
+// The shards that a manifest names: file names without paths. Throws ModelError.
 [[nodiscard]] std::vector<std::string> shards_of_manifest(const std::string& manifest);
 
-// For model files: a list. from_json throws ModelError(path).
+// Convert to and from a list in model files. from_json throws ModelError(path).
 [[nodiscard]] nlohmann::json tensors_to_json(const NamedTensors& tensors);
 [[nodiscard]] NamedTensors tensors_from_json(const nlohmann::json& payload, const char* name,
                                              const std::string& path);
 
-// Hands out tensors by name and checks them. What it throws is ModelError(path).
+// Returns tensors by name and checks them. Errors are ModelError(path).
 class TensorReader {
  public:
   // `tensors` must outlive it.
   TensorReader(const NamedTensors& tensors, std::string path);
-  // The numbers of a tensor of so many dimensions, and its shape; finite, at most 4096 an index.
+  // The numbers of a tensor with this number of dimensions, and its shape. Numbers are finite,
+  // indices at most 4096.
   [[nodiscard]] std::vector<float> take(const std::string& name, std::size_t dimensions,
                                         std::vector<std::int64_t>& shape);
-  // Of one dimension and this length.
+  // A tensor with one dimension of this length.
   [[nodiscard]] std::vector<float> take_vector(const std::string& name, int length);
   [[nodiscard]] bool has(const std::string& name) const { return by_name_.contains(name); }
   [[nodiscard]] bool all_taken() const { return taken_ == by_name_.size(); }

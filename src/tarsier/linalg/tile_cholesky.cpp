@@ -19,14 +19,15 @@
 namespace tarsier::linalg {
 namespace {
 
-// A variable with more than so many times the neighbours of most others is a hub, whichever takes fewer operations.
+// A variable with more than this multiple of the usual number of neighbours is a hub; the value
+// with fewer operations is used.
 constexpr std::array<std::size_t, 2> kManyTimes{4, 2};
 
 using Eigen::Index;
 using Eigen::SparseMatrix;
 using Eigen::VectorXd;
 
-// Of each variable the others that it has a block with.
+// For each variable: the others with which it shares a block.
 std::vector<std::vector<int>> neighbours_of(const BlockPattern& pattern) {
   std::vector<std::vector<int>> neighbours(at(pattern.variables()));
   for (const auto& [row, column] : pattern.blocks) {
@@ -37,8 +38,8 @@ std::vector<std::vector<int>> neighbours_of(const BlockPattern& pattern) {
   return neighbours;
 }
 
-// The variables from `start` on, those that are next to each other one after the other; those that are `seen` are left out.
-// The last one is far from `start`.
+// The variables reachable from `start` in breadth-first order, without those already `seen`. The
+// last one is far from `start`.
 std::vector<int> breadth_first(const std::vector<std::vector<int>>& neighbours, int start,
                                std::vector<char>& seen) {
   std::vector<int> order{start};
@@ -61,11 +62,11 @@ std::vector<int> breadth_first(const std::vector<std::vector<int>>& neighbours, 
 
 struct Order {
   std::vector<int> variables;
-  std::vector<int> hubs;  // follow them
+  std::vector<int> hubs;  // placed last
 };
 
-// The order of Cuthill and McKee, reversed. Variables that nearly all are tied to, as a lens is, are hubs: they would make
-// neighbours of all others.
+// The reverse Cuthill-McKee order. Variables with blocks to nearly all others, like a lens, are
+// hubs: they would make all others neighbours.
 Order narrow_order(const std::vector<std::vector<int>>& neighbours, std::size_t many_times) {
   std::vector<std::size_t> degrees;
   for (const std::vector<int>& of_one : neighbours) degrees.push_back(of_one.size());
@@ -98,7 +99,7 @@ void TileCholesky::analyze(BlockPattern pattern) {
   const std::vector<std::vector<int>> neighbours = neighbours_of(pattern_);
   std::vector<int> best;
   double min_operations = 0;
-  bool is_last = false;  // whether `best` was analyzed last
+  bool is_last = false;  // whether `best` was analysed last
   const auto look_at = [&](std::vector<int> variables, const std::vector<int>& hubs) {
     variables.insert(variables.end(), hubs.begin(), hubs.end());
     analyze_in_order(variables);
@@ -134,10 +135,10 @@ void TileCholesky::analyze_in_order(const std::vector<int>& variables) {
   find_fill(std::move(below));
 }
 
-// Cuts the numbers into tiles, and puts these into the order of elimination.
+// Cuts the rows into tiles and sorts the tiles into the elimination order.
 void TileCholesky::order_tiles(const std::vector<int>& variables) {
   const int size = pattern_.size();
-  std::vector<int> order;  // of numbers
+  std::vector<int> order;  // of rows
   for (const int variable : variables)
     for (int k = pattern_.first_of(variable); k < pattern_.first_of(variable + 1); ++k)
       order.push_back(k);
@@ -146,7 +147,7 @@ void TileCholesky::order_tiles(const std::vector<int>& variables) {
   const int tiles = (size + kTileSize - 1) / kTileSize;
   std::vector<Eigen::Triplet<double>> linked;
   for (const auto& [row, column] : pattern_.blocks) {
-    // A variable's numbers follow each other.
+    // The rows of a variable are consecutive.
     const int rows[] = {position[at(pattern_.first_of(row))] / kTileSize,
                         position[at(pattern_.first_of(row + 1) - 1)] / kTileSize};
     const int columns[] = {position[at(pattern_.first_of(column))] / kTileSize,
@@ -173,7 +174,8 @@ void TileCholesky::order_tiles(const std::vector<int>& variables) {
   }
 }
 
-// The tiles that are not empty in L: what a column has below its first such tile, that one has as well.
+// The nonzero tiles of L: all tiles below a column's first one also appear in the column of that
+// tile.
 void TileCholesky::find_fill(std::vector<std::vector<int>> below) {
   for (std::size_t t = 0; t < columns_.size(); ++t) {
     std::vector<int>& tiles = below[t];
@@ -240,7 +242,7 @@ void TileCholesky::fill(const double* values) {
     numbers(columns_[at(padded_.tile)].first)[in_tile(k, k)] = 1;
 }
 
-// Takes what earlier columns say of it from a tile.
+// Subtracts the contributions of earlier columns from a tile.
 void TileCholesky::subtract_earlier(int row, int column) {
   const TileKernels& kernels = tile_kernels();
   double* tile = numbers(tile_at(row, column));

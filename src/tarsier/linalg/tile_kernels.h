@@ -3,19 +3,19 @@
 
 #include <cstddef>
 
-// The inside of tile_cholesky.h: products of tiles, compiled for each instruction set.
+// Internals of tile_cholesky.h: products of tiles, compiled for each instruction set.
 namespace tarsier::linalg {
 
 constexpr int kTileSize = 48;  // rows and columns: eight cameras
 constexpr int kStrip = 8;      // rows
 constexpr std::size_t kTileNumbers = std::size_t{kTileSize} * kTileSize;
 
-// A tile lies in memory as strips of 8 rows, one after the other, each of them column by column.
+// In memory, a tile is a sequence of strips of 8 rows; each strip is column-major.
 constexpr std::size_t in_tile(int row, int column) {
   return static_cast<std::size_t>((row / kStrip * kTileSize + column) * kStrip + row % kStrip);
 }
 
-// All sets of kernels give the same numbers, to the last bit.
+// All kernel sets give bit-identical results.
 struct TileKernels {
   // c -= a b^T
   void (*subtract_product)(const double* a, const double* b, double* c);
@@ -23,10 +23,10 @@ struct TileKernels {
   void (*divide)(const double* l, double* a);
 };
 
-// The fastest ones of this processor.
+// The fastest kernels of this processor.
 [[nodiscard]] const TileKernels& tile_kernels();
 
-// Of single instruction sets; null where they were not compiled.
+// The kernels of one instruction set; null if they were not compiled.
 [[nodiscard]] const TileKernels* tile_kernels_baseline();
 [[nodiscard]] const TileKernels* tile_kernels_avx2();
 [[nodiscard]] const TileKernels* tile_kernels_avx512();

@@ -21,8 +21,8 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr int kChunk = 1024;    // pixels whose patches are laid out at a time
-constexpr int kLongDots = 512;  // from here on dot products are faster than a transposition
+constexpr int kChunk = 1024;    // number of pixels whose patches are laid out together
+constexpr int kLongDots = 512;  // from this length on, dot products are faster than a transposition
 
 void backward_maximum(const Layer& layer, const float* input, Shape from, Shape to,
                       const float* output_gradient, std::vector<float>& input_gradient) {
@@ -38,7 +38,7 @@ void backward_maximum(const Layer& layer, const float* input, Shape from, Shape 
         float largest = input[corner];
         for (int v = 0; v < layer.kernel_y; ++v) {
           for (int u = 0; u < layer.kernel_x; ++u) {
-            // No branches: which of the pixels is the largest cannot be foreseen.
+            // No branches, because the largest pixel is unpredictable.
             const std::ptrdiff_t at = corner + v * from.width + u;
             best = input[at] > largest ? at : best;
             largest = std::max(largest, input[at]);
@@ -50,7 +50,7 @@ void backward_maximum(const Layer& layer, const float* input, Shape from, Shape 
   }
 }
 
-// rows x columns -> columns x `wide`, in blocks that stay in the first cache.
+// rows x columns -> columns x `wide`, in blocks that fit into the L1 cache.
 void transpose(const float* from, int rows, int columns, int wide, std::vector<float>& to) {
   constexpr int kBlock = 16;
   to.resize(static_cast<std::size_t>(columns) * static_cast<std::size_t>(wide));
@@ -79,7 +79,7 @@ void weight_gradient(const Layer& layer, const Padded& source, Shape to, const f
       for (std::size_t k = 0; k < depth; ++k) row[k] += derivative[o] * workspace.columns[k];
     }
   }
-  // dW = derivative x patches^T, the patches laid out by pixel so that the same product serves.
+  // dW = derivative x patches^T, with the patches laid out by pixel for the same product.
   const int wide = (layer.depth() + kPanel - 1) / kPanel * kPanel;
   workspace.product.resize(static_cast<std::size_t>(layer.out) * kPanel);
   for (int begin = 0; begin < pixels && pixels > 1; begin += kChunk) {
@@ -148,7 +148,7 @@ void input_gradient(const Layer& layer, const Padded& source, Shape from, Shape 
   }
 }
 
-// One thread's share of a batch.
+// The part of a batch that one thread processes.
 struct Shard {
   Gradient gradient;
   double loss = 0;
@@ -171,7 +171,7 @@ std::vector<float>& part(Gradient& gradient, std::size_t layer, bool weights) {
   return weights ? gradient.layers[layer].weights : gradient.layers[layer].bias;
 }
 
-// Adds the shards' gradients into the first, in their order, and returns the mean's norm.
+// Adds the gradients of the shards to the first one, in order, and returns the norm of the mean.
 double reduce(std::vector<Shard>& shards, Network& network, int batch) {
   double squares = 0;
   for_parameters(network, [&](std::size_t layer, bool weights, std::vector<float>& values) {
@@ -320,7 +320,7 @@ void train(Network& network, const TrainOptions& options, const MakeExample& mak
     const double scale = norm > options.clip ? options.clip / norm : 1.0;
     adam.step(network, shards[0].gradient, rate_at(options, step), options.weight_decay, scale,
               step + 1);
-    // The mean's memory grows from nothing to the last two hundredths of the run.
+    // The memory of the mean grows from zero to the last two hundredths of the run.
     const double memory =
         std::min(1 - 1.0 / std::max(2.0, 0.02 * options.steps), (step + 1.0) / (step + 10.0));
     for (std::size_t i = 0; i < network.layers.size(); ++i) {

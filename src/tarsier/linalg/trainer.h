@@ -13,7 +13,7 @@
 
 namespace tarsier::linalg {
 
-// Gradient of a loss by every parameter, laid out as the network's.
+// Gradient of a loss with respect to every parameter, in the layout of the network.
 struct Gradient {
   struct OfLayer {
     std::vector<float> weights;
@@ -24,9 +24,9 @@ struct Gradient {
 
 [[nodiscard]] Gradient zero_gradient(const Network& network);
 
-// More buffers, for the way back.
+// Buffers of the backward pass.
 struct BackwardWorkspace {
-  std::vector<float> output;  // gradient by a layer's output
+  std::vector<float> output;  // gradient with respect to a layer's output
   std::vector<float> input;
   std::vector<float> padded;
   std::vector<float> columns;
@@ -34,14 +34,13 @@ struct BackwardWorkspace {
   std::vector<float> product;
 };
 
-// After run(): adds to `gradient` the derivative of a loss whose derivative by the network's output
-// is `output_gradient` (Rumelhart, Hinton and Williams, 1986).
+// Call after run(). Adds the gradient of a loss to `gradient`; `output_gradient` is the derivative
+// of the loss with respect to the network's output (Rumelhart, Hinton and Williams, 1986).
 void backward(const Network& network, const Workspace& forward,
               const std::vector<float>& output_gradient, Gradient& gradient,
               BackwardWorkspace& workspace);
 
-// One training example: fills the network's input and, once the output is known, the loss and its
-// derivative.
+// One training example: the network's input, and the target of the loss.
 struct Example {
   Shape shape;
   std::vector<float> input;
@@ -51,12 +50,12 @@ struct Example {
 struct TrainOptions {
   int steps = 1000;            // batches
   int batch = 32;              // examples; a multiple of kShards
-  double rate = 2e-3;          // of Adam at its height
-  double warm_up = 0.02;       // share of the steps in which the rate rises
+  double rate = 2e-3;          // peak rate of Adam
+  double warm_up = 0.02;       // share of the steps with a rising rate
   double weight_decay = 1e-4;  // decoupled (Loshchilov and Hutter, 2019)
-  double clip = 5;             // norm of the gradient at most
+  double clip = 5;             // maximum norm of the gradient
   std::uint64_t seed = 1;
-  int threads = 0;  // 0: all cores; changes nothing in the result
+  int threads = 0;  // 0: all cores; does not change the result
 
   [[nodiscard]] OptionFields fields() {
     return {{"steps", steps, range(1, 10'000'000)},
@@ -69,24 +68,25 @@ struct TrainOptions {
   void check() const;
 };
 
-// A batch is always summed in this many parts, whatever the number of threads.
+// A batch is always summed in this many parts, so that the result does not depend on the number of
+// threads.
 inline constexpr int kShards = 4;
 
-// Makes example number `index` of the endless stream (from `rng`, its own).
+// Makes example number `index` of the endless stream, from its own `rng`.
 using MakeExample = std::function<void(std::int64_t index, Rng& rng, Example& example)>;
 // Returns the loss of an output and writes its derivative.
 using Loss = std::function<double(const Example& example, const std::vector<float>& output,
                                   Shape shape, std::vector<float>& derivative)>;
-// Called every so often with the step and the mean loss since the last call.
+// Called at intervals with the step and the mean loss since the last call.
 using Report = std::function<void(int step, double loss)>;
 
-// Adam (Kingma and Ba, ICLR 2015) with a cosine decay of its rate to zero; the weights returned are
-// an exponential mean over the last steps (Polyak and Juditsky, 1992). Throws Interrupted when
-// `stop` is asked for.
+// Adam (Kingma and Ba, ICLR 2015) with a cosine decay of the rate to zero. The returned weights are
+// an exponential moving average over the last steps (Polyak and Juditsky, 1992). Throws Interrupted
+// if `stop` is requested.
 void train(Network& network, const TrainOptions& options, const MakeExample& make, const Loss& loss,
            const Report& report, std::stop_token stop);
 
-// The same, shown as a stage of `progress`.
+// The same, reported as a stage of `progress`.
 void train(Network& network, const TrainOptions& options, std::string_view stage,
            const MakeExample& make, const Loss& loss, Progress& progress, std::stop_token stop);
 

@@ -20,8 +20,8 @@ void quad(Mesh& mesh, int a, int b, int c, int d, int material) {
   mesh.triangles.push_back(triangle);
 }
 
-// A grid of `around` x `along` cells over surface(0..1, 0..1), closed in the first direction. Seen
-// from the side where `around` runs to the right and `along` runs down.
+// A grid of `around` x `along` cells over surface(0..1, 0..1), closed in the first direction. On
+// its visible side, `around` runs to the right and `along` runs down.
 void add_surface(Mesh& mesh, int around, int along, const Surface& surface, int material) {
   const int first = static_cast<int>(mesh.positions.size());
   for (int j = 0; j <= along; ++j) {
@@ -46,7 +46,7 @@ int add_material(Mesh& mesh, const char* name, const cv::Vec3f& color) {
   return static_cast<int>(mesh.materials.size()) - 1;
 }
 
-// Turned about the axis from `from` to `to`: radius r[k] at the share s[k] of it.
+// A solid of revolution about the axis from `from` to `to`: radius r[k] at the fraction s[k].
 void add_turned(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to,
                 const std::vector<cv::Vec2d>& profile, int around, int material) {
   const cv::Vec3d axis = to - from;
@@ -66,7 +66,7 @@ void add_turned(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to,
       material);
 }
 
-// A tube along a curve that closes on itself.
+// A tube along a closed curve.
 void add_ring(Mesh& mesh, const std::function<cv::Vec3d(double)>& curve, double radius, int steps,
               int material) {
   const int sides = 8;
@@ -76,7 +76,7 @@ void add_ring(Mesh& mesh, const std::function<cv::Vec3d(double)>& curve, double 
         const cv::Vec3d center = curve(along);
         cv::Vec3d forward = curve(along + 1e-4) - curve(along - 1e-4);
         forward /= cv::norm(forward);
-        const cv::Vec3d out(0, 0, 1);  // rims lie about upright
+        const cv::Vec3d out(0, 0, 1);  // rims are nearly upright
         cv::Vec3d across = forward.cross(out);
         across /= cv::norm(across);
         const double angle = -2 * CV_PI * side;
@@ -90,7 +90,7 @@ void add_bar(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to, double radi
   add_turned(mesh, from, to, {{0, 0}, {0, radius}, {1, radius}, {1, 0}}, 8, material);
 }
 
-// Triangles without an area (at the poles of turned surfaces) have no use.
+// Removes triangles without area (at the poles of solids of revolution).
 void finish(Mesh& mesh) {
   std::erase_if(mesh.triangles, [&](const Triangle& t) {
     const auto p = [&](std::size_t k) {
@@ -108,8 +108,8 @@ Mesh cube_of(bool textured) {
         {(i & 1) != 0 ? 0.5F : -0.5F, (i & 2) != 0 ? 0.5F : -0.5F, (i & 4) != 0 ? 0.5F : -0.5F});
   }
   mesh.uvs = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
-  // From the bottom left corner on, counter-clockwise from outside; top and bottom as one sees them
-  // when tilting the cube.
+  // Each face starts at the bottom left corner, counter-clockwise from outside; top and bottom are
+  // oriented as if the cube were tilted.
   const int faces[6][4] = {{0, 1, 5, 4}, {1, 3, 7, 5}, {3, 2, 6, 7},
                            {2, 0, 4, 6}, {4, 5, 7, 6}, {2, 3, 1, 0}};
   const char* names[6] = {"front", "right", "back", "left", "top", "bottom"};
@@ -176,7 +176,7 @@ Mesh make_glasses() {
   const int metal = add_material(mesh, "temples", {0.25F, 0.22F, 0.22F});
   const double z = -24;
   for (const double side : {-1.0, 1.0}) {
-    // A rim: a rounded square around the eye, bent back a little at the temple.
+    // A rim: a rounded square around the eye, slightly bent back at the temple.
     add_ring(
         mesh,
         [&](double t) {
@@ -201,7 +201,7 @@ Mesh make_hat() {
   Mesh mesh;
   const int felt = add_material(mesh, "felt", {0.23F, 0.2F, 0.2F});
   const int band = add_material(mesh, "band", {0.2F, 0.2F, 0.75F});
-  // Tilted back with the skull; the brim is a little thick.
+  // Tilted back with the skull; the brim has a small thickness.
   const cv::Vec3d base(0, -62, 62);
   const cv::Vec3d top = base + cv::Vec3d(0, -128, 22);
   add_turned(mesh, base, top,

@@ -138,8 +138,8 @@ void add_normals(Mesh& mesh, double crease_deg) {
     faces[t] = areas[t] > 0 ? normal / areas[t] : cv::Vec3f(0, 0, 0);
   }
   const Around around = triangles_around(mesh);
-  // A vertex of very many triangles (the hub of a fan) would cost their square: beyond this number
-  // the triangle's own normal does.
+  // A vertex with very many triangles (the centre of a fan) would take quadratic time. Above this
+  // number the triangle's own normal is used.
   constexpr int kMaxAround = 256;
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     Triangle& triangle = mesh.triangles[t];

@@ -10,7 +10,7 @@
 
 namespace tarsier::render {
 
-// An image and its halvings down to 1 x 1, so that a texture that is seen from afar is averaged.
+// An image pyramid down to 1 x 1 (mipmap), so that distant textures are averaged.
 struct Texture {
   std::vector<cv::Mat> levels;  // CV_8UC3 BGR, each half the size of the one before
 };
@@ -19,20 +19,20 @@ struct Texture {
 
 struct Material {
   std::string name;
-  cv::Vec3f color{0.8F, 0.8F, 0.8F};  // BGR, 0..1; times the texture where there is one
+  cv::Vec3f color{0.8F, 0.8F, 0.8F};  // BGR, 0..1; multiplied by the texture, if any
   int texture = -1;                   // index, -1: none
 };
 
-// Indices into the lists of a Mesh. Counter-clockwise as seen from outside.
+// Indices into the lists of a Mesh, counter-clockwise as seen from outside.
 struct Triangle {
   std::array<int, 3> position{0, 0, 0};
-  std::array<int, 3> normal{-1, -1, -1};  // all or none; none: flat
+  std::array<int, 3> normal{-1, -1, -1};  // all or none; none: flat shading
   std::array<int, 3> uv{-1, -1, -1};      // all or none
   int material = -1;                      // -1: grey
 };
 
 // Surfaces of triangles, in a right-handed frame of any unit. uv as in Wavefront files: (0, 0) is
-// the texture's bottom left corner, (1, 1) its top right; outside it repeats.
+// the texture's bottom left corner, (1, 1) its top right. The texture repeats outside this range.
 struct Mesh {
   std::vector<cv::Vec3f> positions;
   std::vector<cv::Vec3f> normals;  // of length 1, outwards
@@ -41,8 +41,8 @@ struct Mesh {
   std::vector<Material> materials;
   std::vector<Texture> textures;
 
-  // Throws std::invalid_argument that names the first fault: an index out of range, a number
-  // that is not finite, a texture without levels.
+  // Throws std::invalid_argument, which names the first fault: an index out of range, a non-finite
+  // number, a texture without levels.
   void check() const;
 };
 
@@ -50,14 +50,15 @@ struct Bounds {
   cv::Vec3f low{};
   cv::Vec3f high{};
 };
-// Of the positions that triangles use. Throws std::invalid_argument for a mesh without triangles.
+// Bounds of the positions that triangles use. Throws std::invalid_argument for a mesh without
+// triangles.
 [[nodiscard]] Bounds bounds_of(const Mesh& mesh);
 
-// Normals for the triangles that have none: at each corner the mean, weighted by area, of the
-// triangles around it that lie within `crease_deg` of this one (0..180), so that edges stay sharp.
+// Adds normals to the triangles that have none. The normal at a corner is the area-weighted mean of
+// the adjacent triangles within `crease_deg` of this one (0..180), so that edges stay sharp.
 void add_normals(Mesh& mesh, double crease_deg = 50);
 
-// Appends `other`, its materials and textures too.
+// Appends `other` with its materials and textures.
 void append(Mesh& mesh, const Mesh& other);
 
 }  // namespace tarsier::render

@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 constexpr double kLargestNumber = 1e9;
 constexpr std::size_t kMaxMaterials = 10'000;
 
-// The words of one line.
+// Splits a line into words.
 class Words {
  public:
   explicit Words(std::string_view line) : rest_(line) {}
@@ -33,7 +33,7 @@ class Words {
     rest_.remove_prefix(end);
     return word;
   }
-  std::string_view rest() {  // to the end of the line: a name may hold spaces
+  std::string_view rest() {  // to the end of the line: a name may contain spaces
     skip_space();
     while (!rest_.empty() && is_space(rest_.back())) rest_.remove_suffix(1);
     return rest_;
@@ -47,7 +47,7 @@ class Words {
   std::string_view rest_;
 };
 
-// The lines of a text, counted.
+// Splits a text into lines and counts them.
 class Lines {
  public:
   explicit Lines(std::string_view text) : rest_(text) {}
@@ -69,7 +69,7 @@ class Lines {
   int number_ = 0;
 };
 
-// What a message may show of a hostile file.
+// The characters of an untrusted file that a message may show.
 std::string shown(std::string_view word) {
   std::string text;
   for (const char c : word.substr(0, 40)) text += c >= ' ' && c <= '~' ? c : '?';
@@ -104,7 +104,7 @@ class Reader {
     double value = 0;
     if (!word.empty() && word.front() == '+') word.remove_prefix(1);
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    // Smaller than any double: 0 to us. Of what is larger `value` says nothing either.
+    // Smaller than any double: treated as 0. For a larger number `value` is undefined.
     if (error == std::errc::result_out_of_range && is_below_one(word)) return 0;
     if (error != std::errc() || end != word.data() + word.size()) {
       fail(fmt::format("'{}' is no number", shown(word)));
@@ -115,7 +115,7 @@ class Reader {
     return static_cast<float>(value);
   }
 
-  // Whether a number that no double holds is too small, rather than too large.
+  // Whether a number outside the range of double is too small rather than too large.
   static bool is_below_one(std::string_view word) {
     const std::size_t exponent = word.find_first_of("eE");
     if (exponent != std::string_view::npos) return word.substr(exponent + 1).starts_with('-');
@@ -167,7 +167,7 @@ class Reader {
     int normal = -1;
   };
 
-  // "5" -> 4, "-1" -> the last.
+  // "5" -> 4, "-1" -> the last index.
   int index(std::string_view word, std::size_t count, const char* what) const {
     std::int64_t value = 0;
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
@@ -250,8 +250,8 @@ class Reader {
     return static_cast<int>(materials.size()) - 1;
   }
 
-  // The path of a file that the OBJ or MTL names; "" where there is none. A link that leads out of
-  // the folder is outside, too.
+  // The path of a file named by the OBJ or MTL; "" if it does not exist. A link that leads out of
+  // the folder counts as outside.
   std::string companion(const std::string& name) const {
     const fs::path given(name);
     if (name.empty() || name.find('\0') != std::string::npos || given.is_absolute()) {
@@ -330,8 +330,8 @@ class Reader {
   std::string path_;
   ObjLimits limits_;
   fs::path folder_;
-  std::string file_;              // which is being read
-  const Lines* lines_ = nullptr;  // of it
+  std::string file_;              // the file being read
+  const Lines* lines_ = nullptr;  // of this file
   ObjFile result_;
   std::map<std::string, int> materials_;
   std::map<std::string, int> textures_;

@@ -17,11 +17,11 @@ namespace {
 constexpr int kTile = 64;        // px
 constexpr int kLargest = 16384;  // px, side of an image
 
-// What a tile draws, in order.
+// An item to draw in a tile, in order.
 struct Layer {
   Role role;
   std::vector<ScreenTriangle> triangles;
-  std::vector<std::vector<int>> of_tile;  // indices of the triangles that may touch it
+  std::vector<std::vector<int>> of_tile;  // indices of the triangles that may touch each tile
 };
 
 struct Frame {
@@ -29,7 +29,7 @@ struct Frame {
   const Scene& scene;
   const geometry::Camera& camera;
   Eigen::Vector3d to_light = Eigen::Vector3d::Zero();
-  int per_px;  // samples a pixel and axis: 1 or 2
+  int per_px;  // samples per pixel and axis: 1 or 2
   int tiles_x;
   int tiles_y;
 };
@@ -41,7 +41,7 @@ cv::Vec3f texel(const cv::Mat& level, int x, int y) {
 
 // Bilinear, repeating; 0..255.
 cv::Vec3f sample(const cv::Mat& level, float u, float v) {
-  if (!(std::abs(u) < 1e6F)) u = 0;  // also what is no number
+  if (!(std::abs(u) < 1e6F)) u = 0;  // also for NaN
   if (!(std::abs(v) < 1e6F)) v = 0;
   const float x = (u - std::floor(u)) * static_cast<float>(level.cols) - 0.5F;
   const float y = (1 - (v - std::floor(v))) * static_cast<float>(level.rows) - 0.5F;
@@ -59,7 +59,7 @@ cv::Vec3f sample(const cv::Mat& level, float u, float v) {
   return upper * (1 - ay) + lower * ay;
 }
 
-std::uint8_t to_byte(float value) {  // what is no number becomes 0
+std::uint8_t to_byte(float value) {  // NaN becomes 0
   return value > 0 ? static_cast<std::uint8_t>(std::min(value, 255.0F) + 0.5F) : std::uint8_t{0};
 }
 
@@ -67,7 +67,7 @@ std::int64_t floor_divide(std::int64_t a, std::int64_t b) {  // b > 0
   return a >= 0 ? a / b : -((b - 1 - a) / b);
 }
 
-// The samples of one tile. Sample i lies at (i - (per_px - 1) / 2) / per_px px.
+// The samples of one tile. Sample i is at (i - (per_px - 1) / 2) / per_px px.
 class Tile {
  public:
   Tile(const Frame& frame, const cv::Rect& box) : frame_(frame), box_(box) {
@@ -106,7 +106,7 @@ class Tile {
     }
   }
 
-  // The mean of each pixel's samples.
+  // Stores the mean of each pixel's samples.
   void store() const {
     const int n = frame_.per_px;
     for (int y = 0; y < box_.height; ++y) {
@@ -149,7 +149,7 @@ class Tile {
   int height_ = 0;
   int step_ = 0;  // 1/256 px from sample to sample
   int first_ = 0;
-  std::vector<double> depth_;  // 1 / z; 0: nothing
+  std::vector<double> depth_;  // 1 / z; 0: empty
   std::vector<std::uint8_t> shaded_;
   cv::Mat color_;
 };

@@ -13,9 +13,9 @@
 namespace tarsier::render {
 namespace {
 
-constexpr double kGuard = 1024;        // px around the image, where triangles are cut off
-constexpr double kMinInverse = 1e-30;  // 1 / z of what counts as infinitely far
-constexpr int kChunk = 4096;           // triangles that one thread sets up at a time
+constexpr double kGuard = 1024;        // px around the image; triangles are clipped there
+constexpr double kMinInverse = 1e-30;  // 1 / z below which a point counts as infinitely far
+constexpr int kChunk = 4096;           // triangles that one thread prepares together
 
 using Attributes = std::array<double, kAttributes>;
 
@@ -31,7 +31,7 @@ struct Projected {
   Attributes over_depth{};  // attributes / z
 };
 
-// A convex polygon: three corners and one more for each of the five cuts.
+// A convex polygon: three corners, and one more for each of the five clipping planes.
 template <typename Point>
 struct Polygon {
   std::array<Point, 8> points;
@@ -60,7 +60,7 @@ Projected between(const Projected& a, const Projected& b, double t) {
   return c;
 }
 
-// Sutherland and Hodgman 1974: the part where `inside` (linear in the points) is >= 0.
+// Sutherland and Hodgman 1974: clips to the part where `inside` (linear in the points) is >= 0.
 template <typename Point, typename Inside>
 void cut(Polygon<Point>& polygon, const Inside& inside) {
   Polygon<Point> kept;
@@ -71,7 +71,8 @@ void cut(Polygon<Point>& polygon, const Inside& inside) {
     const double b = inside(to);
     if (a >= 0) kept.add(from);
     if ((a >= 0) != (b >= 0)) {
-      // Cut in the same direction from both sides, so that neighbours get the same point.
+      // Clipped in the same direction from both sides, so that neighbouring triangles get the same
+      // point.
       kept.add(a >= 0 ? between(from, to, a / (a - b)) : between(to, from, b / (b - a)));
     }
   }
@@ -92,7 +93,7 @@ double highlight_of(const Light& light, const Eigen::Vector3d& to_light,
   return light.specular * std::pow(std::max(0.0, normal.dot(half) / length), light.shininess);
 }
 
-// What does not change from triangle to triangle.
+// Data shared by all triangles.
 struct Setup {
   const Item& item;
   const Scene& scene;
@@ -192,7 +193,7 @@ void Setup::add(const Triangle& triangle, std::vector<ScreenTriangle>& out) cons
   }
 }
 
-// Whether a sample lies between two places of the grid.
+// Whether a sample lies between two grid positions.
 bool holds_sample(int low, int high, double first, double step, int size) {
   const double l = std::max(static_cast<double>(low) / kGrid, -0.5);
   const double h = std::min(static_cast<double>(high) / kGrid, size - 0.5);
@@ -257,7 +258,7 @@ void Setup::set_surface(const Triangle& triangle, ScreenTriangle& screen) const 
   screen.color = material.color * 255.0F;
   if (material.texture < 0 || triangle.uv[0] < 0) return;
   screen.texture = &mesh.textures[static_cast<std::size_t>(material.texture)];
-  // The level whose texels are about as large as samples.
+  // The level whose texels are about as large as the samples.
   std::array<cv::Point2d, 3> uv;
   std::array<cv::Point2d, 3> pixel;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -265,7 +266,7 @@ void Setup::set_surface(const Triangle& triangle, ScreenTriangle& screen) const 
              mesh.uvs[static_cast<std::size_t>(triangle.uv[k])][1]};
     const Eigen::Vector3d x =
         in_camera(mesh.positions[static_cast<std::size_t>(triangle.position[k])]);
-    if (x[2] < scene.near) return;  // cut off at the camera: near enough for the finest
+    if (x[2] < scene.near) return;  // clipped at the camera: the finest level is accurate enough
     pixel[k] = project(x);
   }
   const cv::Mat& finest = screen.texture->levels.front();
@@ -280,7 +281,7 @@ void Setup::set_surface(const Triangle& triangle, ScreenTriangle& screen) const 
 }  // namespace
 
 Projector::Projector(const geometry::Camera& camera) : camera_(camera) {
-  // A perspective goes on for ever; a bent one is followed up to 87 degrees.
+  // A perspective is unlimited; a distorted camera is followed up to 87 degrees.
   largest_radius_ = camera.is_distorted() ? camera.largest_radius(20) * (1 - 1e-6)
                                           : std::numeric_limits<double>::infinity();
 }

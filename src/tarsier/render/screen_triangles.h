@@ -10,10 +10,10 @@
 #include <cstdint>
 #include <vector>
 
-// The inside of render(): from meshes to triangles on the image's grid.
+// Internals of render(): converts meshes to triangles on the image's grid.
 namespace tarsier::render {
 
-inline constexpr int kGrid = 256;      // steps of the grid to 1 px
+inline constexpr int kGrid = 256;      // grid steps per px
 inline constexpr int kAttributes = 5;  // Gouraud: light, highlight, 0; Phong: normal; both: u, v
 
 // value + along_x (x - x0) + along_y (y - y0), in px
@@ -24,21 +24,21 @@ struct Plane {
 };
 
 struct ScreenTriangle {
-  std::array<int, 3> x{};  // 1/256 px; of positive area in (x right, y down)
+  std::array<int, 3> x{};  // 1/256 px; positive area in (x right, y down)
   std::array<int, 3> y{};
-  double origin_x = 0;  // px, of the planes: the first corner
+  double origin_x = 0;  // px, origin of the planes: the first corner
   double origin_y = 0;
-  double inverse_depth = 0;  // 1 / z is linear on the image, as are attributes / z
+  double inverse_depth = 0;  // 1 / z is linear in the image, and so are attributes / z
   double inverse_along_x = 0;
   double inverse_along_y = 0;
   std::array<Plane, kAttributes> attributes;
   cv::Vec3f color;                   // 0..255
-  const Texture* texture = nullptr;  // lives in the scene
+  const Texture* texture = nullptr;  // owned by the scene
   int level = 0;                     // of the texture
 };
 
-// Pixels of points in the camera's frame. Beyond the angle up to which the distortion can be
-// inverted (where the polynomial would fold the image back) it goes on in a straight line.
+// Projects points of the camera's frame. Beyond the angle at which the distortion stops being
+// invertible (where the polynomial would fold the image back) it is continued linearly.
 class Projector {
  public:
   explicit Projector(const geometry::Camera& camera);
@@ -49,7 +49,7 @@ class Projector {
   double largest_radius_ = 0;  // of normalised points
 };
 
-// The triangles of an item that can be seen in an image of this size, in the mesh's order.
+// The triangles of an item that may be visible in an image of this size, in the mesh's order.
 [[nodiscard]] std::vector<ScreenTriangle> screen_triangles(const Item& item, const Scene& scene,
                                                            const Projector& project,
                                                            const cv::Size& image);

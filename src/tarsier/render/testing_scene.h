@@ -24,7 +24,7 @@ inline cv::Mat gray_ground(const geometry::Camera& camera, int value = 100) {
   return {camera.height, camera.width, CV_8UC3, cv::Scalar::all(value)};
 }
 
-// A square of edge 2 in the plane z = 0 that looks along -z, with its texture upright for y down.
+// A square of edge 2 in the plane z = 0, facing -z, with its texture upright for y down.
 inline Mesh square(const cv::Vec3f& color) {
   Mesh mesh;
   mesh.positions = {{-1, 1, 0}, {1, 1, 0}, {1, -1, 0}, {-1, -1, 0}};
@@ -51,7 +51,7 @@ inline Item item_of(const Mesh& mesh, const Eigen::Vector3d& at,
   return item;
 }
 
-// Every surface in its own colour.
+// A scene without shading: every surface has its own colour.
 inline Scene plain_scene() {
   Scene scene;
   scene.light.ambient = 1;

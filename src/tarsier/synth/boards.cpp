@@ -18,13 +18,13 @@ namespace {
 using planar::calibration::BoardKind;
 using planar::calibration::BoardSpec;
 
-constexpr int kSamples = 8;  // each way in a pixel
+constexpr int kSamples = 8;  // per pixel, in each direction
 
 bool holds(const cv::Rect2d& box, const cv::Point2d& p) {
   return p.x >= box.x && p.y >= box.y && p.x < box.x + box.width && p.y < box.y + box.height;
 }
 
-// The rays through the corners of all pixels; NaN where there is none.
+// The rays through the corners of all pixels; NaN if there is none.
 cv::Mat rays_of(const geometry::Camera& camera) {
   cv::Mat rays(camera.height + 1, camera.width + 1, CV_64FC2);
   cv::parallel_for_(cv::Range(0, rays.rows), [&](const cv::Range& range) {
@@ -40,7 +40,7 @@ cv::Mat rays_of(const geometry::Camera& camera) {
   return rays;
 }
 
-// Where rays meet the sheet; NaN where they do not.
+// Intersections of the rays with the sheet; NaN if there is none.
 cv::Mat sheet_map(const cv::Mat& rays, const geometry::Rigid3& camera_from_board) {
   const Eigen::Matrix3d back = camera_from_board.rotation.transpose();
   const Eigen::Vector3d center = camera_from_board.center();
@@ -201,7 +201,7 @@ cv::Mat BoardRenderer::render(const geometry::Rigid3& camera_from_board,
       const auto* below = map.ptr<cv::Vec2d>(y + 1);
       auto* out = gray.ptr<float>(y);
       for (int x = 0; x < camera_.width; ++x) {
-        // The lens bends so little within a pixel that between its corners all is linear.
+        // The distortion is nearly linear within a pixel, so its corners are interpolated.
         const std::array<cv::Vec2d, 4> corner{above[x], above[x + 1], below[x], below[x + 1]};
         bool is_on = true;
         for (const cv::Vec2d& c : corner) {
@@ -210,7 +210,7 @@ cv::Mat BoardRenderer::render(const geometry::Rigid3& camera_from_board,
                                  {c[0], c[1]});
         }
         if (!is_on) continue;
-        // Most pixels see nothing of the sheet, or nothing but paper or ink.
+        // Most pixels see nothing of the sheet, or only paper or only ink.
         const auto [left_x, right_x] =
             std::minmax({corner[0][0], corner[1][0], corner[2][0], corner[3][0]});
         const auto [top_y, bottom_y] =
@@ -287,7 +287,7 @@ geometry::Rigid3 board_pose(const geometry::Camera& camera, const BoardSpec& spe
   };
   const auto ray = camera.normalized_of({at.x * (camera.width - 1), at.y * (camera.height - 1)});
   TARSIER_REQUIRE(ray.has_value(), "no ray through ({}, {})", at.x, at.y);
-  // Along the middle ray, whose scale a fisheye changes too.
+  // Along the central ray; a fisheye changes the scale there, too.
   const double smaller = std::min(camera.width, camera.height);
   const double far =
       0.5 * (camera.fx + camera.fy) * std::max(sheet.width, sheet.height) / (share * smaller);
@@ -302,7 +302,7 @@ geometry::Rigid3 board_pose(const geometry::Camera& camera, const BoardSpec& spe
 std::vector<geometry::Rigid3> board_poses(const geometry::Camera& camera, const BoardSpec& spec,
                                           int count, std::uint64_t seed) {
   Rng rng(seed);
-  // A dot has to be whole.
+  // Dots must be entirely visible.
   const bool is_dots = spec.kind == BoardKind::kCircles || spec.kind == BoardKind::kCirclesGrid;
   const double margin = is_dots ? std::max(6.0, 0.035 * std::max(camera.width, camera.height)) : 6;
   std::vector<geometry::Rigid3> poses;
@@ -325,9 +325,9 @@ std::vector<geometry::Rigid3> board_poses(const geometry::Camera& camera, const 
 
 namespace {
 
-constexpr double kHold_s = 0.6;  // in one place
-constexpr double kMove_s = 0.6;  // to the next
-constexpr double kAway_s = 0.5;  // at first, without the board
+constexpr double kHold_s = 0.6;  // duration at one place
+constexpr double kMove_s = 0.6;  // duration of a move
+constexpr double kAway_s = 0.5;  // without the board, at the beginning
 constexpr int kPlaces = 20;
 
 geometry::Camera video_camera(cv::Size size) {

@@ -13,12 +13,12 @@ namespace {
 using Points = std::vector<cv::Point2d>;
 constexpr double kMillimetre = kBodyWidth / (kCarMetres * 1000);  // px
 
-// Draws at twice the size, so that edges are smooth when it is reduced.
+// Draws at twice the size, so that edges are smooth after reduction.
 struct Sheet {
   cv::Mat color{2 * kSpriteHeight, 2 * kSpriteWidth, CV_8UC3, cv::Scalar(0, 0, 0)};
   cv::Mat alpha{2 * kSpriteHeight, 2 * kSpriteWidth, CV_8UC1, cv::Scalar(0)};
 
-  // A closed polygon, mirrored about the car's middle if `both`.
+  // A closed polygon, also mirrored about the car's centre if `both`.
   void fill(const Points& points, const cv::Scalar& tone, bool both = false) {
     std::vector<cv::Point> scaled;
     for (const cv::Point2d& p : points) scaled.emplace_back(cvRound(p.x * 2), cvRound(p.y * 2));
@@ -38,7 +38,7 @@ struct Sheet {
       if (!both) return;
     }
   }
-  // Light from above: brighter upper parts, darker lower ones, for what lies between the rows.
+  // Light from above: brightens the upper parts and darkens the lower ones between two rows.
   void shade(double from, double to, double top, double bottom) {
     for (int y = cvRound(from * 2); y < cvRound(to * 2) && y < color.rows; ++y) {
       const double t = (y - from * 2) / ((to - from) * 2);
@@ -156,7 +156,7 @@ CarSprite draw_car(const GlyphSet& glyphs, StreetLight light, PlateKind kind,
   options.px_per_mm = static_cast<float>(2 * kMillimetre);
   const PlateFace face = render_plate_face(glyphs, options, rng);
   car.text = face.text;
-  // Behind a car the plate may sit in the lid, in front in the bumper.
+  // Behind, the plate may be on the lid; in front it is on the bumper.
   const double plate_y = face.rows == 2 ? 430 : car.rear ? rng.uniform(395, 500) : 505;
   const cv::Point corner(kSpriteWidth - face.image.cols / 2,
                          cvRound(plate_y * 2) - face.image.rows / 2);

@@ -9,14 +9,14 @@
 
 namespace tarsier::synth {
 
-// A car from the front or behind, flat, at falling sizes.
+// A flat image of a car from the front or behind, as an image pyramid.
 struct CarSprite {
   // BGR and coverage, each level half as large as the one before; the first is kSpriteWidth wide.
   std::vector<cv::Mat> color;
   std::vector<cv::Mat> alpha;
   std::string text;
   cv::Rect2f plate;               // px of the first level
-  std::vector<cv::Rect2f> lamps;  // that shine at night
+  std::vector<cv::Rect2f> lamps;  // lamps that are lit at night
   bool rear = true;
 };
 

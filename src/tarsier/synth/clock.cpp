@@ -22,7 +22,8 @@ constexpr double kBright = 215;
 
 using Payload = std::array<std::uint8_t, kColumns * kRows / 8>;
 
-std::uint16_t check_sum(const Payload& payload) {  // CRC-16-CCITT of all but its own place
+// CRC-16-CCITT of everything except the check sum.
+std::uint16_t check_sum(const Payload& payload) {
   std::uint32_t crc = 0xffff;
   for (std::size_t i = 0; i + 2 < payload.size(); ++i) {
     crc ^= static_cast<std::uint32_t>(payload[i]) << 8U;
@@ -48,7 +49,7 @@ Payload payload_of(const ClockReading& reading) {
   return payload;
 }
 
-// The cell in column `c` and row `r`, shrunk on each side by `inset` of its size.
+// The cell in column `c` and row `r`, reduced on each side by `inset` of its size.
 cv::Rect cell(cv::Size size, int c, int r, double inset) {
   const double left = kMargin * size.width;
   const double top = kMargin * size.height;

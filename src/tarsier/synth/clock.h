@@ -9,23 +9,24 @@
 
 namespace tarsier::synth {
 
-// An image that says when it was made: how old a frame is after a camera, a network and a decoder
-// is measured by reading it. Frame number (32 bits), time (48 bits) and check sum (16 bits) are a
-// field of 16x6 black and white cells in the upper part; digits for people are below.
+// An image that encodes the time at which it was made. Reading it from a received frame gives the
+// latency of camera, network and decoder. Frame number (32 bits), time (48 bits) and check sum (16
+// bits) form a field of 16x6 black and white cells in the upper part; human-readable digits are
+// below.
 struct ClockReading {
   std::uint32_t frame = 0;
   // CLOCK_MONOTONIC (std::chrono::steady_clock) modulo 2^48, microseconds.
   std::int64_t time_us = 0;
 };
 
-// steady_clock as it is drawn.
+// steady_clock in the encoded form.
 [[nodiscard]] std::int64_t clock_now_us();
 
 // CV_8UC3; at least 64x48 px.
 [[nodiscard]] cv::Mat render_clock(cv::Size size, const ClockReading& reading);
 
-// Reads an image (CV_8UC3 or CV_8UC1) made by render_clock, also when it was compressed, resized
-// or filtered moderately; nothing if it is none or the check sum fails.
+// Decodes an image (CV_8UC3 or CV_8UC1) of render_clock, also after moderate compression, resizing
+// or filtering. Empty for another image or a wrong check sum.
 [[nodiscard]] std::optional<ClockReading> decode_clock(const cv::Mat& image);
 
 }  // namespace tarsier::synth

@@ -17,7 +17,7 @@
 namespace tarsier::synth {
 namespace {
 
-// Typefaces near plate lettering, where Debian's packages put them.
+// Typefaces similar to plate lettering, at the paths of Debian's packages.
 constexpr const char* kFiles[] = {
     "/usr/share/fonts/truetype/opendin/OSP-DIN.ttf",
     "/usr/share/fonts/opentype/urw-base35/NimbusSansNarrow-Bold.otf",
@@ -33,7 +33,7 @@ constexpr const char* kFiles[] = {
     "/usr/share/fonts/truetype/freefont/FreeMonoBold.ttf",
 };
 
-// More, of road signs, technical lettering, print and screens, with the packages that bring them.
+// More typefaces of road signs, technical lettering, print and screens, with their packages.
 constexpr const char* kMoreFiles[] = {
     "/usr/share/fonts/truetype/roadgeek/RG2014EM.ttf",
     "/usr/share/fonts/truetype/roadgeek/RG2014F.ttf",
@@ -104,7 +104,7 @@ bool load(FT_Library library, const char* path, GlyphSet::Typeface& typeface) {
   if (FT_New_Face(library, path, 0, &face) != 0) return false;
   const std::unique_ptr<FT_FaceRec, FT_Error (*)(FT_Face)> owner(face, &FT_Done_Face);
   typeface.name = std::filesystem::path(path).stem().string();
-  // The size at which a capital has the wanted height.
+  // The size at which a capital letter has the required height.
   if (FT_Set_Pixel_Sizes(face, 0, 200) != 0 ||
       FT_Load_Char(face, 'H', FT_LOAD_RENDER | FT_LOAD_NO_HINTING) != 0 ||
       face->glyph->bitmap.rows == 0) {

@@ -15,29 +15,29 @@
 
 namespace tarsier::synth {
 
-// The symbols that plates are lettered with.
+// The symbols on plates.
 inline constexpr std::string_view kPlateSymbols = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ";
 
-// Coverage masks (CV_8UC1, cut to the ink) of kPlateSymbols in several typefaces, each in several
-// weights from thin to heavy. Any number of threads may ask for masks at a time.
+// Coverage masks (CV_8UC1, cropped to the ink) of kPlateSymbols in several typefaces, each in
+// several weights from thin to heavy. Any number of threads may use it.
 class GlyphSet {
  public:
   static constexpr int kCapHeight = 112;  // px of a capital letter
-  static constexpr int kWeights = 5;      // index 2 is the typeface's own
+  static constexpr int kWeights = 5;      // index 2 is the typeface's own weight
   struct Typeface {
     std::string name;
-    std::array<cv::Mat, kPlateSymbols.size()> masks;  // of its own weight
-    bool has_weights = true;                          // false: its only weight is its own
-    double digit_aspect = 0.6;  // widest digit's width by the capital's height
-    int share = 1;              // how often it is picked, relative to the others
+    std::array<cv::Mat, kPlateSymbols.size()> masks;  // in its own weight
+    bool has_weights = true;                          // false: only its own weight exists
+    double digit_aspect = 0.6;                        // width of the widest digit / cap height
+    int share = 1;                                    // relative frequency in pick()
   };
 
   explicit GlyphSet(std::vector<Typeface> typefaces);
   [[nodiscard]] const std::vector<Typeface>& typefaces() const { return typefaces_; }
-  // The mask of a symbol of kPlateSymbols; other weights than the typeface's own are made when they
-  // are asked for first.
+  // The mask of a symbol of kPlateSymbols. Weights other than the typeface's own are made at the
+  // first request.
   [[nodiscard]] const cv::Mat& mask(int typeface, int weight, std::size_t symbol) const;
-  // A random typeface's number.
+  // Index of a random typeface.
   [[nodiscard]] int pick(Rng& rng) const;
 
  private:
@@ -47,7 +47,7 @@ class GlyphSet {
   };
   std::vector<Typeface> typefaces_;
   std::unique_ptr<Reweighted[]> reweighted_;  // by typeface, weight and symbol
-  std::vector<int> shared_;                   // each typeface's number as often as its share
+  std::vector<int> shared_;                   // the index of each typeface, repeated `share` times
 };
 
 }  // namespace tarsier::synth

@@ -9,7 +9,7 @@ namespace tarsier::synth {
 HeightField::HeightField(const Rng& base) : values_(kRows, kCols, 0.0) {
   std::uint64_t stream = 0;
   double amplitude = 1;
-  for (const int step : {32, 16, 8, 4}) {  // control points in a cell: 6.4 to 0.8 units
+  for (const int step : {32, 16, 8, 4}) {  // control points per cell: 6.4 to 0.8 units
     Rng rng = base.fork(++stream);
     cv::Mat1d grid(kRows / step, kCols / step);
     for (double& value : grid) value = rng.uniform(-1, 1);
@@ -35,7 +35,7 @@ HeightField::HeightField(const Rng& base) : values_(kRows, kCols, 0.0) {
   cv::minMaxLoc(values_, &low, &high);
   for (double& value : values_) value = kReliefDepth * (value - low) / (high - low);
   top_ = kReliefDepth;
-  // The slope of the spline along an axis is a mean of those of its control points.
+  // The slope of the spline along an axis is a mean of the slopes of its control points.
   double slope_x = 0;
   double slope_y = 0;
   for (int y = 0; y < kRows; ++y) {
@@ -54,7 +54,7 @@ double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector
   double t = (top_ - origin[2]) / direction[2];
   if (is_flat()) return std::min(t, limit);
   t = std::max(t, from);
-  // No surface of this slope can be met earlier than after this share of the gap.
+  // A surface of this slope cannot be met before this share of the gap.
   const double pace = 1 / (-direction[2] + steepest_ * std::sqrt(direction[0] * direction[0] +
                                                                  direction[1] * direction[1]));
   const auto gap_at = [&](double at) {
@@ -79,9 +79,10 @@ double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector
 double HeightField::clear_until(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                 double spread, double from) const {
   if (is_flat() || direction[2] + spread >= 0) return from;
-  // Until its steepest ray comes down to the top there is nothing to meet.
+  // Nothing can be met before the steepest ray reaches the highest point.
   double t = std::max(from, (top_ - origin[2]) / (direction[2] - spread));
-  // At t a ray of the cone is t * spread off its axis at most, so that much less, seen square to the steepest slope, is clear.
+  // At t, a ray of the cone is at most t * spread off its axis. The free distance is smaller by
+  // this, measured perpendicular to the steepest slope.
   const double widening = spread * std::sqrt(1 + steepest_ * steepest_);
   const double pace =
       1 /
@@ -92,14 +93,14 @@ double HeightField::clear_until(const Eigen::Vector3d& origin, const Eigen::Vect
     const double gap = origin[2] + t * direction[2] -
                        height(origin[0] + t * direction[0], origin[1] + t * direction[1]) -
                        t * widening;
-    if (gap < kCloseEnough * t * widening) break;  // nearer steps gain little
+    if (gap < kCloseEnough * t * widening) break;  // smaller steps gain little
     t += gap * pace;
   }
   return t;
 }
 
-// Newton's steps from close above the surface; negative if they lead away, as they do where the
-// ray only just passes.
+// Newton's steps from just above the surface; negative if they diverge, as for a ray that only
+// grazes the surface.
 double HeightField::refined(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                             double start) const {
   double t = start;

@@ -12,7 +12,7 @@ namespace tarsier::synth {
 
 constexpr double kReliefDepth = 2;  // units
 
-// z over (x, y): a quadratic B-spline, so that height and slope are exact and smooth.
+// z over (x, y): a quadratic B-spline, so height and slope are exact and smooth.
 class HeightField {
  public:
   HeightField() = default;  // flat
@@ -37,14 +37,14 @@ class HeightField {
 
   [[nodiscard]] cv::Vec2d slope(double x, double y) const { return shape(x, y).slope; }
 
-  // The first t < limit where origin + t * direction meets the surface from above; `limit` if none.
-  // The ray is known to be clear up to `from`, so the search starts there.
+  // The first t < limit at which origin + t * direction meets the surface from above; `limit` if
+  // there is none. The ray must be free up to `from`, where the search starts.
   [[nodiscard]] double first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                  double limit, double from = 0) const;
 
-  // A t >= from up to which all rays of a cone are clear of the surface, if they are up to `from`:
-  // rays from `origin` whose directions differ from `direction` by `spread` at most. After
-  // J. Amanatides, "Ray tracing with cones", SIGGRAPH 1984.
+  // Returns t >= from such that all rays of a cone are free of the surface up to t, if they are
+  // free up to `from`. The rays start at `origin`; their directions differ from `direction` by at
+  // most `spread`. After J. Amanatides, "Ray tracing with cones", SIGGRAPH 1984.
   [[nodiscard]] double clear_until(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                    double spread, double from) const;
 
@@ -102,7 +102,7 @@ class HeightField {
                                double start) const;
 
   cv::Mat1d values_;                // control points; empty: flat
-  const double* points_ = nullptr;  // the same, without a call
+  const double* points_ = nullptr;  // data of values_, without a call
   double top_ = 0;
   double steepest_ = 0;
 };

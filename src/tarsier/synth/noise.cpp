@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kLevels = 4096;
 
-// Quantiles of the normal distribution at the middles of 4096 equal shares: a table look-up per
+// Quantiles of the normal distribution at the centres of 4096 equal shares. A table look-up per
 // sample is many times faster than drawing, and as good for 8-bit images.
 double normal_quantile(double p) {
   double low = -8;
@@ -44,7 +44,7 @@ void add_noise(cv::Mat& image, double sigma, std::uint64_t seed) {
   TARSIER_REQUIRE(image.depth() == CV_8U && image.dims == 2, "type {}", image.type());
   TARSIER_REQUIRE(sigma >= 0 && sigma <= 64, "sigma {}", sigma);
   if (sigma == 0 || image.empty()) return;
-  // In 1/256 grey levels, with half a level for rounding.
+  // In 1/256 grey levels, plus half a level for rounding.
   std::array<std::int32_t, kLevels> steps{};
   for (std::size_t i = 0; i < kLevels; ++i) {
     steps[i] = static_cast<std::int32_t>(

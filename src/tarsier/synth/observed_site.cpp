@@ -19,20 +19,20 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr double kStep = 2.5;      // m, from one image to the next in a street
+constexpr double kStep = 2.5;      // m, between images in a street
 constexpr double kHalfStreet = 8;  // m
 constexpr double kBlock = 60;      // m
-constexpr double kSegment = 10;    // m of a facade
+constexpr double kSegment = 10;    // m, length of a facade section
 constexpr double kHigh = 12;       // m
-constexpr int kModules = 6;        // facades that are used again and again
-constexpr int kMinMatches = 30;    // of a pair
+constexpr int kModules = 6;        // facade designs that are repeated
+constexpr int kMinMatches = 30;    // minimum matches of a pair
 constexpr double kMaxTurn =
     0.7;                        // cosine of the largest change of the viewing direction in a match
 constexpr double kFocal = 500;  // px
 constexpr int kSegmentsAhead = 8;
-constexpr int kPerSegment = 130;  // points
+constexpr int kPerSegment = 130;  // number of points
 
-// Of a surface: what looks alike has the same look.
+// A point of a surface. Points that look alike have the same `look`.
 struct SitePoint {
   Vector3d position;
   Vector3d normal;
@@ -94,7 +94,8 @@ class Site {
  private:
   // --- the world and the cameras ---
 
-  // From one point on the ground to another; its front is to the left. `module`: which design it has; -1: its own.
+  // A facade between two points on the ground, with its front on the left. `module`: index of its
+  // design; -1: unique.
   void facade(const Vector2d& from, const Vector2d& to, int module, double details = 0) {
     const Vector2d along = (to - from).normalized();
     const Vector3d normal(-along.y(), along.x(), 0);
@@ -106,7 +107,7 @@ class Site {
       const double z = design.uniform(0, kHigh);
       const bool is_own = module < 0 || rng_.uniform() < details;
       Vector3d position(from.x() + x * along.x(), from.y() + x * along.y(), z);
-      // What is its own lies elsewhere, too.
+      // Its unique points also have other positions.
       if (is_own && module >= 0) {
         const double x2 = rng_.uniform(0, length);
         position = {from.x() + x2 * along.x(), from.y() + x2 * along.y(), rng_.uniform(0, kHigh)};
@@ -116,7 +117,7 @@ class Site {
     }
   }
 
-  // Segment after segment along a polyline, to its left if side is 1, facing the line.
+  // Facade sections along a polyline, on its left if side is 1, facing the line.
   void facades(const std::vector<Vector2d>& line, double side) {
     for (std::size_t k = 0; k + 1 < line.size(); ++k) {
       const int module = rng_.uniform() < options_.repeats ? rng_.integer(0, kModules - 1) : -1;
@@ -166,7 +167,7 @@ class Site {
     }
   }
 
-  // Along a line of the ground, looking to the left and ahead.
+  // Cameras along a line on the ground, looking ahead and to the left.
   void follow(const std::vector<Vector2d>& line) {
     std::vector<double> lengths{0};
     for (std::size_t k = 1; k < line.size(); ++k)
@@ -196,7 +197,7 @@ class Site {
       const double heading = 0.9 * std::sin(k / 9.0);
       line.push_back(line.back() + kSegment * Vector2d(std::cos(heading), std::sin(heading)));
     }
-    // The last cameras look ahead: the facades go on where the walk ends.
+    // The last cameras look ahead, so the facades continue beyond the end of the walk.
     std::vector<Vector2d> street = line;
     const Vector2d ahead = line.back() - line[line.size() - 2];
     for (int k = 0; k < kSegmentsAhead; ++k) street.push_back(street.back() + ahead);
@@ -207,7 +208,7 @@ class Site {
   void city() {
     const int streets = std::max(
         2, static_cast<int>(std::lround(std::sqrt(options_.images * kStep / (2 * kBlock)))));
-    // The blocks, with one more around all streets; each with a facade to each side.
+    // The blocks, with one more row around all streets; each has a facade on each side.
     for (int a = 0; a <= streets; ++a) {
       for (int b = 0; b <= streets; ++b) {
         const Vector2d low((a - 1) * kBlock + kHalfStreet, (b - 1) * kBlock + kHalfStreet);
@@ -227,7 +228,7 @@ class Site {
         }
       }
     }
-    // All streets one way, there and back in turn, then all the other way.
+    // All streets in one direction, alternately there and back, then all in the other direction.
     std::vector<Vector2d> line;
     const double last = (streets - 1) * kBlock;
     for (int b = 0; b < streets; ++b) {
@@ -264,7 +265,7 @@ class Site {
     }
   }
 
-  // --- what the images show ---
+  // --- observations ---
 
   // Direction to the camera in the axes of the surface.
   static Vector3d seen_from(const SitePoint& point, const Vector3d& center) {
@@ -322,10 +323,11 @@ class Site {
     }
   }
 
-  // Features that look alike, from about the same side, and alike to no other of the image.
+  // Matches features that look alike, are seen from about the same side, and are unique in their
+  // image.
   void match() {
-    std::vector<std::map<int, int>> feature_of(site_.poses.size());  // of each look
-    std::unordered_map<int, std::vector<int>> images_of;             // of each look
+    std::vector<std::map<int, int>> feature_of(site_.poses.size());  // for each look
+    std::unordered_map<int, std::vector<int>> images_of;             // for each look
     for (std::size_t i = 0; i < site_.poses.size(); ++i) {
       for (std::size_t f = 0; f < point_of_[i].size(); ++f) {
         const auto [known, fresh] =
@@ -394,7 +396,7 @@ class Site {
   ObservedSite site_;
   std::vector<SitePoint> points_;
   int looks_ = 0;
-  std::vector<std::vector<int>> point_of_;  // of each feature
+  std::vector<std::vector<int>> point_of_;  // for each feature
 };
 
 }  // namespace

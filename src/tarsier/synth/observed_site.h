@@ -11,31 +11,32 @@
 #include <utility>
 #include <vector>
 
-// Large scenes as what thousands of images would observe of them, without images: to measure what comes after the
-// matching.
+// Simulated observations of large scenes by thousands of images, without rendering the images: to
+// test the stages after matching.
 namespace tarsier::synth {
 
 // z is up; the unit is the metre.
 enum class SiteKind {
-  kRing,       // once around, looking at a wall inside: a single large loop
+  kRing,       // one round, looking at a wall inside: a single large loop
   kGrid,       // from the air, straight down, in rows
   kWalk,       // along a winding street, without a loop
   kCity,       // through all streets of a city of square blocks: many loops
-  kSymmetric,  // around a prism whose sides look alike but for details, on white
+  kSymmetric,  // around a prism on white, whose sides are alike except for details
 };
 
 struct SiteOptions {
   std::uint64_t seed = 1;
   SiteKind kind = SiteKind::kCity;
   int images = 300;
-  int features = 300;      // that an image has at most
-  int neighbours = 12;     // images that each is matched with: those with most features in common
-  double noise_px = 0.5;   // standard deviation of a feature's place
-  double drop_out = 0.25;  // probability that a visible point is no feature
-  double wrong_share = 0.03;  // of matches: with any feature
-  double repeats = 0;         // share of 10 m of facade that look like others
-  int sides = 4;              // of kSymmetric
-  double details = 0.2;       // of kSymmetric: points that no other side has
+  int features = 300;  // maximum per image
+  // Images with which each image is matched: those with most features in common.
+  int neighbours = 12;
+  double noise_px = 0.5;      // standard deviation of a feature's position
+  double drop_out = 0.25;     // probability that a visible point is not detected
+  double wrong_share = 0.03;  // share of matches with an arbitrary feature
+  double repeats = 0;         // share of 10 m facade sections that look like others
+  int sides = 4;              // for kSymmetric
+  double details = 0.2;       // for kSymmetric: share of points that are unique to a side
 
   [[nodiscard]] OptionFields fields() {
     return {{"images", images, range(3, 100'000)},
@@ -61,8 +62,8 @@ struct ObservedSite {
   struct Pair {
     int first = 0;
     int second = 0;
-    std::vector<std::pair<int, int>> matches;  // features
-    bool same_place = false;  // most matches are of the same points; else of what looks alike
+    std::vector<std::pair<int, int>> matches;  // feature indices
+    bool same_place = false;  // whether most matches are of the same points, not of similar ones
   };
   geometry::Camera camera;              // 640 x 480, not distorted
   std::vector<geometry::Rigid3> poses;  // camera from world
@@ -70,7 +71,7 @@ struct ObservedSite {
   std::vector<Pair> pairs;  // by first, then second
 };
 
-// The same for the same options. Throws std::invalid_argument (options).
+// Deterministic for given options. Throws std::invalid_argument (options).
 [[nodiscard]] ObservedSite make_observed_site(const SiteOptions& options);
 
 }  // namespace tarsier::synth

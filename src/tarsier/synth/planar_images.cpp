@@ -18,7 +18,7 @@ namespace tarsier::synth {
 namespace {
 
 cv::Scalar random_color(Rng& rng, double least = 10, double most = 245) {
-  // Most objects are rather grey; some are not.
+  // Most objects are greyish; some are colourful.
   const double level = rng.uniform(least, most);
   const double spread = rng.uniform() < 0.7 ? 15 : 65;
   const auto channel = [&] {
@@ -91,7 +91,7 @@ void draw_sheet(cv::Mat& image, const cv::Point2f& at, float length, float angle
   }
 }
 
-// A front of a house: rows of dark windows in light frames.
+// A facade: rows of dark windows in light frames.
 void draw_windows(cv::Mat& image, const cv::Rect& box, Rng& rng) {
   const cv::Scalar wall = random_color(rng, 90, 220);
   const cv::Scalar frame = random_color(rng, 170, 250);
@@ -161,7 +161,7 @@ void draw_object(cv::Mat& image, Rng& rng) {
     case 3:
       draw_windows(image, {at.x, at.y, cvRound(2 * length), cvRound(1.4F * length)}, rng);
       break;
-    case 4: {  // dark squares on white, like markers but none
+    case 4: {  // dark squares on white that resemble markers
       const auto side = length * 0.6F;
       fill_box(image, {cv::Point2f(at), {side * 1.3F, side * 1.3F}, angle}, {235, 235, 235});
       fill_box(image, {cv::Point2f(at), {side, side}, angle}, {25, 25, 25});
@@ -235,7 +235,7 @@ cv::Mat poster_image(cv::Size size, std::uint64_t seed) {
   Rng rng(seed ^ 0x90573e5ULL);
   cv::Mat image(size, CV_8UC3, random_color(rng));
   const double larger = std::max(size.width, size.height);
-  // From large to small, as a painter works.
+  // From large to small.
   for (int i = 0; i < 260; ++i) {
     const double scale = larger * 0.35 * std::pow(0.05, i / 260.0) * rng.uniform(0.5, 1.5);
     const cv::Point at = random_point(rng, size);

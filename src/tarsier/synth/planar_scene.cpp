@@ -17,12 +17,12 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr int kMaxSamples = 8;  // a pixel, each way
+constexpr int kMaxSamples = 8;  // per pixel, in each direction
 
 struct Sheet {
   PrintTexture texture;
   Eigen::Matrix3d pixel_from_plane =
-      Eigen::Matrix3d::Zero();  // px of the image from m in the print's frame
+      Eigen::Matrix3d::Zero();  // from the print's frame, m, to px of the image
 };
 
 cv::Rect2d part_of(const PlanarPrint& print) {
@@ -37,7 +37,7 @@ struct Layer {
   bool is_ground = false;
 };
 
-// The plane's points (x, y) lie at R (x, y, 0) + t, on the rays that go through them.
+// The plane's points (x, y) are at R (x, y, 0) + t, on the rays through them.
 Eigen::Matrix3d pixel_from_ray(const Sheet& sheet, const geometry::Rigid3& camera_from_print) {
   Eigen::Matrix3d ray_from_plane = camera_from_print.rotation;
   ray_from_plane.col(2) = camera_from_print.translation;
@@ -49,13 +49,14 @@ double facing_of(const geometry::Rigid3& camera_from_print) {
   return -camera_from_print.rotation.col(2).dot(t) / std::max(1e-12, t.norm());
 }
 
-// Sums of what the frame's pixels of one row see.
+// Accumulates what the pixels of one row of the frame see.
 class RowPainter {
  public:
   RowPainter(const cv::Mat& rays, int y)
       : above_(rays.ptr<cv::Vec2f>(y)), below_(rays.ptr<cv::Vec2f>(y + 1)), y_(y) {}
 
-  // `place` is empty for many samples a pixel, else where its only one is taken (+-0.5 px).
+  // `place` is empty for many samples per pixel; otherwise it is the position of the only sample
+  // (+-0.5 px).
   void paint(const Layer& layer, const std::optional<cv::Vec2f>& place, std::vector<Pixel4>& row) {
     if (y_ < layer.bounds.y || y_ >= layer.bounds.y + layer.bounds.height) return;
     const int begin = layer.bounds.x;
@@ -69,7 +70,7 @@ class RowPainter {
       const Pixel4 across = 0.5F * (top_[i + 1] - top_[i] + bottom_[i + 1] - bottom_[i]);
       const Pixel4 down = 0.5F * (bottom_[i] - top_[i] + bottom_[i + 1] - top_[i + 1]);
       const Pixel4 middle = 0.25F * (top_[i] + top_[i + 1] + bottom_[i] + bottom_[i + 1]);
-      // The ground has no truth to keep: one sample in the pixel's middle does.
+      // The ground has no ground truth, so one sample at the pixel's centre is enough.
       const Pixel4 seen = place             ? few(layer, middle, across, down, *place)
                           : layer.is_ground ? few(layer, middle, across, down, {0, 0})
                                             : many(layer, middle, across, down);
@@ -78,7 +79,7 @@ class RowPainter {
   }
 
  private:
-  // Where the corners of the row's pixels lie in the sheet's image; third: 1 / depth.
+  // Positions of the row's pixel corners in the sheet's image; third: 1 / depth.
   void corners(const Layer& layer, int begin, int end) {
     const auto count = static_cast<std::size_t>(end - begin + 1);
     top_.resize(count);
@@ -111,9 +112,9 @@ class RowPainter {
   }
 
   struct Footprint {
-    float length = 0;  // px of the image, of its longer side
-    float width = 0;   // of the parallelogram, across its longer side
-    float reach = 0;   // from its middle, either way
+    float length = 0;  // px of the image, of the longer side
+    float width = 0;   // of the parallelogram, perpendicular to the longer side
+    float reach = 0;   // from its centre, in each direction
   };
   static Footprint footprint(const Pixel4& across, const Pixel4& down) {
     const float a = std::sqrt(across[0] * across[0] + across[1] * across[1]);
@@ -124,7 +125,7 @@ class RowPainter {
                                         std::abs(across[1]) + std::abs(down[1]));
     return {length, area / length, reach};
   }
-  // The level whose pixels are as large as `size` px of the image, or smaller.
+  // The level whose pixels are at most as large as `size` px of the image.
   static int level_for(const Layer& layer, float size) {
     const int level = size > 1 ? std::ilogb(size) : 0;
     return std::min(level, layer.sheet->texture.levels() - 1);
@@ -153,11 +154,11 @@ class RowPainter {
     const bool at_border = !is_inside(layer, middle[0], middle[1], size.reach);
     if (at_border && !is_inside(layer, middle[0], middle[1], -size.reach)) return Pixel4{};
     const int sharp = level_for(layer, 0.5F * size.width);
-    // Blurred by the level's own pixels, so far.
+    // Width of the blur by the level's own pixels.
     const float blur = static_cast<float>(1 << std::min(sharp, 20));
     if (!at_border && layer.sheet->texture.is_flat(middle[0], middle[1], size.reach + blur))
       return layer.sheet->texture.sample(0, middle[0], middle[1]);
-    // As many samples as the level has pixels; where that were too many, a coarser level.
+    // As many samples as the level has pixels; if these are too many, a coarser level.
     const int level =
         std::max(sharp, level_for(layer, 2 * size.length / static_cast<float>(kMaxSamples)));
     const float pixel = static_cast<float>(1 << std::min(level, 20));
@@ -184,8 +185,8 @@ class RowPainter {
   std::vector<Pixel4> bottom_;
 };
 
-// Where each of `count` moments takes its sample: together they fill the pixel evenly, and their
-// mean is its middle, so that nothing is shifted. Few moments take many samples each.
+// Sample positions of `count` moments. Together they fill the pixel evenly, and their mean is its
+// centre, so that nothing is shifted. With few moments, each takes many samples.
 std::vector<std::optional<cv::Vec2f>> places_of(int count) {
   std::vector<std::optional<cv::Vec2f>> places(static_cast<std::size_t>(count));
   if (count <= 2) return places;
@@ -205,7 +206,7 @@ std::vector<std::optional<cv::Vec2f>> places_of(int count) {
   return places;
 }
 
-// Light at every eighth pixel, made large: it has no detail.
+// Light at every eighth pixel, enlarged: it has no detail.
 cv::Mat light_of(const PlanarLook& look, cv::Size size) {
   constexpr int kStep = 8;
   const cv::Size small(size.width / kStep + 2, size.height / kStep + 2);
@@ -265,9 +266,9 @@ struct PlanarScene::Parts {
   std::vector<PlanarPrint> prints;
   std::vector<Sheet> sheets;
   Sheet ground;
-  double largest_radius = 0;  // of rays in the frame, normalised
-  Pixel4 far{};               // what is beyond the ground
-  cv::Mat rays;  // CV_32FC2, through the corners of all pixels; NaN where there is none
+  double largest_radius = 0;  // of normalised rays in the frame
+  Pixel4 far{};               // colour beyond the ground
+  cv::Mat rays;               // CV_32FC2, through the corners of all pixels; NaN if there is none
 
   [[nodiscard]] std::vector<Layer> layers(const PlanarShot& shot) const;
   [[nodiscard]] cv::Rect bounds(const Sheet& sheet,
@@ -276,8 +277,8 @@ struct PlanarScene::Parts {
                                const std::vector<Layer>& order) const;
 };
 
-// The box of the sheet's outline (its bent edges too); all of the frame where part of it is behind
-// the camera.
+// The bounding box of the sheet's (curved) outline; the whole frame if a part of the sheet is
+// behind the camera.
 cv::Rect PlanarScene::Parts::bounds(const Sheet& sheet,
                                     const geometry::Rigid3& camera_from_print) const {
   const cv::Rect all(0, 0, camera.width, camera.height);
@@ -303,7 +304,7 @@ cv::Rect PlanarScene::Parts::bounds(const Sheet& sheet,
                                 1);
     const Eigen::Vector3d plane = plane_from_pixel * pixel;
     const Eigen::Vector3d at = camera_from_print * Eigen::Vector3d(plane[0], plane[1], 0);
-    // Behind the camera, or where the lens's equation folds back.
+    // Behind the camera, or where the lens model folds back.
     if (at[2] < 1e-6 || std::hypot(at[0], at[1]) > largest_radius * at[2]) return all;
     const cv::Point2d p = camera.pixel_of({at[0] / at[2], at[1] / at[2]});
     left = std::min(left, p.x);
@@ -317,7 +318,7 @@ cv::Rect PlanarScene::Parts::bounds(const Sheet& sheet,
   return box & all;
 }
 
-// From the farthest to the nearest.
+// Sorted from the farthest to the nearest.
 std::vector<Layer> PlanarScene::Parts::layers(const PlanarShot& shot) const {
   std::vector<Layer> order;
   Layer base;
@@ -326,7 +327,7 @@ std::vector<Layer> PlanarScene::Parts::layers(const PlanarShot& shot) const {
   base.pixel_from_ray = pixel_from_ray(ground, shot.camera_from_world);
   base.bounds = {0, 0, camera.width, camera.height};
   if (shot.camera_from_world.center()[2] > 0) order.push_back(base);
-  // Covers last, which are nearer than what they cover.
+  // Covers last; they are nearer than the prints they cover.
   std::vector<std::pair<double, std::size_t>> by_distance;
   constexpr double kCover = 1e6;
   for (std::size_t i = 0; i < sheets.size(); ++i) {

@@ -33,7 +33,7 @@ bool set_planar_source(std::string_view key, std::string_view value, PlanarSourc
   VideoOptions& video = options.video;
   if (key == "family" && !options.posters) {
     options.family = value;
-    is_good = true;  // find_dictionary() says what is wrong
+    is_good = true;  // find_dictionary() reports the error
   } else if (key == "prints") {
     is_good = parse_within(value, 1, 12, options.prints);
   } else if (key == "side" && !options.posters) {

@@ -11,7 +11,7 @@
 namespace tarsier::synth {
 
 struct PlanarSourceOptions {
-  bool posters = false;  // images, 0.2 m wide, instead of markers
+  bool posters = false;  // 0.2 m wide images instead of markers
   std::string family = "36h11";
   int prints = 0;      // 0: 4 markers or 1 poster
   double side = 0.05;  // m, of a marker
@@ -22,7 +22,8 @@ inline constexpr std::string_view kPlanarSourceKeys =
     "family=36h11, prints=4, side=0.05, speed=25 (px a frame), tilt=50, shutter=0.25, "
     "exposure=0.2, blur=0.5, cover=1, distorted=0";
 
-// Sets what `key` names, `is_good` where the value fits; false for a key that is none of these.
+// Sets the option `key`; `is_good` becomes whether the value is valid. Returns false for an unknown
+// key.
 [[nodiscard]] bool set_planar_source(std::string_view key, std::string_view value,
                                      PlanarSourceOptions& options, bool& is_good);
 
@@ -33,7 +34,7 @@ inline constexpr std::string_view kPlanarSourceKeys =
 // {"camera": {...}, "markers": [...]}: a JSON object.
 [[nodiscard]] std::string planar_source_truth(const PlanarVideo& video, double time_s);
 
-// Poster `id` of a seed, as the video shows it: 600 x 450 px, 0.2 m wide.
+// Poster `id` of a seed, as in the video: 600 x 450 px, 0.2 m wide.
 [[nodiscard]] PlanarPrint poster_print(int id, std::uint64_t seed);
 
 }  // namespace tarsier::synth

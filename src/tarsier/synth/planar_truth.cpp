@@ -11,7 +11,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// From the image's pixels (middles at integers) to the frame's; of a camera without distortion.
+// From the image's pixels (centres at integers) to the frame's; for a camera without distortion.
 Eigen::Matrix3d homography_of(const PlanarPrint& print, const PrintTruth& truth,
                               const geometry::Camera& camera) {
   const cv::Rect2d part =

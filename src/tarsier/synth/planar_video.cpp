@@ -14,9 +14,9 @@ namespace tarsier::synth {
 namespace {
 
 constexpr double kTurn = 2 * CV_PI;
-constexpr double kRound_s = 6;     // of motion and rest
-constexpr double kMotion_s = 4.5;  // of a round
-constexpr double kPass_s = 9;      // from one pass of the hand to the next
+constexpr double kRound_s = 6;     // motion and rest together
+constexpr double kMotion_s = 4.5;  // motion in each round
+constexpr double kPass_s = 9;      // between two passes of the hand
 constexpr double kPassing_s = 2.5;
 
 geometry::Camera video_camera(const VideoOptions& options) {
@@ -71,7 +71,7 @@ bool PlanarVideo::is_at_rest(double time_s) {
   return time_s - std::floor(time_s / kRound_s) * kRound_s >= kMotion_s;
 }
 
-// The camera looks at a point that wanders, from a direction that tilts and turns.
+// The camera looks at a moving point, from a direction that tilts and rotates.
 geometry::Rigid3 PlanarVideo::camera_at(double path) const {
   Rng rng(options_.seed ^ 0xf117ULL);
   const auto swing = [&](double period_s) {
@@ -80,7 +80,8 @@ geometry::Rigid3 PlanarVideo::camera_at(double path) const {
     return std::sin(kTurn * (path / own + phase));
   };
   const double tilt = options_.tilt_deg * CV_PI / 180 * (0.5 + 0.5 * swing(7));
-  // Round the near side of the desk, as a person sits: what stands on it stands up in the image.
+  // On the near side of the desk, like a sitting person, so that objects on it are upright in the
+  // image.
   const double azimuth = -0.25 * kTurn + 0.9 * swing(11) + 0.5 * swing(23);
   const double roll = 0.5 * swing(9);
   const double smaller = std::min(options_.size.width, options_.size.height);
@@ -90,7 +91,7 @@ geometry::Rigid3 PlanarVideo::camera_at(double path) const {
   const Eigen::Vector3d back(std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth),
                              std::cos(tilt));  // from the target to the camera
   const Eigen::Vector3d forward = -back;
-  // Upright means along the desk's y axis, turned by `roll`.
+  // "Up" is along the desk's y axis, rotated by `roll`.
   const Eigen::Vector3d up(-std::sin(roll), std::cos(roll), 0);
   const Eigen::Vector3d right = forward.cross(up).normalized();
   const Eigen::Vector3d down = forward.cross(right);
@@ -116,7 +117,7 @@ double PlanarVideo::motion_px(const PlanarShot& from, const PlanarShot& to) cons
   return most;
 }
 
-// So that the fastest frame of the first minutes is as fast as was asked for.
+// Sets the rate so that the fastest frame of the first minutes has the requested speed.
 void PlanarVideo::set_rate() {
   constexpr double kStep_s = 0.04;
   double most = 0;
@@ -133,7 +134,7 @@ PlanarShot PlanarVideo::shot_at(double time_s) const {
   shot.camera_from_world = camera_at(rate_ * path_time(std::max(0.0, time_s)));
   shot.world_from_print = world_from_print_;
   if (!options_.cover || world_from_print_.empty()) return shot;
-  // In from the left, over one print, and back.
+  // Enters from the left, passes over one print, and returns.
   const double pass = std::floor(time_s / kPass_s);
   const double since = time_s - pass * kPass_s - (kPass_s - kPassing_s);
   const double share = since > 0 ? std::sin(CV_PI * since / kPassing_s) : 0;
@@ -143,7 +144,7 @@ PlanarShot PlanarVideo::shot_at(double time_s) const {
   geometry::Rigid3 hand;
   // Its fingers, which point up in its image, point to the print.
   hand.rotation << 0, 1, 0, -1, 0, 0, 0, 0, 1;
-  if (since <= 0) hand.rotation << 0, 1, 0, 1, 0, 0, 0, 0, -1;  // its back: is not drawn
+  if (since <= 0) hand.rotation << 0, 1, 0, 1, 0, 0, 0, 0, -1;  // its back: not drawn
   hand.translation =
       over + Eigen::Vector3d(-5 * radius_ * (1 - share) - 0.6 * size, 0, 0.35 * size);
   shot.world_from_print.push_back(hand);
@@ -178,7 +179,7 @@ PlanarVideo marker_video(const planar::markers::Dictionary& family, int count, d
   for (int i = 0; i < count; ++i) {
     prints.push_back(marker_print(family, i, side));
     const double turn = rng.uniform(-0.6, 0.6);
-    // The last of several stands on a slope of 30 degrees.
+    // The last of several prints lies on a slope of 30 degrees.
     const double slope = count > 1 && i == count - 1 ? CV_PI / 6 : 0;
     const Eigen::Matrix3d upright = geometry::rotation_by({slope, 0, 0});
     geometry::Rigid3 pose;

@@ -20,7 +20,7 @@ Eigen::Matrix3d rotation_about(const Eigen::Vector3d& axis, double angle) {
   return geometry::rotation_by(axis.normalized() * angle);
 }
 
-// A camera frame's axes as those of a print seen from the front: x right, y up, z out of it.
+// Rotation of a frontal print: x right, y up, z out of it, in the camera frame.
 const Eigen::Matrix3d kFrontal{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
 
 geometry::Camera plain_camera(cv::Size size, double focal) {
@@ -54,7 +54,8 @@ PlanarLook random_look(PlanarLevel level, cv::Size size, Rng& rng) {
   return look;
 }
 
-// Small turns of the camera that smear the image by `px` along `angle`, about the middle moment.
+// Small rotations of the camera that blur the image by `px` along `angle`, symmetric about the
+// central moment.
 std::vector<PlanarShot> smeared(const PlanarShot& shot, double px, double angle, double focal) {
   if (px < 0.4) return {shot};
   const int count = std::clamp(cvCeil(px) + 2, 4, 16);
@@ -77,13 +78,13 @@ bool is_inside(const PrintTruth& truth, cv::Size size, double margin) {
   });
 }
 
-// Prints put before the camera one by one, none over another.
+// Places prints in front of the camera one by one, without overlap.
 class Placer {
  public:
   Placer(const geometry::Camera& camera, const StillOptions& options, Rng& rng)
       : camera_(camera), options_(options), rng_(rng) {}
 
-  // A pose that leaves the print's part inside the image and off the others.
+  // A pose in which the print's part is inside the image and does not overlap others.
   std::optional<geometry::Rigid3> place(const PlanarPrint& print) {
     const cv::Size size(camera_.width, camera_.height);
     const double most = std::min(options_.max_side_px, 0.6 * std::min(size.width, size.height));
@@ -100,7 +101,7 @@ class Placer {
       const double far = camera_.fx * print.width / side;
       pose.translation = {(at.x - camera_.cx) / camera_.fx * far,
                           (at.y - camera_.cy) / camera_.fy * far, far};
-      // A margin's room around the part.
+      // Leaves a margin around the part.
       const cv::Rect2d part =
           print.part.empty() ? cv::Rect2d(0, 0, print.image.cols, print.image.rows) : print.part;
       const double reach = 0.75 * side * std::max(1.0, part.height / part.width);
@@ -126,7 +127,7 @@ class Placer {
       if (!p || p->x < 3 || p->y < 3 || p->x > size.width - 4 || p->y > size.height - 4)
         return false;
     }
-    // Seen from the front by a degree or more of what the tilt allows.
+    // Seen from the front, at least by one degree.
     const Eigen::Vector3d normal = pose.rotation * Eigen::Vector3d(0, 0, 1);
     return -normal.dot(pose.translation.normalized()) >
            std::cos(std::min(85.0, options_.tilt_deg + 3) * CV_PI / 180);
@@ -138,7 +139,7 @@ class Placer {
   std::vector<Eigen::Vector3d> taken_;  // x, y, radius, px
 };
 
-// A hand or bar that comes from outside over a part of the print, a little nearer to the camera.
+// A hand or bar that enters from outside over a part of the print, slightly nearer to the camera.
 std::pair<PlanarPrint, geometry::Rigid3> cover_over(const PlanarPrint& print,
                                                     const geometry::Rigid3& camera_from_print,
                                                     Rng& rng) {
@@ -163,7 +164,7 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
   const bool moves = level != PlanarLevel::kEasy && rng.uniform() < 0.6;
   still.motion_px = moves ? rng.uniform(0, level == PlanarLevel::kHard ? 9 : 4) : 0;
   still.motion_angle = rng.uniform(0, kTurn);
-  // The ground: 3 m of it fill the image, behind all.
+  // The ground, behind all prints: 3 m of it fill the image.
   const double height = 1.5 * camera.fx / std::min(size.width, size.height);
   const double around = rng.uniform(0, kTurn);
   PlanarShot shot;

@@ -11,10 +11,10 @@
 #include <string_view>
 #include <vector>
 
-// Ready scenes of prints: still images by seed, and videos.
+// Complete scenes of prints: still images by seed, and videos.
 namespace tarsier::synth {
 
-enum class PlanarLevel { kEasy, kMedium, kHard };  // of light, blur and noise
+enum class PlanarLevel { kEasy, kMedium, kHard };  // difficulty of light, blur and noise
 [[nodiscard]] std::string_view name_of(PlanarLevel level);
 
 // One image with its truth.
@@ -23,19 +23,19 @@ struct PlanarStill {
   geometry::Camera camera;
   PlanarLevel level = PlanarLevel::kEasy;
   PlanarLook look;
-  double motion_px = 0;  // blur of the moving camera
+  double motion_px = 0;  // blur of a moving camera
   double motion_angle = 0;
-  std::vector<PrintTruth> truth;  // only prints that are wholly inside the image
+  std::vector<PrintTruth> truth;  // only prints that are entirely inside the image
 };
 
 struct StillOptions {
   cv::Size size{640, 480};  // px
-  int least = 1;            // prints
+  int least = 1;            // minimum number of prints
   int most = 8;
   double min_side_px = 12;   // of a print's part, before it is tilted
-  double max_side_px = 300;  // at most 0.6 of the image's smaller side
-  double tilt_deg = 60;      // at most
-  double part_hidden = 0;    // share of prints that a hand or a bar hides in part
+  double max_side_px = 300;  // limited to 0.6 of the image's smaller side
+  double tilt_deg = 60;      // maximum
+  double part_hidden = 0;    // share of prints that a hand or a bar partly hides
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(64, 8192)},
@@ -55,11 +55,11 @@ struct StillOptions {
   void check() const;
 };
 
-// Each print where it likes, in front of clutter. Everything follows from `seed`. `side`: m.
+// Markers at random poses in front of clutter. Everything is derived from `seed`. `side`: m.
 [[nodiscard]] PlanarStill marker_still(const planar::markers::Dictionary& family, double side,
                                        const StillOptions& options, PlanarLevel level,
                                        std::uint64_t seed);
-// One of `prints` (each used as it is, its id is known), alone in the image.
+// One of `prints`, alone in the image, with its own id.
 [[nodiscard]] PlanarStill print_still(const std::vector<PlanarPrint>& prints,
                                       const StillOptions& options, PlanarLevel level,
                                       std::uint64_t seed);
@@ -67,13 +67,14 @@ struct StillOptions {
 struct VideoOptions {
   cv::Size size{640, 480};  // px
   double fps = 25;
-  double speed_px = 25;    // fastest motion of a print's corner between two frames
-  double tilt_deg = 50;    // of the camera, at most
-  double shutter = 0.25;   // share of a frame's time that is exposed
-  double exposure = 0.2;   // by which share the exposure swings
-  bool cover = true;       // a hand passes over the prints now and then
+  double speed_px = 25;    // maximum motion of a print's corner between two frames
+  double tilt_deg = 50;    // of the camera, maximum
+  double shutter = 0.25;   // exposed share of a frame's time
+  double exposure = 0.2;   // relative amplitude of the exposure's variation
+  bool cover = true;       // a hand sometimes passes over the prints
   bool distorted = false;  // a lens with k1 = -0.25
-  PlanarLook look;         // its gain times the swing; the seed is of the first frame's noise
+  // Its gain is multiplied by the variation; its seed is that of the first frame's noise.
+  PlanarLook look;
   std::uint64_t seed = 1;  // of ground and path
 
   [[nodiscard]] OptionFields fields() {
@@ -88,11 +89,12 @@ struct VideoOptions {
   void check() const;
 };
 
-// A camera that moves about a desk with prints and comes to rest for a while after each round of
-// 6 s (4.5 s of motion). Const; a frame depends on the time alone.
+// A camera that moves above a desk with prints and rests after each round of 6 s (4.5 s of motion).
+// Const; a frame depends only on the time.
 class PlanarVideo {
  public:
-  // `world_from_print`: where they lie; `radius` (m): of the part of the desk that stays in view.
+  // `world_from_print`: poses of the prints; `radius` (m): of the part of the desk that stays in
+  // view.
   PlanarVideo(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid3> world_from_print,
               double radius, const VideoOptions& options);
 
@@ -106,7 +108,7 @@ class PlanarVideo {
 
  private:
   [[nodiscard]] geometry::Rigid3 camera_at(double path) const;
-  // The largest distance that a corner moves in the image.
+  // The maximum motion of a corner in the image.
   [[nodiscard]] double motion_px(const PlanarShot& from, const PlanarShot& to) const;
   void set_rate();
 
@@ -114,10 +116,11 @@ class PlanarVideo {
   double radius_;
   std::vector<geometry::Rigid3> world_from_print_;
   PlanarScene scene_;
-  double rate_ = 1;  // of the path's time to the video's
+  double rate_ = 1;  // ratio of the path's time to the video's time
 };
 
-// `count` (1..12) markers 0.. of a family on a desk, each `side` m wide, one of them on a slope.
+// `count` (1..12) markers 0.. of a family on a desk, each `side` m wide; one of them lies on a
+// slope.
 [[nodiscard]] PlanarVideo marker_video(const planar::markers::Dictionary& family, int count,
                                        double side, const VideoOptions& options);
 // Prints side by side, flat on the desk.
@@ -125,7 +128,7 @@ class PlanarVideo {
 
 // One line of truth: {"image", "family" or "target", "K", "dist", "size", "level", "params",
 // "markers": [{"id", "corners", "rvec", "tvec", "side_px", "visible", and with `targets` the
-// homography "H" from the image's pixels}]}. `prints`: of which `truth` tells.
+// homography "H" from the image's pixels}]}. `prints`: the prints of the still.
 struct TruthLine {
   std::string image;
   std::string family;
@@ -134,7 +137,7 @@ struct TruthLine {
 [[nodiscard]] std::string truth_line(const TruthLine& line, const PlanarStill& still,
                                      const std::vector<PlanarPrint>& prints);
 
-// The list "markers" alone, of a video's moment.
+// The list "markers" alone, for one moment of a video.
 [[nodiscard]] std::string truth_list(const std::vector<PrintTruth>& truth);
 
 using geometry::rotation_vector;

@@ -23,7 +23,7 @@ void disc(const PlatePainter& p, double x, double y, double radius) {
                cv::LINE_AA);
 }
 
-// A shield, a blob, a star: whatever stands between groups.
+// An emblem between groups: a shield, a blob or a star.
 void emblem(const PlatePainter& p, double x, double y, double radius) {
   const Color color = p.any_color();
   const double kind = p.rng.uniform();

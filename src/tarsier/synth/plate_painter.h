@@ -8,7 +8,7 @@
 
 #include <string>
 
-// What the painting of plates shares: for the .cpp files of this module.
+// Shared code for drawing plates; used by the .cpp files of this module.
 namespace tarsier::synth {
 
 using Color = cv::Scalar;  // BGR
@@ -16,21 +16,21 @@ using Color = cv::Scalar;  // BGR
 struct ColorRange {
   double low, high;
 };
-// A colour with each channel drawn from its range, red first.
+// A colour with each channel drawn from its range, in the order red, green, blue.
 [[nodiscard]] Color random_color(Rng& rng, ColorRange blue, ColorRange green, ColorRange red);
 
-// What a plate looks like, in mm and colours; filled by the kind's style.
+// The appearance of a plate, in mm and colours, set by the style of the kind.
 struct PlateLook {
   double width = 520;
   double height = 110;
-  double cap = 77;          // height of a character
+  double cap = 77;          // cap height
   double cell = 43;         // width of a digit
   double gap = 14;          // between characters
   double group_gap = 41;    // between groups
-  double centre = 0.5;      // of the text, share of the height
-  bool fixed_pitch = true;  // a 1 takes as much room as an 8
-  double widest = 1.35;     // of a W by a digit's
-  bool turned_w = false;    // the W is an M upside down, as in many dies for one width
+  double centre = 0.5;      // vertical position of the text, share of the height
+  bool fixed_pitch = true;  // a 1 is as wide as an 8
+  double widest = 1.35;     // width of a W / width of a digit
+  bool turned_w = false;    // the W is an M upside down, as in many dies of one width
   double band_left = 0;     // width of the euro band
   double band_right = 0;
   double corner = 8;  // radius
@@ -42,18 +42,18 @@ struct PlateLook {
   int typeface = 0;
   int weight = 2;
   double slant = 0;
-  // In the wild.
+  // For wild plates.
   bool slogan_above = false;
   bool slogan_below = false;
-  bool stacked = false;        // two small letters one above the other beside the text
-  double relief = 0;           // mm by which the lit and the dark edge of characters stand out
-  double relief_from = 0;      // where the light comes from, rad
+  bool stacked = false;        // two small letters, one above the other, beside the text
+  double relief = 0;           // mm, width of the lit and the dark edge of embossed characters
+  double relief_from = 0;      // direction of the light, rad
   double relief_strength = 0;  // 0..1
-  double worn = 0;             // share of the paint that is gone where most of it is
-  double emblem = 0;           // size of what stands between groups, shares of the cap height
-  bool crests = false;         // what stands there has parts, as seals and coats of arms have
-  bool aside = false;          // small symbols in one line with the text that are no part of it
-  double lattice = 0;          // grey levels of a pattern in the ground
+  double worn = 0;             // share of the paint that is missing where the wear is heaviest
+  double emblem = 0;           // size of emblems between groups, share of the cap height
+  bool crests = false;         // emblems have parts, like seals and coats of arms
+  bool aside = false;          // small symbols beside the text that do not belong to it
+  double lattice = 0;          // grey levels of a background pattern
 };
 
 struct PlatePainter {
@@ -71,35 +71,35 @@ struct PlatePainter {
   [[nodiscard]] bool chance(double p) const { return rng.uniform() < p; }
 };
 
-// Blends `color` over the image where `mask` covers it.
+// Blends `color` over the image with `mask` as coverage.
 void blend(cv::Mat& image, const cv::Mat& mask, cv::Point corner, const Color& color);
 
-// The symbol as this plate letters it: a mask, 8 bits.
+// The 8-bit mask of a symbol in the style of this plate.
 [[nodiscard]] cv::Mat letter_of(const GlyphSet& glyphs, const PlateLook& look, char symbol);
 
-// A line of small lettering, centred at (x, y), mm; returns its width in mm.
+// Draws a line of small text, centred at (x, y), mm; returns its width in mm.
 double small_text(const PlatePainter& p, const std::string& text, double x, double y, double height,
                   const Color& color, double stretch = 1);
 
-// Of letters.
+// A random word of letters.
 [[nodiscard]] std::string random_word(Rng& rng, int least, int most);
 
-// Ornaments. x, y: the middle, mm.
+// Ornaments. x, y: the centre, mm.
 void euro_band(const PlatePainter& p, const PlateLook& look, bool left);
 
-// What stands between groups of symbols.
+// Ornament between groups of symbols.
 enum class PlateSeparator { kNone, kDash, kDot, kSeal, kSeals, kEmblem, kDashAndSeal };
 void separator(const PlatePainter& p, const PlateLook& look, PlateSeparator kind, double x,
                double y, double room);
 
 void rivets(const PlatePainter& p, const PlateLook& look);
 void dirt(const PlatePainter& p, const PlateLook& look);
-// A frame that laps over the plate's edge, with the dealer's name.
+// A frame with the dealer's name that overlaps the plate's edge.
 void dealer_frame(const PlatePainter& p, const PlateLook& look);
 void us_ornaments(const PlatePainter& p, const PlateLook& look);
 
-// plate_wear.cpp: what the look is in the wild, and how it is painted.
-// `slogans`: may have lines of small text.
+// plate_wear.cpp: the appearance of wild plates, and how it is drawn. `slogans`: allows lines of
+// small text.
 void make_wild(PlateLook& look, bool slogans, Rng& rng);
 void wear(cv::Mat& mask, double strength, Rng& rng);
 void relief(const PlatePainter& p, const PlateLook& look, const cv::Mat& mask, cv::Point corner);
@@ -107,12 +107,12 @@ void lattice(const PlatePainter& p, const PlateLook& look);
 void slogans(const PlatePainter& p, const PlateLook& look);
 // Two small letters centred at (x, y), mm; returns their width.
 double stacked_letters(const PlatePainter& p, const PlateLook& look, double x, double y);
-// One to three small symbols beside the text (the year, a class of vehicle), from or, `ends`, up to x; mm;
-// returns their width.
+// Draws one to three small symbols beside the text (the year, a class of vehicle), starting at x,
+// or ending at x with `ends`; mm. Returns their width.
 double aside_symbols(const PlatePainter& p, const PlateLook& look, double x, double y, bool ends);
-// A coat of arms, a map, an animal, a square with a sign: what has an outline and parts.
+// A coat of arms, a map, an animal, or a square with a sign: an outline with parts.
 void crest(const PlatePainter& p, const PlateLook& look, double x, double y, double radius);
-// A faint image behind the text, as states print them.
+// A faint image behind the text, as on plates of US states.
 void ghost(const PlatePainter& p, const PlateLook& look, double x, double y);
 
 }  // namespace tarsier::synth

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::string_view kConsonants = "BCDFGHJKLMNPRSTVWXYZ";
 
-// D digit, L letter, C consonant, A either; the rest as it is.
+// D digit, L letter, C consonant, A either; other characters are literal.
 constexpr std::string_view kEuropePatterns[] = {
     "LL DDDLL",  "LL DDDLL",  "DLD DDDD",  "DLA DDDD",  "LLL DDDD",  "L LL DDDD",
     "LL LL DDD", "LLL LL DD", "LL DD LLL", "L DDD LLL", "LL DDDD L", "LLL DDD",
@@ -47,7 +47,7 @@ std::string fill(std::string_view pattern, Rng& rng) {
   return text;
 }
 
-// Groups of anything, so that a reader learns no grammar.
+// Groups of arbitrary symbols, so that a reader does not learn a grammar.
 std::string random_groups(int least, int most, Rng& rng) {
   std::string text;
   const int length = rng.integer(least, most);
@@ -88,7 +88,7 @@ std::string random_text(PlateKind kind, bool any_text, Rng& rng) {
   return fill("DDDD CCC", rng);
 }
 
-// The group gap where the user gave none.
+// Adds the group gap if the user gave none.
 std::string grouped(PlateKind kind, const std::string& text) {
   if (text.find_first_of(" |") != std::string::npos) return text;
   if (kind == PlateKind::kSpain && text.size() == 7)

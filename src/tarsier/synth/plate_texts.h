@@ -9,10 +9,10 @@
 
 namespace tarsier::synth {
 
-// The rows of a plate of this kind, groups separated by single spaces: `text` broken as the kind
-// does (its own spaces count; a '|' or the kind's two rows break the row), or a random text when it
-// is empty (with `any_text` often groups of anything). Throws std::invalid_argument for symbols
-// that no plate has.
+// The rows of a plate of this kind, with groups separated by single spaces. `text` is split
+// according to the kind (its own spaces are kept; a '|' or the kind's two rows break the row). If
+// it is empty, a random text is generated (with `any_text` often groups of arbitrary symbols).
+// Throws std::invalid_argument for symbols that no plate has.
 [[nodiscard]] std::vector<std::string> plate_text(PlateKind kind, const std::string& text,
                                                   bool any_text, Rng& rng);
 

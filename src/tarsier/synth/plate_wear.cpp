@@ -7,7 +7,7 @@
 #include <cmath>
 #include <vector>
 
-// What plates in the wild have beside their text, and what time does to them.
+// Additional contents of wild plates, and their wear.
 namespace tarsier::synth {
 
 void make_wild(PlateLook& look, bool slogans, Rng& rng) {
@@ -15,7 +15,7 @@ void make_wild(PlateLook& look, bool slogans, Rng& rng) {
   look.cell *= rng.uniform(0.85, 1.2);
   look.gap *= rng.uniform(0.6, 1.3);
   if (chance(0.15)) look.slant = rng.normal(0, 0.1);
-  // A town, a state or a slogan above or below: the text gives way.
+  // A town, a state or a slogan above or below; the text moves.
   const double spare = look.height - look.cap;
   if (slogans && chance(0.35)) {
     look.slogan_above = chance(0.6);
@@ -26,7 +26,7 @@ void make_wild(PlateLook& look, bool slogans, Rng& rng) {
         std::clamp(look.centre + (look.slogan_above ? shift : 0) - (look.slogan_below ? shift : 0),
                    0.42, 0.64);
   }
-  if (chance(0.4)) {  // an emblem that fills the gap, as high as the letters now and then
+  if (chance(0.4)) {  // an emblem that fills the gap, sometimes as high as the letters
     look.emblem = rng.uniform(0.4, 1.1);
     look.group_gap = std::max(look.group_gap, look.cap * look.emblem * rng.uniform(0.6, 1.1));
   }
@@ -142,7 +142,7 @@ void crest(const PlatePainter& p, const PlateLook& look, double x, double y, dou
   } else if (kind < 0.6) {  // a square
     outline = {p.at(x - radius * narrow, y - radius), p.at(x + radius * narrow, y - radius),
                p.at(x + radius * narrow, y + radius), p.at(x - radius * narrow, y + radius)};
-  } else {  // a map, a bird: a round thing with a rough edge
+  } else {  // a map or a bird: a round shape with a rough edge
     const int corners = p.rng.integer(9, 20);
     const double rough = p.rng.uniform(0.1, 0.6);
     for (int i = 0; i < corners; ++i) {
@@ -157,7 +157,7 @@ void crest(const PlatePainter& p, const PlateLook& look, double x, double y, dou
   if (!line_only) {
     cv::fillPoly(mask, shape, Color(255), cv::LINE_AA);
     blend(p.image, mask, {0, 0}, any_tone());
-    // Fields and charges, within the outline.
+    // Fields and charges inside the outline.
     cv::Mat inside(p.image.size(), CV_8UC1, Color(0));
     for (int i = p.rng.integer(1, 5); i > 0; --i) {
       inside.setTo(0);

@@ -106,7 +106,7 @@ void vary_colors(PlateLook& look, PlateKind kind, Rng& rng) {
   }
   look.ground = look.ground_below = ground;
   look.ink = ink;
-  if (kind == PlateKind::kUs && rng.uniform() < 0.4) {  // one colour fades into another
+  if (kind == PlateKind::kUs && rng.uniform() < 0.4) {  // a gradient between two colours
     for (int c = 0; c < 3; ++c)
       look.ground_below[c] = std::clamp(ground[c] + rng.normal(0, 45), 0.0, 255.0);
   }
@@ -141,7 +141,7 @@ void vary(PlateLook& look, PlateKind kind, const GlyphSet& glyphs, Rng& rng) {
   if (kind == PlateKind::kSpain && rng.uniform() < 0.06) look.band_left = 0;
 }
 
-// Bright plate, dark ink; colour is gone, and what is printed in colour shines as well.
+// Bright plate, dark ink; colours are lost, and coloured print is bright as well.
 void in_infrared(PlateLook& look, Rng& rng) {
   look.ground = look.ground_below = Color::all(rng.uniform(205, 255));
   look.ink = Color::all(rng.uniform(5, 55));
@@ -153,7 +153,7 @@ void in_infrared(PlateLook& look, Rng& rng) {
 struct Cell {
   char symbol;
   double width;  // mm, of the ink
-  double room;   // mm, of its place
+  double room;   // mm, including its spacing
   double left;   // mm
 };
 
@@ -250,7 +250,7 @@ PlateSeparator choose_separator(PlateKind kind, bool random, Rng& rng) {
                                      PlateSeparator::kSeal,   PlateSeparator::kSeals,
                                      PlateSeparator::kSeals,  PlateSeparator::kEmblem,
                                      PlateSeparator::kEmblem, PlateSeparator::kDashAndSeal};
-  // Most European plates have something between the groups, fewer American ones.
+  // Most European plates have a separator between the groups, fewer American ones.
   if (kind != PlateKind::kEurope && rng.uniform() < 0.3) return PlateSeparator::kNone;
   return kAll[static_cast<std::size_t>(rng.integer(0, 9))];
 }
@@ -264,7 +264,7 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
   PlateLook look = standard_look(options.kind, static_cast<int>(rows.size()));
   const bool wild = options.random_style && options.wild;
   if (options.random_style) vary(look, options.kind, glyphs, rng);
-  // American and Brazilian plates have their lines above and below anyway.
+  // American and Brazilian plates have lines above and below anyway.
   const bool lined = options.kind == PlateKind::kUs || options.kind == PlateKind::kBrazil;
   if (wild) make_wild(look, rows.size() == 1 && !lined, rng);
   if (options.infrared) in_infrared(look, rng);
@@ -312,7 +312,7 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
       y = look.height * (row == 0 ? 0.26 : 0.74);
       if (row == 1) from = margin;
     }
-    // A shield or image that stands before or behind the text, now and then.
+    // Sometimes a shield or image before or after the text.
     double until = to;
     if (random && rows.size() == 1 && rng.uniform() < (wild ? 0.3 : 0.22)) {
       const double room = rng.uniform(22, 42) * look.width / 520 + 8;

@@ -12,24 +12,24 @@
 #include <string>
 #include <vector>
 
-// Drawn number plates, flat and in scenes, with exact truth.
+// Synthetic number plates, flat and in scenes, with exact ground truth.
 namespace tarsier::synth {
 
-// The outlines of the plate symbols in several typefaces, rendered once. Const and shared between
-// threads.
+// The outlines of the plate symbols in several typefaces, rendered once. Const; threads may share
+// it.
 class GlyphSet;
 
-// Loads every typeface that is installed of those that come near plate lettering (OSP-DIN, Nimbus
-// Sans Narrow Bold, FreeSans Bold, Roadgeek, DejaVu Sans Condensed Bold ..). Throws InputError that
-// names the Debian packages when fewer than two are there.
+// Loads all installed typefaces that resemble plate lettering (OSP-DIN, Nimbus Sans Narrow Bold,
+// FreeSans Bold, Roadgeek, DejaVu Sans Condensed Bold ..). Throws InputError, which names the
+// Debian packages, if fewer than two are installed.
 [[nodiscard]] std::shared_ptr<const GlyphSet> load_glyphs();
 
-// What a reader of any plate learns from: those typefaces, others that are installed, and as many
-// as `drawn` that are made up from `seed` (stroke_typeface.h). Of the plates lettered with them
-// three of ten have the typefaces of load_glyphs() and five made-up ones. Other seeds are typefaces
-// that nobody has learnt. Throws as load_glyphs() does.
+// Typefaces for training a reader of any plate: those above, other installed ones, and `drawn`
+// random typefaces made from `seed` (stroke_typeface.h). Three of ten plates use the typefaces of
+// load_glyphs(), five of ten the random ones. Another seed gives typefaces that were not used for
+// training. Throws the same exceptions as load_glyphs().
 [[nodiscard]] std::shared_ptr<const GlyphSet> load_many_glyphs(std::uint64_t seed, int drawn = 200);
-// `drawn` made-up typefaces alone: needs none that are installed.
+// Only `drawn` random typefaces; needs no installed typeface.
 [[nodiscard]] std::shared_ptr<const GlyphSet> draw_glyphs(std::uint64_t seed, int drawn);
 
 enum class PlateKind {
@@ -45,14 +45,16 @@ enum class PlateKind {
 struct PlateFaceOptions {
   PlateKind kind = PlateKind::kSpain;
   float px_per_mm = 1.0F;
-  std::string text;          // empty: random, of the kind's layouts
-  bool any_text = false;     // random texts are often groups of anything: a reader that learns from
-                             // them learns no grammar
-  bool random_style = true;  // typeface, stroke, colours, spacing, seals, rivets, dirt vary; false:
-                             // the kind's standard look
-  bool wild = false;         // .. and what is met in the wild: slogans and towns above and below,
-                             // stacked letters, frames over the edge, relief, worn paint
-  bool infrared = false;     // grey: bright plate, dark characters, seals and band fade
+  std::string text;  // empty: random, of the kind's layouts
+  // Random texts are often groups of arbitrary symbols, so that a reader does not learn a grammar.
+  bool any_text = false;
+  // Varies typeface, stroke, colours, spacing, seals, rivets and dirt. False: the kind's standard
+  // look.
+  bool random_style = true;
+  // Adds what real plates show: slogans and towns above and below, stacked letters, frames over the
+  // edge, relief, worn paint.
+  bool wild = false;
+  bool infrared = false;  // grey: bright plate, dark characters; seals and band fade
 
   [[nodiscard]] OptionFields fields() { return {{"px_per_mm", px_per_mm, range(0.2, 4)}}; }
   void check() const { check_fields(*this); }
@@ -61,12 +63,12 @@ struct PlateFaceOptions {
 struct PlateSymbol {
   char symbol;
   cv::Rect2f box;  // of the ink, px of the face
-  int row;         // 0 is the upper
+  int row;         // 0 is the upper row
 };
 
-// A plate seen straight on.
+// A frontal view of a plate.
 struct PlateFace {
-  cv::Mat image;  // CV_8UC3, the plate fills it
+  cv::Mat image;  // CV_8UC3, filled by the plate
   std::string text;
   std::vector<PlateSymbol> symbols;  // in reading order
   int rows = 1;

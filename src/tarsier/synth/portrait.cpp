@@ -13,8 +13,8 @@
 namespace tarsier::synth {
 namespace {
 
-// Face coordinates: unit = the height of the image, origin in the middle of the face, x right, y
-// down. The face is an ellipse 0.70 high and 0.504 wide.
+// Face coordinates: unit = height of the image, origin at the centre of the face, x right, y down.
+// The face is an ellipse 0.70 high and 0.504 wide.
 using Color = cv::Vec3f;  // BGR, 0..1, as displayed
 
 constexpr float kHalfWidth = 0.236F;
@@ -28,11 +28,11 @@ float step_between(float low, float high, float x) {
   const float t = std::clamp((x - low) / (high - low), 0.0F, 1.0F);
   return t * t * (3 - 2 * t);
 }
-// 1 inside (distance < 0), 0 outside, with an edge `soft` wide.
+// 1 inside (distance < 0), 0 outside, with an edge of width `soft`.
 float inside(float distance, float soft) { return 1 - step_between(-soft, soft, distance); }
 float bell(float x, float y, float wide, float high) {
   const float squares = (x * x) / (wide * wide) + (y * y) / (high * high);
-  return squares > 12 ? 0 : std::exp(-squares);  // less than 1e-5 beyond
+  return squares > 12 ? 0 : std::exp(-squares);  // below 1e-5 beyond this
 }
 Color mix(const Color& a, const Color& b, float t) { return a + (b - a) * t; }
 Color rgb(int r, int g, int b) {
@@ -66,7 +66,7 @@ float noise(float x, float y) {
   return a + (b - a) * v;
 }
 
-// Distance to an ellipse, nearly; negative inside.
+// Approximate distance to an ellipse; negative inside.
 float ellipse(float x, float y, float wide, float high) {
   const float k = std::sqrt(x * x / (wide * wide) + y * y / (high * high));
   const float g =
@@ -83,7 +83,7 @@ float segment(float x, float y, float ax, float ay, float bx, float by) {
   return std::hypot(px - dx * h, py - dy * h);
 }
 
-// The outline: an egg, wider above, with a chin.
+// The outline: an egg shape, wider above, with a chin.
 float face_outline(float x, float y) {
   const float narrower =
       1 - 0.20F * step_between(0.02F, 0.35F, y) - 0.03F * step_between(-0.1F, -0.35F, y);
@@ -137,12 +137,12 @@ class Painter {
   Painter(std::uint64_t seed, float pixel, float blink)
       : palette_(choose_palette(seed)), pixel_(pixel), blink_(blink) {}
 
-  // (x, y) in face coordinates of the head, which moves; (bx, by) in those of the image.
+  // (x, y) in face coordinates of the moving head; (bx, by) in those of the image.
   [[nodiscard]] Sample at(float x, float y, float bx, float by) const;
 
  private:
   void paint_body(Sample& s, float x, float y) const;
-  // `outline`: face_outline(x, y); `face`: how much of the pixel is inside.
+  // `outline`: face_outline(x, y); `face`: covered share of the pixel.
   void paint_head(Sample& s, float x, float y, float outline, float face) const;
   void paint_eye(Sample& s, float x, float y, float side) const;
   void paint_hair(Sample& s, float x, float y, bool behind) const;
@@ -156,7 +156,7 @@ class Painter {
   }
 
   Palette palette_;
-  float pixel_;  // size of a pixel: edges are about one wide
+  float pixel_;  // size of a pixel; edges are about one pixel wide
   float blink_;  // 0: eyes open
 };
 
@@ -187,7 +187,7 @@ void Painter::paint_body(Sample& s, float x, float y) const {
   }
 }
 
-// Behind the head a cap, before it the front with a wavy hairline.
+// Behind the head a cap; in front the hair with a wavy hairline.
 void Painter::paint_hair(Sample& s, float x, float y, bool behind) const {
   // Pixels that the hair cannot reach with any `wave` (-0.5 to 0.5) need no noise.
   if (behind) {
@@ -205,7 +205,7 @@ void Painter::paint_hair(Sample& s, float x, float y, bool behind) const {
     const float cap = ellipse(x, y + 0.075F, 0.272F + 0.010F * wave, 0.335F + 0.012F * wave);
     amount = inside(std::max(cap, y - 0.10F - 0.05F * wave), pixel_ + 0.003F);
   } else {
-    // From the parting on the right the hair sweeps to both sides; temples are covered.
+    // From the parting on the right the hair runs to both sides; temples are covered.
     const float line =
         -0.262F + 0.05F * step_between(0.06F, -0.2F, x) * 0.6F +
         1.5F * std::max(0.0F, std::abs(x) - 0.13F) * std::max(0.0F, std::abs(x) - 0.13F) * 9.0F +
@@ -227,7 +227,7 @@ void Painter::paint_eye(Sample& s, float x, float y, float side) const {
   const float u = (x - side * kEyeX) * side;
   const float v = y - kEyeY;
   if (std::abs(u) > 0.085F || v < -0.12F || v > 0.08F) return;
-  // The socket is shaded, the lid below it and the crease above.
+  // Shading of the socket, the lid below it and the crease above.
   const float socket = bell(u + 0.012F, v + 0.012F, 0.062F, 0.040F);
   s.color *= 1 - 0.20F * socket;
   const float open = 1 - blink_;
@@ -289,8 +289,8 @@ void Painter::paint_head(Sample& s, float x, float y, float outline, float face)
   }
   if (face <= 0) return;
 
-  // Slopes of the head as an egg, then of nose, cheeks, brow and chin on it: height fields of
-  // bells.
+  // Slopes of the egg-shaped head, plus those of nose, cheeks, brow and chin: height fields of bell
+  // functions.
   float slope_x = 0;
   float slope_y = 0;
   const float nx = x / (kHalfWidth * 1.06F);
@@ -313,14 +313,14 @@ void Painter::paint_head(Sample& s, float x, float y, float outline, float face)
   bump(0, 0.148F, 0.014F, 0.024F, -0.35F);  // philtrum
   bump(0, -0.20F, 0.16F, 0.08F, 0.18F);     // forehead
   float light = shade(slope_x, slope_y);
-  // Shadows: under nose, lip and hair, beside the nose's root.
+  // Shadows: below nose, lip and hair, and beside the root of the nose.
   light *= 1 - 0.34F * bell(x, y - 0.118F, 0.045F, 0.012F);
   light *= 1 - 0.22F * bell(x, y - 0.232F, 0.060F, 0.014F);
   light *= 1 - 0.28F * inside(y + 0.235F, 0.035F);
   light *= 1 - 0.12F * (bell(x - 0.035F, y + 0.04F, 0.016F, 0.035F) +
                         bell(x + 0.035F, y + 0.04F, 0.016F, 0.035F));
   light *= 1 - 0.30F * step_between(-0.030F, 0.0F, outline);
-  // Skin is not of one colour: red cheeks and nose, and fine grain.
+  // Skin is not uniform: red cheeks and nose, and fine grain.
   Color tone = mix(palette_.skin, rgb(214, 104, 92),
                    0.20F * (bell(x - 0.125F, y - 0.085F, 0.06F, 0.045F) +
                             bell(x + 0.125F, y - 0.085F, 0.06F, 0.045F)) +
@@ -347,7 +347,7 @@ void Painter::paint_head(Sample& s, float x, float y, float outline, float face)
     s.color *= 1 - 0.28F * behind_wing * inside(wing - 0.0015F, 0.004F) *
                        inside(std::abs(y - 0.094F) - 0.018F, 0.01F);
   }
-  // A smile: the corners are higher than the middle.
+  // A smile: the corners are higher than the centre.
   const float m = x / kMouthHalf;
   if (std::abs(m) < 1.25F && std::abs(y - kMouthY) < 0.12F + pixel_) {
     const float curve = kMouthY - 0.017F * m * m;
@@ -382,8 +382,8 @@ Sample Painter::at(float x, float y, float bx, float by) const {
   const bool is_near = std::abs(x) < 0.3F && std::abs(y) < 0.42F;
   const float outline = is_near ? face_outline(x, y) : 1;
   const float face = is_near ? inside(outline, pixel_) : 0;
-  if (face < 1) {  // else the face hides it
-    // A wall out of focus, lit from the left.
+  if (face < 1) {  // otherwise the face hides it
+    // An out-of-focus wall, lit from the left.
     const float glow = bell(bx + 0.45F, by + 0.25F, 0.8F, 0.7F);
     const float spots = noise(bx * 3 + 5, by * 3 + 9);
     s.color = palette_.wall * (0.62F + 0.42F * glow + 0.10F * (spots - 0.5F));
@@ -402,13 +402,13 @@ Portrait render_portrait(cv::Size size, double time_s, std::uint64_t seed) {
       size.width >= 16 && size.height >= 16 && size.width <= 16384 && size.height <= 16384,
       "{}x{} px", size.width, size.height);
   TARSIER_REQUIRE(std::isfinite(time_s), "time {}", time_s);
-  // Narrow images are filled by their width.
+  // In narrow images the width limits the size.
   const double unit = std::min<double>(size.height, size.width / 0.62);
   const double shift_x = 0.014 * std::sin(0.9 * time_s);
   const double shift_y = 0.008 * std::sin(1.3 * time_s);
   const double tilt = 0.025 * std::sin(0.7 * time_s);
   const double phase =
-      std::fmod(std::abs(time_s), 4.0);  // eyes close for a moment every four seconds
+      std::fmod(std::abs(time_s), 4.0);  // the eyes close briefly every four seconds
   const double blink = phase > 3.7 && phase < 3.95 ? std::sin((phase - 3.7) / 0.25 * CV_PI) : 0;
   const double c = std::cos(tilt);
   const double s = std::sin(tilt);
@@ -447,7 +447,7 @@ Portrait render_portrait(cv::Size size, double time_s, std::uint64_t seed) {
   const double half_height = unit * static_cast<double>(kHalfHeight);
   portrait.truth.box = {middle.x - half_width, middle.y - half_height, 2 * half_width,
                         2 * half_height};
-  // The irises look a little inwards of the lids' middles (see paint_eye).
+  // The irises are slightly inwards of the lids' centres (see paint_eye).
   portrait.truth.eyes[0] =
       place(-static_cast<double>(kEyeX) - 0.002, static_cast<double>(kEyeY) - 0.003);
   portrait.truth.eyes[1] =

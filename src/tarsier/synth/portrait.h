@@ -8,9 +8,9 @@
 
 namespace tarsier::synth {
 
-// A drawn, shaded head and shoulders, no person's. It fills an ellipse of 70 % of the height in the
-// middle of the image and moves a little with `time_s`. The seed chooses skin, hair, eyes,
-// clothes and background.
+// A synthetic, shaded head with shoulders. It fills an ellipse of 70 % of the height in the centre
+// of the image and moves slightly with `time_s`. The seed selects skin, hair, eyes, clothes and
+// background.
 struct PortraitTruth {
   cv::Rect2d box;        // of the face, hairline to chin, px
   cv::Point2d eyes[2];   // centres of the irises, the left one in the image first
@@ -20,7 +20,7 @@ struct PortraitTruth {
 
 struct Portrait {
   cv::Mat image;  // CV_8UC3
-  // CV_8UC1: 255 where skin is seen (face, ears, neck; not eyes, brows, lips, hair).
+  // CV_8UC1: 255 where skin is visible (face, ears, neck; not eyes, brows, lips, hair).
   cv::Mat skin_mask;
   PortraitTruth truth;
 };

@@ -13,15 +13,15 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr float kFlat = 2.0F;  // grey levels between the darkest and the brightest
+constexpr float kFlat = 2.0F;  // maximum difference of grey levels in a uniform block
 
-// Faster than std::floor, which is a call where the processor is not known to have it.
+// Faster than std::floor, which is a library call for older processors.
 int floor_of(float value) {
   const int whole = static_cast<int>(value);
   return static_cast<float>(whole) > value ? whole - 1 : whole;
 }
 
-// As floats with alpha, colours times alpha.
+// Floats with alpha, colours premultiplied.
 cv::Mat premultiplied(const cv::Mat& image) {
   cv::Mat bgra;
   if (image.channels() == 1)
@@ -42,7 +42,7 @@ cv::Mat premultiplied(const cv::Mat& image) {
   return pixels;
 }
 
-// The extreme of each 2 x 2 block, one more where a side is odd.
+// The extreme of each 2 x 2 block; rounds odd sizes up.
 cv::Mat halved(const cv::Mat& from, bool largest) {
   cv::Mat to((from.rows + 1) / 2, (from.cols + 1) / 2, from.type());
   for (int y = 0; y < to.rows; ++y) {
@@ -96,7 +96,7 @@ PrintTexture::PrintTexture(const cv::Mat& image, bool mirrored)
     next.scale_y = static_cast<float>(next.pixels.rows / height_);
     levels_.push_back(std::move(next));
   }
-  // What goes on for ever is a ground: one sample in each pixel, wherever it is flat.
+  // A mirrored texture is the ground: one sample per pixel, uniform or not.
   if (!mirrored_) find_flat_blocks();
 }
 

@@ -5,26 +5,27 @@
 
 #include <vector>
 
-// An image to be sampled at any scale.
+// An image that can be sampled at any scale.
 namespace tarsier::synth {
 
-// Four floats: blue, green, red, all times alpha, and alpha (0..1).
+// Four floats: blue, green, red, all premultiplied by alpha, and alpha (0..1).
 using Pixel4 = float __attribute__((vector_size(16)));
 
-// Averages of the image over ever larger pixels, and where it is of one colour.
+// An image pyramid that also knows where the image is uniform.
 class PrintTexture {
  public:
   PrintTexture() = default;
-  // CV_8UC1, BGR or BGRA. `mirrored`: goes on beyond its borders, mirrored; else it is clamped.
+  // CV_8UC1, BGR or BGRA. `mirrored`: repeats beyond its borders with mirroring; otherwise it is
+  // clamped.
   PrintTexture(const cv::Mat& image, bool mirrored);
 
   [[nodiscard]] double width() const { return width_; }  // px
   [[nodiscard]] double height() const { return height_; }
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
-  // Bilinear, of a level; (u, v) in px of the image, its corner is (0, 0).
+  // Bilinear sample of a level; (u, v) in px of the image, (0, 0) is its corner.
   [[nodiscard]] Pixel4 sample(int level, float u, float v) const;
-  // Whether all within `reach` px of (u, v) is of nearly one colour. May say no where it is, and does
-  // of a mirrored one.
+  // Whether everything within `reach` px of (u, v) has nearly one colour. It may return false for a
+  // uniform region, and always does for a mirrored image.
   [[nodiscard]] bool is_flat(float u, float v, float reach) const;
 
  private:
@@ -40,7 +41,8 @@ class PrintTexture {
   double height_ = 0;
   bool mirrored_ = false;
   std::vector<Level> levels_;
-  std::vector<cv::Mat> flat_;  // CV_8UC1, of blocks of 2^k px; 1: it and its neighbours are flat
+  // CV_8UC1, blocks of 2^k px; 1: the block and its neighbours are uniform.
+  std::vector<cv::Mat> flat_;
 };
 
 }  // namespace tarsier::synth

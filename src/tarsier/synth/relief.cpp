@@ -33,17 +33,17 @@ constexpr double kDirect = 0.75;
 const cv::Vec3f kSky{214, 198, 180};
 const cv::Vec3f kBare{150, 150, 150};
 
-constexpr double kWallWidth = 51.2;  // units until the wall's texture comes again: beyond the view
+constexpr double kWallWidth = 51.2;  // units, period of the wall's texture: larger than the view
 constexpr double kWallHeight = 25.6;
-constexpr double kFaceCell = 3.2;  // units of the boxes' texture for each face, 8 x 8 of them
+constexpr double kFaceCell = 3.2;  // units of the boxes' texture per face, 8 x 8 of them
 constexpr int kFaceCells = 8;
 constexpr double kTile = 1.6;  // units, of Content::kRepeated
 constexpr double kMaxTexels = 120;
 constexpr int kBoxes = 12;
-const cv::Vec3f kWhite{250, 250, 250};  // around symmetric objects
-constexpr double kSymmetricDeg = 20;    // of a ring around them, above the ground
-constexpr double kTallerBy = 0.7;       // units that temple and toy are looked at higher up
-constexpr double kParcel = 12.8;        // units of the ground of one look, where cameras go far
+const cv::Vec3f kWhite{250, 250, 250};  // background of symmetric objects
+constexpr double kSymmetricDeg = 20;    // elevation of a ring around them
+constexpr double kTallerBy = 0.7;       // units by which the view of temple and toy is higher
+constexpr double kParcel = 12.8;        // units of uniform ground, if cameras go far
 constexpr double kVillageMargin = 6;    // units of the village beyond the cameras of a grid
 
 enum Stream : std::uint64_t {
@@ -94,9 +94,9 @@ struct ReliefScene::Parts {
   std::vector<geometry::Rigid3> poses;
   HeightField field;
   std::vector<Solid> solids;
-  std::vector<House> houses;  // what solids look like, in streets and of a village
-  SymmetricObject object;     // of kSymmetric, kTemple and kToy
-  Texture wall;               // not for kNothing
+  std::vector<House> houses;  // appearance of the solids, in streets and in a village
+  SymmetricObject object;     // for kSymmetric, kTemple and kToy
+  Texture wall;               // not used by kNothing
   Texture faces;              // for boxes
 
   explicit Parts(const SceneOptions& wanted) : options(wanted) {
@@ -105,7 +105,7 @@ struct ReliefScene::Parts {
     camera = make_camera(options.size, focal);
     const Rng base(options.seed);
     const Content content = options.content;
-    // A little finer than the pixels of a camera at its usual distance.
+    // Slightly finer than the pixels of a camera at its usual distance.
     const double texels = std::clamp(1.25 * focal / kCameraDistance, 10.0, kMaxTexels);
     if (content == Content::kHouses) {
       build_streets(base);
@@ -154,7 +154,7 @@ struct ReliefScene::Parts {
            options.content == Content::kToy;
   }
 
-  // Cameras see more than one width of the texture there.
+  // Whether cameras see more than one period of the texture.
   [[nodiscard]] bool goes_far() const {
     return options.trajectory == Trajectory::kGrid || options.content == Content::kHouses;
   }
@@ -182,7 +182,7 @@ struct ReliefScene::Parts {
     for (Solid& solid : solids) solid.top += field.height(solid.x, solid.y);
   }
 
-  // One in each field of a 4 x 3 board, so that they spread and hardly touch.
+  // One box in each field of a 4 x 3 grid, so that they are spread and hardly touch.
   void place_boxes(Rng rng) {
     const bool on_plane = options.content != Content::kRelief;
     const double pitch_x = on_plane ? 2.1 : 2.7;
@@ -203,7 +203,7 @@ struct ReliefScene::Parts {
     }
   }
 
-  // Walls to the left and the right, a floor below.
+  // Walls on the left and the right, a floor below.
   void build_room() {
     const auto add = [&](double x, double y, double half_x, double half_y, double top) {
       Solid box;
@@ -225,16 +225,17 @@ struct ReliefScene::Parts {
     return poses[static_cast<std::size_t>(index)];
   }
 
-  // What one camera needs for its rays.
+  // The data of one camera for its rays.
   struct View {
     struct Shown {
       std::size_t solid = 0;
-      Eigen::Vector3d from = Eigen::Vector3d::Zero();  // the centre, in the solid's own axes
-      cv::Rect2d around;                               // in the image, px
+      // The camera's centre, in the solid's own axes.
+      Eigen::Vector3d from = Eigen::Vector3d::Zero();
+      cv::Rect2d around;  // bounding box in the image, px
     };
     Eigen::Matrix3d to_world = Eigen::Matrix3d::Zero();
     Eigen::Vector3d center = Eigen::Vector3d::Zero();
-    std::vector<Shown> shown;  // solids that are not out of view
+    std::vector<Shown> shown;  // solids that may be visible
   };
 
   [[nodiscard]] View view_of(const geometry::Rigid3& pose) const {
@@ -265,7 +266,7 @@ struct ReliefScene::Parts {
         lower = std::max(lower, v + 1);
       }
       if (farthest <= 0 || nearest >= kFarthest) continue;
-      if (nearest < 0.1) {  // beside the camera: look everywhere
+      if (nearest < 0.1) {  // beside the camera: the whole image
         left = upper = -1e9;
         right = lower = 1e9;
       }
@@ -275,7 +276,7 @@ struct ReliefScene::Parts {
     return view;
   }
 
-  // Of length 1 along the camera's axis, so that t of a hit is its depth.
+  // Has length 1 along the camera's axis, so that t of a hit is its depth.
   [[nodiscard]] Eigen::Vector3d ray(const View& view, double u, double v) const {
     return view.to_world *
            Eigen::Vector3d((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1);
@@ -295,7 +296,8 @@ struct ReliefScene::Parts {
     return hit;
   }
 
-  // A box (x, y) around what the cameras see, by rays of each in steps of a 32nd of its image.
+  // A box (x, y) around everything that the cameras see, from rays in steps of a 32nd of each
+  // image.
   [[nodiscard]] cv::Rect2d region_in_view() const {
     constexpr int kRays = 32;
     Eigen::Array2d low(1e9, 1e9);
@@ -319,7 +321,7 @@ struct ReliefScene::Parts {
             high[1] - low[1] + 2 * margin};
   }
 
-  // Of the ground at (x, y).
+  // Colour of the ground at (x, y).
   [[nodiscard]] cv::Vec3f ground(double x, double y, double footprint) const {
     if (!goes_far()) return wall.at(x + kWallWidth / 2, y + kWallHeight / 2, footprint);
     const auto column = static_cast<std::uint32_t>(floor_of(x / kParcel));
@@ -328,7 +330,7 @@ struct ReliefScene::Parts {
     return patchwork(wall, kWallWidth, kWallHeight, key, x, y, footprint);
   }
 
-  // Squares of 1.5 units without texture, of kPatchy.
+  // For kPatchy: squares of 1.5 units without texture.
   [[nodiscard]] bool is_bare(const Eigen::Vector3d& at) const {
     if (options.content != Content::kPatchy) return false;
     const int column = floor_of(at[0] / 1.5);
@@ -336,7 +338,7 @@ struct ReliefScene::Parts {
     return wrapped(column + 2 * row, 3) == 0;
   }
 
-  // Of the sun, after Phong, "Illumination for computer generated pictures", CACM 1975.
+  // Highlight of the sun, after Phong, "Illumination for computer generated pictures", CACM 1975.
   [[nodiscard]] static cv::Vec3f highlight(const Eigen::Vector3d& normal,
                                            const Eigen::Vector3d& direction) {
     const Eigen::Vector3d mirrored = 2 * normal.dot(kSun) * normal - kSun;
@@ -349,7 +351,7 @@ struct ReliefScene::Parts {
                                  const Hit& hit) const {
     if (hit.solid < 0 && is_symmetric()) return kWhite;
     if (!hit.is_any) return kSky;
-    // Two samples in a pixel's width.
+    // Two samples per pixel width.
     const double reach = std::sqrt(direction.dot(direction));
     const auto footprint = [&](const Eigen::Vector3d& normal) {
       const double cosine = std::max(0.05, -normal.dot(direction) / reach);
@@ -401,9 +403,10 @@ cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
   const Parts& parts = *parts_;
   const Parts::View view = parts.view_of(parts.pose_of(index));
   cv::Mat image(parts.options.size, CV_8UC3);
-  // How far the way to the wall is clear is found for a block of pixels, then for each pixel, then for its four samples.
+  // The free distance to the wall is found for a block of pixels, then for each pixel, then for its
+  // four samples.
   constexpr int kBlock = 8;
-  constexpr double kSample = 0.25;  // px from the middle of a pixel
+  constexpr double kSample = 0.25;  // px from the centre of a pixel
   const auto spread = [&](double pixels) { return std::sqrt(2.0) * pixels / parts.camera.fx; };
   const int across = (image.cols + kBlock - 1) / kBlock;
   const int down = (image.rows + kBlock - 1) / kBlock;

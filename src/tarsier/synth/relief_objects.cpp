@@ -11,9 +11,9 @@ using Form = Solid::Form;
 
 const cv::Vec3f kTop{170, 170, 170};
 constexpr double kTextureWidth = 25.6;  // units
-constexpr double kCell = 3.2;           // units of the box's texture for each side
+constexpr double kCell = 3.2;           // units of the box's texture per side
 constexpr double kObjectHeight = 25.6;  // units of the texture of temple and toy
-constexpr double kShelf = 2.56;         // units of its height for a row of faces
+constexpr double kShelf = 2.56;         // units of its height per row of faces
 constexpr double kGap = 0.1;            // between faces
 
 Solid make_solid(Form form, double x, double y, double half_x, double half_y, double bottom,
@@ -62,7 +62,7 @@ SymmetricObject::SymmetricObject(Kind kind, double details, double texels_per_un
                      texture_rng);
 }
 
-// A solid that looks like the one of number `like`; its number.
+// Adds a solid that looks like the one with index `like`; returns its index.
 int SymmetricObject::add(const Solid& solid, int like) {
   const auto number = static_cast<int>(solids_.size());
   solids_.push_back(solid);
@@ -72,7 +72,7 @@ int SymmetricObject::add(const Solid& solid, int like) {
 
 void SymmetricObject::make_box() { add(make_solid(Form::kBox, 0, 0, 1.5, 1.5, 0, 2.4)); }
 
-// Two steps, columns around a hall, what they carry, and a roof.
+// Two steps, columns around a hall, the entablature, and a roof.
 void SymmetricObject::make_temple() {
   add(make_solid(Form::kBox, 0, 0, 2.3, 1.6, 0, 0.25));
   add(make_solid(Form::kBox, 0, 0, 2.1, 1.4, 0, 0.45));
@@ -90,7 +90,7 @@ void SymmetricObject::make_temple() {
     for (const double x : {-1.8, 1.8}) add_column(x, y);
 }
 
-// A figure that looks towards +x, and towards -x as well.
+// A figure that faces +x, and also -x.
 void SymmetricObject::make_toy() {
   add(make_solid(Form::kBox, 0, 0, 1, 1.2, 0, 0.2));
   add(make_solid(Form::kBox, 0, 0, 0.45, 0.8, 0.9, 2.1));
@@ -101,7 +101,7 @@ void SymmetricObject::make_toy() {
   add_two(make_solid(Form::kColumn, 0, 1, 0.17, 0.17, 0.8, 2));
 }
 
-// The middle of a free place of the texture.
+// The centre of a free place of the texture.
 cv::Point2d SymmetricObject::room_for(double width) {
   if (free_.x + width > kTextureWidth) free_ = {0, free_.y + kShelf};
   const cv::Point2d middle(free_.x + width / 2, free_.y + kShelf / 2);
@@ -133,7 +133,7 @@ void SymmetricObject::give_looks() {
   }
 }
 
-// Rectangles on each face until they cover the share of it, or as much as fits.
+// Adds rectangles to each face until they cover the share of it, or as many as fit.
 void SymmetricObject::place_details(double share, Rng rng) {
   constexpr int kTries = 1000;
   for (std::size_t k = 0; k < solids_.size(); ++k) {

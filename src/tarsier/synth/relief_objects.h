@@ -11,35 +11,35 @@
 #include <array>
 #include <vector>
 
-// The objects on white of relief.h, which look nearly the same after a turn. Internal to this module.
+// The symmetric objects on white of relief.h. Internal to this module.
 namespace tarsier::synth {
 
 class SymmetricObject {
  public:
   enum class Kind {
-    kBox,     // 3 x 3 x 2.4 units, four sides alike
-    kTemple,  // 4.6 x 3.2 x 3.1 units, 16 columns alike; the same after half a turn
-    kToy,     // 2.0 x 2.4 x 3.0 units, front and back alike
+    kBox,     // 3 x 3 x 2.4 units, four identical sides
+    kTemple,  // 4.6 x 3.2 x 3.1 units, 16 identical columns; symmetric under half a turn
+    kToy,     // 2.0 x 2.4 x 3.0 units, identical front and back
   };
 
   SymmetricObject() = default;
-  // `details`: share of each face but tops and bottoms that no other face has, 0..0.5; `rng`: of the places of these;
-  // `texture_rng`: of what it looks like.
+  // `details`: unique share of each face except tops and bottoms, 0..0.5; `rng`: of the positions
+  // of the details; `texture_rng`: of the texture.
   SymmetricObject(Kind kind, double details, double texels_per_unit, Rng rng,
                   const Rng& texture_rng);
 
   [[nodiscard]] const std::vector<Solid>& solids() const { return solids_; }
 
-  // In the light of noon; `own`: a point of the face in the axes of the solid.
+  // Colour in noon light; `own`: a point of the face in the axes of the solid.
   [[nodiscard]] cv::Vec3f colour(int solid, int face, const Eigen::Vector3d& own,
                                  double footprint) const;
 
  private:
-  // Where its middle lies in the texture, and where that of its details does.
+  // Position of its centre in the texture, and that of its details.
   struct Face {
     cv::Point2d look;
     cv::Point2d own;
-    std::vector<cv::Rect2d> details;  // units from its middle, v upwards
+    std::vector<cv::Rect2d> details;  // units from its centre, v upwards
   };
 
   int add(const Solid& solid, int like = -1);
@@ -52,10 +52,10 @@ class SymmetricObject {
 
   Kind kind_ = Kind::kBox;
   std::vector<Solid> solids_;
-  std::vector<int> like_;  // of each solid: the one that it looks like
+  std::vector<int> like_;  // for each solid: the one that it looks like
   std::vector<std::array<Face, 4>> faces_;
   Texture texture_;
-  cv::Point2d free_{0, 0};  // of the texture
+  cv::Point2d free_{0, 0};  // next free place in the texture
 };
 
 }  // namespace tarsier::synth

@@ -16,10 +16,10 @@ constexpr double kSpanDeg = 60;
 constexpr double kLineStep = 0.9;
 constexpr double kLineSpan = 12;
 constexpr double kGridAcross = 2.4;  // units between images of a row
-constexpr double kGridDown = 2;      // and between rows
-constexpr double kTurnLength = 6;    // units of way that a radian of turning counts as
+constexpr double kGridDown = 2;      // units between rows
+constexpr double kTurnLength = 6;    // units of path that count as much as one radian of rotation
 
-// A camera at `center`, `up` above in its image but for `roll` degrees.
+// A camera at `center`, with `up` at the top of its image except for `roll` degrees.
 geometry::Rigid3 look_along(const Eigen::Vector3d& center, const Eigen::Vector3d& direction,
                             const Eigen::Vector3d& up, double roll) {
   const Eigen::Vector3d forward = direction.normalized();
@@ -33,13 +33,13 @@ geometry::Rigid3 look_along(const Eigen::Vector3d& center, const Eigen::Vector3d
   return {rotation, -(rotation * center)};
 }
 
-// Steps of `step` with all of them no longer than `span`, even about 0.
+// Evenly spaced positions about 0, with steps of `step` but a total of at most `span`.
 double spread(int index, int count, double step, double span) {
   const double stride = count > 1 ? std::min(step, span / (count - 1)) : step;
   return (index - (count - 1) / 2.0) * stride;
 }
 
-// Row after row, there and back in turn.
+// Row by row, alternately there and back.
 Eigen::Vector3d over_grid(int index, int count) {
   const int across = std::max(1, static_cast<int>(std::lround(std::sqrt(count))));
   const int down = (count + across - 1) / across;
@@ -51,7 +51,7 @@ Eigen::Vector3d over_grid(int index, int count) {
 
 }  // namespace
 
-// Held by hand: each camera is a little off its place and aim.
+// Hand-held: each camera deviates slightly from its position and direction.
 geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double ring_deg, int index,
                            int count, const Rng& base) {
   Rng rng = base.fork(static_cast<std::uint64_t>(index));
@@ -98,7 +98,8 @@ geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double rin
 std::vector<geometry::Rigid3> poses_along(std::span<const Eigen::Vector2d> line, int count,
                                           const Rng& base) {
   constexpr double kSample = 0.25;  // units
-  constexpr double kAround = 4;     // units of the line before and behind that smooth its corners
+  // Units of the line before and after a point that smooth its corners.
+  constexpr double kAround = 4;
   std::vector<double> lengths{0};
   for (std::size_t k = 1; k < line.size(); ++k)
     lengths.push_back(lengths.back() + (line[k] - line[k - 1]).norm());
@@ -112,7 +113,7 @@ std::vector<geometry::Rigid3> poses_along(std::span<const Eigen::Vector2d> line,
   const auto ahead_at = [&](double s) -> Eigen::Vector2d {
     return (on_line(s + kAround) - on_line(s - kAround)).normalized();
   };
-  // The way and the turning together, at samples of the line.
+  // Sum of path length and rotation, at samples of the line.
   const auto samples = static_cast<std::size_t>(std::ceil(lengths.back() / kSample));
   std::vector<double> effort{0};
   for (std::size_t k = 1; k <= samples; ++k) {

@@ -9,15 +9,16 @@
 namespace tarsier::synth {
 namespace {
 
-// The part of a ray that is inside of all that has been met so far.
+// The part of a ray that is inside all planes processed so far.
 struct Span {
   double enter = 0;
   double leave = kFarthest;
-  int face = -1;  // where it enters
+  int face = -1;  // face of entry
 
-  // Between two planes across an axis; `low` and `high` are the faces there.
+  // Clips to the space between two planes perpendicular to an axis; `low` and `high` are their
+  // faces.
   bool cut(double origin, double direction, double from, double to, int low, int high) {
-    const double inverse = 1 / direction;  // infinite when parallel: the comparisons hold
+    const double inverse = 1 / direction;  // infinite if parallel: the comparisons remain valid
     double first = (from - origin) * inverse;
     double last = (to - origin) * inverse;
     int side = low;
@@ -33,7 +34,7 @@ struct Span {
     return enter < leave;
   }
 
-  // Below a plane: where value + t * slope <= 0.
+  // Clips to the space below a plane: value + t * slope <= 0.
   bool cut_below(double value, double slope, int side) {
     if (slope < 0) {
       const double t = -value / slope;

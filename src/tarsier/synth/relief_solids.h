@@ -4,17 +4,17 @@
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
-// What stands in the scenes of relief.h, and rays that meet it. Internal to this module.
+// The solids in the scenes of relief.h, and their intersection with rays. Internal to this module.
 namespace tarsier::synth {
 
-constexpr double kFarthest = 100;  // units: nothing is drawn beyond
+constexpr double kFarthest = 100;  // units: limit of the drawing distance
 
-// Faces: 0..3 to -x, +x, -y and +y of its own axes, 4 the top, 5 the bottom. The side of a column is face 0; the slopes of
-// a gable are faces 2 and 3.
+// Faces: 0..3 face -x, +x, -y and +y of the solid's own axes, 4 is the top, 5 the bottom. The side
+// of a column is face 0; the slopes of a gable are faces 2 and 3.
 constexpr int kTopFace = 4;
 constexpr int kBottomFace = 5;
 
-// Upright, turned about z.
+// An upright solid, rotated about z.
 struct Solid {
   enum class Form {
     kBox,
@@ -37,11 +37,11 @@ struct Solid {
   [[nodiscard]] Eigen::Vector3d from_own(const Eigen::Vector3d& v) const {
     return {cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]};
   }
-  // Strictly inside; what stands on the ground goes on below it.
+  // Strictly inside; a solid on the ground continues below it.
   [[nodiscard]] bool contains(const Eigen::Vector3d& at) const;
-  // Of a point of a face, in its own axes.
+  // Normal at a point of a face, in the solid's own axes.
   [[nodiscard]] Eigen::Vector3d normal(int face, const Eigen::Vector3d& own) const;
-  // u to the right and v upwards as the face is seen from outside, units from its middle.
+  // u to the right and v upwards as seen from outside, units from the face's centre.
   [[nodiscard]] cv::Point2d on_face(int face, const Eigen::Vector3d& own) const;
   // Width and height of a face, units.
   [[nodiscard]] cv::Size2d size_of(int face) const;
@@ -54,8 +54,9 @@ struct Hit {
   bool is_any = false;
 };
 
-// Moves `hit` to the solid of that number if it is met earlier. Origin and direction are in the solid's own axes. After
-// T. L. Kay and J. T. Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986: the part of the ray within all pairs of planes.
+// Updates `hit` if the ray meets the solid of that number earlier. Origin and direction are in the
+// solid's own axes. After T. L. Kay and J. T. Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986:
+// the part of the ray within all pairs of planes.
 void meet(const Solid& solid, int number, const Eigen::Vector3d& origin,
           const Eigen::Vector3d& direction, Hit& hit);
 

@@ -10,16 +10,16 @@ namespace {
 
 using Eigen::Vector2d;
 
-constexpr double kStep = 1.8;        // units, from one image of a walk to the next
-constexpr double kCityStep = 2.5;    // of a city, or less
+constexpr double kStep = 1.8;        // units, between images of a walk
+constexpr double kCityStep = 2.5;    // of a city, maximum
 constexpr double kHalfStreet = 7;    // units
-constexpr double kLot = 10;          // units of a street for a house, of a walk
-constexpr double kBlock = 40;        // units from street to street
-constexpr int kLotsOfBlock = 3;      // at each of its sides
-constexpr double kDeep = 8;          // units, of a house
-constexpr int kModules = 6;          // houses that are used again and again
-constexpr int kLotsAhead = 8;        // that are seen from the end of a walk
-constexpr double kHousePitch = 4.5;  // units from house to house of a village
+constexpr double kLot = 10;          // units of a street per house, of a walk
+constexpr double kBlock = 40;        // units between streets
+constexpr int kLotsOfBlock = 3;      // on each of its sides
+constexpr double kDeep = 8;          // units, depth of a house
+constexpr int kModules = 6;          // house designs that are repeated
+constexpr int kLotsAhead = 8;        // visible from the end of a walk
+constexpr double kHousePitch = 4.5;  // units between houses of a village
 
 // splitmix64's mixing (Steele, Lea and Flood, OOPSLA 2014).
 std::uint64_t mixed(std::uint64_t value) {
@@ -29,12 +29,13 @@ std::uint64_t mixed(std::uint64_t value) {
   return value ^ (value >> 31U);
 }
 
-// Houses along the sides of streets.
+// Builds houses along the sides of streets.
 class Builder {
  public:
   Builder(double repeats, Rng rng) : repeats_(repeats), rng_(rng), designs_(rng.fork(1)) {}
 
-  // A house whose front is between two points on the ground, to the left of the way from one to the other.
+  // A house whose front is between two points on the ground, on the left of the path from one to
+  // the other.
   void build(const Vector2d& from, const Vector2d& to) {
     const std::uint64_t design =
         rng_.uniform() < repeats_ ? static_cast<std::uint64_t>(rng_.integer(1, kModules)) : next_++;
@@ -131,7 +132,7 @@ Streets make_city(int images, double repeats, Rng rng) {
   const int streets =
       std::max(2, static_cast<int>(std::lround(std::sqrt(images * kCityStep / (2 * kBlock)))));
   Builder builder(repeats, rng);
-  // The blocks, with one more around all streets.
+  // The blocks, with one more row around all streets.
   for (int a = 0; a <= streets; ++a) {
     for (int b = 0; b <= streets; ++b) {
       const Vector2d low((a - 1) * kBlock + kHalfStreet, (b - 1) * kBlock + kHalfStreet);
@@ -144,7 +145,7 @@ Streets make_city(int images, double repeats, Rng rng) {
       }
     }
   }
-  // All streets one way, there and back in turn, then all the other way.
+  // All streets in one direction, alternately there and back, then all in the other direction.
   std::vector<Vector2d> way;
   const auto go_to = [&](double x, double y) {
     if (way.empty() || (Vector2d(x, y) - way.back()).norm() > 1) way.emplace_back(x, y);
@@ -193,7 +194,7 @@ cv::Vec3f house_colour(const House& house, const Solid& solid, int face, const E
   const cv::Point2d at = solid.on_face(face, own);
   const std::uint64_t key = 8 * house.design + static_cast<std::uint64_t>(face);
   if (house.has_windows && face < kTopFace) {
-    // From the middle of the nearest window.
+    // Position relative to the centre of the nearest window.
     const double across = at.x - house.window_pitch[0] * std::floor(at.x / house.window_pitch[0]) -
                           house.window_pitch[0] / 2;
     const double above = own[2] -

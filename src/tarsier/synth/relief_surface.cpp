@@ -12,7 +12,7 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr double kTouch = 1e-6;  // units: closer is the same place
+constexpr double kTouch = 1e-6;  // units; closer points are equal
 
 class Triangulation {
  public:
@@ -30,7 +30,8 @@ class Triangulation {
     add_patch(place, steps_of(region.width), steps_of(region.height), nullptr);
   }
 
-  // Its faces: outside lies where du x dv points. The bottom of what stands on the ground has none.
+  // The faces of a solid; outside is the direction of du x dv. The bottom of a solid on the ground
+  // has no face.
   void add_solid(const Solid& solid) {
     const double a = solid.half[0];
     const double b = solid.half[1];
@@ -111,14 +112,14 @@ class Triangulation {
     });
   }
 
-  // Below the field, or in a solid other than `own`.
+  // Below the field, or inside a solid other than `own`.
   [[nodiscard]] bool is_buried(const Eigen::Vector3d& at, const Solid* own) const {
     if (own != nullptr && at[2] < field_.height(at[0], at[1]) - kTouch) return true;
     return std::any_of(solids_.begin(), solids_.end(),
                        [&](const Solid& solid) { return &solid != own && solid.contains(at); });
   }
 
-  // place(u, v), u and v from 0 to 1, in cells; without cells that are out of view or buried as a whole.
+  // place(u, v), u and v from 0 to 1, in cells; cells entirely out of view or buried are omitted.
   template <typename Place>
   void add_patch(const Place& place, int across, int down, const Solid* own) {
     const int stride = across + 1;

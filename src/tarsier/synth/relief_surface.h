@@ -12,11 +12,11 @@
 #include <span>
 #include <stop_token>
 
-// What relief.h draws, and its surface in triangles. Internal to this module.
+// Triangulates the surface of relief.h. Internal to this module.
 namespace tarsier::synth {
 
-// The field over `region` (x, y) and the solids above it, as ReliefScene::surface() has them.
-// Throws Interrupted.
+// The field over `region` (x, y) and the solids on it, as in ReliefScene::surface(). Throws
+// Interrupted.
 [[nodiscard]] SceneSurface triangulate(const HeightField& field, std::span<const Solid> solids,
                                        const geometry::Camera& camera,
                                        std::span<const geometry::Rigid3> poses, cv::Rect2d region,

@@ -10,8 +10,8 @@
 namespace tarsier::synth {
 namespace {
 
-// Adds one octave of value noise: random values `cell` texels apart with smooth ramps between them.
-// `grid` has a row and a column more than cells begin in the plane.
+// Adds one octave of value noise: random values `cell` texels apart with smooth interpolation.
+// `grid` has one more row and column than the number of cells.
 void add_octave(cv::Mat1f& plane, const cv::Mat1f& grid, double cell, float amplitude) {
   std::vector<int> index(static_cast<std::size_t>(plane.cols));
   std::vector<float> weight(index.size());
@@ -44,8 +44,8 @@ void add_octave(cv::Mat1f& plane, const cv::Mat1f& grid, double cell, float ampl
   });
 }
 
-// Random values for cells of `cell` units. As many for each resolution, so that the scene is the
-// same at every size of the images.
+// Random values for cells of `cell` units. Their number does not depend on the resolution, so the
+// scene is the same at every size of the images.
 cv::Mat1f random_grid(double width, double height, double cell, Rng rng) {
   cv::Mat1f grid(static_cast<int>(std::ceil(height / cell - 1e-9)) + 1,
                  static_cast<int>(std::ceil(width / cell - 1e-9)) + 1);
@@ -54,23 +54,23 @@ cv::Mat1f random_grid(double width, double height, double cell, Rng rng) {
 }
 
 cv::Scalar random_colour(Rng& rng) {
-  // Dark or light, seldom between: shapes shall stand out.
+  // Dark or light, seldom in between, so that shapes stand out.
   const double level = rng.uniform() < 0.5 ? rng.uniform(8, 90) : rng.uniform(165, 248);
   cv::Scalar colour;
   for (int c = 0; c < 3; ++c) colour[c] = std::clamp(level + rng.uniform(-45, 45), 0.0, 255.0);
   return colour;
 }
 
-// One small shape at a random place of an image with `scale` texels for each unit.
+// Draws one small shape at a random position of an image with `scale` texels per unit.
 void draw_shape(cv::Mat& image, double width, double height, double scale, Rng& rng) {
-  constexpr int kBits = 4;  // of the fractions of texels in OpenCV's drawing
+  constexpr int kBits = 4;  // fractional bits of texels in OpenCV's drawing
   const auto fixed = [&](double x, double y) {
     return cv::Point(static_cast<int>(std::lround((x * scale - 0.5) * (1 << kBits))),
                      static_cast<int>(std::lround((y * scale - 0.5) * (1 << kBits))));
   };
   const double x = rng.uniform(0, width);
   const double y = rng.uniform(0, height);
-  const double radius = 0.035 * std::exp(rng.uniform() * std::log(14.0));  // to 0.49 units
+  const double radius = 0.035 * std::exp(rng.uniform() * std::log(14.0));  // up to 0.49 units
   const double turn = rng.uniform(0, 2 * std::numbers::pi);
   const double slim = rng.uniform(0.35, 1);
   const int kind = rng.integer(0, 4);

@@ -9,10 +9,10 @@
 #include <cmath>
 #include <vector>
 
-// What the surfaces of relief.h look like: value noise with small shapes on it.
+// Textures of the surfaces of relief.h: value noise with small shapes on it.
 namespace tarsier::synth {
 
-// floor() without a call; for |x| < 2^22.
+// floor() without a function call; for |x| < 2^22.
 inline int floor_of(double x) {
   constexpr int kShift = 1 << 22;
   return static_cast<int>(x + kShift) - kShift;
@@ -24,14 +24,14 @@ inline int wrapped(int i, int n) {
   return i < 0 ? i + n : i;
 }
 
-// A colour texture in units of the world with ever coarser copies, that comes again at its ends.
+// A mipmapped colour texture in world units that repeats at its ends.
 class Texture {
  public:
   Texture() = default;
-  // `width` and `height` in units; `base`: of all that is random.
+  // `width` and `height` in units; `base`: source of all random numbers.
   Texture(double width, double height, double texels_per_unit, const Rng& base);
 
-  // At (u, v) units, of details larger than `footprint` units.
+  // Colour at (u, v) units, filtered to details larger than `footprint` units.
   [[nodiscard]] cv::Vec3f at(double u, double v, double footprint) const {
     const auto top = static_cast<double>(levels_.size() - 1);
     const double level = std::clamp(std::log2(footprint * scale_), 0.0, top);

@@ -20,14 +20,14 @@ using still_life::unit;
 using still_life::Vec;
 
 std::uint8_t develop_exactly(float light) {
-  // A video's shoulder, then the display's gamma.
+  // A video tone curve, then the display's gamma.
   const float exposed = light * 1.05F;
   const float video = exposed * (1 + exposed * 0.10F) / (1 + exposed * 0.55F) * 1.12F;
   return static_cast<std::uint8_t>(
       std::clamp(255 * std::pow(std::max(video, 0.0F), 1 / 2.2F) + 0.5F, 0.0F, 255.0F));
 }
 
-// The same from a table over the square root of the light, which spreads the dark tones.
+// The same from a table over the square root of the light, which resolves dark tones.
 std::uint8_t develop(float light) {
   static constexpr int kSteps = 8192;
   static constexpr float kBrightest = 16;
@@ -58,7 +58,7 @@ cv::Mat render_scene(cv::Size size, double time_s, std::uint64_t seed) {
   const Vec forward = unit(target - eye);
   const Vec right = unit(cross({0, 1, 0}, forward));
   const Vec up = cross(forward, right);
-  // 4:3 and wider show the same height; narrower images the same width.
+  // Formats of 4:3 and wider show the same height; narrower images show the same width.
   const float half_height = 0.262F * std::max(1.0F, 1.25F * static_cast<float>(size.height) /
                                                         static_cast<float>(size.width));
   const float scale = 2 * half_height / static_cast<float>(size.height);
@@ -85,8 +85,7 @@ cv::Mat render_scene(cv::Size size, double time_s, std::uint64_t seed) {
     }
   });
 
-  // Where something changes from pixel to pixel, more samples: edges as smooth as a lens makes
-  // them.
+  // More samples where adjacent pixels differ, so that edges are smooth.
   cv::Mat image(size, CV_8UC3);
   cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& rows) {
     static constexpr std::array<std::array<float, 2>, 4> kOffsets = {
@@ -110,7 +109,7 @@ cv::Mat render_scene(cv::Size size, double time_s, std::uint64_t seed) {
             int ignored = 0;
             const Vec c = sample(static_cast<float>(x) + 0.5F + offset[0],
                                  static_cast<float>(y) + 0.5F + offset[1], ignored);
-            // Highlights far brighter than white would make jagged edges: they count as white.
+            // Very bright highlights would cause jagged edges, so they are limited.
             sum += cv::Vec3f(std::min(c.z, 2.0F), std::min(c.y, 2.0F), std::min(c.x, 2.0F));
             count += 1;
           }
@@ -148,7 +147,7 @@ cv::Mat render_bars(cv::Size size, std::int64_t frame) {
   const cv::Point center(size.width / 2, size.height * 3 / 10);
   const int radius = std::max(4, size.height / 5);
   cv::circle(image, center, radius, {255, 255, 255}, std::max(1, size.height / 160), cv::LINE_AA);
-  // A hand that turns once in a hundred frames shows that the image moves.
+  // A hand that rotates once in a hundred frames shows that the image moves.
   const double angle = 2 * CV_PI * static_cast<double>(frame % 100) / 100;
   cv::line(
       image, center,

@@ -57,7 +57,7 @@ float hash(int x, int y, int z) {
 }
 
 float noise(Vec p) {
-  const auto floor_of = [](float v) {  // std::floor is a call without SSE4.1
+  const auto floor_of = [](float v) {  // std::floor is a library call without SSE4.1
     const int i = static_cast<int>(v);
     return i - static_cast<int>(static_cast<float>(i) > v);
   };
@@ -91,10 +91,10 @@ float rough(Vec p, int octaves) {
 float distance_to(const Object& object, Vec world) {
   const Vec p = object.to_own(world);
   switch (object.kind) {
-    case Kind::kApple: {  // 0.5 radius, its centre 0.46 above the table
+    case Kind::kApple: {  // radius 0.5, its centre 0.46 above the table
       const Vec q{p.x, p.y - 0.46F, p.z};
       const float around = q.x * q.x + q.z * q.z;
-      // Written so that both ends fade out before they meet.
+      // Both ends fade out before they meet.
       const float dimple = around > 0.2F ? 0 : (q.y > 0 ? 0.13F : 0.07F) * std::exp(-around * 26);
       const float taper = 0.05F * (0.46F - q.y) * step_between(0.0F, 0.6F, 0.46F - q.y);
       const float flesh = (length({q.x, q.y * 1.06F, q.z}) - 0.5F + dimple + taper) * 0.8F;
@@ -172,7 +172,7 @@ void intersect(const Object& object, const Ray& ray, Hit& hit) {
     return;
   }
   if (object.kind == Kind::kLeaf) {
-    // An ellipsoid is a unit sphere in coordinates stretched by its half axes.
+    // An ellipsoid is a unit sphere in coordinates scaled by its half axes.
     const auto own = [&](Vec v) {
       return Vec{dot(v, object.axis_u) / dot(object.axis_u, object.axis_u),
                  dot(v, object.axis_v) / dot(object.axis_v, object.axis_v),

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-// What stands on the table of scene.h, and where rays meet it.
+// The objects on the table of scene.h, and their intersection with rays.
 namespace tarsier::synth::still_life {
 
 // World: x right, y up, z away from the camera, about decimetres. The table is y = 0, the wall z =
@@ -30,17 +30,17 @@ inline float step_between(float low, float high, float x) {
   const float t = std::clamp((x - low) / (high - low), 0.0F, 1.0F);
   return t * t * (3 - 2 * t);
 }
-// sRGB, as a designer states it, to linear light.
+// Converts sRGB, as in design tools, to linear light.
 inline Vec srgb(int r, int g, int b) {
   const auto linear = [](int v) { return std::pow(static_cast<float>(v) / 255, 2.2F); };
   return {linear(r), linear(g), linear(b)};
 }
 
-// Random in [0, 1) for each cell.
+// Random value in [0, 1) for each cell.
 float hash(int x, int y, int z);
 // Smooth noise in [0, 1] with features of size 1.
 float noise(Vec p);
-// A sum of noise, each half as large and twice as fine as the last.
+// A sum of octaves of noise; each has half the amplitude and twice the frequency of the one before.
 float rough(Vec p, int octaves);
 
 constexpr float kWall = 2.6F;
@@ -72,9 +72,11 @@ struct Object {
   Vec axis_v;
   Vec axis_w;
   float height = 0;        // book: half thickness
-  float shade_radius = 0;  // how it darkens its neighbourhood
-  float girth = 0;  // kinds with a distance function lie within this distance of their axis ..
-  float low = 0;    // .. and between these heights above `base`
+  float shade_radius = 0;  // range in which it darkens its neighbourhood
+  // A kind with a distance function lies within `girth` of its axis and between the heights `low`
+  // and `high` above `base`.
+  float girth = 0;
+  float low = 0;
   float high = 0;
 
   [[nodiscard]] bool is_sphere() const {
@@ -86,7 +88,7 @@ struct Object {
   }
 };
 
-// Distance to the surface, or a little less.
+// Distance to the surface, or a slightly smaller value.
 float distance_to(const Object& object, Vec world);
 
 struct Ray {
@@ -101,7 +103,7 @@ struct Hit {
   Vec normal;
 };
 
-// The part of the ray inside a sphere; false if it misses.
+// The part of the ray inside a sphere; false if the ray misses it.
 inline bool cut_sphere(const Ray& ray, Vec center, float radius, float& enter, float& leave) {
   const Vec to = center - ray.from;
   const float along = dot(to, ray.direction);
@@ -113,10 +115,10 @@ inline bool cut_sphere(const Ray& ray, Vec center, float radius, float& enter, f
   return leave > 0;
 }
 
-// Narrows [enter, leave] to where the ray is inside the upright cylinder that holds the object.
+// Limits [enter, leave] to the part of the ray inside the upright cylinder around the object.
 bool cut_cylinder(const Object& object, const Ray& ray, float& enter, float& leave);
 
-// Moves `hit` to the object if it is met earlier.
+// Updates `hit` if the ray meets the object earlier.
 void intersect(const Object& object, const Ray& ray, Hit& hit);
 
 }  // namespace tarsier::synth::still_life

@@ -35,7 +35,7 @@ void Scene::add_sphere(Kind kind, Vec center, float radius, Vec color, float tur
   add(kind, center, {}, radius, turn, color).shade_radius = radius;
 }
 
-// Makes a group of the objects from `begin` on.
+// Makes a group of the objects from index `begin` on.
 void Scene::close_group(std::size_t begin) {
   Group group;
   group.begin = begin;
@@ -130,7 +130,7 @@ Scene::Scene(std::uint64_t seed) {
   }
   close_group(grapes);
   const std::size_t leaves = objects_.size();
-  // Leaves in the vase: flat ellipsoids along arcs out of its mouth.
+  // Leaves in the vase: flat ellipsoids along arcs from its mouth.
   for (int i = 0; i < 13; ++i) {
     const float angle = 2.4F * static_cast<float>(i) + shift(0.5);
     const float lean = 0.25F + 0.6F * hash(i, 7, 1);
@@ -172,7 +172,7 @@ Hit Scene::nearest(const Ray& ray) const {
   return hit;
 }
 
-// How much of the lamp, an area, is seen: 0..1.
+// Visible share of the area lamp, 0..1.
 float Scene::sun(Vec p, Vec normal, const Object* self) const {
   float seen = 1;
   const Vec from = p + normal * 0.012F;
@@ -191,7 +191,7 @@ float Scene::sun(Vec p, Vec normal, const Object* self) const {
   return seen;
 }
 
-// How much of the lamp is seen past one object.
+// Visible share of the lamp past one object.
 float Scene::past_object(const Object& object, Vec from, const Object* self) const {
   const Vec to = object.center - from;
   const float along = dot(to, to_light_);
@@ -207,7 +207,7 @@ float Scene::past_object(const Object& object, Vec from, const Object* self) con
     const float size = 0.12F;  // thinner than its bounding sphere
     return 1 - 0.6F * (1 - step_between(size - width, size + width, gap));
   }
-  // The half shadow reaches beyond the object itself.
+  // The penumbra extends beyond the object itself.
   Object wider = object;
   wider.girth += width;
   wider.low -= width;
@@ -225,7 +225,7 @@ float Scene::past_object(const Object& object, Vec from, const Object* self) con
   return step_between(-1, 1, least);
 }
 
-// How much of the room is seen: objects close by darken.
+// Visible share of the surroundings: nearby objects darken.
 float Scene::openness(Vec p, Vec normal, const Object* self) const {
   float open = 1;
   for (const Object& object : objects_) {
@@ -242,7 +242,7 @@ float Scene::openness(Vec p, Vec normal, const Object* self) const {
   return std::max(open, 0.12F);
 }
 
-// What a mirror sees: a room with a window of four panes on the left.
+// Environment for reflections: a room with a window of four panes on the left.
 Vec Scene::surroundings(Vec d, float focus) const {
   const float up = 0.5F + 0.5F * d.y;
   Vec room = mix(kFloorGlow, kCeilingGlow, up) * 0.8F;
@@ -282,7 +282,7 @@ Vec Scene::light_on(const Hit& hit, Vec p, Vec normal, const Surface& surface) c
   }
   const float open = openness(p, normal, hit.object);
   const Vec sky = mix(kFloorLight, kSkyLight, 0.5F + 0.5F * normal.y) * 0.52F;
-  // The lit table throws warm light up on what stands on it.
+  // The lit table reflects warm light up to the objects.
   const Vec bounce = wood_ * (0.55F * std::max(0.0F, -normal.y * 0.7F + 0.3F));
   return surface.color * (light_ * direct + (sky + bounce) * open);
 }
@@ -305,7 +305,7 @@ Vec Scene::trace(const Ray& ray, int& id) const {
     Vec seen{};
     const Ray second{p + hit.normal * 0.01F, mirrored};
     Hit other;
-    // Only the strong reflections are worth a ray; the table's is blurred by its roughness.
+    // Only strong reflections get a ray; the table's reflection is blurred by its roughness.
     if (fresnel > 0.03F && mirrored.y < 0.9F) other = nearest(second);
     if (other.t < 6 && (other.object != nullptr || other.kind == Kind::kTable) && fresnel > 0.03F) {
       const Vec q = second.from + mirrored * other.t;

@@ -7,10 +7,10 @@
 #include <cstdint>
 #include <vector>
 
-// The scene of scene.h as a whole: a table before a wall, what stands on it, and its light.
+// The scene of scene.h as a whole: the table, the wall, the objects and the light.
 namespace tarsier::synth::still_life {
 
-// Objects that are near each other: rays that miss the whole skip them all.
+// A cluster of objects: rays that miss its bounding sphere skip all of them.
 struct Group {
   std::size_t begin = 0;
   std::size_t end = 0;

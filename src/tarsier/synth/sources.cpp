@@ -59,7 +59,7 @@ bool parse_number(std::string_view text, Number& value) {
   return error == std::errc() && end == text.data() + text.size();
 }
 
-// Keys that only streets have. False if `key` is none of them.
+// Keys of streets only. False if `key` is not one of them.
 bool parse_street(std::string_view key, std::string_view value, Settings& settings, bool& is_good) {
   synth::StreetOptions& street = settings.street;
   if (settings.image != Image::kCar && settings.image != Image::kDrive) return false;
@@ -167,7 +167,7 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
       is_good = parse_number(value, settings.noise) && settings.noise >= 0 && settings.noise <= 64;
     } else if (key == "board" && settings.image == Image::kBoard) {
       settings.board = value;
-      is_good = true;  // parse_board() says what is wrong
+      is_good = true;  // parse_board() reports the error
     } else if (settings.image == Image::kPlanar &&
                synth::set_planar_source(key, value, settings.planar, is_good)) {
     } else if (!parse_street(key, value, settings, is_good)) {
@@ -237,7 +237,7 @@ class SynthSource final : public FrameSource {
       planar_.emplace(synth::planar_source_video(settings_.planar, settings_.size, settings_.fps,
                                                  settings_.seed));
     }
-    if (settings_.image == Image::kCar) (void)synth::load_glyphs();  // or say what is missing
+    if (settings_.image == Image::kCar) (void)synth::load_glyphs();  // reports missing typefaces
   }
 
   std::optional<Frame> next(std::chrono::milliseconds patience,
@@ -282,7 +282,7 @@ class SynthSource final : public FrameSource {
     return start_ + std::chrono::duration_cast<Clock::duration>(since);
   }
 
-  // A camera's rhythm: frames that nobody took in time are gone.
+  // The rate of a camera: frames that were not read in time are lost.
   bool wait_until_due(std::chrono::milliseconds patience, const std::stop_token& stop) {
     const Clock::time_point now = Clock::now();
     if (at_ == 0 && start_ == Clock::time_point{}) start_ = now;
@@ -322,7 +322,7 @@ class SynthSource final : public FrameSource {
       case Image::kClock: {
         ClockReading reading;
         reading.frame = static_cast<std::uint32_t>(frame.index);
-        // Live: the moment it is sent; else the same time for the same frame.
+        // Live: the time of sending; otherwise a fixed time per frame.
         reading.time_us = settings_.live
                               ? clock_now_us()
                               : static_cast<std::int64_t>(std::llround(frame.time * 1e6));
@@ -337,7 +337,7 @@ class SynthSource final : public FrameSource {
                    : synth::render_car(settings_.street, static_cast<std::uint64_t>(frame.index));
         frame.image = std::move(street.image);
         truth["plates"] = plates_json(street.plates);
-        if (!drive_ && !settings_.live) {  // each is a scene of its own
+        if (!drive_ && !settings_.live) {  // each is a separate scene
           frame.still = true;
           frame.name = fmt::format("car-{:05}", frame.index);
         }
@@ -368,7 +368,7 @@ class SynthSource final : public FrameSource {
   std::optional<synth::Drive> drive_;
   std::optional<BoardVideo> video_;
   std::optional<synth::PlanarVideo> planar_;
-  std::int64_t at_ = 0;  // the next frame
+  std::int64_t at_ = 0;  // index of the next frame
   std::int64_t dropped_ = 0;
   Clock::time_point start_;
   Clock::time_point newest_;

@@ -15,8 +15,8 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr double kEyeHeight = 1.7;                  // m above the road
-constexpr double kWheelRow = 606;                   // of the sprite, where the tyres meet the road
+constexpr double kEyeHeight = 1.7;  // m above the road
+constexpr double kWheelRow = 606;   // of the sprite, contact of the tyres with the road
 constexpr double kMetre = kBodyWidth / kCarMetres;  // px of the sprite
 
 // Camera frame: x right, y down, z forward, m.
@@ -40,7 +40,7 @@ struct Pose {
   double yaw = 0;  // rad; positive: its right side (in the image) is farther away
 };
 
-// Where a point of the sprite (px of its first level) appears.
+// Projection of a point of the sprite (px of its first level).
 cv::Point2f seen(const Camera& camera, const Pose& pose, double sx, double sy) {
   const double across = (sx - kSpriteWidth / 2.0) / kMetre;
   return camera.project(pose.x + across * std::cos(pose.yaw),
@@ -81,7 +81,7 @@ void put_car(cv::Mat& image, const Camera& camera, const Pose& pose, const CarSp
                                0, static_cast<int>(car.color.size()) - 1);
   const cv::Mat& color = car.color[static_cast<std::size_t>(level)];
   const auto step = static_cast<float>(kSpriteWidth) / static_cast<float>(color.cols);
-  // Pixel centres: the level's (0, 0) is the middle of its first block.
+  // Pixel centres: the level's (0, 0) is the centre of its first block.
   Quad from;
   for (std::size_t i = 0; i < 4; ++i) {
     const float x = i == 1 || i == 2 ? kSpriteWidth : 0;
@@ -145,7 +145,7 @@ void put_glow(cv::Mat& image, cv::Point2f at, double radius, const cv::Scalar& c
   }
 }
 
-// --- what does not move ---
+// --- static objects ---
 
 void draw_house(cv::Mat& image, const cv::Rect& wall, bool night, Rng& rng) {
   const double tone = rng.uniform(110, 215);
@@ -162,7 +162,7 @@ void draw_house(cv::Mat& image, const cv::Rect& wall, bool night, Rng& rng) {
       cv::rectangle(image, {x, y, bay / 2, storey / 2}, color * 0.75, 1);
     }
   }
-  if (rng.uniform() < 0.7) {  // a shop's sign: letters that are no plate
+  if (rng.uniform() < 0.7) {  // a shop sign: letters that are not a plate
     const cv::Rect sign(wall.x + wall.width / 8, wall.br().y - storey, wall.width * 3 / 4,
                         std::max(8, storey / 3));
     cv::rectangle(image, sign, {rng.uniform(0, 160), rng.uniform(0, 120), rng.uniform(0, 160)},
@@ -206,12 +206,12 @@ cv::Mat draw_background(const Camera& camera, StreetLight light, Rng& rng) {
     cv::fillConvexPoly(image, pavement, {150, 152, 155}, cv::LINE_AA);
     cv::line(image, ground(side * 5.6, 60), ground(side * 5.6, 2), {190, 190, 190}, 2, cv::LINE_AA);
   }
-  for (double z = 2.2; z < 60; z += 3.4) {  // the line between the lanes
+  for (double z = 2.2; z < 60; z += 3.4) {  // the lane marking
     const std::vector<cv::Point> dash{ground(-0.27, z), ground(-0.13, z), ground(-0.13, z + 1.6),
                                       ground(-0.27, z + 1.6)};
     cv::fillConvexPoly(image, dash, {225, 225, 225}, cv::LINE_AA);
   }
-  // Grain, so that flat areas are not flat.
+  // Grain, so that uniform areas are not flat.
   for (int y = 0; y < image.rows; ++y) {
     auto* row = image.ptr<cv::Vec3b>(y);
     for (int x = 0; x < image.cols; ++x) {
@@ -287,7 +287,7 @@ StreetImage compose(const cv::Mat& background, const Camera& camera, StreetLight
     result.plates.push_back(plate);
   }
   if (light == StreetLight::kInfrared) {
-    // Resampling rounds the channels apart; such a camera has one.
+    // Resampling rounds the channels differently; an infrared camera has only one.
     cv::Mat gray;
     cv::cvtColor(result.image, gray, cv::COLOR_BGR2GRAY);
     cv::cvtColor(gray, result.image, cv::COLOR_GRAY2BGR);
@@ -312,7 +312,7 @@ struct Drive::Parts {
   struct Car {
     Role role;
     CarSprite sprite;
-    Pose pose;     // parked and far: where it stands
+    Pose pose;     // parked and far: its fixed position
     double start;  // s
     double speed;  // m/s
   };
@@ -323,7 +323,7 @@ struct Drive::Parts {
 
   explicit Parts(const StreetOptions& given) : options(given), camera(given.size) {}
 
-  // Where a car is, and whether it is there at all.
+  // Sets the position of a car; returns whether it is on the street.
   [[nodiscard]] bool place(const Car& car, double time, Pose& pose) const {
     constexpr double kHorizon = 90;
     pose = car.pose;
@@ -331,7 +331,7 @@ struct Drive::Parts {
     switch (car.role) {
       case Role::kParked:
         return true;
-      case Role::kFar: {  // comes, waits, and goes back
+      case Role::kFar: {  // arrives, waits, and returns
         const double stay = options.seconds * 0.3;
         const double away = (kHorizon - car.pose.z) / car.speed;
         const double gone = t < 0 ? -t : t > stay ? t - stay : 0;
@@ -380,7 +380,7 @@ Drive::Drive(const StreetOptions& options) {
       car.speed = rng.uniform(5, 8);
       car.pose.x = car.role == Parts::Role::kComing ? -1.75 : 1.35;
       car.pose.yaw = rng.normal(0, 0.05);
-      // When it is near: evenly spread over the time.
+      // The times of passing are evenly spread.
       const double near = options.seconds * (number + 0.6) / (passing + 0.2);
       car.start = near - (car.role == Parts::Role::kComing ? 86 / car.speed : 2 / car.speed);
     }
@@ -418,7 +418,7 @@ std::shared_ptr<const GlyphSet> usual_glyphs() {
   return glyphs;
 }
 
-// Those of the last seed are kept.
+// The typefaces of the last seed are cached.
 std::shared_ptr<const GlyphSet> made_up_glyphs(std::uint64_t seed) {
   constexpr int kTypefaces = 60;
   static std::mutex mutex;
@@ -444,7 +444,7 @@ StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
   std::vector<CarSprite> sprites;
   std::vector<Pose> poses;
   const int count = rng.uniform() < 0.35 ? 2 : 1;
-  // Nearer than that, a plate 1.45 m below the eye would be below the image.
+  // Any nearer, a plate 1.45 m below the eye would be below the image.
   const double nearest = camera.focal * 1.5 / (options.size.height - camera.centre.y);
   for (int i = 0; i < count; ++i) {
     const PlateKind kind = options.kinds[static_cast<std::size_t>(

@@ -11,28 +11,28 @@
 #include <string>
 #include <vector>
 
-// Drawn cars with number plates on a drawn street, seen by a pinhole camera, with exact truth.
+// Synthetic cars with number plates on a street, seen by a pinhole camera, with exact ground truth.
 namespace tarsier::synth {
 
 enum class StreetLight {
   kDay,
-  kNight,     // lamps glow, plates are lit
-  kInfrared,  // grey: plates throw the light back, all else is dark
+  kNight,     // lamps and plates are lit
+  kInfrared,  // grey: plates reflect the light, everything else is dark
 };
 
 struct StreetOptions {
   cv::Size size{1280, 720};
   StreetLight light = StreetLight::kDay;
   std::vector<PlateKind> kinds{PlateKind::kSpain};
-  bool wild = false;  // of render_car(): plates of PlateFaceOptions::wild, in 60 typefaces that are
-                      // made up from the seed
-  // Of render_car(): how many times farther away than the nearest place the cars are at most.
+  // For render_car(): plates of PlateFaceOptions::wild, in 60 random typefaces made from the seed.
+  bool wild = false;
+  // For render_car(): maximum distance of the cars, relative to the nearest possible distance.
   double farthest = 2.9;
   std::uint64_t seed = 1;
   double seconds = 60;  // of a drive
-  int cars = 6;         // of a drive in all
-  int parked = 1;       // of them, in view all the time
-  int far = 1;          // of them, never near
+  int cars = 6;         // total of a drive
+  int parked = 1;       // of these, always in view
+  int far = 1;          // of these, never near
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(64, 8192)},
@@ -48,7 +48,7 @@ struct StreetPlate {
   int id = 0;  // of the car, from 1
   std::string text;
   std::array<cv::Point2f, 4> corners{};  // px, from the plate's top left, clockwise
-  bool visible = false;                  // wholly in the image, and no other car before it
+  bool visible = false;                  // entirely in the image, and not hidden by another car
 };
 
 struct StreetImage {
@@ -56,7 +56,7 @@ struct StreetImage {
   std::vector<StreetPlate> plates;
 };
 
-// A minute on a street: cars come and go, one is parked, one waits far away. Const after
+// A drive of a minute: cars come and go, one is parked, one waits far away. Const after
 // construction.
 class Drive {
  public:
@@ -65,7 +65,7 @@ class Drive {
   Drive(Drive&&) noexcept;
   Drive& operator=(Drive&&) noexcept;
 
-  // The street at `time` s. The same for the same options and time.
+  // The street at `time` s. Deterministic for given options and time.
   [[nodiscard]] StreetImage at(double time) const;
   // Texts of all cars, by id.
   [[nodiscard]] std::vector<std::string> texts() const;
@@ -76,7 +76,7 @@ class Drive {
   std::unique_ptr<const Parts> parts_;
 };
 
-// One or two cars near by, another scene for each `number`.
+// One or two nearby cars; another scene for each `number`.
 [[nodiscard]] StreetImage render_car(const StreetOptions& options, std::uint64_t number);
 
 }  // namespace tarsier::synth

@@ -11,7 +11,7 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr int kOver = 2;  // the symbols are drawn at this many times their size
+constexpr int kOver = 2;  // oversampling factor
 constexpr double kHigh = kOver * GlyphSet::kCapHeight;
 
 }  // namespace
@@ -22,7 +22,7 @@ StrokePen::StrokePen(const Hand& hand, double width)
       half_x_(hand.upright * kHigh / 2),
       half_y_(hand.level * kHigh / 2),
       box_(canvas_.cols - 2 * half_x_, canvas_.rows - 2 * half_y_) {
-  // Bowls are as round in a wide symbol as in a narrow one.
+  // Bowls have the same roundness in wide and narrow symbols.
   const double base = (hand.width - hand.upright) * kHigh;
   radius_ = {hand.round * base, hand.round * base * hand.tall};
 }
@@ -43,7 +43,7 @@ cv::Mat StrokePen::finished() const {
   const int border = 8 * kOver;
   cv::copyMakeBorder(canvas_, soft, border, border, border, border, cv::BORDER_CONSTANT,
                      cv::Scalar(0));
-  // Paint rounds what is sharp: a blur, and its middle grey as the outline.
+  // Paint rounds sharp corners: a blur, and its middle grey as the outline.
   if (hand_.soft > 1) {
     cv::GaussianBlur(soft, soft, {}, hand_.soft * kOver / 2);
     soft.convertTo(soft, -1, 4, -4 * 127.5 + 127.5);
@@ -65,7 +65,7 @@ std::vector<StrokePen::Point> StrokePen::curved(const std::vector<Vertex>& path,
       points.push_back({corner, false});
       continue;
     }
-    // How far along an edge the curve begins; two curves share their edge.
+    // Distance along an edge at which the curve begins; two curves share their edge.
     const auto reach = [&](std::size_t other) {
       const cv::Point2d edge = at(path[other]) - corner;
       const double length = std::max(1e-6, cv::norm(edge));
@@ -122,7 +122,7 @@ void StrokePen::join(const Point& point, cv::Point2d d, cv::Point2d next) {
     dot(point.at);
     return;
   }
-  // The outer corner: where the edges of both strokes meet, not too far out.
+  // The outer corner: the intersection of the strokes' edges, limited in distance.
   const double turn = d.x * e.y - d.y * e.x;
   const double side = turn > 0 ? -1 : 1;
   const cv::Point2d from = point.at + across(d) * side;

@@ -6,58 +6,59 @@
 #include <array>
 #include <vector>
 
-// Strokes along skeletons: for stroke_typeface.cpp.
+// Draws strokes along skeletons, for stroke_typeface.cpp.
 namespace tarsier::synth {
 
-// What the symbols of a typeface have in common. Lengths are shares of the cap height, places on a
-// skeleton shares of its box: (0, 0) is its top left corner, (1, 1) its bottom right one.
+// Parameters shared by the symbols of a typeface. Lengths are relative to the cap height. Positions
+// on a skeleton are relative to its box: (0, 0) is its top left corner, (1, 1) its bottom right
+// one.
 struct Hand {
   double width = 0.55;  // of a digit
-  double letter = 1;    // width of a letter by a digit's
-  double even = 0.5;    // 1: narrow and wide letters are as wide as the others
+  double letter = 1;    // width of a letter / width of a digit
+  double even = 0.5;    // 1: narrow and wide letters have the same width as the others
   double upright = 0.14;
   double level = 0.14;  // strokes
-  double round = 0.5;   // radius of the bowls by the width of the skeleton
-  double tall = 1;      // .. their height by it
-  double power = 2;     // of the superellipse: 2 a circle, 1 a cut corner
+  double round = 0.5;   // radius of the bowls / width of the skeleton
+  double tall = 1;      // vertical / horizontal radius of the bowls
+  double power = 2;     // of the superellipse: 2 is a circle, 1 a cut corner
   bool round_ends = false;
   bool round_joins = false;
   double soft = 0;  // px
   double aperture = 0.28;
   double waist = 0.48;
-  double slab = 0;      // half a slab's width
-  double stencil = -1;  // place of the bridge
-  // Which of its usual forms a symbol has.
+  double slab = 0;      // half the width of a slab serif
+  double stencil = -1;  // position of the stencil bridge
+  // Variant of the form of each symbol.
   int one = 0, two = 0, three = 0, four = 0, six = 0, seven = 0, apex = 0, gee = 0, eye = 0;
   int jay = 0, kay = 0, em = 0, queue = 0, are = 0, double_u = 0, zero = 0;
-  double lean = 0.3;  // where the foot of a 7, the elbow of a K are
+  double lean = 0.3;  // position of the foot of a 7 and the elbow of a K
   double inset = 0.06;
-  double sharp = 0;  // radius of corners that are right angles in most hands (B, D)
+  double sharp = 0;  // radius of corners that are right angles in most typefaces (B, D)
 };
 
 struct Vertex {
   double x, y;
-  double round = 0;  // of the hand's radius
+  double round = 0;  // relative to the typeface's radius
 };
 
-// Draws one symbol of a hand, `width` by the cap height wide.
+// Draws one symbol of a typeface; its width is `width` times the cap height.
 class StrokePen {
  public:
   StrokePen(const Hand& hand, double width);
 
   void closed(const std::vector<Vertex>& path) { trace(path, true); }
   void open(const std::vector<Vertex>& path) { trace(path, false); }
-  // Cuts a bridge through all strokes at a share of the width.
+  // Cuts a bridge through all strokes at this share of the width.
   void bridge(double at);
   void slit(const Vertex& from, const Vertex& to);
 
-  // The coverage mask at its size, cut to the ink.
+  // The coverage mask in its final size, cropped to the ink.
   [[nodiscard]] cv::Mat finished() const;
 
  private:
   struct Point {
     cv::Point2d at;
-    bool bend;  // of a curve: its neighbours lie nearly in line
+    bool bend;  // part of a curve: its neighbours are nearly collinear
   };
   [[nodiscard]] cv::Point2d at(const Vertex& v) const {
     return {half_x_ + v.x * box_.x, half_y_ + v.y * box_.y};

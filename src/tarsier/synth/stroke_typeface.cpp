@@ -331,11 +331,11 @@ void draw_l_to_z(char symbol, const Hand& h, StrokePen& pen) {
 
 cv::Mat draw_symbol(char symbol, const Hand& hand) {
   double width = width_of(symbol, hand);
-  // A 0 that is no O: narrower or rounder.
+  // A 0 that differs from the O: narrower or rounder.
   Hand own = hand;
   if (symbol == '0' && hand.zero == 1) width *= 0.88;
   if (symbol == '0' && hand.zero == 2) own.tall = hand.tall * 1.5;
-  // Where four strokes share a width they are thinner.
+  // Symbols with four strokes in one width have thinner strokes.
   if (symbol == 'M' || symbol == 'W')
     own.upright = std::min(own.upright, 0.17 * width) * (hand.even > 0.5 ? 0.9 : 1);
   StrokePen pen(own, width);
@@ -358,7 +358,7 @@ GlyphSet::Typeface stroke_typeface(const std::string& name, Rng& rng) {
   typeface.has_weights = false;
   int widest = 1;
   for (std::size_t i = 0; i < kPlateSymbols.size(); ++i) {
-    // No symbol of a real die is quite as the others are.
+    // In a real die, every symbol differs slightly from the others.
     Hand own = hand;
     own.waist += rng.normal(0, 0.012);
     own.aperture += rng.normal(0, 0.015);

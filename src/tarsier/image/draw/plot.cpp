@@ -19,17 +19,17 @@ namespace {
 
 using Points = std::vector<cv::Point2d>;
 
-// What a plot is drawn with: px, y down.
+// Drawing surface of a plot: px, y down.
 class Canvas {
  public:
   virtual ~Canvas() = default;
   virtual void line(const Points& points, const cv::Scalar& color, double width, bool dashed) = 0;
   virtual void disk(cv::Point2d at, double radius, const cv::Scalar& color) = 0;
   virtual void box(const cv::Rect& box, const cv::Scalar& fill, const cv::Scalar& rim) = 0;
-  // `anchor` of the text is at `at`; `upwards` turns it so that it reads from below.
+  // Draws the text with its `anchor` at `at`; `upwards` rotates it to be read from below.
   virtual void text(std::string_view text, cv::Point2d at, double height, Anchor anchor, bool bold,
                     bool upwards) = 0;
-  // Until unclip(), nothing is drawn outside `box`.
+  // Clips all drawing to `box` until unclip().
   virtual void clip(const cv::Rect& box) = 0;
   virtual void unclip() = 0;
 };
@@ -45,7 +45,7 @@ class MatCanvas final : public Canvas {
 
   void line(const Points& points, const cv::Scalar& color, double width, bool dashed) override {
     const int thickness = std::max(1, static_cast<int>(std::lround(width)));
-    double along = 0;  // px since the start, for the dashes
+    double along = 0;  // px since the start, for dashes
     for (std::size_t i = 1; i < points.size(); ++i) {
       const cv::Point2d a = points[i - 1];
       const cv::Point2d b = points[i];
@@ -55,7 +55,7 @@ class MatCanvas final : public Canvas {
       }
       const double dash = 4 * width;
       const double length = std::hypot(b.x - a.x, b.y - a.y);
-      // A segment that leaves the image by far would be millions of dashes.
+      // A segment far beyond the image would have millions of dashes.
       if (length > 1e5) {
         segment(a, b, color, thickness);
         continue;
@@ -109,8 +109,7 @@ class MatCanvas final : public Canvas {
 
  private:
   [[nodiscard]] cv::Point fixed(cv::Point2d at) const {
-    // Far outside is as good as here: the line's direction inside the image changes by less than
-    // a pixel.
+    // Limits far points: the line's direction inside the image changes by less than a pixel.
     const auto convert = [](double v) {
       return static_cast<int>(std::lround(std::clamp(v, -1e6, 1e6) * 16));
     };
@@ -166,7 +165,7 @@ class SvgCanvas final : public Canvas {
   void text(std::string_view text, cv::Point2d at, double height, Anchor anchor, bool bold,
             bool upwards) override {
     if (text.empty()) return;
-    // A capital letter is about 0.72 of the font size in the common sans-serif fonts.
+    // In common sans-serif fonts, a capital letter is about 0.72 of the font size.
     const double margin = height * 0.3;
     static constexpr std::array<std::string_view, 3> kSides{"start", "middle", "end"};
     const auto column = static_cast<std::size_t>(static_cast<int>(anchor) % 3);
@@ -202,7 +201,7 @@ struct Tick {
   std::string label;
 };
 
-// An axis with its ends chosen: values to 0..1, and where the ticks are.
+// An axis with its limits: maps values to 0..1 and places the ticks.
 class Scale {
  public:
   Scale(const Axis& axis, std::vector<double> values, bool pad, int wanted_ticks)
@@ -228,7 +227,7 @@ class Scale {
     if (axis.high) high = to_linear(*axis.high);
     TARSIER_REQUIRE(!axis.low || !axis.high || low < high, "axis '{}' from {} to {}", axis.label,
                     *axis.low, *axis.high);
-    // A single value, or an end given beyond the data, still needs a range.
+    // A single value, or a given limit beyond the data, still needs a range.
     if (!(high - low > std::abs(low) * 1e-12)) {
       const double half = low == 0 ? 0.5 : std::max(std::abs(low) * 0.1, 1e-300);
       if (axis.low) {
@@ -240,7 +239,7 @@ class Scale {
         high += half;
       }
     }
-    // The spans of doubles are halved so that they cannot be infinite.
+    // Computed from halves, so that the range of doubles cannot overflow.
     step_ = round_step((high / 2 - low / 2) / wanted_ticks * 2);
     if (logarithmic_) step_ = std::max(1.0, std::round(step_));
     if (pad && !logarithmic_) {
@@ -259,7 +258,7 @@ class Scale {
   [[nodiscard]] std::vector<Tick> ticks() const {
     std::vector<Tick> ticks;
     if (logarithmic_) {
-      // Decades; where they are few, their double and fivefold too.
+      // Decades; if they are few, also their double and fivefold.
       const bool dense = high_ - low_ < 2.5;
       for (double decade = std::floor(low_); decade <= high_ && ticks.size() < 60;
            decade += dense ? 1 : step_) {
@@ -284,7 +283,7 @@ class Scale {
 
  private:
   [[nodiscard]] double to_linear(double v) const { return logarithmic_ ? std::log10(v) : v; }
-  // The next of 1, 2, 5, 10 .. at or above `raw`.
+  // The next of 1, 2, 5, 10 .. that is not below `raw`.
   static double round_step(double raw) {
     const double power = std::pow(10.0, std::floor(std::log10(raw)));
     for (const double digit : {1.0, 2.0, 5.0}) {
@@ -306,7 +305,7 @@ class Scale {
   double step_ = 1;
 };
 
-// Okabe and Ito's palette, without black and the yellow that paper swallows. BGR.
+// Okabe and Ito's palette, without black and the yellow that is invisible on paper. BGR.
 cv::Scalar palette(std::size_t index) {
   static const std::array<cv::Scalar, 6> kColors{
       {{178, 114, 0}, {0, 94, 213}, {115, 158, 0}, {167, 121, 204}, {0, 159, 230}, {233, 180, 86}}};

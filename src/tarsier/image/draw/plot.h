@@ -10,20 +10,20 @@
 
 namespace tarsier::image::draw {
 
-// Plots of measured curves: the same drawing as an image and as SVG text.
+// Plots of measured curves. The image and the SVG text show the same drawing.
 
 struct Series {
-  // In the legend; empty: not there.
+  // Name in the legend; empty: not listed.
   std::string name{};
   // In the unit of the axis. Points that are not finite (on a logarithmic axis, not above 0) are
-  // left out and break the line.
+  // skipped and break the line.
   std::vector<double> x;
-  // As many as in x.
+  // Same length as x.
   std::vector<double> y{};
-  // Lower and upper ends of error bars, as many as in y; empty: no bars.
+  // Lower and upper ends of error bars, same length as y; empty: no bars.
   std::vector<double> low{};
   std::vector<double> high{};
-  // BGR; by default the next of a palette that colour-blind people can tell apart.
+  // BGR; default: the next colour of a palette for colour-blind readers.
   std::optional<cv::Scalar> color{};
   bool line = true;
   bool dashed = false;
@@ -31,8 +31,8 @@ struct Series {
 };
 
 struct Axis {
-  std::string label{};          // with the unit, "threshold (grey levels)"
-  std::optional<double> low{};  // ends of the axis; none: from the data, at round numbers
+  std::string label{};          // with its unit: "threshold (grey levels)"
+  std::optional<double> low{};  // ends of the axis; default: round numbers around the data
   std::optional<double> high{};
   bool logarithmic = false;
 };
@@ -43,7 +43,7 @@ struct Plot {
   std::string title;
   Axis x;
   Axis y;
-  std::vector<Series> series;  // may be empty: the axes alone
+  std::vector<Series> series;  // may be empty: only the axes
   LegendPlace legend = LegendPlace::kTopRight;
 };
 

@@ -15,7 +15,7 @@ namespace {
 constexpr int kShift = 4;  // OpenCV's fixed-point coordinates: 1/16 px
 constexpr double kFar = 1e6;
 
-// Far outside is cut off all the same, and the fixed-point coordinates cannot overflow.
+// Limits far points: they are clipped anyway, and the fixed-point coordinates cannot overflow.
 cv::Point fixed(cv::Point2d at) {
   const auto convert = [](double v) {
     return static_cast<int>(std::lround(std::clamp(v, -kFar, kFar) * (1 << kShift)));
@@ -69,7 +69,7 @@ void fill_rounded(cv::Mat& image, const cv::Rect& box, int radius, const cv::Sca
   TARSIER_REQUIRE(opacity >= 0 && opacity <= 1, "opacity {} outside 0..1", opacity);
   const cv::Rect seen = box & cv::Rect({0, 0}, image.size());
   if (seen.empty() || opacity == 0) return;
-  // The corners are measured at pixel centres; one pixel of blending smooths their edge.
+  // The corners are measured at pixel centres; blending over one pixel smooths their edge.
   const double r = std::min<double>(radius, std::min(box.width, box.height) / 2.0);
   const int channels = image.channels();
   const double left = box.x + r - 0.5;

@@ -8,29 +8,29 @@
 
 namespace tarsier::image::draw {
 
-// Shapes on images: CV_8UC3 (BGR) or CV_8UC1, not empty; others throw std::invalid_argument.
-// Points are in px, centres of pixels at integers; what lies outside the image is cut off.
+// Draws shapes on images: CV_8UC3 (BGR) or CV_8UC1, not empty; otherwise std::invalid_argument is
+// thrown. Points are in px, pixel centres at integers. Shapes are clipped to the image.
 
 // Throws std::invalid_argument unless `image` can be drawn on.
 void require_canvas(const cv::Mat& image);
 
-// A filled disk with a dark rim, so that it shows on any ground. `radius` in px, > 0; drawn to 1/16
-// px.
+// A filled disk with a dark rim, visible on any background. `radius` in px, > 0; drawn with a
+// precision of 1/16 px.
 void point(cv::Mat& image, cv::Point2d at, const cv::Scalar& color, double radius = 3);
 
 // A cross of four arms with a dark rim. `arm` is the length of an arm in px, > 0.
 void cross(cv::Mat& image, cv::Point2d at, const cv::Scalar& color, double arm = 6);
 
-// A filled rectangle with rounded corners, blended with `opacity` 0..1. `radius` in px, >= 0 (made
-// smaller where the rectangle is).
+// A filled rectangle with rounded corners, blended with `opacity` 0..1. `radius` in px, >= 0,
+// limited by the rectangle.
 void fill_rounded(cv::Mat& image, const cv::Rect& box, int radius, const cv::Scalar& color,
                   double opacity = 1);
 
-// A button with a centred label whose letters fit into it; `pressed` lights it up.
+// A button with a centred label, whose letters are scaled to fit; `pressed` highlights it.
 void button(cv::Mat& image, const cv::Rect& box, std::string_view label, bool pressed = false);
 
-// A level bar: `fraction` 0..1 of `box` filled from the left, the label beside it on the right if
-// there is one.
+// A horizontal bar: `fraction` 0..1 of `box` is filled from the left. The label, if any, is on the
+// right.
 void bar(cv::Mat& image, const cv::Rect& box, double fraction, const cv::Scalar& color,
          std::string_view label = "");
 

@@ -16,9 +16,9 @@ namespace {
 constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
 constexpr double kCapitalHeight = 21;  // px at scale 1
 constexpr double kReadableHeight = 8;
-constexpr double kMinHeight = 4;  // below, letters are smudges
+constexpr double kMinHeight = 4;  // smaller letters are illegible
 
-// One byte for each character, so that a two-byte letter does not become two question marks.
+// One byte per character, so that a two-byte letter does not become two question marks.
 std::string to_ascii(std::string_view text) {
   std::string ascii;
   for (const char c : text) {
@@ -43,9 +43,9 @@ struct Layout {
   double scale = 1;
   int thickness = 1;
   int capital = 0;  // px
-  int descent = 0;  // px below the base line
-  int margin = 0;   // px around
-  int step = 0;     // px from base line to base line
+  int descent = 0;  // px below the baseline
+  int margin = 0;   // px around the text
+  int step = 0;     // px from baseline to baseline
 };
 
 Layout layout_for(double height, bool bold) {
@@ -73,7 +73,7 @@ cv::Size box_of(const std::vector<std::string>& lines, const Layout& layout) {
   return {width + 2 * layout.margin, height + 2 * layout.margin};
 }
 
-// The longest start of `text` that is at most `width` wide, with ".." where something was cut.
+// The longest beginning of `text` that is at most `width` wide, with ".." if it was cut.
 std::string cut_to(const std::string& text, int width, double height) {
   if (text_size(text, height).width <= width) return text;
   std::string cut = text;

@@ -10,11 +10,11 @@
 
 namespace tarsier::image::draw {
 
-// Text on images. Images are CV_8UC3 (BGR) or CV_8UC1 (then the first number of a colour counts),
-// not empty; others throw std::invalid_argument. The font has ASCII only: any other character
-// becomes one '?'. Lines are separated by '\n'. What lies outside the image is cut off.
+// Draws text on images: CV_8UC3 (BGR) or CV_8UC1 (then the first number of a colour is used), not
+// empty; otherwise std::invalid_argument is thrown. The font has only ASCII: any other character
+// becomes one '?'. Lines are separated by '\n'. Text is clipped to the image.
 
-// Which point of the text's box is placed.
+// The point of the text's box that is positioned.
 enum class Anchor {
   kTopLeft,
   kTop,
@@ -27,7 +27,7 @@ enum class Anchor {
   kBottomRight,
 };
 
-// What makes text readable on any image.
+// Background of the text, for readability on any image.
 enum class Backing { kNone, kOutline, kBox };
 
 struct TextStyle {
@@ -39,22 +39,21 @@ struct TextStyle {
   bool bold = false;
 };
 
-// Height of a capital letter, px, that reads well on an image of this size: a 30th of the shorter
+// Height of a capital letter, px, that is readable on an image of this size: a 30th of the shorter
 // side, at least 8, at most 60.
 [[nodiscard]] double fitting_text_height(cv::Size image);
 
-// Width and height in px of the box that put_text fills (lines and their spacing, and a small
-// margin around).
+// Width and height, px, of the box that put_text fills (lines with their spacing, and a small
+// margin).
 [[nodiscard]] cv::Size text_size(std::string_view text, double height_px, bool bold = false);
 
-// Puts `text` so that `anchor` of its box is at `at` (px). Returns the box, also where it was cut
-// off.
+// Draws `text` with the `anchor` of its box at `at` (px). Returns the box, including clipped parts.
 cv::Rect put_text(cv::Mat& image, std::string_view text, cv::Point at, const TextStyle& style = {},
                   Anchor anchor = Anchor::kTopLeft);
 
-// A dark bar along the lower edge, `left` and `right` in it, with letters that fit. Text that is
-// too wide is made smaller; then the first parts of `right` are left out, which three spaces
-// separate, until it takes half of the bar at most, and the end of `left`. Returns the bar.
+// A dark bar along the lower edge with `left` and `right`. Text that is too wide is drawn smaller.
+// If that is not enough, the first parts of `right` (separated by three spaces) are dropped until
+// it takes at most half of the bar, and the end of `left` is cut. Returns the bar.
 cv::Rect status_bar(cv::Mat& image, std::string_view left, std::string_view right = "");
 
 struct HelpLine {
@@ -62,8 +61,8 @@ struct HelpLine {
   std::string text;  // "pencil sketch"
 };
 
-// A dark panel in the middle of the image: the title, then one line for each key. Letters shrink
-// until it fits.
+// A dark panel in the centre of the image: the title, then one line per key. The letters are scaled
+// to fit.
 void help_overlay(cv::Mat& image, std::string_view title, std::span<const HelpLine> lines);
 
 }  // namespace tarsier::image::draw

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kMaxEnlarged = 4;
 
-// Stretched from the least to the greatest finite value; infinities at the ends, NaN at the lower
+// Scales from the minimum to the maximum finite value. Infinities go to the ends, NaN to the lower
 // one.
 template <typename T>
 cv::Mat stretched(const cv::Mat& image) {
@@ -37,7 +37,7 @@ cv::Mat stretched(const cv::Mat& image) {
     std::uint8_t* to = bytes.ptr<std::uint8_t>(y);
     for (int x = 0; x < width; ++x) {
       const auto value = static_cast<double>(from[x]);
-      // Halves, because the difference of two doubles may be infinite.
+      // Computed from halves, because the difference of two doubles may be infinite.
       const double share = high > low ? (value / 2 - low / 2) / (high / 2 - low / 2) : 0;
       to[x] = share >= 1  ? 255
               : share > 0 ? static_cast<std::uint8_t>(std::lround(share * 255))
@@ -47,7 +47,7 @@ cv::Mat stretched(const cv::Mat& image) {
   return bytes;
 }
 
-// Any image as CV_8UC3.
+// Converts any image to CV_8UC3.
 cv::Mat shown(const cv::Mat& image) {
   const int depth = image.depth();
   const int channels = image.channels();
@@ -127,7 +127,8 @@ cv::Mat tile(std::span<const cv::Mat> images, std::span<const std::string> names
   }
   const int rows = (count + best_columns - 1) / best_columns;
   for (int i = 0; i < count; ++i) {
-    // Cells share the remainder, so that the grid reaches the right and lower edge.
+    // The remainder is distributed over the cells, so that the grid reaches the right and lower
+    // edge.
     const int column = i % best_columns;
     const int row = i / best_columns;
     const int x = size.width * column / best_columns;

@@ -21,10 +21,10 @@ constexpr NameTable<Object, 4> kObjects{"object",
                                           {Object::kCube, "cube"},
                                           {Object::kMesh, "mesh"}}}};
 
-// The sheet itself, for what is below it: a little deeper than the shadow that lies on it.
-constexpr double kDeeper = 0.004;  // sides
-constexpr double kRim = 0.2;       // sides, of the sheet around the print
-// Lights that graze the sheet cast no shadow that one would see.
+// The sheet itself, which occludes what is below it. It lies slightly below the shadow on it.
+constexpr double kDeeper = 0.004;  // relative to the side
+constexpr double kRim = 0.2;       // relative to the side: margin of the sheet around the print
+// Light that grazes the sheet casts no visible shadow.
 constexpr double kSteep = 0.1;
 
 std::shared_ptr<const Mesh> builtin(Object object) {
@@ -37,7 +37,7 @@ std::shared_ptr<const Mesh> builtin(Object object) {
   return object == Object::kAxes ? axes : cube;
 }
 
-// A rectangle under the sheet and the object that stands on it.
+// A rectangle below the sheet and the object on it.
 Mesh ground_of(const Mesh& object, double scale) {
   const render::Bounds box = render::bounds_of(object);
   const auto size = static_cast<float>(scale);
@@ -57,7 +57,7 @@ Mesh ground_of(const Mesh& object, double scale) {
   return ground;
 }
 
-// In the camera's frame.
+// Direction of the light in the camera's frame.
 Eigen::Vector3d light_of(std::span<const Sheet> sheets, AugmentState& state) {
   const auto anchor = std::find_if(sheets.begin(), sheets.end(), [&](const Sheet& sheet) {
     return state.anchor && sheet.key == *state.anchor;
@@ -65,7 +65,7 @@ Eigen::Vector3d light_of(std::span<const Sheet> sheets, AugmentState& state) {
   if (anchor == sheets.end()) {
     const Sheet& sheet = *std::min_element(
         sheets.begin(), sheets.end(), [](const Sheet& a, const Sheet& b) { return a.key < b.key; });
-    // As it last flew before the camera, where that comes from above this sheet.
+    // Keeps its last direction in the camera's frame, if it comes from above this sheet.
     if (state.anchor) {
       const Eigen::Vector3d light =
           sheet.camera_from_sheet.rotation.transpose() * state.light_in_camera;
@@ -145,7 +145,7 @@ void augment(cv::Mat& bgr, const geometry::Camera& camera, std::span<const Sheet
     item.role = render::Role::kShadow;
     scene.items.push_back(std::move(item));
   }
-  // Centimetres before the lens; sheets are metres.
+  // Near plane: close to the lens; sheets are in metres.
   scene.near = 1e-3;
   render::render(bgr, scene, camera);
 }

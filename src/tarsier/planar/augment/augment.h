@@ -15,27 +15,27 @@
 #include <span>
 #include <string_view>
 
-// Objects that stand on printed sheets: drawn over the image, lit, with their shadow on the sheet,
-// hidden by the sheet and by each other where they are behind.
+// Objects that stand on printed sheets. They are drawn over the image with lighting and with their
+// shadow on the sheet. The sheet and other objects occlude them.
 namespace tarsier::planar::augment {
 
 enum class Object { kNone, kAxes, kCube, kMesh };
-// "none", "axes", "cube", "mesh"; nothing for other names.
+// "none", "axes", "cube", "mesh"; empty for other names.
 [[nodiscard]] std::optional<Object> object_named(std::string_view name);
 [[nodiscard]] std::string_view name_of(Object object);
 
-enum class Up { kY, kZ };  // which axis of a mesh is its height; Wavefront files mostly mean y
+enum class Up { kY, kZ };  // the axis of a mesh that points up; in Wavefront files mostly y
 
-// The mesh as it stands on a sheet of side 1 whose frame has its origin in the middle and z out of
-// the sheet: upright, its lowest point on z = 0, its footprint in the middle, so large that the
-// footprint's longer side is 1 or the height 1.5, whichever is less. Throws std::invalid_argument
-// for a mesh without triangles or without extent.
+// Places the mesh on a sheet of side 1 whose frame has its origin in the centre and z out of the
+// sheet. The mesh is upright, its lowest point lies on z = 0, and its footprint is centred. It is
+// scaled so that the footprint's longer side is 1 or the height is 1.5, whichever is smaller.
+// Throws std::invalid_argument for a mesh without triangles or without extent.
 [[nodiscard]] render::Mesh standing(const render::Mesh& mesh, Up up = Up::kY);
 
 struct AugmentOptions {
   Object object = Object::kCube;
   std::shared_ptr<const render::Mesh> mesh;  // for kMesh, from standing()
-  double scale = 1;                          // of the object, by the sheet's side
+  double scale = 1;                          // of the object, relative to the sheet's side
   bool shadow = true;
   bool antialias = true;
 
@@ -46,23 +46,23 @@ struct AugmentOptions {
   void check() const;  // throws std::invalid_argument
 };
 
-// A sheet that is seen: origin in its middle, x right, y up, z out of it.
+// A visible sheet: origin at its centre, x right, y up, z out of it.
 struct Sheet {
-  int key = 0;  // tells sheets apart from frame to frame
+  int key = 0;  // identifies the sheet from frame to frame
   geometry::Rigid3 camera_from_sheet;
   double side = 0;  // m, > 0
 };
 
-// The light stays where it is in the world while the camera moves: it belongs to one of the sheets,
-// and goes over to another when that is out of sight.
+// The light is fixed in the world while the camera moves. Its direction is stored relative to one
+// sheet, and moves to another sheet when that one is out of view.
 struct AugmentState {
   std::optional<int> anchor;
-  Eigen::Vector3d light_in_anchor{0.45, -0.6, -1};  // in which it flies
+  Eigen::Vector3d light_in_anchor{0.45, -0.6, -1};  // direction of travel
   Eigen::Vector3d light_in_camera{0, 0, 1};
 };
 
-// Draws the object on every sheet over `bgr` (CV_8UC3, of the camera's size). Sheets are in any
-// order; the image does not depend on it, but for objects that touch.
+// Draws the object on every sheet over `bgr` (CV_8UC3, of the camera's size). The result does not
+// depend on the order of the sheets unless objects touch.
 void augment(cv::Mat& bgr, const geometry::Camera& camera, std::span<const Sheet> sheets,
              const AugmentOptions& options, AugmentState& state);
 

@@ -49,7 +49,7 @@ std::optional<T> whole(std::string_view text) {
   return value;
 }
 
-// The largest ratio: dots and markers must not touch.
+// The maximum ratio: dots and markers must not touch.
 double largest_ratio(BoardKind kind) {
   return kind == BoardKind::kCircles ? 1.3 : kind == BoardKind::kCharuco ? 0.95 : 0.9;
 }

@@ -21,16 +21,17 @@ using geometry::Camera;
 using geometry::Lens;
 using geometry::Rigid3;
 
-constexpr std::size_t kStartViews = 24;  // that choose the first focal length
-constexpr double kAlike_px = 4;          // views closer than this are one
-constexpr double kMinTurn_deg = 5;       // between the boards of two views
-constexpr double kMaxUncertain = 0.03;   // of focal lengths and the image's larger side
-constexpr double kCornerError_px = 0.1;  // that the views are judged for
+constexpr std::size_t kStartViews = 24;  // views that select the initial focal length
+constexpr double kAlike_px = 4;          // views closer than this count as one
+constexpr double kMinTurn_deg = 5;       // minimum rotation between the boards of two views
+// Maximum for focal lengths, and relative to the image's larger side.
+constexpr double kMaxUncertain = 0.03;
+constexpr double kCornerError_px = 0.1;  // assumed error of the corners when judging the views
 constexpr double kGoodStart_px = 2;
-constexpr double kPointOutlier = 7;  // medians of all points' errors
+constexpr double kPointOutlier = 7;  // times the median error of all points
 constexpr int kMaxComparisons = 2000;
 
-// How many views differ from each other; no more than needed are counted.
+// Counts the views that differ from each other, up to `enough`.
 int distinct_views(const std::vector<BoardView>& views, int enough) {
   std::vector<const BoardView*> kept;
   for (const BoardView& view : views) {
@@ -73,7 +74,7 @@ std::size_t used_points(const std::vector<FitView>& views) {
   return count;
 }
 
-// The best of several focal lengths: cost per point after a short fit of few numbers.
+// The best of several focal lengths, by the cost per point after a short fit of few parameters.
 std::optional<Camera> start_camera(const std::vector<FitView>& all, cv::Size size, Lens lens,
                                    const std::stop_token& stop) {
   std::vector<FitView> some;
@@ -98,7 +99,7 @@ std::optional<Camera> start_camera(const std::vector<FitView>& all, cv::Size siz
     few.loss_px = 3;
     few.max_steps = 25;
     const FitResult result = fit_lens(camera, views, few, stop);
-    // A view that has no pose with this lens counts as badly as a bad fit.
+    // A view without a pose for this lens counts as a very bad fit.
     const double missing = static_cast<double>(used_points(some) - points) * 100;
     const double cost = (result.cost + missing) / static_cast<double>(used_points(some));
     if (cost < best_cost) {
@@ -111,7 +112,7 @@ std::optional<Camera> start_camera(const std::vector<FitView>& all, cv::Size siz
 
 FitOptions fit_options(const CalibrateOptions& options, const Camera& camera, double loss_px);
 
-// The caller's start, where the views fit it.
+// The caller's initial camera, if it fits the views.
 std::optional<Camera> given_start(const std::vector<FitView>& all, cv::Size size,
                                   const CalibrateOptions& options, const std::stop_token& stop) {
   if (!options.start || options.lens == Lens::kRational || options.start->lens != options.lens ||
@@ -137,7 +138,7 @@ FitOptions fit_options(const CalibrateOptions& options, const Camera& camera, do
   return fit;
 }
 
-// How far each point of a view is from where it should be, px.
+// Reprojection error of each point of a view, px.
 std::vector<double> errors_of(const Camera& camera, const FitView& view) {
   std::vector<double> errors;
   for (std::size_t i = 0; i < view.board.size(); ++i) {
@@ -147,7 +148,7 @@ std::vector<double> errors_of(const Camera& camera, const FitView& view) {
   return errors;
 }
 
-// All numbers, with a loss that follows how well most views fit.
+// Fits all parameters, with a loss scale that follows the median error.
 void fit_robustly(Camera& camera, std::vector<FitView>& views, const CalibrateOptions& options,
                   const std::stop_token& stop) {
   for (const double factor : {3.0, 1.5}) {
@@ -157,13 +158,13 @@ void fit_robustly(Camera& camera, std::vector<FitView>& views, const CalibrateOp
     const double loss = std::clamp(factor * upper_median(rms), 0.3, 30.0);
     (void)fit_lens(camera, views, fit_options(options, camera, loss), stop);
   }
-  // Of the two poses that a plane may have some began with the wrong one, or far off.
+  // A plane has two poses; some views may have started with the wrong or an inaccurate one.
   for (FitView& view : views) {
     const auto again = start_pose(camera, view);
     if (!again) continue;
     FitView other = view;
     other.camera_from_board = *again;
-    // By the median: a pose that many points fit is right though some corners are wrong.
+    // By the median: a pose that fits many points is right even if some corners are wrong.
     if (!view.used ||
         upper_median(errors_of(camera, other)) < 0.5 * upper_median(errors_of(camera, view))) {
       view.camera_from_board = *again;
@@ -172,8 +173,8 @@ void fit_robustly(Camera& camera, std::vector<FitView>& views, const CalibrateOp
   }
 }
 
-// The middle of a dot's image is not the image of its middle. How far it is off, px: the
-// centroid of the shown rim less the shown centre.
+// The centre of a dot's image is not the image of its centre. Returns the difference, px: the
+// centroid of the projected rim minus the projected centre.
 cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d& center,
                      double radius) {
   constexpr int kRim = 24;
@@ -189,7 +190,8 @@ cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d
   if (!middle) return {};
   double area = 0;
   cv::Point2d sum;
-  for (std::size_t k = 0; k < kRim; ++k) {  // of the polygon, seen from the middle
+  // Area and centroid of the polygon, relative to the centre.
+  for (std::size_t k = 0; k < kRim; ++k) {
     const cv::Point2d a = rim[k] - *middle;
     const cv::Point2d b = rim[(k + 1) % kRim] - *middle;
     const double cross = a.x * b.y - a.y * b.x;
@@ -199,7 +201,7 @@ cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d
   return std::abs(area) > 1e-9 ? sum * (1 / area) : cv::Point2d();
 }
 
-// Moves the points of dots from the middles of their images to the images of their middles.
+// Moves the points of dots from the centres of their images to the images of their centres.
 void correct_dots(const Camera& camera, const BoardSpec& spec, const std::vector<BoardView>& given,
                   std::vector<FitView>& views) {
   for (std::size_t v = 0; v < views.size(); ++v) {
@@ -211,8 +213,8 @@ void correct_dots(const Camera& camera, const BoardSpec& spec, const std::vector
   }
 }
 
-// Takes out single points that do not fit (a corner that a finger covers), where most of their view
-// does; true where some were.
+// Removes single outlier points (for example a corner under a finger) of views whose other points
+// fit. Returns whether any was removed.
 bool drop_points(const Camera& camera, std::vector<FitView>& views,
                  const CalibrateOptions& options) {
   std::vector<double> all;
@@ -242,7 +244,7 @@ bool drop_points(const Camera& camera, std::vector<FitView>& views,
   return dropped;
 }
 
-// Leaves out views that do not fit; true where some were.
+// Excludes outlier views; returns whether there were any.
 bool drop_outliers(const Camera& camera, std::vector<FitView>& views,
                    const CalibrateOptions& options) {
   std::vector<double> rms;
@@ -298,7 +300,7 @@ double angle_deg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::acos(std::clamp(a.dot(b) / (a.norm() * b.norm()), -1.0, 1.0)) * 180 / CV_PI;
 }
 
-// The largest angle between the boards of two used views.
+// The maximum angle between the boards of two used views.
 double largest_turn_deg(const std::vector<FitView>& views) {
   double largest = 0;
   int comparisons = 0;
@@ -313,7 +315,7 @@ double largest_turn_deg(const std::vector<FitView>& views) {
   return largest;
 }
 
-// What is wrong with the set of views; empty: nothing.
+// The weakness of the set of views; empty if there is none.
 std::string weakness_of(const Camera& camera, const std::vector<FitView>& views,
                         const Eigen::VectorXd& variances, double sigma) {
   const double turn = largest_turn_deg(views);
@@ -418,7 +420,7 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
     return result;
   }
 
-  // A rational lens begins as the pinhole that it is near.
+  // A rational lens is initialised as the similar pinhole.
   const Lens first = options.lens == Lens::kFisheye ? Lens::kFisheye : Lens::kPinhole;
   auto start = given_start(views, size, options, stop);
   if (!start) start = start_camera(views, size, first, stop);

@@ -17,16 +17,16 @@ namespace tarsier::planar::calibration {
 
 struct CalibrateOptions {
   geometry::Lens lens = geometry::Lens::kPinhole;
-  int radial = 3;              // radial numbers of a pinhole that are looked for
-  bool tangential = true;      // p1, p2, of pinhole and rational
+  int radial = 3;              // number of estimated radial coefficients of a pinhole camera
+  bool tangential = true;      // estimates p1, p2 of pinhole and rational
   bool square_pixels = false;  // fy = fx
-  // A view whose RMS is more than this many times the median of all views', and at least
-  // outlier_px, does not fit and is left out.
+  // A view is an outlier if its RMS is more than `outlier` times the median of all views and at
+  // least outlier_px. Outliers are not used.
   double outlier = 3;
   double outlier_px = 0.5;  // px
-  int min_views = 3;        // that differ
-  // Where to begin, of the same lens: a session that gains a view need not search again. Where the
-  // views do not fit it (rms above 2 px), it is searched for all the same.
+  int min_views = 3;        // minimum number of different views
+  // Initial camera with the same lens; it saves the search when a session gains a view. If it does
+  // not fit the views (rms above 2 px), the search is made nevertheless.
   std::optional<geometry::Camera> start;
 
   [[nodiscard]] OptionFields fields() {
@@ -44,14 +44,15 @@ enum class ViewState { kUsed, kNoPose, kOutlier };
 
 struct ViewReport {
   ViewState state = ViewState::kUsed;
-  geometry::Rigid3 camera_from_board;  // m; of kNoPose: the identity
-  double rms = 0;       // px, of the points that count; also of views that were left out
-  int dropped = 0;      // points that do not fit, of a view whose others do
-  double tilt_deg = 0;  // between the board's normal and the line of sight to it
+  geometry::Rigid3 camera_from_board;  // m; identity for kNoPose
+  double rms = 0;                      // px, of the points used; also given for outlier views
+  int dropped = 0;                     // outlier points of a used view
+  double tilt_deg = 0;                 // angle between the board's normal and the line of sight
 };
 
-// One standard deviation of each number of the camera, as the scatter of the corners gives it (the
-// diagonal of sigma2 (J^T J)^-1 with the poses eliminated); infinite where the views fix none.
+// One standard deviation of each parameter of the camera, from the scatter of the corners (the
+// diagonal of sigma2 (J^T J)^-1 with the poses eliminated). Infinite if the views do not determine
+// it.
 struct Deviations {
   double fx = 0;  // px
   double fy = 0;
@@ -61,26 +62,27 @@ struct Deviations {
 };
 
 struct Calibration {
-  geometry::Camera camera;  // its rms: over all points of used views
+  geometry::Camera camera;  // its rms is over all points of the used views
   Deviations deviations;
-  std::vector<ViewReport> views;  // one for each given
-  int used = 0;                   // views
-  std::string refusal;            // why there is no camera, and what to do; empty: there is one
+  std::vector<ViewReport> views;  // one for each input view
+  int used = 0;                   // number of used views
+  std::string refusal;            // why there is no camera, and what to do; empty if there is one
   std::vector<std::string> warnings;
 
   [[nodiscard]] bool ok() const { return refusal.empty(); }
 };
 
-// The camera that took the views (images of `size` px): Zhang's calibration from a plane (PAMI
-// 2000) with the lens models of geometry::Camera. Start: the best of several focal lengths, each
-// with poses from IPPE; then Levenberg-Marquardt over everything, first with Huber's loss so that
-// a wrong view cannot pull, then without the views that do not fit. Minimises the squared distance
-// in the image; the pixels of dots are corrected for the middle of a dot's image not being the
-// image of its middle. RMS as OpenCV has it: the root of the mean of dx2 + dy2.
-// Refused (see refusal): fewer than min_views views, views that are all alike or show the board
-// from one direction, and whatever else leaves a focal length uncertain by more than 3 % or the
-// principal point by 3 % of the image for corners that are good to 0.1 px. Throws
-// std::invalid_argument, Interrupted. The same views give the same camera, whatever the threads.
+// Calibrates the camera that took the views (images of `size` px): Zhang's calibration from a plane
+// (PAMI 2000) with the lens models of geometry::Camera. The initial camera is the best of several
+// focal lengths, each with poses from IPPE. Then Levenberg-Marquardt refines all parameters, first
+// with Huber's loss so that a wrong view has little influence, then without the outlier views. It
+// minimises the squared reprojection error. For dots, the pixels are corrected because the centre
+// of a dot's image is not the image of its centre. The RMS is that of OpenCV: the root of the mean
+// of dx2 + dy2.
+// There is no camera (see refusal) if there are fewer than min_views views, or if all views are
+// alike or show the board from one direction. The same holds if, for corners accurate to 0.1 px, a
+// focal length is uncertain by more than 3 % or the principal point by more than 3 % of the image.
+// Throws std::invalid_argument, Interrupted. The result does not depend on the number of threads.
 [[nodiscard]] Calibration calibrate(const std::vector<BoardView>& views, const BoardSpec& spec,
                                     cv::Size size, const CalibrateOptions& options = {},
                                     const std::stop_token& stop = {});

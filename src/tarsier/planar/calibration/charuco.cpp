@@ -14,15 +14,16 @@
 namespace tarsier::planar::calibration {
 namespace {
 
-constexpr double kWindow = 0.95;   // of the white rim between a corner and the nearest marker
-constexpr int kWidestWindow = 11;  // px, half
+// Share of the white margin between a corner and the nearest marker.
+constexpr double kWindow = 0.95;
+constexpr int kWidestWindow = 11;  // px, half the window
 constexpr double kMinSquare = 10;  // px
-constexpr double kFarthest = 2.2;  // squares, from a marker's middle to a corner it predicts
-constexpr double kAgree = 0.2;     // squares, between predictions of one corner
+constexpr double kFarthest = 2.2;  // squares, from a marker's centre to a corner it predicts
+constexpr double kAgree = 0.2;     // squares, maximum difference of the predictions of one corner
 
-// One marker: its square, and the map from squares (of the board) to the image.
+// One marker: its square, and the homography from squares (of the board) to the image.
 struct Seen {
-  cv::Point2d middle;  // in squares
+  cv::Point2d middle;  // in units of squares
   cv::Matx33d image_from_board;
 };
 
@@ -55,11 +56,11 @@ std::vector<Seen> find_markers(const cv::Mat& gray, const BoardSpec& spec) {
 
 struct Prediction {
   cv::Point2d pixel;
-  double square_px = 0;  // the shortest side of a square here
+  double square_px = 0;  // shortest side of a square near the corner
 };
 
-// Where the corner (in squares) should be, from the markers around it, the nearest first in weight;
-// nothing where there is none, or they contradict each other.
+// Predicts a corner (in units of squares) from the markers around it, with higher weights for
+// nearer ones. Returns nothing if there is no marker, or if the predictions contradict each other.
 std::optional<Prediction> predict(const std::vector<Seen>& seen, const cv::Point2d& corner) {
   cv::Point2d sum;
   double weight = 0;
@@ -79,7 +80,7 @@ std::optional<Prediction> predict(const std::vector<Seen>& seen, const cv::Point
     sum += w * pixel;
     square_px += w * px;
     weight += w;
-    if (far < 1) all.push_back(pixel);  // the two squares that touch the corner
+    if (far < 1) all.push_back(pixel);  // of the two squares that touch the corner
   }
   if (!(weight > 0) || all.empty()) return std::nullopt;
   const Prediction result{sum * (1 / weight), square_px / weight};
@@ -109,7 +110,7 @@ BoardView find_charuco(const cv::Mat& gray, const BoardSpec& spec, int min_corne
     view.pixels.push_back(pixel[0]);
   }
   if (static_cast<int>(view.points.size()) < min_corners) return {};
-  // All on one line of the board fix no pose.
+  // Corners on one line of the board do not determine a pose.
   const int width = spec.grid().width;
   const auto all_alike = [&](const auto& of) {
     return std::all_of(view.points.begin(), view.points.end(),

@@ -5,7 +5,7 @@
 
 namespace tarsier::planar::calibration {
 
-// The part of find_board() for charuco boards. `gray` is CV_8UC1.
+// The charuco part of find_board(). `gray` is CV_8UC1.
 [[nodiscard]] BoardView find_charuco(const cv::Mat& gray, const BoardSpec& spec, int min_corners);
 
 }  // namespace tarsier::planar::calibration

@@ -11,7 +11,7 @@
 namespace tarsier::planar::calibration {
 namespace {
 
-constexpr double kSharper = 1.15;  // a view like another one takes its place when this much sharper
+constexpr double kSharper = 1.15;  // a view replaces a similar one if it is this much sharper
 constexpr std::array<std::string_view, 7> kNames{"taken",   "replaced", "no board", "moving",
                                                  "blurred", "alike",    "full"};
 

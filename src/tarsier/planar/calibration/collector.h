@@ -12,15 +12,17 @@
 namespace tarsier::planar::calibration {
 
 struct CollectorOptions {
-  // 1/px, of sharpness_of(): a step of 1 / this many px is blurred. 0: any. Dots are not judged.
+  // 1/px, minimum of sharpness_of(): an edge wider than 1 / min_sharpness px is blurred. 0 disables
+  // the check. Dots are not checked.
   double min_sharpness = 0.12;
-  // px a frame, mean over the board's points since the last view offered: more is motion. 0: any.
+  // px per frame: maximum mean motion of the board's points since the last offered view. 0 disables
+  // the check.
   double still_px = 0;
-  // What is new: the mean distance to every view taken before, as a share of the image's larger
-  // side, or the tilt.
+  // A new view differs from each kept view: its points are at least min_move (relative to the
+  // image's larger side) away in the mean, or its tilt differs by at least min_turn_deg.
   double min_move = 0.05;
   double min_turn_deg = 12;
-  int most = 40;  // views
+  int most = 40;  // maximum number of views
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_sharpness", min_sharpness, range_below(0, 1)},
@@ -34,30 +36,30 @@ struct CollectorOptions {
 
 enum class Verdict {
   kTaken,
-  kReplaced,  // a view like one taken before, but sharper: in its place
+  kReplaced,  // replaced a similar but less sharp view
   kNoBoard,
   kMoving,
   kBlurred,
-  kAlike,  // nothing new
+  kAlike,  // too similar to a kept view
   kFull
 };
 [[nodiscard]] std::string_view name_of(Verdict verdict);  // "taken", "no board", "moving", ..
 
-// Chooses sharp views that differ from the stream of a video's or a camera's views.
+// Selects sharp and different views from the frames of a video or camera.
 class ViewCollector {
  public:
   ViewCollector(const BoardSpec& spec, cv::Size size, const CollectorOptions& options);
 
   struct Answer {
     Verdict verdict = Verdict::kNoBoard;
-    std::size_t index = 0;  // of the view, where it was taken or replaced another one
+    std::size_t index = 0;  // of the view, if it was taken or replaced another one
   };
-  // The next view, in the order of time; also those without a board, which break a motion.
-  // `is_still`: an image of its own, whose motion is not judged.
+  // Offers the next view, in the order of time; also offer empty views, because they interrupt the
+  // motion. `is_still`: a single image, whose motion is not checked.
   Answer offer(const BoardView& view, double sharpness, bool is_still = false);
-  // Takes the view whatever it is (a person asked for it); not without a board.
+  // Takes the view without any check, because a person requested it; not if it is empty.
   Answer force(const BoardView& view, double sharpness);
-  void undo();  // the last view taken; nothing where there is none
+  void undo();  // removes the last view taken, if any
   void remove(std::size_t index);
 
   [[nodiscard]] const std::vector<BoardView>& views() const { return views_; }

@@ -22,7 +22,7 @@ constexpr std::array<const char*, 4> kTilts{
     "the board's left edge nearer", "the board's right edge nearer", "the board's top edge nearer",
     "the board's bottom edge nearer"};
 
-// Cells that lie, with their middle, inside the points' hull, and those that hold a point.
+// Cells whose centre lies inside the points' convex hull, and cells that contain a point.
 std::array<bool, kCoverageColumns * kCoverageRows> cells_of(const BoardView& view, cv::Size size) {
   std::array<bool, kCoverageColumns * kCoverageRows> cells{};
   std::vector<cv::Point2f> hull;

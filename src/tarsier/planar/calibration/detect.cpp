@@ -20,10 +20,10 @@ namespace tarsier::planar::calibration {
 namespace {
 
 constexpr int kMinSide = 16;       // px
-constexpr double kWindow = 0.4;    // of a square: the saddle's neighbours stay outside
-constexpr int kWidestWindow = 11;  // px, half
+constexpr double kWindow = 0.4;    // of a square, so that it excludes neighbouring saddle points
+constexpr int kWidestWindow = 11;  // px, half the window
 
-// The image with its larger side at most `side` px, and full / reduced.
+// The image, reduced so that its larger side is at most `side` px, and the scale full / reduced.
 struct Reduced {
   cv::Mat gray;
   double scale = 1;
@@ -44,10 +44,10 @@ struct Reduced {
   }
 };
 
-// The image as if it were evenly lit: brightness less its local mean, in local deviations.
+// Evens the light: subtracts the local mean and divides by the local deviation.
 cv::Mat evenly_lit(const cv::Mat& gray) {
-  constexpr double kFlat = 6;     // grey levels; where less than this happens there is nothing
-  constexpr double kSpread = 50;  // grey levels of one deviation
+  constexpr double kFlat = 6;     // grey levels; a smaller deviation is a flat region
+  constexpr double kSpread = 50;  // grey levels per deviation
   const int side = std::max(15, std::max(gray.cols, gray.rows) / 7 | 1);
   cv::Mat value;
   gray.convertTo(value, CV_32F);
@@ -62,7 +62,7 @@ cv::Mat evenly_lit(const cv::Mat& gray) {
   return even;
 }
 
-// The smallest distance of each point to its neighbours in the grid.
+// The minimum distance of each point to its neighbours in the grid.
 double min_spacing(const std::vector<cv::Point2f>& pixels, const cv::Size& grid) {
   double least = std::numeric_limits<double>::infinity();
   for (int row = 0; row < grid.height; ++row) {
@@ -88,8 +88,8 @@ BoardView whole_view(std::vector<cv::Point2f> pixels) {
 
 // --- chess ---
 
-// Whether there is a corner of four squares at `at`: opposite quarters alike, neighbours not. `u`
-// and `v` lead to the next corners of the grid.
+// Whether four squares meet at `at`: opposite quadrants alike, neighbouring ones different. `u` and
+// `v` point to the next corners of the grid.
 bool is_crossing(const cv::Mat& gray, const cv::Point2f& at, const cv::Point2f& u,
                  const cv::Point2f& v) {
   std::array<double, 4> quarter{};
@@ -106,7 +106,8 @@ bool is_crossing(const cv::Mat& gray, const cv::Point2f& at, const cv::Point2f& 
          std::abs(quarter[1] - quarter[3]) < 0.4 * contrast;
 }
 
-// Whether there are further crossings beyond a side of the grid: the image shows a larger board.
+// Whether there are further corners beyond a side of the grid, so that the image shows a larger
+// board.
 bool is_larger_board(const cv::Mat& gray, const cv::Size& grid,
                      const std::vector<cv::Point2f>& pixels) {
   const auto at = [&](int column, int row) {
@@ -114,7 +115,7 @@ bool is_larger_board(const cv::Mat& gray, const cv::Size& grid,
   };
   const int right = grid.width - 1;
   const int bottom = grid.height - 1;
-  // The step out from the last corner, as long as the one before and its change.
+  // Extrapolates one step beyond the last corner, from the last two steps.
   const auto beyond = [](const cv::Point2f& last, const cv::Point2f& before,
                          const cv::Point2f& third) {
     return (last - before) * 2 - (before - third);
@@ -142,8 +143,8 @@ bool is_larger_board(const cv::Mat& gray, const cv::Size& grid,
          4 * std::max(crossings[2], crossings[3]) > 3 * grid.width;
 }
 
-// Whether the points are corners of four squares, with none between neighbours: a grid that leaves
-// every other column out, and ends at the board's rim, is no view of the board.
+// Whether the points are corners of four squares, without further corners between neighbours. A
+// grid that skips every other column and ends at the board's margin is not a view of the board.
 bool is_grid_of_corners(const cv::Mat& gray, const cv::Size& grid,
                         const std::vector<cv::Point2f>& pixels) {
   const auto at = [&](int column, int row) {
@@ -177,11 +178,11 @@ bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
     return is_board();
   if (!patient) return false;
   if (cv::findChessboardCornersSB(evenly_lit(gray), grid, pixels, 0) && is_board()) return true;
-  // Without its adaptive thresholds, with which it takes seconds for a board of another size.
+  // Without adaptive thresholds, which take seconds for a board of another size.
   return cv::findChessboardCorners(gray, grid, pixels, cv::CALIB_CB_FAST_CHECK) && is_board();
 }
 
-// Corners that left their place went to another one's, or to the background.
+// Fails if corners moved far: they have converged to another corner or to the background.
 bool refine(const cv::Mat& gray, std::vector<cv::Point2f>& pixels, double spacing) {
   const int half = std::clamp(cvFloor(kWindow * spacing), 1, kWidestWindow);
   const std::vector<cv::Point2f> before = pixels;
@@ -200,7 +201,7 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
   for (cv::Point2f& p : pixels) p = reduced.full_of(p);
   const double spacing = min_spacing(pixels, spec.grid());
   if (!(spacing >= 4)) return {};
-  // From the reduced to the full image in steps, each from where the last one was sure.
+  // From the reduced to the full image in steps, each starting from the last result.
   if (reduced.scale > 2) {
     const Reduced middle(full, cvRound(options.search_px * std::sqrt(reduced.scale)));
     for (cv::Point2f& p : pixels) {
@@ -216,8 +217,8 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
 
 // --- dots ---
 
-// Blobs in the image, the most dot-like first; at most `most`, since the search for the grid
-// among them takes time that grows with the square of their number.
+// Blobs in the image, most dot-like first; at most `most`, because the time of the search for the
+// grid grows with the square of their number.
 std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
   cv::SimpleBlobDetector::Params params;
   params.minThreshold = 20;
@@ -235,7 +236,7 @@ std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
   std::vector<cv::KeyPoint> blobs;
   cv::SimpleBlobDetector::create(params)->detect(gray, blobs);
   if (blobs.size() > most) {
-    // Dots of one board are alike: those nearest to the median size stay.
+    // The dots of a board are alike: those nearest to the median size are kept.
     std::vector<float> sizes;
     for (const cv::KeyPoint& blob : blobs) sizes.push_back(blob.size);
     std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2),
@@ -251,8 +252,8 @@ std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
   return points;
 }
 
-// The dot's centre of darkness in the full image, within a disk that reaches half way to its
-// neighbours.
+// The dot's darkness-weighted centroid in the full image, within a disk that extends half way to
+// its neighbours.
 cv::Point2f dot_center(const cv::Mat& gray, const cv::Point2f& start, double reach) {
   cv::Point2d center = start;
   for (int turn = 0; turn < 3; ++turn) {
@@ -265,7 +266,7 @@ cv::Point2f dot_center(const cv::Mat& gray, const cv::Point2f& start, double rea
     const auto inside = [&](int x, int y) {
       return std::hypot(x - center.x, y - center.y) <= reach;
     };
-    // Paper: the mean of the disk's outermost ring.
+    // Paper brightness: the mean of the disk's outermost ring.
     for (int y = y0; y <= y1; ++y) {
       for (int x = x0; x <= x1; ++x) {
         if (inside(x, y) && std::hypot(x - center.x, y - center.y) > reach - 1.5) {
@@ -294,7 +295,7 @@ cv::Point2f dot_center(const cv::Mat& gray, const cv::Point2f& start, double rea
 }
 
 BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOptions& options) {
-  // Dots are smaller than squares: a larger first look.
+  // Dots are smaller than squares, so the first search uses a larger image.
   const Reduced reduced(full, options.search_px * 3 / 2);
   const auto needed = static_cast<std::size_t>(spec.points());
   std::vector<cv::Point2f> pixels;
@@ -348,7 +349,8 @@ double sharpness_of(const cv::Mat& image, const BoardView& view, const BoardSpec
   const int width = spec.grid().width;
   double sum = 0;
   int count = 0;
-  // Half way between two corners runs a straight edge between black and white: the step across it.
+  // Half way between two corners lies a straight edge between black and white: measures the step
+  // across it.
   for (std::size_t i = 1; i < view.points.size(); ++i) {
     if (view.points[i] != view.points[i - 1] + 1 || view.points[i] % width == 0) continue;
     const cv::Point2d a = view.pixels[i - 1];

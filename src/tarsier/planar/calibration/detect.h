@@ -12,23 +12,22 @@
 
 namespace tarsier::planar::calibration {
 
-// A board as one image shows it: points of the board and where they are.
+// A board in one image: the visible points and their pixels.
 struct BoardView {
-  std::vector<int> points;          // BoardSpec::point, ascending
-  std::vector<cv::Point2f> pixels;  // px, pixel middles at integers
+  std::vector<int> points;          // indices for BoardSpec::point, ascending
+  std::vector<cv::Point2f> pixels;  // px, pixel centres at integers
   [[nodiscard]] bool empty() const { return points.empty(); }
 };
 
 struct FindOptions {
-  // px, the image's larger side for the first look: in a large image without a board a search
-  // takes seconds, in a small one it is bounded.
+  // Larger side of the image for the first search, px. It bounds the time, because searching a
+  // large image without a board takes seconds.
   int search_px = 800;
-  // Further looks where the first one finds nothing: as if the image were evenly lit, and by
-  // another method.
+  // If the first search fails, searches again with evened light and with another method.
   bool patient = true;
-  // The first look is as if the image were evenly lit (local means and deviations taken out).
+  // The first search uses evened light (local means and deviations removed).
   bool even_light = false;
-  // Charuco: fewer corners than this are no view.
+  // Charuco: minimum number of corners of a view.
   int min_corners = 6;
 
   [[nodiscard]] OptionFields fields() {
@@ -37,25 +36,32 @@ struct FindOptions {
   void check() const { check_fields(*this); }
 };
 
+// Finds the board in an image.
+//
 // Chess boards: the detector of Duda and Frese (BMVC 2018, cv::findChessboardCornersSB) on the
-// reduced image, then (if patient) there again as if it were evenly lit, then
-// cv::findChessboardCorners without its adaptive thresholds, which take seconds for a board of
-// another size; a part of a larger board is none. Corners are then refined in the full image at
-// the saddle point (cv::cornerSubPix), in windows of at most 0.4 squares, so that no neighbour
-// pulls. Charuco: markers by tarsier's own detector, their homographies predict the corners,
-// refined in the same way; a part of the board is enough. Dots: cv::findCirclesGrid on a bounded
-// number of blobs. `image` is 8-bit grey or BGR, not empty. No view where there is no (whole)
-// board, nor in images of less than 16 px each way.
+// reduced image. If `patient`, the same again with evened light, then cv::findChessboardCorners
+// without its adaptive thresholds, which take seconds for a board of another size. A part of a
+// larger board does not count. The corners are then refined to the saddle point in the full image
+// (cv::cornerSubPix), in windows of at most 0.4 squares, so that neighbouring corners have no
+// influence.
+//
+// Charuco: Tarsier's own detector finds the markers. Their homographies predict the corners, which
+// are refined in the same way. A part of the board is enough.
+//
+// Dots: cv::findCirclesGrid on a limited number of blobs.
+//
+// `image` is 8-bit grey or BGR, not empty. The view is empty if there is no (whole) board, or if
+// the image is smaller than 16 px in one direction.
 [[nodiscard]] BoardView find_board(const cv::Mat& image, const BoardSpec& spec,
                                    const FindOptions& options = {});
 
-// How sharp the image is at the view's points: the mean of the brightness step's steepest part
-// over the whole step, 1/px (a step spread over w px has about 1/w). 0 for dots and empty views.
+// Sharpness of the image at the view's points, 1/px: the maximum slope of the edge divided by its
+// height, averaged (an edge w px wide has about 1/w). 0 for dots and empty views.
 [[nodiscard]] double sharpness_of(const cv::Mat& image, const BoardView& view,
                                   const BoardSpec& spec);
 
-// When no image shows the board: chess boards of other sizes around it that an image shows,
-// nearest first ("8x6"); empty: none. Slow (many searches).
+// For the case that no image shows the board: chess boards of similar sizes that this image shows,
+// nearest size first ("8x6"). Empty if there are none. Slow (many searches).
 [[nodiscard]] std::vector<std::string> other_chess_sizes(const cv::Mat& image,
                                                          const BoardSpec& spec);
 

@@ -15,13 +15,13 @@
 namespace tarsier::planar::calibration {
 namespace {
 
-constexpr int kShift = 4;  // bits of a pixel's fraction
+constexpr int kShift = 4;  // fractional bits of a pixel
 
 cv::Point fine(const cv::Point2d& p) {
   return {cvRound(p.x * (1 << kShift)), cvRound(p.y * (1 << kShift))};
 }
 
-// Colours of a rainbow, 0..1, bright on any ground.
+// Rainbow colours, 0..1, bright on any background.
 cv::Scalar rainbow(double at) {
   const auto channel = [&](double middle) {
     return 255 * std::clamp(1.5 - std::abs(at * 4 - middle), 0.0, 1.0);

@@ -18,7 +18,7 @@ using geometry::Lens;
 using geometry::Rigid3;
 using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>;
 
-constexpr double kBehind = 1e3;  // px, the residual of a point behind the camera
+constexpr double kBehind = 1e3;  // px, residual of a point behind the camera
 
 double& number(Camera& camera, int index) {
   switch (index) {
@@ -37,7 +37,7 @@ double& number(Camera& camera, int index) {
 
 std::vector<bool> moving(const Camera& camera, const FitOptions& options) {
   std::vector<bool> moves(static_cast<std::size_t>(number_count(camera)), true);
-  if (options.fix_aspect) moves[1] = false;  // follows fx
+  if (options.fix_aspect) moves[1] = false;  // equals fx
   if (options.fix_center) moves[2] = moves[3] = false;
   const auto keep = [&](std::size_t k) { moves[4 + k] = false; };
   if (camera.lens == Lens::kFisheye) {
@@ -54,7 +54,7 @@ std::vector<bool> moving(const Camera& camera, const FitOptions& options) {
   return moves;
 }
 
-// The pose turned by the rotation vector and moved.
+// Applies the rotation vector and the translation to the pose.
 Rigid3 moved(const Rigid3& pose, const Eigen::Matrix<double, 6, 1>& step) {
   return {geometry::rotation_by(step.head<3>()) * pose.rotation, pose.translation + step.tail<3>()};
 }
@@ -66,7 +66,7 @@ cv::Point2d residual(const Camera& camera, const Rigid3& pose, const cv::Point2d
   return *seen - pixel;
 }
 
-// Huber: squared distance -> cost, and the weight of its square.
+// Huber's loss: from the squared distance to the cost and the weight of the square.
 struct Loss {
   double scale;
   [[nodiscard]] double cost(double squared) const {
@@ -196,7 +196,7 @@ Reduced reduce(const std::vector<ViewEquations>& all, Eigen::Index n, double dam
   }
   for (Eigen::Index k = 0; k < n; ++k) r.s(k, k) += damping * r.s(k, k);
   for (const ViewEquations& e : all) {
-    Eigen::MatrixXd sides(6, n + 1);  // of the lens, and of the gradient
+    Eigen::MatrixXd sides(6, n + 1);  // right-hand sides: of the lens, and of the gradient
     sides << e.cross.transpose(), e.right;
     const Eigen::MatrixXd solved = linalg::solve_symmetric(damped(e.pose, damping), sides);
     r.s -= e.cross * solved.leftCols(n);
@@ -282,10 +282,10 @@ FitResult fit_lens(Camera& camera, std::vector<FitView>& views, const FitOptions
       is_fresh = false;
     } else {
       damping *= 8;
-      result.converged = damping > 1e8;  // no step makes it better: rounding
+      result.converged = damping > 1e8;  // no step reduces the cost: rounding
     }
   }
-  // Without loss and damping, at the solution.
+  // Equations without loss and damping, at the solution.
   equations.clear();
   const Derivatives derivatives(camera, moves, options.fix_aspect);
   for (const FitView& view : views)
@@ -299,12 +299,12 @@ std::optional<Rigid3> start_pose(const Camera& camera, const FitView& view) {
   std::vector<cv::Point2d> rays;
   for (std::size_t i = 0; i < view.board.size(); ++i) {
     const auto ray = camera.normalized_of(view.pixels[i]);
-    // Rays far off the axis would outweigh all others on the plane.
+    // Rays far from the axis would dominate on the plane.
     if (!ray || cv::norm(*ray) > 8) continue;
     board.push_back(view.board[i]);
     rays.push_back(*ray);
   }
-  Camera plain;  // whose pixels are the rays
+  Camera plain;  // its pixels are the rays
   plain.fx = plain.fy = 1;
   plain.cx = plain.cy = 0;
   geometry::PlanarPoseOptions closed_form;

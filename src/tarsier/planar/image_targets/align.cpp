@@ -13,20 +13,20 @@
 namespace tarsier::planar::image_targets {
 namespace {
 
-constexpr int kSide = 10;  // px of a patch
+constexpr int kSide = 10;  // side of a patch, px
 constexpr int kArea = kSide * kSide;
-constexpr int kShifts = 4;  // iterations of a patch
+constexpr int kShifts = 4;  // iterations per patch
 
-// What one patch needs while it is shifted.
+// The data of one patch while it is shifted.
 struct Patch {
-  float value[kArea];  // without its mean
+  float value[kArea];  // mean subtracted
   float dx[kArea];
   float dy[kArea];
-  cv::Matx44f inverse;  // of the products of (value, dx, dy, 1)
-  double a, b, c;       // products of the gradients, over half their trace
+  cv::Matx44f inverse;  // inverse of the products of (value, dx, dy, 1)
+  double a, b, c;       // products of the gradients, divided by half their trace
 };
 
-// The linear part of h at p, px of the frame for one of the image.
+// The linear part of h at p, px of the frame per px of the image.
 cv::Matx22d jacobian_at(const cv::Matx33d& h, const cv::Point2d& p) {
   const double w = h(2, 0) * p.x + h(2, 1) * p.y + h(2, 2);
   const cv::Point2d q = geometry::mapped(h, p);
@@ -34,9 +34,9 @@ cv::Matx22d jacobian_at(const cv::Matx33d& h, const cv::Point2d& p) {
           (h(1, 0) - q.y * h(2, 0)) / w, (h(1, 1) - q.y * h(2, 1)) / w};
 }
 
-// Draws the target around `at` (px of its level) with steps of `back` for each px of the frame's
-// level; `offset` is where the middle of the patch lies from the drawn point. False where it
-// reaches outside the level's margin, or shows too little.
+// Warps the target around `at` (px of its level) into a patch, with steps of `back` per px of the
+// frame's level. `offset` is the position of the patch's centre relative to the warped point.
+// Returns false if the patch leaves the level's margin or has too little contrast.
 bool draw_patch(const Level& level, const cv::Point2d& at, const cv::Matx22d& back,
                 const cv::Point2d& offset, Patch& patch) {
   constexpr int kDrawn = kSide + 2;
@@ -124,8 +124,8 @@ struct Shifted {
   double correlation = 0;
 };
 
-// Shifts the patch, whose top left pixel would lie at (left, top) of the level, to where it fits.
-// Empty where it moves more than `most` px or out of the level's margin.
+// Shifts the patch, whose top left pixel starts at (left, top) of the level, to its best match.
+// Empty if it moves more than `most` px or out of the level's margin.
 std::optional<Shifted> shift_patch(const Level& level, int left, int top, const Patch& patch,
                                    double most) {
   Shifted s;
@@ -175,7 +175,7 @@ std::optional<Shifted> shift_patch(const Level& level, int left, int top, const 
     }
     const cv::Vec4f fit = patch.inverse * cv::Vec4f(jv, jx, jy, j1);
     if (!(fit[0] > 0.05F)) return std::nullopt;
-    // seen(x) = gain value(x + e): e is how far the patch was put too far.
+    // seen(x) = gain value(x + e): e is the error of the patch's position.
     const double ex = std::clamp(static_cast<double>(fit[1] / fit[0]), -1.5, 1.5);
     const double ey = std::clamp(static_cast<double>(fit[2] / fit[0]), -1.5, 1.5);
     s.x -= ex;
@@ -185,7 +185,7 @@ std::optional<Shifted> shift_patch(const Level& level, int left, int top, const 
   }
 }
 
-// Whole octaves of the frame on which the target is at least so large.
+// Number of full octaves of the frame down to which the target is at least this large.
 int coarsest_level(const Pyramid& frame, double side, int least) {
   int level = 0;
   while (level + 2 < static_cast<int>(frame.levels.size()) &&
@@ -211,7 +211,7 @@ struct Found {
   double correlation;
 };
 
-// Shifts the first `most` anchors that are inside the frame.
+// Shifts the first `most` anchors inside the frame.
 std::vector<Found> sight(const Target& target, const Level& level, const cv::Matx33d& h,
                          std::size_t most, double reach, int& visible) {
   std::vector<Found> found;
@@ -237,7 +237,7 @@ std::vector<Found> sight(const Target& target, const Level& level, const cv::Mat
       back(0, c) /= drawn.step_x;
       back(1, c) /= drawn.step_y;
     }
-    // The patch lies on the level's own grid, so that at first nothing is interpolated there.
+    // The patch lies on the level's own pixel grid, so the first iteration needs no interpolation.
     const int left = static_cast<int>(std::lround(p.x - (kSide - 1) / 2.0));
     const int top = static_cast<int>(std::lround(p.y - (kSide - 1) / 2.0));
     const cv::Point2d offset(left + (kSide - 1) / 2.0 - p.x, top + (kSide - 1) / 2.0 - p.y);
@@ -260,7 +260,7 @@ double covered_part(const std::vector<Sighting>& sightings, cv::Size size) {
   return cv::contourArea(hull) / (size.width * 1.0 * size.height);
 }
 
-// Shifts and fits a few times on one level, from the homography in `next`, which it refines.
+// Shifts and fits several times on one level; refines the homography in `next`.
 void align_on_level(const Target& target, const Level& level, const AlignOptions& options,
                     std::size_t patches, Alignment& next, LevelReport& report) {
   const cv::Size size = target.size();
@@ -307,7 +307,7 @@ Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& s
   const cv::Size size = target.size();
   const double side = scale_at_middle(start, size) * std::sqrt(size.width * 1.0 * size.height);
   const int finest = 2 * options.finest_level;
-  double part = 0;  // of the patches that fit on the level before
+  double part = 0;  // share of good patches on the previous level
   for (int k = std::max(finest, coarsest_level(frame, side, options.coarsest_side)); k >= finest;
        k -= 2) {
     Alignment next;
@@ -318,7 +318,7 @@ Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& s
         target, frame.levels[static_cast<std::size_t>(k)], options,
         static_cast<std::size_t>(k == finest ? options.fine_patches : options.coarse_patches), next,
         report);
-    // Where motion or defocus left nothing of the fine detail, the coarser level's word stands.
+    // If motion or defocus has removed the fine detail, the result of the coarser level is kept.
     const bool spoilt = report.good < 4 || report.good < 0.3 * part * report.visible;
     if (!spoilt || out.sightings.empty()) {
       out.h = next.h;

@@ -9,17 +9,17 @@
 
 namespace tarsier::planar::image_targets {
 
-// Moves a guess of where the target is to a small part of a pixel: patches of the image are drawn
-// as the guess would show them, each is shifted to where it fits best (inverse compositional
-// Lucas-Kanade with gain and offset: Baker and Matthews, IJCV 2004), and the homography is fitted
-// to the shifts, robustly; from coarse to fine levels.
+// Refines an approximate homography of the target to sub-pixel accuracy. Patches of the target are
+// warped by the current estimate. Each patch is shifted to its best match in the frame (inverse
+// compositional Lucas-Kanade with gain and offset: Baker and Matthews, IJCV 2004). The homography
+// is then fitted robustly to the shifts, from coarse to fine levels.
 struct AlignOptions {
-  int coarsest_side = 40;  // px of the target on the coarsest level
-  int finest_level = 0;    // of the frame's whole octaves: 1 stops at half the resolution
+  int coarsest_side = 40;  // size of the target on the coarsest level, px
+  int finest_level = 0;    // in octaves of the frame: 1 stops at half the resolution
   int coarse_patches = 40;
   int fine_patches = 90;
-  int rounds = 2;           // of shifting and fitting on each level
-  double good_match = 0.6;  // min correlation of a patch that fits
+  int rounds = 2;           // rounds of shifting and fitting on each level
+  double good_match = 0.6;  // minimum correlation of an inlier patch
 
   [[nodiscard]] OptionFields fields() {
     return {{"coarsest_side", coarsest_side, range(16, 1000)},
@@ -35,21 +35,21 @@ struct AlignOptions {
 struct LevelReport {
   int level = 0;       // of the frame's pyramid
   int visible = 0;     // patches inside the frame
-  int good = 0;        // of these, shifted to a place that fits and agrees with the others
-  double covered = 0;  // part of the image that the good ones surround
+  int good = 0;        // of these, with a good match that agrees with the others
+  double covered = 0;  // share of the image that the good patches enclose
 };
 
 struct Alignment {
-  cv::Matx33d h;                    // px of the frame from px of the image
-  std::vector<Sighting> sightings;  // good ones of the finest level
+  cv::Matx33d h;                    // from px of the image to px of the frame
+  std::vector<Sighting> sightings;  // the good ones of the finest level
   std::vector<LevelReport> levels;  // coarse to fine
-  std::size_t standing = 0;         // the level whose word stands, mostly the finest
-  double rms_px = 0;                // of the sightings
-  double deviation_px = 0;          // of the least certain corner, see corner_deviation()
-  double side_px = 0;               // root of the area of the target in the frame
+  std::size_t standing = 0;         // index of the level that gives the result, mostly the finest
+  double rms_px = 0;                // rms of the sightings
+  double deviation_px = 0;          // of the least certain corner; see corner_deviation()
+  double side_px = 0;               // square root of the target's area in the frame
 };
 
-// `frame`: a pyramid of the frame; of its levels only 0, 2, 4 .. are used. Throws
+// `frame` is a pyramid of the frame; only its levels 0, 2, 4 .. are used. Throws
 // std::invalid_argument for bad options.
 [[nodiscard]] Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& start,
                               const AlignOptions& options);

@@ -15,8 +15,8 @@ namespace {
 const cv::Scalar kGood(80, 190, 60);
 const cv::Scalar kBad(60, 60, 220);
 
-// The frame with the image that is looked for on its right, and lines between what is alike:
-// green where it fits the place that was found.
+// Draws the frame with the target's image on its right, and lines between matches: green if they
+// agree with the detected position.
 void show_matches(DebugSink& debug, const Target& target, const FeatureSet& features,
                   const std::vector<Match>& matches, const cv::Mat& frame,
                   const std::optional<FoundTarget>& found) {
@@ -38,7 +38,7 @@ void show_matches(DebugSink& debug, const Target& target, const FeatureSet& feat
   debug.image(fmt::format("matches of {}", target.name), shown);
 }
 
-// The places that were laid onto the frame, where they were found.
+// Draws the aligned patches at their positions in the frame.
 void show_sightings(DebugSink& debug, const Target& target, const cv::Mat& frame,
                     const FoundTarget& found) {
   cv::Mat shown;

@@ -18,12 +18,13 @@ namespace tarsier::planar::image_targets {
 struct DetectOptions {
   FeatureOptions features{.most = 900, .contrast = 4, .second_directions = true};
   MatchOptions match;
-  int tries = 6;                // guesses that are aligned before a target counts as absent
-  double min_side_px = 24;      // of the target in the frame: root of its area
-  double good_part = 0.3;       // of the visible patches that must fit
-  int good_patches = 10;        // at least
-  double min_covered = 0.1;     // of the image, by the patches that fit
-  double max_deviation = 0.03;  // of the least certain corner, as a part of the target's side
+  int tries = 6;             // hypotheses that are aligned before a target counts as absent
+  double min_side_px = 24;   // minimum size in the frame: square root of the area
+  double good_part = 0.3;    // minimum share of inliers among the visible patches
+  int good_patches = 10;     // minimum number of inlier patches
+  double min_covered = 0.1;  // minimum share of the image that the inlier patches cover
+  // Maximum deviation of the least certain corner, relative to the target's side.
+  double max_deviation = 0.03;
 
   [[nodiscard]] OptionFields fields() {
     return {{"tries", tries, range(1, 50)},
@@ -37,40 +38,41 @@ struct DetectOptions {
 };
 
 struct FoundTarget {
-  std::size_t target = 0;                      // index
-  cv::Matx33d homography;                      // px of the frame from px of the target's image
-  std::array<cv::Point2d, 4> corners;          // px, top left of the print first, clockwise
-  std::vector<Sighting> sightings;             // that it follows from
-  double rms_px = 0;                           // of these
-  double confidence = 0;                       // 0..1: part of the visible patches that fit
-  std::optional<geometry::PlanarPoses> poses;  // with a camera: camera from the print's plane (x
-                                               // right, y up, z out of the sheet), metres
+  std::size_t target = 0;              // index
+  cv::Matx33d homography;              // from px of the target's image to px of the frame
+  std::array<cv::Point2d, 4> corners;  // px, top left of the print first, clockwise
+  std::vector<Sighting> sightings;     // observations used for the homography
+  double rms_px = 0;                   // rms of the sightings
+  double confidence = 0;               // 0..1: share of inliers among the visible patches
+  // Only with a camera. From the print's plane (x right, y up, z out of the sheet) to the camera,
+  // metres.
+  std::optional<geometry::PlanarPoses> poses;
 };
 
-// Looks for each target once in `frame` (CV_8UC1 or CV_8UC3), all of one image, on its own. With
-// a camera also the poses; its size must be the frame's where it is known. `debug` gets the
-// features and, of each target, what matches it beside what fits it.
+// Detects each target independently, at most once, in `frame` (CV_8UC1 or CV_8UC3). With a camera
+// it also estimates the poses; if the camera has a size, this must be the frame's size. `debug`
+// receives the features and, for each target, its matches and inliers.
 [[nodiscard]] std::vector<FoundTarget> detect_targets(const std::vector<Target>& targets,
                                                       const cv::Mat& frame,
                                                       const DetectOptions& options = {},
                                                       const geometry::Camera* camera = nullptr,
                                                       DebugSink* debug = nullptr);
 
-// The same on the parts: features and pyramid of the frame at hand.
+// The same for one target, with given features and pyramid of the frame.
 [[nodiscard]] std::optional<FoundTarget> detect_target(const Target& target,
                                                        const FeatureSet& features,
                                                        const Pyramid& pyramid, cv::Size frame,
                                                        const DetectOptions& options,
                                                        DebugSink* debug = nullptr);
 
-// The features of a frame (CV_8UC1) drawn on it, as circles that grow with their scale.
+// Draws the features of a frame (CV_8UC1) as circles proportional to their scale.
 void show_features(DebugSink& debug, const cv::Mat& gray, const FeatureSet& features);
 
-// Whether enough of the patches fit to believe it.
+// Whether enough patches are inliers to accept the target.
 [[nodiscard]] bool is_convincing(const Alignment& alignment, const DetectOptions& options);
 
-// Poses from the sightings; the homography and corners become those of the better pose where it
-// explains the sightings nearly as well.
+// Estimates the poses from the sightings. Homography and corners are replaced by those of the
+// better pose if it fits the sightings nearly as well.
 void find_poses(FoundTarget& found, const Target& target, const geometry::Camera& camera);
 
 }  // namespace tarsier::planar::image_targets

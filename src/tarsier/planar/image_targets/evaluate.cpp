@@ -93,7 +93,7 @@ void evaluate_planar(const std::string& truth_path, const PlanarOptions& options
       name = text_member(line, "target", where);
       size = number_member(line, "size", where, 1e-4, 100);
       camera = camera_of(line, where);
-    } catch (const ModelError& error) {  // the truth is an input, not a model
+    } catch (const ModelError& error) {  // here the truth is an input, not a model
       throw InputError(where, std::string(error.what()).substr(where.size() + 2));
     }
     auto& targets = trained[{name, size}];

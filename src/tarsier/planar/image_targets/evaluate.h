@@ -12,9 +12,9 @@
 
 namespace tarsier::planar::image_targets {
 
-// A target's part of a JSON line: {"id", "name", "homography" (9 numbers, row by row: px of the
-// frame from px of the image as it was given, H(2,2) = 1), "corners", "confidence", and with a
-// pose "rvec", "tvec" (metres), "rms_px"}.
+// A target as a part of a JSON line: {"id", "name", "homography" (9 numbers, row by row: from px of
+// the original image to px of the frame, H(2,2) = 1), "corners", "confidence"}; with a pose also
+// "rvec", "tvec" (metres), "rms_px".
 [[nodiscard]] nlohmann::ordered_json target_json(const Target& target, std::size_t id,
                                                  const cv::Matx33d& homography,
                                                  const std::array<cv::Point2d, 4>& corners,
@@ -22,21 +22,21 @@ namespace tarsier::planar::image_targets {
                                                  const geometry::PlanarPose* pose);
 
 struct PlanarOptions {
-  TrainOptions train;  // its width is taken from the truth
+  TrainOptions train;  // its width is replaced by that of the truth
   DetectOptions detect;
 };
 
 struct PlanarResult {
-  std::string image;               // as the truth has it
+  std::string image;               // path as in the truth file
   std::vector<FoundTarget> found;  // at most one
   nlohmann::ordered_json markers;  // the line's "markers": target_json with id 0
-  double ms = 0;                   // without reading and training
+  double ms = 0;                   // without file reading and training
 };
 
-// A file of truth lines {"image", "target", "K" (9 numbers), "dist" (5, 8 or none), "size" (m, the
-// print's width), "markers": ..}, paths from its own folder. Each line's target image is trained
-// (once for each image and size) and looked for in the line's image, alone. `each` gets the
-// results in the lines' order. Throws InputError naming the line for what is no such truth,
+// Evaluates a file of truth lines {"image", "target", "K" (9 numbers), "dist" (5, 8 or none),
+// "size" (m, the print's width), "markers": ..}; paths are relative to its folder. Each line's
+// target is trained once per image and size, and detected alone in the line's image. `each`
+// receives the results in the order of the lines. Throws InputError, which names the bad line, and
 // Interrupted.
 void evaluate_planar(const std::string& truth_path, const PlanarOptions& options,
                      const std::function<void(const PlanarResult&)>& each,

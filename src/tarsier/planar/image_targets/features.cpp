@@ -36,7 +36,7 @@ struct Candidate {
   float rank = 0;
 };
 
-// Maxima over 3x3 of the determinant on one level; the border of 4 px has none.
+// Local 3x3 maxima of the determinant on one level, except in the border of 4 px.
 void find_maxima(const Level& level, double least, std::vector<Candidate>& out) {
   constexpr int kEdge = 4;
   const int n = level.width - 2 * (kEdge - 1);
@@ -59,7 +59,7 @@ void find_maxima(const Level& level, double least, std::vector<Candidate>& out) 
     kernel.maxima(rows[0], rows[1], rows[2], n, bound, is_maximum.data());
     for (int x = 1; x + 1 < n; ++x) {
       if (is_maximum[static_cast<std::size_t>(x)] == 0) {
-        // Eight at a time, mostly none.
+        // Tests eight pixels at a time; mostly there is none.
         std::uint64_t eight = 1;
         while (x + 8 < n &&
                (std::memcpy(&eight, &is_maximum[static_cast<std::size_t>(x)], 8), eight == 0))
@@ -67,7 +67,7 @@ void find_maxima(const Level& level, double least, std::vector<Candidate>& out) 
         if (x + 1 >= n || is_maximum[static_cast<std::size_t>(x)] == 0) continue;
       }
       const int v = rows[1][x];
-      // The maximum of the parabolas through the neighbours.
+      // Maximum of the parabolas through the neighbours.
       const auto offset = [](double a, double b, double c) {
         const double bend = a - 2 * b + c;
         return bend < 0 ? std::clamp(0.5 * (a - c) / bend, -0.5, 0.5) : 0.0;
@@ -106,7 +106,7 @@ void keep_spread(const Level& level, std::size_t most, std::vector<Candidate>& c
   candidates.resize(most);
 }
 
-// The strongest directions of the gradient around a point, at most two.
+// The strongest gradient orientations around a point, at most two.
 int find_directions(const Level& level, const Candidate& c, bool second, float out[2]) {
   float histogram[kDirections] = {};
   const int cx = static_cast<int>(std::lround(c.x));
@@ -145,7 +145,7 @@ int find_directions(const Level& level, const Candidate& c, bool second, float o
   return second ? found : std::min(found, 1);
 }
 
-// Pairs of numbers whose order is a bit of the sketch.
+// Pairs of descriptor values whose order gives one bit of the sketch.
 const std::array<std::array<std::uint8_t, 2>, 64 * kSketchWords>& sketch_pairs() {
   static const auto table = [] {
     std::array<std::array<std::uint8_t, 2>, 64 * kSketchWords> pairs{};
@@ -222,7 +222,8 @@ Pyramid make_pyramid(const cv::Mat& gray, bool half_steps, int min_side, int max
 FeatureSet find_features(const Pyramid& pyramid, const FeatureOptions& options) {
   options.check();
   FeatureSet set;
-  // The finest level has the most room and the most noise: shares go with the root of the area.
+  // The finest level has the most pixels and the most noise: quotas are proportional to the square
+  // root of the area.
   double whole = 0;
   for (const Level& level : pyramid.levels) whole += std::sqrt(level.width * 1.0 * level.height);
   for (std::size_t k = 0; k < pyramid.levels.size(); ++k) {

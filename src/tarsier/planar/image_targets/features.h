@@ -10,23 +10,23 @@
 #include <cstdint>
 #include <vector>
 
-// Points of an image that are found again after turning, scaling and moderate tilt, with a
-// description of their surroundings that is compared fast.
+// Keypoints that are repeatable under rotation, scale and moderate tilt, with descriptors that are
+// compared fast.
 //
-// Blobs and corners are maxima of the determinant of the Hessian (Beaudet 1978; Lindeberg, IJCV
-// 1998) on a pyramid whose levels are the square root of 2 apart. Each gets the directions in which
-// most of the gradient points, and, turned there, gradients pooled into 4x4 cells of 8 directions
-// (Lowe, IJCV 2004, with DAISY's weights: Tola et al., PAMI 2010), as square roots (RootSIFT). 256
-// comparisons of pairs of these numbers are a sketch of bits for fast search.
+// Keypoints are maxima of the determinant of the Hessian (Beaudet 1978; Lindeberg, IJCV 1998) on a
+// pyramid whose levels differ by a factor of the square root of 2. Each keypoint has one or two
+// dominant gradient orientations. In the rotated patch, gradients are pooled into 4x4 cells of 8
+// directions (Lowe, IJCV 2004, with DAISY's weights: Tola et al., PAMI 2010) and square-rooted
+// (RootSIFT). A binary sketch of 256 comparisons between descriptor values speeds up the search.
 namespace tarsier::planar::image_targets {
 
-// One level of an image, smoothed, with a margin of replicated pixels around it.
+// One smoothed level of an image, with a margin of replicated pixels around it.
 struct Level {
   static constexpr int kMargin = 20;  // px
   cv::Mat padded;                     // CV_8UC1
   int width = 0;                      // without the margin
   int height = 0;
-  double step_x = 1;  // px of the image for one of this level
+  double step_x = 1;  // px of the image per px of this level
   double step_y = 1;
 
   [[nodiscard]] const std::uint8_t* row(int y) const {
@@ -42,30 +42,31 @@ struct Level {
 };
 
 struct Pyramid {
-  // Levels 0, 2, 4 .. halve each time; the odd ones are between, empty where not asked for.
+  // Levels 0, 2, 4 .. halve each time. The odd levels lie between them; they are empty if not
+  // requested.
   std::vector<Level> levels;
 };
 
-// `gray`: CV_8UC1 of at least 8x8. Levels until the shorter side would be below `min_side` px.
+// `gray`: CV_8UC1, at least 8x8. The last level has a shorter side of at least `min_side` px.
 [[nodiscard]] Pyramid make_pyramid(const cv::Mat& gray, bool half_steps, int min_side = 40,
                                    int max_levels = 12);
 
 struct Feature {
   cv::Point2f at;      // px of the image, pixel centres at integers
-  float scale = 1;     // px of the image for one of its level
+  float scale = 1;     // px of the image per px of its level
   float angle = 0;     // radians, from x towards y
-  float response = 0;  // of the detector, comparable within a level
+  float response = 0;  // of the detector, comparable within one level
   int level = 0;
 };
 
 struct Description {
   Sketch sketch{};
-  std::array<std::uint8_t, kDescriptorSize> values{};  // length about 256
+  std::array<std::uint8_t, kDescriptorSize> values{};  // norm about 256
 };
 
 struct FeatureOptions {
-  int most = 1000;       // points; a few have two directions
-  double contrast = 12;  // grey steps: least square root of the Hessian's determinant
+  int most = 1000;       // maximum number of points; a few have two orientations
+  double contrast = 12;  // grey levels: minimum square root of the Hessian's determinant
   bool second_directions = true;
 
   [[nodiscard]] OptionFields fields() {
@@ -79,7 +80,8 @@ struct FeatureSet {
   std::vector<Description> descriptions;  // of each feature
 };
 
-// Spread over the image: a point's strength counts less for each stronger one in its cell.
+// Keypoints are spread over the image: the score of a point is lowered for each stronger point in
+// its cell.
 [[nodiscard]] FeatureSet find_features(const Pyramid& pyramid, const FeatureOptions& options);
 
 }  // namespace tarsier::planar::image_targets

@@ -14,7 +14,8 @@ namespace {
 using Matx88d = cv::Matx<double, 8, 8>;
 using Vec8d = cv::Vec<double, 8>;
 
-// Solves the symmetric positive definite system in place (Cholesky); false if it is none.
+// Solves the symmetric positive definite system in place (Cholesky); false if it is not positive
+// definite.
 bool solve(Matx88d& m, Vec8d& x, int n) {
   for (int j = 0; j < n; ++j) {
     double d = m(j, j);
@@ -39,7 +40,7 @@ bool solve(Matx88d& m, Vec8d& x, int n) {
   return true;
 }
 
-// Puts the image's middle at 0 and its corners at distance 1.
+// Moves the image's centre to 0 and scales its corners to distance 1.
 cv::Matx33d centering(cv::Size size) {
   const double r = 2 / std::hypot(size.width, size.height);
   return {r, 0, -r * (size.width / 2.0 - 0.5), 0, r, -r * (size.height / 2.0 - 0.5), 0, 0, 1};

@@ -10,12 +10,12 @@
 
 namespace tarsier::planar::image_targets {
 
-// Where a point of the image was seen.
+// An observation of a point of the image.
 struct Sighting {
   cv::Point2d at;    // px of the image
   cv::Point2d seen;  // px of the frame
-  // How well it is known, per square px: a matrix (a, b; b, c). At a straight edge nothing is known
-  // along the edge.
+  // Information matrix (a, b; b, c), per square px. At a straight edge it has no information along
+  // the edge.
   double a = 1;
   double b = 0;
   double c = 1;
@@ -23,11 +23,12 @@ struct Sighting {
 
 struct HomographyFitOptions {
   int iterations = 8;
-  double tolerance_px = 3;    // of Tukey's biweight: errors from here on do not count at all
-  double sigma_px = 1;        // of a good sighting: against the prior below
-  double perspective = 0.15;  // standard deviation of the change of depth from the image's
-                              // middle to its corner, as a part of the depth
-  bool affine = false;        // no perspective at all
+  double tolerance_px = 3;  // of Tukey's biweight: larger errors have no weight
+  double sigma_px = 1;      // of a good sighting, relative to the prior below
+  // Standard deviation of the change in depth from the image's centre to its corner, relative to
+  // the depth.
+  double perspective = 0.15;
+  bool affine = false;  // no perspective
 
   [[nodiscard]] OptionFields fields() {
     return {{"iterations", iterations, range(1, 1000)},
@@ -38,26 +39,26 @@ struct HomographyFitOptions {
   void check() const { check_fields(*this); }  // throws std::invalid_argument
 };
 
-// Refines `h` (px of the frame from px of the image, of `size`), by Gauss-Newton, to the least
-// sum of robust squared errors weighted by what each sighting knows, plus the prior on perspective.
-// False, and `h` as it was, where fewer than 3 sightings count or the equations are singular.
-// Throws std::invalid_argument for bad options.
+// Refines `h` (from px of the image, of `size`, to px of the frame) by Gauss-Newton. It minimises
+// the sum of robust squared errors, weighted by the information matrices, plus the prior on
+// perspective. Returns false, with `h` unchanged, if fewer than 3 sightings have weight or the
+// equations are singular. Throws std::invalid_argument for bad options.
 [[nodiscard]] bool fit_homography(cv::Matx33d& h, cv::Size size,
                                   std::span<const Sighting> sightings,
                                   const HomographyFitOptions& options);
 
-// Standard deviation, px of the frame, of the least certain corner of the image's edge under `h`,
-// when each sighting is off by `sigma_px`: what the sightings do not pin down shows here. Infinite
-// where they determine no homography.
+// Standard deviation, px of the frame, of the least certain corner of the image under `h`, if each
+// sighting has an error of `sigma_px`. It is large if the sightings do not constrain the homography
+// well. Infinite if they do not determine it.
 [[nodiscard]] double corner_deviation(const cv::Matx33d& h, cv::Size size,
                                       std::span<const Sighting> sightings, double sigma_px,
                                       double perspective = 0.15);
 
-// Root of the sighting's weighted squared error.
+// Square root of the sighting's weighted squared error.
 [[nodiscard]] double error_of(const cv::Matx33d& h, const Sighting& sighting);
 
-// The image of the image is a convex quadrilateral of the same orientation before the camera,
-// with an area of at least `min_area_px`, and no corner far outside of `frame`.
+// Whether the projected image is a convex quadrilateral of unchanged orientation in front of the
+// camera, with an area of at least `min_area_px` and no corner far outside the frame.
 [[nodiscard]] bool is_plausible(const cv::Matx33d& h, cv::Size size, cv::Size frame,
                                 double min_area_px);
 

@@ -9,40 +9,41 @@ namespace tarsier::planar::image_targets {
 
 inline constexpr int kDescriptorSize = 128;  // 4x4 cells of 8 directions
 inline constexpr int kSketchWords = 4;       // 256 bits
-inline constexpr int kSampleSide = 20;       // the patch that a descriptor is made of
+// Side of the patch from which a descriptor is computed.
+inline constexpr int kSampleSide = 20;
 
 using Sketch = std::array<std::uint64_t, kSketchWords>;
 
-// 16 sketches, word by word. The rest of the last block is filled with copies of its first.
+// 16 sketches, word by word. The last block is padded with copies of its first sketch.
 struct alignas(64) SketchBlock {
   std::uint64_t words[kSketchWords][16];
 };
 
-inline constexpr int kDirections = 36;      // bins from -pi on
+inline constexpr int kDirections = 36;      // bins, starting at -pi
 inline constexpr int kDirectionRadius = 9;  // px
 
 struct Kernels {
-  // out[x] = 16 times the determinant of the Hessian, from second differences over 2 px; rows[0..4]
+  // out[x] = 16 times the determinant of the Hessian, from second differences over 2 px. rows[0..4]
   // are the rows y-2, y-1, y, y+1, y+2 (only 0, 2 and 4 are read), readable from x = -2 to n + 1.
   void (*hessian_row)(const std::uint8_t* const rows[5], int n, int* out);
 
-  // out[x], x = 1 .. n - 2, is 1 where here[x] is at least `bound` and a maximum of its 3x3
-  // surroundings (of equal ones the first), else 0.
+  // For x = 1 .. n - 2: out[x] is 1 if here[x] is at least `bound` and a maximum of its 3x3
+  // neighbourhood (the first one of equal values), otherwise 0.
   void (*maxima)(const int* above, const int* here, const int* below, int n, int bound,
                  std::uint8_t* out);
 
-  // Bilinear samples at (x, y) + (dx, dy) column + (-dy, dx) row for kSampleSide rows and columns;
-  // 16.16 fixed point, the caller guarantees that all lie inside.
+  // Bilinear samples at (x, y) + (dx, dy) column + (-dy, dx) row for kSampleSide rows and columns,
+  // in 16.16 fixed point. All samples must lie inside.
   void (*sample)(const std::uint8_t* image, int stride, int x, int y, int dx, int dy, float* out);
 
-  // From samples to the 4x4x8 pooled gradients, not normalised.
+  // Pools samples into the 4x4x8 gradients, not normalised.
   void (*pool)(const float* samples, float* out);
 
-  // Adds the gradients around a pixel, weighted with a Gaussian, to a histogram of directions.
+  // Adds the gradients around a pixel, with Gaussian weights, to a histogram of orientations.
   void (*directions)(const std::uint8_t* center, int stride, float* histogram);
 
-  // The sketches of `blocks` (see SketchBlock) that differ from `one` in at most `bound` bits:
-  // their indices and distances, in order; at most `room`. Returns how many.
+  // Finds the sketches of `blocks` (see SketchBlock) that differ from `one` in at most `bound`
+  // bits. Writes their indices and distances, in order; at most `room`. Returns the number.
   int (*search)(const Sketch& one, const SketchBlock* blocks, int n, int bound, int room,
                 std::int32_t* index, std::uint16_t* distance);
 
@@ -52,7 +53,7 @@ struct Kernels {
 
 [[nodiscard]] const Kernels& kernels();
 
-// Null where this build or processor family does not have them.
+// Null if this build or processor does not support them.
 [[nodiscard]] const Kernels* kernels_baseline();
 [[nodiscard]] const Kernels* kernels_avx2();
 [[nodiscard]] const Kernels* kernels_avx512();

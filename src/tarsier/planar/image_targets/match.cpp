@@ -11,7 +11,7 @@
 namespace tarsier::planar::image_targets {
 namespace {
 
-// Thins the candidates to the (about) `most` nearest.
+// Reduces the candidates to about the `most` nearest.
 void keep_nearest(const std::vector<std::uint16_t>& distances, int n, int most,
                   std::vector<std::int32_t>& index) {
   index.resize(static_cast<std::size_t>(n));
@@ -35,7 +35,7 @@ struct Placed {
   cv::Point2f seen;  // frame
   cv::Matx22f map;   // frame from image, linear part
   cv::Matx22f back;  // its inverse
-  float scale = 1;   // px of the frame of the feature's grid
+  float scale = 1;   // px of the frame per px of the feature's grid
   float weight = 1;
   int image_cell = 0;
   int feature = 0;
@@ -78,11 +78,11 @@ bool agrees(const Placed& h, const Placed& m) {
   const float ey = h.seen.y + y - m.seen.y;
   const float error2 = ex * ex + ey * ey;
   const float own = 2 * (h.scale + m.scale);
-  // (a + b)^2 <= 2 (a^2 + b^2): most fail this, without a root.
+  // (a + b)^2 <= 2 (a^2 + b^2): rejects most without a square root.
   if (error2 > 2 * (0.22F * 0.22F * (x * x + y * y) + own * own)) return false;
   const float tolerance = 0.22F * std::sqrt(x * x + y * y) + own;
   if (error2 > tolerance * tolerance) return false;
-  // Scale and turn: h's map undone behind m's must be near the identity.
+  // Scale and rotation: the inverse of h's map times m's map must be near the identity.
   const cv::Matx22f a = h.back * m.map;
   const float det = a(0, 0) * a(1, 1) - a(0, 1) * a(1, 0);
   if (det < 0.3F || det > 3.3F) return false;
@@ -97,8 +97,8 @@ struct Support {
   int distinct = 0;
 };
 
-// Sums weights, of matches to the same cell of the image and of the same place in the frame only
-// the first (best).
+// Sums weights. Of matches to the same cell of the image and the same place of the frame, only the
+// first (best) counts.
 template <class Test>
 Support support_of(const std::vector<Placed>& placed, Test&& test) {
   Support support;
@@ -139,14 +139,14 @@ double side_of(const cv::Matx33d& h, cv::Size size) {
   return std::sqrt(std::abs(x.cross(y)) * size.width * size.height);
 }
 
-// Affine, then with perspective, each time from the matches that lie near.
+// Fits an affine map, then a homography, each from the matches within the tolerance.
 void optimise(Hypothesis& hypothesis, Support support, const std::vector<Placed>& placed,
               cv::Size size) {
   for (int round = 0; round < 3; ++round) {
     std::vector<Sighting> sightings;
     for (const int j : support.members) {
       const Placed& p = placed[static_cast<std::size_t>(j)];
-      // Coarse features are known less well.
+      // Coarse features are less accurate.
       const double w = 1 / (1.0 + p.scale * p.scale / 4);
       sightings.push_back({p.at, p.seen, w, 0, w});
     }
@@ -213,8 +213,8 @@ std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
       if (e.dot(e) < apart * apart) continue;
       if (other < 0 || distances[k] < other) other = distances[k];
     }
-    // None of the candidates is elsewhere: the next one is at least as far as the farthest, or as
-    // a sketch at the bound usually is.
+    // No candidate is at another place: the next one is at least as distant as the farthest
+    // candidate, or as typical for a sketch at the limit.
     const double typical = 22000;
     const double second = other >= 0 ? other : std::max<double>(most, typical);
     const auto ratio = static_cast<float>(std::sqrt(least / std::max(1.0, second)));
@@ -236,7 +236,7 @@ std::vector<Hypothesis> find_hypotheses(const FeatureSet& frame, const Target& t
     double score;
   };
   std::vector<Start> starts;
-  // The matches are in order of their ratio: what is not right among the first will not be later.
+  // The matches are sorted by ratio: if none of the first is right, later ones are not either.
   for (std::size_t i = 0; i < std::min<std::size_t>(placed.size(), 200); ++i) {
     const Support s = support_of(placed, [&](const Placed& m) { return agrees(placed[i], m); });
     if (s.distinct >= 3) starts.push_back({i, s.score});

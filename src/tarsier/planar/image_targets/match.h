@@ -13,16 +13,16 @@ namespace tarsier::planar::image_targets {
 struct Match {
   std::int32_t feature = 0;  // of the frame
   std::int32_t trained = 0;  // of the target
-  float ratio = 1;           // distance to it over that to the best one at another place
+  float ratio = 1;  // distance to the best divided by that to the second best at another place
   float distance = 0;
 };
 
 struct MatchOptions {
-  int candidates = 12;       // by sketch, that are compared in full
-  int max_bits = 66;         // that differ of a candidate's sketch's 256
-  float ratio = 0.92F;       // matches from here on are left out
-  float elsewhere = 0.035F;  // of the image's diagonal: farther away is another place
-  std::size_t most = 300;    // the best by ratio
+  int candidates = 12;       // preselected by sketch and compared in full
+  int max_bits = 66;         // maximum number of different bits of 256 in a candidate's sketch
+  float ratio = 0.92F;       // matches with a higher ratio are rejected
+  float elsewhere = 0.035F;  // relative to the image's diagonal: a larger distance is another place
+  std::size_t most = 300;    // maximum number of matches, best ratio first
 
   [[nodiscard]] OptionFields fields() {
     return {{"candidates", candidates, range(2, 64)},
@@ -34,22 +34,22 @@ struct MatchOptions {
   void check() const { check_fields(*this); }  // throws std::invalid_argument
 };
 
-// For each feature of the frame the target's most alike, best ratio first. Throws
+// The nearest feature of the target for each feature of the frame, best ratio first. Throws
 // std::invalid_argument for bad options.
 [[nodiscard]] std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
                                                 const MatchOptions& options);
 
-// A guess of where the target is, with how many matches agree.
+// A hypothesis of the target's position, with its number of supporting matches.
 struct Hypothesis {
-  cv::Matx33d h;  // px of the frame from px of the image
+  cv::Matx33d h;  // from px of the image to px of the frame
   double score = 0;
-  int support = 0;  // matches at distinct places
+  int support = 0;  // supporting matches at distinct places
 };
 
-// Each match alone tells a place, a scale, a turn and, by the view it was trained in, a tilt: an
-// affine map. The best `most` of these maps, each the least-squares refined from the matches that
-// agree with it in place, scale and turn (a local optimisation as in LO-RANSAC: Chum, Matas and
-// Kittler, DAGM 2003, without its random part: every match is tried).
+// Each match alone gives a position, scale, rotation and, from the view in which it was trained, a
+// tilt: an affine map. Returns the best `most` of these maps, refined by least squares on the
+// matches that agree in position, scale and rotation. This is a local optimisation as in LO-RANSAC
+// (Chum, Matas and Kittler, DAGM 2003), but not random: every match gives a hypothesis.
 [[nodiscard]] std::vector<Hypothesis> find_hypotheses(const FeatureSet& frame, const Target& target,
                                                       const std::vector<Match>& matches,
                                                       std::size_t most);

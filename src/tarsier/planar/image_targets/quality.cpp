@@ -17,10 +17,10 @@
 namespace tarsier::planar::image_targets {
 namespace {
 
-constexpr int kCells = 6;     // of the image's shorter side
-constexpr int kEnough = 120;  // features that make a good image
+constexpr int kCells = 6;     // along the image's shorter side
+constexpr int kEnough = 120;  // number of features of a good image
 constexpr int kAlike = 3500;  // squared distance of descriptors that noise makes indistinguishable
-constexpr int kStood = 2;     // trials that a feature must stand
+constexpr int kStood = 2;     // number of trials that a feature must pass
 
 cv::Size cells_of(cv::Size size) {
   const double side = std::min(size.width, size.height) / static_cast<double>(kCells);
@@ -28,7 +28,7 @@ cv::Size cells_of(cv::Size size) {
           std::max(1, static_cast<int>(std::lround(size.height / side)))};
 }
 
-// Of each feature: whether another place of the image looks the same.
+// For each feature: whether another place of the image looks the same.
 std::vector<bool> find_alike(const Target& target) {
   const auto n = target.features.size();
   std::vector<bool> alike(n);
@@ -51,7 +51,7 @@ std::vector<bool> find_alike(const Target& target) {
   return alike;
 }
 
-// The share of trials in which the target is found where it is.
+// The share of trials in which the target is detected at the correct position.
 double found_share(const Target& target, int trials, std::uint64_t seed,
                    const std::stop_token& stop) {
   if (trials <= 0) return 0;
@@ -77,7 +77,7 @@ double found_share(const Target& target, int trials, std::uint64_t seed,
   return static_cast<double>(found) / trials;
 }
 
-// Which of `n` equal parts of `length` px has `at`.
+// Index of the part that contains `at`, when `length` px are divided into `n` equal parts.
 int part_of(float at, int length, int n) {
   return std::clamp(static_cast<int>((static_cast<double>(at) + 0.5) * n / length), 0, n - 1);
 }

@@ -19,7 +19,7 @@ namespace {
 constexpr int kWidth = 640;
 constexpr int kHeight = 480;
 
-// Where a print of the image's shape, turned and tilted, would be seen.
+// Homography of a print of the image's shape under a random rotation and tilt.
 cv::Matx33d random_homography(cv::Size size, Rng& rng) {
   const double tilt = std::acos(rng.uniform(0.5, 1));
   const double azimuth = rng.uniform(0, 2 * std::numbers::pi);
@@ -27,7 +27,7 @@ cv::Matx33d random_homography(cv::Size size, Rng& rng) {
   const double root = std::sqrt(size.width * 1.0 * size.height);
   const double side = std::exp(rng.uniform(std::log(90.0), std::log(360.0)));
   const double scale = side / root;
-  const double distance = 2.2 * root;  // in px of the image: sets the perspective
+  const double distance = 2.2 * root;  // in px of the image: determines the perspective
   const double c = std::cos(azimuth);
   const double s = std::sin(azimuth);
   // R = Rz(azimuth) Rx(tilt) Rz(roll - azimuth); only x and y of the plane are needed.
@@ -47,7 +47,7 @@ cv::Matx33d random_homography(cv::Size size, Rng& rng) {
 }
 
 cv::Mat draw_view(const Target& target, const cv::Matx33d& h, Rng& rng) {
-  // From the pyramid's level that is nearest in scale, so that nothing is skipped.
+  // Samples the pyramid level nearest in scale, so that no pixel is skipped.
   const cv::Point2d o = geometry::mapped(h, {target.gray.cols / 2.0, target.gray.rows / 2.0});
   const cv::Point2d x = geometry::mapped(h, {target.gray.cols / 2.0 + 1, target.gray.rows / 2.0});
   const cv::Point2d y = geometry::mapped(h, {target.gray.cols / 2.0, target.gray.rows / 2.0 + 1});
@@ -71,7 +71,7 @@ cv::Mat draw_view(const Target& target, const cv::Matx33d& h, Rng& rng) {
   for (int r = 0; r < view.rows; ++r) {
     auto* row = view.ptr<std::uint8_t>(r);
     for (int c = 0; c < view.cols; ++c) {
-      // Sum of uniform numbers: near enough to normal, and much faster.
+      // A sum of uniform numbers: approximately normal, and much faster.
       const std::uint64_t bits = rng();
       const double n = static_cast<double>((bits & 0xFFFF) + (bits >> 16 & 0xFFFF) +
                                            (bits >> 32 & 0xFFFF) + (bits >> 48)) /

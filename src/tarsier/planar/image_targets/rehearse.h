@@ -9,29 +9,30 @@
 
 namespace tarsier::planar::image_targets {
 
-// One random view of the target before a plain ground: small, turned, tilted up to 60 degrees, dim,
-// blurred and noisy. 640x480 px, CV_8UC1; `h`: px of it from px of the image.
+// One random view of the target on a uniform background: small, rotated, tilted up to 60 degrees,
+// dim, blurred and noisy. 640x480 px, CV_8UC1. `h`: from px of the image to px of the view.
 struct TrialView {
   cv::Mat gray;
   cv::Matx33d h;
 };
 [[nodiscard]] TrialView trial_view(const Target& target, int trial, std::uint64_t seed);
 
-// What trials showed of each trained feature.
+// Statistics of each trained feature over the trials.
 struct Rehearsal {
-  std::vector<int> right;  // how often a feature of a view was rightly matched to it
-  std::vector<int> wrong;  // how often wrongly
-  double repeatable = 0;   // 0..1, of the trials: part of a view's features on the image that were
-                           // rightly matched, the median
+  std::vector<int> right;  // number of correct matches
+  std::vector<int> wrong;  // number of wrong matches
+  // 0..1: median over the trials of the share of a view's features on the image that were matched
+  // correctly.
+  double repeatable = 0;
 };
 
-// Matches the features of `trials` views against the target. The same for the same seed. Throws
+// Matches the features of `trials` views with the target. Deterministic for a given seed. Throws
 // Interrupted.
 [[nodiscard]] Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed,
                                  const std::stop_token& stop);
 
-// Keeps the `most` features that did best, in their order; those that were never matched rightly
-// only as far as there is room.
+// Keeps the `most` best features, in their order. Features without a correct match are kept only if
+// there is room.
 void keep_best(Target& target, const Rehearsal& rehearsal, std::size_t most);
 
 }  // namespace tarsier::planar::image_targets

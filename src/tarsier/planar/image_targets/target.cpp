@@ -10,12 +10,13 @@
 namespace tarsier::planar::image_targets {
 namespace {
 
-constexpr int kMinSide = 20;    // px of the coarsest level
-constexpr int kAnchorEdge = 5;  // px of a level that an anchor keeps from the image's edge
+constexpr int kMinSide = 20;  // shorter side of the coarsest level, px
+// Minimum distance of an anchor from the image's edge, px of a level.
+constexpr int kAnchorEdge = 5;
 constexpr std::size_t kMaxAnchors = 120;
 
-// Corners by the smaller eigenvalue of the gradients' products, the strongest of each surroundings
-// first, so that the first n are spread (Brown, Szeliski and Winder, CVPR 2005).
+// Corners by the smaller eigenvalue of the structure tensor. The strongest of each neighbourhood
+// come first, so that the first n are spread (Brown, Szeliski and Winder, CVPR 2005).
 std::vector<cv::Point2f> find_anchors(const Level& level) {
   std::vector<cv::Point2f> anchors;
   const cv::Mat inner = level.inner();
@@ -43,7 +44,7 @@ std::vector<cv::Point2f> find_anchors(const Level& level) {
   std::stable_sort(corners.begin(), corners.end(),
                    [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
   if (corners.size() > 20) {
-    // What is much weaker than the image's corners drowns in a camera's noise.
+    // Much weaker corners are lost in a camera's noise.
     const float least = 0.03F * corners[20].strength;
     std::erase_if(corners, [&](const Corner& c) { return c.strength < least; });
   }

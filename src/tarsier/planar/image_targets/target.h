@@ -9,52 +9,52 @@
 #include <string>
 #include <vector>
 
-// A flat printed image that is to be found and followed.
+// A flat printed image to be detected and tracked.
 namespace tarsier::planar::image_targets {
 
-// A feature as some view of the image showed it.
+// A feature of one training view of the image.
 struct TrainedFeature {
   cv::Point2f at;     // px of the image
-  cv::Matx22f frame;  // px of the image for one of the feature's own (turned, scaled) grid
-  int right = 0;      // trials in which a feature of a view was rightly matched to it
+  cv::Matx22f frame;  // from the feature's own (rotated, scaled) grid to px of the image
+  int right = 0;      // number of trials in which it was matched correctly
 };
 
-// See quality.h. Each 0..1.
+// See quality.h. All values 0..1.
 struct Quality {
-  double rating = 0;                 // of them all: from 0.6 on a good target
-  double features = 0;               // 1: enough features that stand tilt, blur and noise
-  double spread = 0;                 // 1: they are all over the image
-  double distinct = 0;               // 1: none looks like another place of the image
-  double repeatable = 0;             // share of trials in which the image was found
-  std::vector<std::string> reasons;  // what is wrong, one line each; empty for a good image
+  double rating = 0;                 // overall rating; 0.6 or more is a good target
+  double features = 0;               // 1: enough features that are robust to tilt, blur and noise
+  double spread = 0;                 // 1: the features cover the whole image
+  double distinct = 0;               // 1: no feature resembles another place of the image
+  double repeatable = 0;             // share of trials in which the image was detected
+  std::vector<std::string> reasons;  // one problem per line; empty for a good image
 };
 
 struct Target {
   std::string name;
-  double width = 0;   // of the print, metres; of the image's outer edge, not of pixel centres
+  double width = 0;   // metres, of the image's outer edge on the print, not of pixel centres
   double height = 0;  // metres
-  cv::Size given;     // px, of the image that was given for training
-  cv::Mat gray;       // CV_8UC1, the image at the size that all px of the image here mean
+  cv::Size given;     // px, of the original image given for training
+  cv::Mat gray;       // CV_8UC1; "px of the image" means pixels of this one
   std::vector<TrainedFeature> features;
   std::vector<Description> descriptions;  // of each feature
   Quality quality;
 
-  // Follow from `gray` (see complete()).
-  Pyramid pyramid;                                // in half steps
-  std::vector<std::vector<cv::Point2f>> anchors;  // for each level: corners to align, px of the
-                                                  // image; the first n of them are spread
-  std::vector<SketchBlock> sketches;              // of the descriptions, for the search
+  // Derived from `gray` and `descriptions` (see complete()).
+  Pyramid pyramid;  // with half steps
+  // For each level: corners for alignment, px of the image. The first n of them are spread evenly.
+  std::vector<std::vector<cv::Point2f>> anchors;
+  std::vector<SketchBlock> sketches;  // of the descriptors, for the search
 
   [[nodiscard]] cv::Size size() const { return gray.size(); }
-  // Corners of the image's outer edge, px: top left, then clockwise.
+  // Corners of the image's outer edge, px: top left first, clockwise.
   [[nodiscard]] std::array<cv::Point2d, 4> corners() const;
-  // The same homography for px of the image that was given; its element (2, 2) is 1.
+  // The same homography for px of the original image; its element (2, 2) is 1.
   [[nodiscard]] cv::Matx33d from_given_image(const cv::Matx33d& homography) const;
-  // Metres on the print (x right, y up, origin in the middle) of px of the image.
+  // Converts px of the image to metres on the print (x right, y up, origin at the centre).
   [[nodiscard]] cv::Point2d on_plane(const cv::Point2d& image) const;
 };
 
-// Computes what follows from `gray` and `descriptions`.
+// Computes the members derived from `gray` and `descriptions`.
 void complete(Target& target);
 
 }  // namespace tarsier::planar::image_targets

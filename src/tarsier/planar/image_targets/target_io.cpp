@@ -46,7 +46,7 @@ Quality read_quality(const json& value, const std::string& path) {
   return q;
 }
 
-// Little-endian, whatever this machine is.
+// Little-endian on all machines.
 void put_word(std::uint64_t word, std::vector<std::uint8_t>& out) {
   for (int b = 0; b < 8; ++b) out.push_back(static_cast<std::uint8_t>(word >> (8 * b)));
 }

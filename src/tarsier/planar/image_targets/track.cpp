@@ -35,7 +35,7 @@ Corners corners_of(const Target& target, const cv::Matx33d& h) {
   return out;
 }
 
-// The whole image as few points: grey of the target and where a guess puts them.
+// A sparse sampling of the target: grey values, and their positions under a predicted homography.
 struct Swarm {
   std::vector<float> value;
   std::vector<cv::Point> at;  // px of the level, with its margin
@@ -66,7 +66,7 @@ Swarm make_swarm(const Target& target, const Level& level, const cv::Matx33d& h)
   return swarm;
 }
 
-// Correlation of the swarm's values with the level, shifted by (dx, dy); -1 where it leaves it.
+// Correlation of the swarm's values with the level, shifted by (dx, dy); -1 if it leaves the level.
 double correlation(const Swarm& swarm, const Level& level, int dx, int dy) {
   float a = 0;
   float b = 0;
@@ -94,7 +94,7 @@ double correlation(const Swarm& swarm, const Level& level, int dx, int dy) {
   return (ab - static_cast<double>(a) * b / n) / std::sqrt(va * vb);
 }
 
-// The shift, px of the frame, within `reach_px` that makes the guess look most like the target.
+// The shift, px of the frame, within `reach_px` with the highest correlation.
 cv::Point2d search_shift(const Target& target, const Pyramid& frame, const cv::Matx33d& h,
                          double side, double reach_px) {
   std::size_t k = 0;
@@ -102,7 +102,7 @@ cv::Point2d search_shift(const Target& target, const Pyramid& frame, const cv::M
   const Level& level = frame.levels[k];
   const Swarm swarm = make_swarm(target, level, h);
   const int reach = std::min(12, static_cast<int>(std::ceil(reach_px / level.step_x)));
-  double best = correlation(swarm, level, 0, 0) + 0.02;  // what is predicted has a head start
+  double best = correlation(swarm, level, 0, 0) + 0.02;  // bonus of the predicted position
   cv::Point shift;
   for (int dy = -reach; dy <= reach; ++dy) {
     for (int dx = -reach; dx <= reach; ++dx) {
@@ -146,8 +146,8 @@ std::optional<Alignment> follow(const Target& target, const TrackOptions& option
   return std::nullopt;
 }
 
-// Low-pass that lets go as the motion grows: what lies far from the smoothed place is taken as it
-// is, what trembles about it hardly moves it.
+// Low-pass filter whose strength falls with the motion: a measurement far from the smoothed
+// position is used unchanged, small jitter has little effect.
 void steady(const Corners& seen, double scale_px, Corners& smooth) {
   double most = 0;
   for (std::size_t i = 0; i < 4; ++i) {
@@ -158,7 +158,8 @@ void steady(const Corners& seen, double scale_px, Corners& smooth) {
   for (std::size_t i = 0; i < 4; ++i) smooth[i] += part * (seen[i] - smooth[i]);
 }
 
-// Nine places of the print under a homography: as good as all sightings, and smooth with it.
+// Estimates the pose from nine points of the print under the homography. They are as accurate as
+// all sightings, and as smooth as the homography.
 void update_pose(const Target& target, const geometry::Camera& camera, const cv::Matx33d& h,
                  TrackState::One& one, TrackedTarget& out) {
   std::vector<cv::Point2d> plane;
@@ -176,7 +177,7 @@ void update_pose(const Target& target, const geometry::Camera& camera, const cv:
   }
   out.pose = poses->best;
   if (one.pose && poses->other && poses->ambiguity_ratio() < 3) {
-    // Two poses explain the image nearly alike: the one that goes on from the last frame.
+    // If both poses fit nearly equally, selects the one that continues the last frame.
     const auto turn = [&](const geometry::PlanarPose& p) {
       return geometry::angle_of(p.camera_from_plane.rotation * one.pose->rotation.transpose());
     };

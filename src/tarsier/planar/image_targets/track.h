@@ -11,19 +11,19 @@
 #include <optional>
 #include <vector>
 
-// Targets followed through a video. A target that was seen in the last frame is looked for where
-// its motion takes it: a coarse search of its shift, then the alignment of patches of the trained
-// image itself, so that nothing drifts. One that is lost, or was never seen, is detected.
+// Tracking of targets in a video. For a target of the last frame, the motion predicts its position;
+// a coarse search finds its shift, and then patches of the trained image itself are aligned, so
+// that nothing drifts. A target that is lost or was never found is searched in the whole frame.
 namespace tarsier::planar::image_targets {
 
 struct TrackOptions {
   DetectOptions detect;
   AlignOptions align;
-  double search_px = 40;   // how far from its predicted place a target is searched
-  double good_part = 0.2;  // of the visible patches that must fit for it to be still there
-  int good_patches = 8;    // at least
-  int detect_every = 8;    // frames between looks for the missing while others are followed
-  double steady_px = 0.4;  // motion below about this is smoothed over time; 0: nothing is
+  double search_px = 40;   // maximum distance of a target from its predicted position, px
+  double good_part = 0.2;  // minimum share of inliers among the visible patches of a tracked target
+  int good_patches = 8;    // minimum number of inlier patches
+  int detect_every = 8;    // frames between searches for missing targets while others are tracked
+  double steady_px = 0.4;  // px; smaller motion is smoothed over time; 0 disables it
 
   [[nodiscard]] OptionFields fields() {
     return {{"steady_px", steady_px, range(0, 5), "--smooth",
@@ -39,23 +39,23 @@ struct TrackOptions {
 };
 
 struct TrackedTarget {
-  std::size_t target = 0;                    // index
-  cv::Matx33d homography;                    // px of the frame from px of the target's image
-  std::array<cv::Point2d, 4> corners;        // px, top left of the print first, clockwise
-  double rms_px = 0;                         // of the patches that fit
-  double confidence = 0;                     // 0..1: part of the visible patches that fit
-  bool detected = false;                     // again in this frame, not followed from the last
-  std::int64_t frames = 0;                   // followed so far, this one included
+  std::size_t target = 0;              // index
+  cv::Matx33d homography;              // from px of the target's image to px of the frame
+  std::array<cv::Point2d, 4> corners;  // px, top left of the print first, clockwise
+  double rms_px = 0;                   // of the inlier patches
+  double confidence = 0;               // 0..1: share of inliers among the visible patches
+  bool detected = false;               // detected in this frame, not tracked from the last one
+  std::int64_t frames = 0;             // number of frames tracked so far, including this one
   std::optional<geometry::PlanarPose> pose;  // with a camera: see FoundTarget
 };
 
-// What one video has shown so far. Starts empty; belongs to one list of targets and one size of
-// frame (another size starts again).
+// The state of one video. Starts empty. It holds for one list of targets and one frame size;
+// another size restarts it.
 struct TrackState {
   struct One {
     bool followed = false;
     std::array<cv::Point2d, 4> corners;   // as measured in the last frame
-    std::array<cv::Point2d, 4> velocity;  // px a frame
+    std::array<cv::Point2d, 4> velocity;  // px per frame
     std::array<cv::Point2d, 4> steady;    // smoothed
     std::optional<geometry::Rigid3> pose;
     std::int64_t frames = 0;
@@ -65,8 +65,8 @@ struct TrackState {
   cv::Size size;
 };
 
-// The targets in the next frame (CV_8UC1 or CV_8UC3) of a video, in their order. `debug` gets the
-// stages of those that are looked for again (see detect_targets).
+// Finds the targets in the next frame (CV_8UC1 or CV_8UC3) of a video, in their order. `debug`
+// receives the stages of the targets that are detected again (see detect_targets).
 [[nodiscard]] std::vector<TrackedTarget> track(const std::vector<Target>& targets,
                                                const TrackOptions& options, TrackState& state,
                                                const cv::Mat& frame,

@@ -20,7 +20,7 @@ struct View {
   cv::Matx23d from_image;  // affine, px of the view
 };
 
-// The image seen from afar, tilted by acos(1 / tilt) about an axis at `azimuth`.
+// The image viewed from a distance, tilted by acos(1 / tilt) about an axis at `azimuth`.
 View tilted_view(const cv::Mat& gray, double tilt, double azimuth) {
   View view;
   if (tilt == 1) {
@@ -66,7 +66,7 @@ void add_view(Target& target, double tilt, double azimuth, int most) {
     const double c = f.scale * std::cos(f.angle);
     const double s = f.scale * std::sin(f.angle);
     const cv::Matx22d frame = back * cv::Matx22d(c, -s, s, c);
-    // Features at the edge are mostly made of what lies around the print.
+    // Features at the edge consist mostly of the surroundings of the print.
     const double reach_x = 5 * std::hypot(frame(0, 0), frame(0, 1));
     const double reach_y = 5 * std::hypot(frame(1, 0), frame(1, 1));
     if (p[0] < reach_x || p[1] < reach_y || p[0] > target.gray.cols - 1 - reach_x ||
@@ -126,7 +126,7 @@ Target train_target(const cv::Mat& image, const std::string& name, const TrainOp
     keep_best(target, rehearsal, static_cast<std::size_t>(options.max_features));
     complete(target);
   }
-  // Other views than those that chose the features.
+  // Uses other views than those that selected the features.
   target.quality = rate_target(target, options.trials, options.seed + 1, stop);
   return target;
 }

@@ -11,12 +11,12 @@
 namespace tarsier::planar::image_targets {
 
 struct TrainOptions {
-  double width = 0.2;          // metres of the print
-  int longer_side = 480;       // px that larger images are reduced to
-  int frontal_features = 700;  // of the image as it is
+  double width = 0.2;          // of the print, metres
+  int longer_side = 480;       // px; larger images are reduced to this size
+  int frontal_features = 700;  // of the original image
   int tilted_features = 350;   // of each tilted view
   int max_features = 3000;     // that are kept
-  int trials = 24;             // warped, blurred and noisy views that tell which features last
+  int trials = 24;             // synthetic views that select repeatable features
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -33,10 +33,10 @@ struct TrainOptions {
 };
 
 // `image`: CV_8UC3 or CV_8UC1, sides of 32..100000 px, the shorter at least an eighth of the
-// longer. Besides the image as it is, views of it tilted by 48 and 60 degrees to several sides
-// are described (as ASIFT: Morel and Yu, SIAM J. Imaging Sciences 2009), so that a steep view of
-// the print needs no search over tilts. Never fails on a poor image: its quality says so. Throws
-// Interrupted where `stop` fires.
+// longer. Besides the image itself, views of it tilted by 48 and 60 degrees in several directions
+// are described (as in ASIFT: Morel and Yu, SIAM J. Imaging Sciences 2009). A steep view of the
+// print therefore needs no search over tilts. A poor image does not cause an error; see its
+// quality. Throws Interrupted if `stop` is requested.
 [[nodiscard]] Target train_target(const cv::Mat& image, const std::string& name,
                                   const TrainOptions& options = {},
                                   const std::stop_token& stop = {});

@@ -24,17 +24,17 @@ constexpr int kParameters = 8 + 2 + kLights;  // of the homography, of blur, of 
 using Light = Eigen::Matrix<double, kLights, 1>;
 using Row = Eigen::Matrix<double, kParameters, 1>;
 using Normal = Eigen::Matrix<double, kParameters, kParameters>;
-// One row a sample: its derivatives, then its error; single precision is enough for a step.
+// One row per sample: its derivatives, then its error. Single precision is enough for a step.
 using Rows = Eigen::Matrix<float, kParameters + 1, Eigen::Dynamic>;
 
-// Places along one side, in cells from the marker's corner, and how much of each column of cells a
-// blurred pixel there sees: weight(i, k) of column k - 1, with its first two derivatives.
+// Sample positions along one side, in cells from the marker's corner, and the weight of each column
+// of cells in a blurred pixel there: weight(i, k) of column k - 1, with its first two derivatives.
 struct Axis {
   VectorXd at;
   MatrixXd weight;
   MatrixXd slope;
   MatrixXd bend;
-  // What of it lies beyond a margin of one cell, on either side: there the paper may end.
+  // Weight beyond a margin of one cell, on either side: the paper may end there.
   VectorXd before;
   VectorXd beyond;
 
@@ -54,7 +54,7 @@ struct Axis {
     for (Eigen::Index i = 0; i < at.size(); ++i) {
       before[i] = share_below((-1 - at[i]) / sigma);
       beyond[i] = share_below((at[i] - static_cast<double>(columns) + 1) / sigma);
-      // The step at k, k = 0 .. columns - 2, seen from at[i]; paper goes on without end.
+      // The step at k, k = 0 .. columns - 2, seen from at[i]; the paper continues without end.
       double last = 0;
       double last_slope = 0;
       double last_bend = 0;
@@ -68,7 +68,7 @@ struct Axis {
             step = z > 0 ? 1 : 0;
           } else {
             step = 0.5 * std::erfc(-z / std::numbers::sqrt2);
-            // d/du of Phi((k - u) / s) = -phi / s, and again
+            // d/du of Phi((k - u) / s) = -phi / s, and its derivative
             const double phi = std::exp(-0.5 * z * z) / (sigma * std::sqrt(2 * std::numbers::pi));
             step_slope = -phi;
             step_bend = -phi * z / sigma;
@@ -85,7 +85,7 @@ struct Axis {
   }
 };
 
-// The marker and a ring of paper: 1 white, -1 black.
+// The marker and a margin of paper: 1 white, -1 black.
 MatrixXd pattern_of(Code seen, int cells) {
   MatrixXd pattern = MatrixXd::Ones(cells + 4, cells + 4);
   pattern.block(1, 1, cells + 2, cells + 2).setConstant(-1);
@@ -117,10 +117,10 @@ Template template_of(const MatrixXd& pattern, const Axis& u, const Axis& v) {
   return t;
 }
 
-// The image at the template's places, kOutside where there is none; false where fewer than two
-// thirds lie inside.
+// Samples the image at the template's positions; kOutside where there is no pixel. False if fewer
+// than two thirds lie inside.
 constexpr double kOutside = -1;
-constexpr double kStiffness = 1e-2;  // of surroundings, share of the number of samples
+constexpr double kStiffness = 1e-2;  // of the surroundings, relative to the number of samples
 bool sample(const cv::Mat& gray, const Eigen::Matrix3d& map, const Axis& u, const Axis& v,
             MatrixXd& values) {
   values.resize(v.at.size(), u.at.size());
@@ -149,14 +149,15 @@ bool sample(const cv::Mat& gray, const Eigen::Matrix3d& map, const Axis& u, cons
   return 3 * outside < values.size();
 }
 
-// What light is multiplied with at a place: T, 1, u, v, and how much of the surroundings is seen.
+// Factors of the light parameters at a position: T, 1, u, v, and the visible share of the
+// surroundings.
 Light light_row(const Template& t, const Axis& u, const Axis& v, Eigen::Index i, Eigen::Index j) {
   Light row;
   row << t.value(j, i), 1, u.at[i], v.at[j], u.before[i], u.beyond[i], v.before[j], v.beyond[j];
   return row;
 }
 
-// Least squares of values = light . light_row. Surroundings that are hardly seen stay paper.
+// Least squares of values = light . light_row. Surroundings that are hardly visible stay paper.
 Light fit_light(const MatrixXd& values, const Template& t, const Axis& u, const Axis& v) {
   Eigen::Matrix<double, kLights, kLights> normal = Eigen::Matrix<double, kLights, kLights>::Zero();
   Light right = Light::Zero();
@@ -199,8 +200,8 @@ double correlation_inside(const MatrixXd& values, const Template& t, const Axis&
   return spread > 0 ? (xy - x * y / n) / std::sqrt(spread) : 0;
 }
 
-// The homography's part of the normal equations, what blur and light leave open taken out (Schur
-// complement), moved from its parameters to the corners.
+// The homography's part of the normal equations with blur and light eliminated (Schur complement),
+// transformed from its parameters to the corners.
 bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3d& map,
                         double middle, std::array<double, 64>& information) {
   const Eigen::Matrix<double, 8, 8> of_map = normal.topLeftCorner<8, 8>();
@@ -212,7 +213,7 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
   others.diagonal().array() += 1e-9;
   Eigen::Matrix<double, 8, 8> known =
       of_map - mixed * linalg::solve_symmetric(others, mixed.transpose());
-  // Of the corners by the parameters of a small warp before the map.
+  // Jacobian of the corners with respect to the parameters of a small warp before the map.
   Eigen::Matrix<double, 8, 8> jacobian;
   const Eigen::Matrix<double, 4, 2> signs{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
   for (int k = 0; k < 4; ++k) {
@@ -226,7 +227,7 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
         map(1, 0) - map(2, 0) * p.y() / p.z(), map(1, 1) - map(2, 1) * p.y() / p.z();
     jacobian.middleRows<2>(2 * k) = by_place * (middle / p.z()) * moves;
   }
-  // Blur and noise are not quite what the model has them: no corner is surer than that.
+  // Blur and noise differ slightly from the model, which limits the certainty of a corner.
   constexpr double kModel = 0.1;  // px
   known.diagonal() *= 1 + 1e-9;
   known.diagonal().array() += 1e-9;
@@ -240,7 +241,7 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
   return true;
 }
 
-// What is fitted, and what it is fitted to.
+// The state of the fit, and its data.
 class Fit {
  public:
   Fit(const cv::Mat& gray, Code seen, int cells, const Quad& start, const AlignOptions& options)
@@ -257,14 +258,15 @@ class Fit {
         blur_v_(0.8 / cell_v_),
         rows_(kParameters + 1, u_.at.size() * v_.at.size()) {}
 
-  // Samples the image and draws the marker where both are now, under light fitted to it.
+  // Samples the image and renders the marker for the current parameters, with the light fitted to
+  // it.
   bool begin() {
     if (!look()) return false;
     light_ = fit_light(values_, template_, u_, v_);
     return true;
   }
 
-  // One Gauss-Newton step; how far it moved a corner at most, px, or nothing where it fails.
+  // One Gauss-Newton step. Returns the maximum motion of a corner, px, or nothing if it fails.
   std::optional<double> step() {
     linearize();
     Normal damped = normal_;
@@ -272,7 +274,7 @@ class Fit {
     damped.diagonal().array() += 1e-9;
     const Row step = linalg::solve_symmetric(damped, right_);
     if (!step.allFinite()) return std::nullopt;
-    // The marker warped by W looks like the image: the image is looked at from W^-1 on.
+    // The marker warped by W resembles the image, so the map is composed with W^-1.
     const double middle = 0.5 * size_;
     Eigen::Matrix3d warp;
     warp << 1 + step[0], step[1], step[2], step[3], 1 + step[4], step[5], step[6], step[7], 1;
@@ -285,7 +287,7 @@ class Fit {
     map_ /= map_(2, 2);
     blur_u_ = next_blur(blur_u_, step[8], cell_u_);
     blur_v_ = next_blur(blur_v_, step[9], cell_v_);
-    // Slopes of light are counted from the middle, in half sides, there, and in cells here.
+    // Slopes of light are in half sides from the centre there, and in cells here.
     Light change = step.tail<kLights>();
     change.segment<2>(2) /= middle;
     change[1] -= middle * (change[2] + change[3]);
@@ -336,8 +338,8 @@ class Fit {
     const double square = std::clamp(blur * blur + change, 0.25 * blur * blur, 4 * blur * blur);
     return std::clamp(std::sqrt(square), 0.35 / cell, 1.5);
   }
-  // Fills errors_; how far a value may be off and still count a little: what is farther is not the
-  // marker's (fingers, glare).
+  // Fills errors_. Returns the limit beyond which an error has no weight: such pixels do not belong
+  // to the marker (fingers, glare).
   [[nodiscard]] double find_errors() {
     errors_.resize(values_.rows(), values_.cols());
     const VectorXd of_rows = light_[3] * v_.at + light_[6] * v_.before + light_[7] * v_.beyond;
@@ -363,8 +365,9 @@ class Fit {
         const double e = errors_(j, i);
         const double share = e / most;
         if (share * share >= 1) continue;
-        const auto weight = static_cast<float>(1 - share * share);  // its square counts
-        // Places relative to the middle, in half sides: all parameters alike in size.
+        const auto weight = static_cast<float>(1 - share * share);  // it is used squared
+        // Positions relative to the centre, in half sides, so that all parameters have similar
+        // scales.
         const auto x = static_cast<float>((u_.at[i] - middle) / middle);
         const auto y = static_cast<float>((v_.at[j] - middle) / middle);
         const auto gx = weight * static_cast<float>(light_[0] * template_.du(j, i) * middle);
@@ -401,7 +404,7 @@ class Fit {
         lower.selfadjointView<Eigen::Lower>().toDenseMatrix().cast<double>();
     normal_ = products.topLeftCorner<kParameters, kParameters>();
     right_ = products.topRightCorner<kParameters, 1>();
-    // Surroundings that are hardly seen stay paper.
+    // Surroundings that are hardly visible stay paper.
     const double stiffness = kStiffness * normal_(11, 11);
     normal_.diagonal().tail<4>().array() += stiffness;
     right_.tail<4>() -= stiffness * light_.tail<4>();
@@ -411,7 +414,7 @@ class Fit {
 
   const cv::Mat& gray_;
   int cells_;
-  int size_;       // cells with the frame, of one side
+  int size_;       // cells per side, with the frame
   double cell_u_;  // px
   double cell_v_;
   Axis u_;

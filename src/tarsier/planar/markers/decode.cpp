@@ -24,7 +24,7 @@ struct Plane {
     normal += row * row.transpose();
     right += v * row;
   }
-  // A little stiffness: few samples make no steep plane.
+  // Slightly regularised: few samples do not give a steep plane.
   void solve() {
     Eigen::Matrix3d damped = normal;
     damped(0, 0) += 0.05 * normal(2, 2);
@@ -34,7 +34,7 @@ struct Plane {
   [[nodiscard]] double at(double x, double y) const { return value.dot(Eigen::Vector3d(x, y, 1)); }
 };
 
-// Brightness at a place in cells; nothing outside the image.
+// Brightness at a position in cells; nothing outside the image.
 class Sampler {
  public:
   Sampler(const cv::Mat& gray, const Quad& quad, int cells)
@@ -80,7 +80,7 @@ class Sampler {
 }  // namespace
 
 Eigen::Matrix3d image_from_cells(const Quad& quad, int cells) {
-  // The unit square's homography in closed form (Heckbert 1989), then scaled to cells.
+  // Closed-form homography of the unit square (Heckbert 1989), then scaled to cells.
   const Eigen::Vector2d d1 = quad[1] - quad[2];
   const Eigen::Vector2d d2 = quad[3] - quad[2];
   const Eigen::Vector2d s = quad[0] - quad[1] + quad[2] - quad[3];
@@ -103,7 +103,7 @@ std::optional<Cells> read_cells(const cv::Mat& gray, const Quad& quad, int n, do
   Plane black;
   Plane white;
   const double m = sampler.middle();
-  // The frame's middle line, and the paper a third of a cell outside.
+  // The centre line of the frame, and the paper a third of a cell outside.
   const double outside = -0.35;
   const double far = n + 2;
   std::vector<std::array<double, 3>> frame;
@@ -136,8 +136,8 @@ std::optional<Cells> read_cells(const cv::Mat& gray, const Quad& quad, int n, do
   for (const auto& [u, v, value] : frame) cells.frame_errors += light_of(u, v, value) > 0 ? 1 : 0;
   cells.frame_errors /= static_cast<double>(frame.size());
 
-  // A first look, then white as the bright cells have it: the paper around may be in another light
-  // than the marker.
+  // First estimate; then white is fitted to the bright cells, because the light on the surrounding
+  // paper may differ from that on the marker.
   const auto total = static_cast<std::size_t>(n) * static_cast<std::size_t>(n);
   std::array<double, 64> values{};
   for (std::size_t i = 0; i < total; ++i) {
@@ -181,7 +181,7 @@ Cells sharpened(const Cells& cells, float strength) {
   result.read = 0;
   result.margin = 0;
   const auto at = [&](int column, int row) {
-    if (column < 0 || row < 0 || column >= n || row >= n) return -1.0F;  // the frame
+    if (column < 0 || row < 0 || column >= n || row >= n) return -1.0F;  // the frame is black
     return cells.light[static_cast<std::size_t>(row * n + column)];
   };
   for (int row = 0; row < n; ++row) {

@@ -13,20 +13,19 @@
 
 namespace tarsier::planar::markers {
 
-// From cells of the marker (0..n+2 in both directions, the black frame is one cell wide) to the
-// image: the homography of the four corners. Throws std::invalid_argument for corners that have
-// none.
+// The homography of the four corners: from marker cells (0..n+2 in both directions; the black frame
+// is one cell wide) to the image. Throws std::invalid_argument if the corners have no homography.
 [[nodiscard]] Eigen::Matrix3d image_from_cells(const Quad& quad, int cells);
 
-// How bright the cells inside a quad are.
+// The brightness of the cells inside a quad.
 struct Cells {
   int count = 0;                  // n, in each direction
-  std::array<float, 64> light{};  // row by row; -1 black, 1 white, 0 between or unknown
+  std::array<float, 64> light{};  // row by row; -1 black, 1 white; in between or 0 if uncertain
   Code read = 0;                  // 1 where light > 0
   Code unknown = 0;               // cells outside the image
-  double contrast = 0;            // white less black, grey levels
-  double frame_errors = 0;        // share of the frame's cells that look bright
-  double margin = 0;  // how clearly cells are black or white: mean of |light|, at most 1 each
+  double contrast = 0;            // difference of white and black, grey levels
+  double frame_errors = 0;        // share of the frame's cells that look white
+  double margin = 0;              // clarity of the cells: mean of min(|light|, 1)
 
   [[nodiscard]] std::span<const float> all() const {
     return std::span(light).first(static_cast<std::size_t>(count * count));
@@ -34,15 +33,15 @@ struct Cells {
 };
 
 struct DecodeOptions {
-  int max_errors = -1;  // cells that may be wrong; -1: half of what the family can mend, and never
-                        // so many that chance makes markers of anything
+  // Maximum number of wrong cells. -1: half of what the family can correct, limited so that random
+  // patterns are not accepted.
+  int max_errors = -1;
   double min_contrast = 8;    // grey levels
-  double frame_errors = 0.1;  // share of the frame's cells that may look bright
-  // How well a small marker, or one with wrong cells, must agree with the image, see
-  // Alignment::correlation.
+  double frame_errors = 0.1;  // maximum share of the frame's cells that may look white
+  // Minimum Alignment::correlation of a small marker, or of one with wrong cells.
   double min_correlation = 0.8;
-  // Where the cells are too blurred to be read one by one: how well the whole marker must agree
-  // with the image, see Alignment::correlation; above 1: such markers are left out.
+  // Minimum Alignment::correlation if the cells are too blurred to be read one by one. Above 1,
+  // such markers are not detected.
   double min_blurred_correlation = 0.9;
 
   [[nodiscard]] OptionFields fields() {
@@ -56,15 +55,15 @@ struct DecodeOptions {
   void check() const { check_fields(*this); }
 };
 
-// Black and white are not two numbers but two planes over the marker, fitted to its frame and to
-// the paper around it, so that a shadow or a gradient of light across the marker does no harm
-// (Olson, "AprilTag", ICRA 2011). Nothing where the frame is not darker than the paper by
-// `min_contrast`, or too much of the marker lies outside the image.
+// Samples the cells. Black and white are modelled as two planes over the marker, fitted to its
+// frame and to the surrounding paper. A shadow or a light gradient across the marker therefore does
+// no harm (Olson, "AprilTag", ICRA 2011). Returns nothing if the frame is not darker than the paper
+// by `min_contrast`, or if too much of the marker lies outside the image.
 [[nodiscard]] std::optional<Cells> read_cells(const cv::Mat& gray, const Quad& quad, int cells,
                                               double min_contrast);
 
-// The same cells with the light taken out that blur brought from their neighbours: each is moved
-// away from the mean of the four beside it, `strength` times the difference.
+// Sharpens the cells to undo blur: adds to each cell `strength` times its difference from the mean
+// of its four neighbours.
 [[nodiscard]] Cells sharpened(const Cells& cells, float strength);
 
 }  // namespace tarsier::planar::markers

@@ -13,7 +13,7 @@ namespace tarsier::planar::markers {
 namespace {
 
 constexpr double kChance = 0.005;
-constexpr double kBlurredChance = 0.02;  // the image of the whole marker decides
+constexpr double kBlurredChance = 0.02;  // the correlation of the whole marker decides
 
 Eigen::Vector2d center_of(const Quad& quad) { return (quad[0] + quad[1] + quad[2] + quad[3]) / 4; }
 
@@ -24,8 +24,8 @@ bool is_better(const Marker& a, const Marker& b) {
   return a.margin > b.margin;
 }
 
-// Turned anticlockwise by `rotation` quarters the cells match: the marker's own top left lies that
-// many corners further on.
+// The cells match after `rotation` anticlockwise quarter turns, so the marker's own top left is
+// that many corners later.
 Quad turned(const Quad& quad, int rotation) {
   Quad result;
   for (std::size_t k = 0; k < 4; ++k)
@@ -49,8 +49,8 @@ void take(const Alignment& alignment, Marker& marker) {
   marker.information.assign(alignment.information.begin(), alignment.information.end());
 }
 
-// How many cells may be wrong so that cells that mean nothing are taken for a marker with at most
-// `chance`: markers * turns * sum_k<=e C(n^2, k) / 2^(n^2); at least 0.
+// Maximum number of wrong cells for which random cells are accepted as a marker with a probability
+// of at most `chance`: markers * turns * sum_k<=e C(n^2, k) / 2^(n^2); at least 0.
 int tolerable_errors(const Dictionary& dictionary, double chance) {
   const int cells = dictionary.cells() * dictionary.cells();
   double ways = 1;  // C(cells, k)
@@ -66,8 +66,8 @@ int tolerable_errors(const Dictionary& dictionary, double chance) {
   return errors;
 }
 
-// Whether few cells differ from their neighbours, as in bars and corners that the world is full of
-// (AprilTags leave such codes out, ArUco's first family begins with them).
+// Whether few cells differ from their neighbours, as in bars and corners, which are frequent in
+// images. (AprilTags exclude such codes; ArUco's first family begins with them.)
 bool is_simple(Code code, int cells) {
   int differ = 0;
   const auto at = [&](int column, int row) {
@@ -82,7 +82,7 @@ bool is_simple(Code code, int cells) {
   return 4 * differ < 2 * cells * (cells - 1);  // a quarter of all pairs
 }
 
-// Whether a marker may be taken for one that agrees with the image so well.
+// Whether a marker's correlation with the image is high enough.
 bool is_plausible(const Marker& marker, const Dictionary& dictionary, double least) {
   constexpr double kSimple = 0.96;
   if (!is_simple(dictionary.code(marker.id), dictionary.cells()))
@@ -90,9 +90,11 @@ bool is_plausible(const Marker& marker, const Dictionary& dictionary, double lea
   return marker.errors == 0 && marker.correlation >= kSimple;
 }
 
-// How much the cells speak against a marker: sum of how clear the wrong ones are, a share of all.
+// Evidence of the cells against a marker: sum of the clarity of the wrong cells, divided by the
+// total.
 double objection(const Cells& cells, Code code, int rotation) {
-  // The cells were turned anticlockwise to match: the code is turned clockwise to be compared.
+  // The cells were turned anticlockwise to match, so the code is turned clockwise for the
+  // comparison.
   for (int turn = 0; turn < rotation; ++turn) code = turned_clockwise(code, cells.count);
   const auto all = cells.all();
   double sum = 0;
@@ -103,8 +105,8 @@ double objection(const Cells& cells, Code code, int rotation) {
   return sum / static_cast<double>(all.size());
 }
 
-// Cells that are too blurred to be read one by one: the markers that agree best with their light
-// are laid onto the image; the one that fits wins if it fits well.
+// For cells that are too blurred to be read one by one: aligns the markers that agree best with
+// their brightness. The one with the highest correlation wins if this is high enough.
 std::optional<Marker> read_blurred(const cv::Mat& gray, const Quad& quad, const Cells& cells,
                                    const Dictionary& dictionary, const DetectOptions& options) {
   constexpr int kTried = 3;
@@ -155,7 +157,7 @@ std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictiona
     return read_blurred(gray, quad, *cells, dictionary, options);
   }
   Marker marker = marker_of(*match, quad, *cells);
-  // A large marker without a wrong cell speaks for itself.
+  // A large marker without a wrong cell needs no further check.
   if (is_small || match->errors > 0) {
     const auto aligned =
         align_marker(gray, dictionary.code(match->id), n, marker.corners, options.align);
@@ -165,7 +167,7 @@ std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictiona
     if (!is_plausible(whole, dictionary, options.decode.min_correlation)) return std::nullopt;
     if (is_small) return whole;
   }
-  // Once more, from where the edges are.
+  // Refines a second time from the new edges.
   refine.reach_px = std::min(refine.reach_px, 2.0);
   static_cast<void>(refine_quad(gray, refine, marker.corners));
   return marker;
@@ -188,7 +190,7 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const std::vector<Quad>&
   for (const Marker& marker : markers) draw_quad(image, marker.corners, {60, 220, 60});
   debug.image("quadrilaterals", image);
   for (const Marker& marker : markers) {
-    // Pixels' centres are at integers: pixel p shows the place (p + 0.5) / kCell of the cells.
+    // Pixel centres are at integers: pixel p shows the point (p + 0.5) / kCell of the cells.
     const Eigen::Matrix3d cells_from_pixels{
         {1.0 / kCell, 0, 0.5 / kCell}, {0, 1.0 / kCell, 0.5 / kCell}, {0, 0, 1}};
     cv::Mat map;

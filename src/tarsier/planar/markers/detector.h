@@ -17,8 +17,8 @@ struct DetectOptions {
   RefineOptions refine;
   DecodeOptions decode;
   AlignOptions align;
-  // Markers with shorter sides are laid onto the image as a whole (align_marker), larger ones are
-  // where their four sides are: long sides are exact by themselves. px
+  // Markers with shorter sides are refined by align_marker(), larger ones by lines fitted to their
+  // four sides. Long sides are exact enough by themselves. px
   double align_below_px = 60;
 
   [[nodiscard]] OptionFields fields() { return {{"align_below_px", align_below_px, at_least(0)}}; }
@@ -28,21 +28,22 @@ struct DetectOptions {
 struct Marker {
   int id = 0;
   Quad corners;         // px, the marker's own top left first, clockwise
-  int errors = 0;       // cells that are not as the family has them
-  double contrast = 0;  // white less black, grey levels
-  double margin = 0;    // how clearly cells are black or white, 0..1
-  // Of markers that were laid onto the image (see Alignment), else 0 and nothing.
+  int errors = 0;       // cells that differ from the family's code
+  double contrast = 0;  // difference of white and black, grey levels
+  double margin = 0;    // clarity of the cells, 0..1
+  // Set if the marker was refined by align_marker() (see Alignment), otherwise 0 and empty.
   double correlation = 0;
   std::vector<double> information;
 };
 
-// Buffers that a video reuses; one for each thread.
+// Buffers that a video reuses; use one for each thread.
 struct DetectWorkspace {
   QuadWorkspace quads;
 };
 
-// The markers of one family in `gray` (CV_8UC1), by id; of two in the same place the clearer one.
-// `debug` gets what is dark, the quadrilaterals (green: a marker) and each marker seen squarely.
+// Finds the markers of one family in `gray` (CV_8UC1), sorted by id. Of two markers at the same
+// place the clearer one is kept. `debug` receives the dark regions, the quadrilaterals (green: a
+// marker) and the rectified image of each marker.
 [[nodiscard]] std::vector<Marker> detect_markers(const cv::Mat& gray, const Dictionary& dictionary,
                                                  const DetectOptions& options,
                                                  DetectWorkspace& workspace,

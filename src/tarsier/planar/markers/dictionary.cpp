@@ -30,8 +30,8 @@ std::string full_name(std::string_view name) {
   return std::string(name);
 }
 
-// As std::popcount, which is a call into a library where the processor may lack the instruction:
-// the reading of a code asks thousands of times.
+// Like std::popcount, which is a library call if the processor may lack the instruction; decoding
+// needs it thousands of times.
 int number_of_ones(Code code) {
   code -= (code >> 1U) & 0x5555555555555555U;
   code = (code & 0x3333333333333333U) + ((code >> 2U) & 0x3333333333333333U);
@@ -45,7 +45,7 @@ Code turned_clockwise(Code code, int cells) {
   Code result = 0;
   for (int y = 0; y < cells; ++y)
     for (int x = 0; x < cells; ++x) {
-      // After a clockwise turn, cell (y, x) shows what was at (cells - 1 - x, y).
+      // After a clockwise turn, cell (y, x) shows the former cell (cells - 1 - x, y).
       const int from = cells * cells - 1 - ((cells - 1 - x) * cells + y);
       result = result << 1U | (code >> static_cast<unsigned>(from) & 1U);
     }
@@ -72,7 +72,7 @@ void Dictionary::index() {
       code = turned_clockwise(code, cells_);
     }
   }
-  // One turn of the other marker is enough: turning both changes nothing.
+  // Only the other marker is turned: turning both changes nothing.
   distance_ = cells_ * cells_;
   for (std::size_t id = 0; id < codes_.size(); ++id)
     for (std::size_t other = id * 4 + 1; other < turned_.size(); ++other)
@@ -116,7 +116,7 @@ std::optional<Match> Dictionary::match(Code read, int max_errors, Code unknown) 
 std::vector<Match> Dictionary::nearest(std::span<const float> brightness, int count) const {
   TARSIER_REQUIRE(static_cast<int>(brightness.size()) == cells_ * cells_, "{} cells",
                   brightness.size());
-  // The sum for every value of each byte of a code: at most eight additions a code.
+  // Tabulates the sum for every value of each byte of a code: at most eight additions per code.
   std::array<std::array<float, 256>, 8> sums{};
   Code signs = 0;
   for (std::size_t cell = 0; cell < brightness.size(); ++cell) {

@@ -23,7 +23,7 @@ using nlohmann::json;
 constexpr std::int64_t kMaxBytes = 256'000'000;
 constexpr ArchiveLimits kLineLimits{10'000'000, 16, 1'000'000};
 
-// What is wrong with a line; read_lines() adds which.
+// The fault of a line; read_lines() adds its number.
 struct BadLine {
   std::string reason;
 };
@@ -135,7 +135,7 @@ void read_lines(const std::string& path, const std::function<void(const json&)>&
   }
 }
 
-// NaN for no values.
+// NaN for an empty list.
 double quantile_of(std::vector<double> values, double share) {
   if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
   std::sort(values.begin(), values.end());

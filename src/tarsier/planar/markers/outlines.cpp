@@ -13,10 +13,10 @@ namespace tarsier::planar::markers {
 namespace {
 
 constexpr int kTile = 4;
-constexpr int kMaxRuns = 7;  // in a row of a component, on average: more is foliage
+constexpr int kMaxRuns = 7;  // mean per row of a component; more is foliage
 
 constexpr int kNoiseMargin = 3;
-constexpr int kMaxNoise = 64;  // grey levels: more is an image without a flat place
+constexpr int kMaxNoise = 64;  // grey levels; more is an image without a flat region
 
 using Bytes = std::vector<std::uint8_t>;
 
@@ -31,12 +31,12 @@ struct Tiles {
 void tile_extremes(const cv::Mat& gray, const Tiles& tiles, Bytes& lows, Bytes& highs) {
   lows.resize(size(tiles.columns) * size(tiles.rows));
   highs.resize(lows.size());
-  // One row of columns' extremes, filled up to whole tiles.
+  // The extremes of the columns of one row of tiles, padded to whole tiles.
   const std::size_t columns = size(gray.cols);
   const std::size_t whole = size(tiles.columns * kTile);
   Bytes low_row(whole);
   Bytes high_row(whole);
-  // Local pointers: the compiler need not fear that a byte it writes changes them.
+  // Local pointers, so that the compiler can exclude aliasing with the written bytes.
   auto* const low = low_row.data();
   auto* const high = high_row.data();
   for (int row = 0; row < tiles.rows; ++row) {
@@ -66,7 +66,7 @@ void tile_extremes(const cv::Mat& gray, const Tiles& tiles, Bytes& lows, Bytes& 
   }
 }
 
-// Extremes over the 3 x 3 tiles around each.
+// Extremes over the 3 x 3 tiles around each tile.
 template <typename Better>
 void spread(const Bytes& from, const Tiles& tiles, Bytes& to, Better better) {
   to.resize(from.size());
@@ -87,8 +87,8 @@ void spread(const Bytes& from, const Tiles& tiles, Bytes& to, Better better) {
   }
 }
 
-// Below which difference of brightness nothing is distinguished from noise: the spread of tiles where
-// nothing but noise is to be seen, as at least a fifth of most images have it, and some more.
+// Differences of brightness below this are indistinguishable from noise: the range of tiles that
+// show only noise (at least a fifth of the tiles of most images), with a margin.
 int noise_contrast(const Bytes& lows, const Bytes& highs) {
   std::array<std::size_t, 256> counts{};
   for (std::size_t i = 0; i < lows.size(); ++i) ++counts[size(highs[i] - lows[i])];
@@ -98,7 +98,7 @@ int noise_contrast(const Bytes& lows, const Bytes& highs) {
   return std::min(kMaxNoise, spread + spread / kNoiseMargin);
 }
 
-// The mask of dark pixels, with a frame of one pixel that is not dark.
+// The mask of dark pixels, with a border of one non-dark pixel.
 void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
   const Tiles tiles{(gray.cols + kTile - 1) / kTile, (gray.rows + kTile - 1) / kTile};
   tile_extremes(gray, tiles, w.lows, w.highs);
@@ -107,7 +107,7 @@ void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
   min_contrast = std::max(min_contrast, noise_contrast(w.spread_lows, w.spread_highs));
   const std::size_t columns = size(gray.cols);
   const std::size_t stride = columns + 2;
-  // Rows are read eight pixels at a time: as many more at the end.
+  // Rows are read eight pixels at a time, hence the extra bytes at the end.
   w.dark.assign(stride * (size(gray.rows) + 2) + 8, 0);
   w.thresholds.resize(size(tiles.columns * kTile));
   auto* const thresholds = w.thresholds.data();
@@ -137,7 +137,7 @@ int root_of(std::vector<OutlineWorkspace::Component>& components, int component)
   return component;
 }
 
-// Makes one of two components; the earlier one stands for both.
+// Merges two components; the earlier one represents both.
 int join(std::vector<OutlineWorkspace::Component>& components, int a, int b) {
   a = root_of(components, a);
   b = root_of(components, b);
@@ -146,13 +146,13 @@ int join(std::vector<OutlineWorkspace::Component>& components, int a, int b) {
   return a;
 }
 
-// Writes to `changes` where a row of 0 and 255 changes, from the left, and returns how often. Seven
-// bytes after the row may be read.
+// Writes to `changes` the positions where a row of 0 and 255 changes, from the left, and returns
+// their number. Reads up to seven bytes after the row.
 int find_changes(const std::uint8_t* row, int columns, int* changes) {
   std::uint64_t carry = 0;
   int count = 0;
   for (int x0 = 0; x0 < columns; x0 += 64) {
-    // 64 pixels as bits: the lowest bit of each byte, eight at a time gathered by a product.
+    // 64 pixels as bits: a multiplication gathers the lowest bits of eight bytes at a time.
     std::uint64_t bits = 0;
     const int n = std::min(64, columns - x0);
     for (int k = 0; k < n; k += 8) {
@@ -174,8 +174,8 @@ int find_changes(const std::uint8_t* row, int columns, int* changes) {
   return count;
 }
 
-// Row by row: a run belongs to the component of the run that it touches above, and joins the components of
-// all that it touches. What is known of a component is gathered on the way.
+// Row by row: a run belongs to the component of the run that it touches above, and merges all
+// components that it touches. Component data are accumulated on the way.
 void find_things(int columns, int rows, OutlineWorkspace& w) {
   w.components.clear();
   w.above.clear();
@@ -183,7 +183,7 @@ void find_things(int columns, int rows, OutlineWorkspace& w) {
   const std::size_t stride = size(columns) + 2;
   for (int y = 0; y < rows; ++y) {
     w.here.clear();
-    // One column of the frame more: what reaches the right edge ends there.
+    // Includes one column of the border, so that runs at the right edge end there.
     const int changes =
         find_changes(&w.dark[(size(y) + 1) * stride + 1], columns + 1, w.changes.data());
     std::size_t up = 0;
@@ -213,7 +213,7 @@ void find_things(int columns, int rows, OutlineWorkspace& w) {
     }
     std::swap(w.above, w.here);
   }
-  // What was joined is merged into the earliest: later ones hand on theirs first.
+  // Merged components are added to the earliest one; later ones first.
   for (std::size_t i = w.components.size(); i-- > 0;) {
     const auto& t = w.components[i];
     if (t.parent == static_cast<int>(i)) continue;
@@ -225,8 +225,8 @@ void find_things(int columns, int rows, OutlineWorkspace& w) {
   }
 }
 
-// Directions: right, down, left, up. kTurns[d][dark], `dark` with bit k where the neighbour in
-// direction k is: the first of them that is, clockwise as seen from after d; 4 where none is.
+// Directions: right, down, left, up. In `dark`, bit k is set if the neighbour in direction k is
+// dark. kTurns[d][dark] is the first dark direction clockwise after d; 4 if there is none.
 constexpr std::array<std::array<std::uint8_t, 16>, 4> kTurns = [] {
   std::array<std::array<std::uint8_t, 16>, 4> turns{};
   for (unsigned direction = 0; direction < 4; ++direction) {
@@ -241,8 +241,8 @@ constexpr std::array<std::array<std::uint8_t, 16>, 4> kTurns = [] {
   return turns;
 }();
 
-// Follows the outer border from the first pixel, the outside on the left hand; false where it is
-// longer than `longest`.
+// Traces the outer border from the first pixel, with the outside on the left; false if it is longer
+// than `longest`.
 bool trace(const OutlineWorkspace::Component& component, int columns, std::size_t longest,
            OutlineWorkspace& w) {
   const std::ptrdiff_t stride = columns + 2;
@@ -253,7 +253,8 @@ bool trace(const OutlineWorkspace::Component& component, int columns, std::size_
   const auto darkness = [stride](const std::uint8_t* p) {
     return static_cast<unsigned>((p[1] & 1) | (p[stride] & 2) | (p[-1] & 4) | (p[-stride] & 8));
   };
-  // Nothing of the component lies above or to the left in this row: look on from the left, clockwise.
+  // No pixel of the component lies above, or to the left in this row: starts from the left,
+  // clockwise.
   const std::size_t first_way = kTurns[2][darkness(start)];
   if (first_way == 4) return false;  // one pixel
   const std::size_t begin = w.points.size();
@@ -269,7 +270,7 @@ bool trace(const OutlineWorkspace::Component& component, int columns, std::size_
     at += step[way];
     place.x += kX[way];
     place.y += kY[way];
-    way = kTurns[(way + 2) % 4][darkness(at)];  // from where we came
+    way = kTurns[(way + 2) % 4][darkness(at)];  // from the previous pixel
   } while (at != start || way != first_way);
   w.points.resize(static_cast<std::size_t>(out - w.points.data()));
   return true;
@@ -293,7 +294,7 @@ void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, Outl
     if (std::max(width, height) < options.min_size) continue;
     if (3 * std::min(width, height) < options.min_size) continue;
     if (component.runs > kMaxRuns * height) continue;
-    // Around a convex component it is at most twice that far; a little more for noise.
+    // The border of a convex component is at most twice as long; the margin is for noise.
     const std::size_t longest = 3 * size(width + height);
     const std::size_t begin = w.points.size();
     if (trace(component, gray.cols, longest, w))

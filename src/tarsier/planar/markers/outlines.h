@@ -9,13 +9,13 @@
 #include <span>
 #include <vector>
 
-// The outlines of what is dark in an image.
+// Outlines of the dark regions of an image.
 namespace tarsier::planar::markers {
 
 struct OutlineOptions {
-  // A place is flat where brightness differs by less over 12 x 12 px: nothing there is dark. Grey
-  // levels. Raised, up to 64, where the flattest fifth of the image differs by more:
-  // noise.
+  // A region is flat if brightness varies by less than this over 12 x 12 px; a flat region has no
+  // dark pixels. Grey levels. The value is raised, up to 64, if the flattest fifth of the image
+  // varies by more, because of noise.
   int min_contrast = 20;
   int min_size = 8;  // px; the longer side of a component's bounding box
 
@@ -25,16 +25,16 @@ struct OutlineOptions {
   void check() const { check_fields(*this); }
 };
 
-// Buffers that a video reuses, and the answer.
+// Buffers that a video reuses, and the result.
 struct OutlineWorkspace {
   struct Run {
-    int first;  // x of a row's dark pixels that lie beside each other, last included
+    int first;  // x of a row's adjacent dark pixels, last included
     int last;
     int component;
   };
   struct Component {
-    int parent;  // an earlier component that this is a part of, or itself
-    int x;       // of its topmost row's leftmost pixel
+    int parent;  // an earlier component that contains this one, or itself
+    int x;       // of the leftmost pixel of its topmost row
     int y;
     int left;
     int right;
@@ -42,7 +42,7 @@ struct OutlineWorkspace {
     int runs;
   };
   struct Outline {
-    std::size_t first;  // into points
+    std::size_t first;  // index in points
     std::size_t count;
   };
   std::vector<std::uint8_t> lows;
@@ -50,9 +50,10 @@ struct OutlineWorkspace {
   std::vector<std::uint8_t> spread_lows;
   std::vector<std::uint8_t> spread_highs;
   std::vector<std::uint8_t> thresholds;
-  std::vector<std::uint8_t> dark;  // 255 or 0, a frame of zeros around
+  std::vector<std::uint8_t> dark;  // 255 or 0, with a border of zeros
   std::vector<int> changes;
-  std::vector<Run> above;  // of a row, and of the next
+  // The runs of a row and of the next row.
+  std::vector<Run> above;
   std::vector<Run> here;
   std::vector<Component> components;
   std::vector<cv::Point> points;
@@ -63,12 +64,12 @@ struct OutlineWorkspace {
   }
 };
 
-// Fills `workspace.outlines`: for each connected dark component in `gray` (CV_8UC1) that is large
-// enough and not ragged, its outer border, clockwise as seen, pixel by pixel. Dark is what lies
-// below the middle between the darkest and the brightest pixel of the 3 x 3 tiles of 4 x 4 px
-// around (Wang & Olson, "AprilTag 2", IROS 2016): no window to choose, the same for a marker of 12
-// and of 400 px, and the middle of a blurred edge stays where the edge was. Pixels that touch only
-// at a corner are not connected: noise would tie a marker to what is beside it. Linear in the
+// Fills `workspace.outlines`: the outer border of each connected dark component in `gray` (CV_8UC1)
+// that is large enough and not ragged, clockwise in the image, pixel by pixel. A pixel is dark if
+// it is below the mean of the darkest and the brightest pixel of the 3 x 3 surrounding tiles of 4 x
+// 4 px (Wang & Olson, "AprilTag 2", IROS 2016). This needs no window size, works for markers of 12
+// and of 400 px, and does not move the middle of a blurred edge. The components are 4-connected:
+// with 8-connectivity, noise would connect a marker to its surroundings. The time is linear in the
 // number of pixels.
 void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options,
                         OutlineWorkspace& workspace);

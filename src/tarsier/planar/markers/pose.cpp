@@ -32,7 +32,7 @@ MarkerPose pose_of(const geometry::PlanarPoses& poses) {
           ambiguity_of(poses.best, poses.other)};
 }
 
-// The nearest track of the same id that no other marker of this frame has, within reach.
+// The nearest track of the same id within reach that no other marker of this frame has.
 PoseTracks::Track& track_of(const Marker& marker, double time,
                             std::vector<PoseTracks::Track>& tracks) {
   const Eigen::Vector2d middle = middle_of(marker.corners);
@@ -46,7 +46,7 @@ PoseTracks::Track& track_of(const Marker& marker, double time,
     if (nearest == nullptr || (track.middle - middle).norm() < (nearest->middle - middle).norm())
       nearest = &track;
   }
-  // One alone may have moved far in a frame; of several each stays near.
+  // A single marker may move far in one frame; if there are several, each stays near.
   if (nearest != nullptr && same > 1 &&
       (nearest->middle - middle).norm() > 2 * std::max(side, nearest->side))
     nearest = nullptr;

@@ -18,11 +18,12 @@ namespace {
 
 using Eigen::Vector2d;
 
-constexpr double kSamePlace = 0.12;  // corners nearer than this share of the side: one quad
+// Quads with corners nearer than this share of the side are duplicates.
+constexpr double kSamePlace = 0.12;
 
 struct Line {
   Vector2d point;
-  Vector2d direction;  // unit
+  Vector2d direction;  // unit vector
 };
 
 std::optional<Vector2d> crossing(const Line& a, const Line& b) {
@@ -64,14 +65,14 @@ bool is_convex(const Quad& quad) {
   for (std::size_t k = 0; k < 4; ++k) {
     const Vector2d a = quad[(k + 1) % 4] - quad[k];
     const Vector2d b = quad[(k + 2) % 4] - quad[(k + 1) % 4];
-    // Clockwise as seen is positive where y points down; corners of less than about 10 degrees are
-    // no marker's.
+    // Clockwise in the image is positive because y points down. Corners of less than about 10
+    // degrees do not belong to a marker.
     if (a.x() * b.y() - a.y() * b.x() < 0.17 * a.norm() * b.norm()) return false;
   }
   return true;
 }
 
-// The farthest contour point from `from`.
+// The contour point farthest from `from`.
 std::size_t farthest(std::span<const cv::Point> contour, const cv::Point& from) {
   std::size_t best = 0;
   int most = -1;
@@ -115,9 +116,9 @@ std::optional<std::array<std::size_t, 4>> corners_of(std::span<const cv::Point> 
   return corners;
 }
 
-// Lines through the contour's points near each side meet in the corners. Outwards the contour keeps
-// within `tolerance` px of the chords; inwards it may leave them, where blur lets a white cell
-// break through the frame, but not on more than half of a side.
+// Fits lines to the contour's points near each side; they intersect at the corners. Outwards the
+// contour must stay within `tolerance` px of the chords. Inwards it may deviate on up to half of a
+// side, because blur may let a white cell break through the frame.
 std::optional<Quad> quad_of(std::span<const cv::Point> contour,
                             const std::array<std::size_t, 4>& corners, double tolerance) {
   const std::size_t n = contour.size();
@@ -182,8 +183,8 @@ float sample(const cv::Mat& gray, double x, double y) {
   return upper + fy * (lower - upper);
 }
 
-// Where brightness rises along the normal (outwards), px from `at`; nothing without an edge. The
-// weight is the height of the step.
+// Position of the brightness increase along the normal (outwards), px from `at`; nothing without an
+// edge. The weight is the height of the step.
 std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const Vector2d& at,
                                                     const Vector2d& normal, double reach) {
   constexpr double kStep = 0.5;
@@ -193,7 +194,7 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
     const Vector2d p = at + (i * kStep) * normal;
     return p.x() >= 0 && p.y() >= 0 && p.x() < gray.cols - 1.001 && p.y() < gray.rows - 1.001;
   };
-  // At the image's edge as far as it goes, if that is far enough to be an edge.
+  // At the image's border, shortens the range, if the rest is long enough for an edge.
   while (outer > 2 && !is_inside(outer)) --outer;
   while (inner < -2 && !is_inside(inner)) ++inner;
   if (!is_inside(outer) || !is_inside(inner)) return std::nullopt;
@@ -208,7 +209,7 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
     const double rise = static_cast<double>(now - before);
     before = now;
     if (rise <= 0) continue;
-    // Squares: the step itself counts, slow changes of light do not.
+    // Squared, so that the step dominates slow changes of light.
     const double weight = rise * rise;
     sum += weight;
     moment += weight * (i - 0.5) * kStep;
@@ -236,7 +237,7 @@ std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, Qu
     if (image.cols < 8 || image.rows < 8) break;
     const double scale = 1 << level;
     OutlineOptions outlines;
-    // Means of four pixels are half as noisy.
+    // Means of four pixels have half the noise.
     outlines.min_contrast =
         std::max(2, level == 0 ? options.min_contrast : options.min_contrast * 3 / 5);
     outlines.min_size = std::max(3, static_cast<int>(options.min_side_px / scale));
@@ -254,7 +255,7 @@ std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, Qu
       if (!corners) continue;
       auto quad = quad_of(contour, *corners, std::max(2.0, options.straight * length / 2));
       if (!quad) continue;
-      // The middle of a pixel of the smaller image lies between pixels of the larger one.
+      // The centre of a pixel of the smaller image lies between pixels of the larger one.
       for (Vector2d& corner : *quad) corner = corner * scale + Vector2d::Constant((scale - 1) / 2);
       if (!is_convex(*quad) || shortest(*quad) < options.min_side_px) continue;
       if (!is_known(quads, *quad)) quads.push_back(*quad);
@@ -278,7 +279,7 @@ bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad) 
     const int count = std::clamp(static_cast<int>(length), 4, options.samples);
     points.clear();
     heights.clear();
-    // Corners are rounded by blur: they do not count.
+    // Blur rounds the corners, so they are excluded.
     const double room = std::min(0.25, std::max(0.08, 2.0 / length));
     for (int i = 0; i < count; ++i) {
       const double share = room + (1 - 2 * room) * (i + 0.5) / count;
@@ -289,7 +290,7 @@ bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad) 
       heights.push_back(edge->second);
     }
     if (static_cast<int>(points.size()) < std::max(3, count / 3)) return false;
-    // Robust: what is far from the line counts less and less.
+    // Robust: points far from the line get lower weights.
     weights = heights;
     Line line = line_through(points, weights);
     for (int round = 0; round < 3; ++round) {

@@ -11,19 +11,20 @@
 #include <array>
 #include <vector>
 
-// Dark convex quadrilaterals in an image: where markers may be.
+// Dark convex quadrilaterals in an image: candidates for markers.
 namespace tarsier::planar::markers {
 
-using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise as seen (x right, y down)
+using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise in the image (x right, y down)
 
 struct QuadOptions {
   double min_side_px = 9;  // of the shortest side
-  // Grey levels that black and white differ by at least, see OutlineOptions.
+  // Minimum difference of black and white, grey levels; see OutlineOptions.
   int min_contrast = 20;
-  // How often the image is halved, each size searched too: a blurred or noisy edge is a clear one
-  // in a smaller image.
+  // Number of times the image is halved; each size is searched too. A blurred or noisy edge is
+  // clear in a smaller image.
   int halvings = 1;
-  double straight = 0.035;  // how far a contour may leave the quadrilateral, share of its length
+  // Maximum deviation of a contour from the quadrilateral, relative to its length.
+  double straight = 0.035;
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_side_px", min_side_px, range(4, 1000), "--min-side",
@@ -42,19 +43,19 @@ struct QuadWorkspace {
   OutlineWorkspace outlines;
 };
 
-// Candidates in `gray` (CV_8UC1), each place once, with corners good to about half a pixel:
-// intersections of the straight lines through the contour's four sides. `debug` gets what is dark,
-// at each size.
+// Finds candidates in `gray` (CV_8UC1), one per place, with corners accurate to about half a pixel:
+// the intersections of the lines fitted to the contour's four sides. `debug` receives the dark
+// regions at each size.
 [[nodiscard]] std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options,
                                            QuadWorkspace& workspace, DebugSink* debug = nullptr);
 
-// The corners after their sides have been fitted to the image's edges: along normals of each side
-// the place where brightness changes, found from the gradient's centroid within +-`reach` px, then
-// a line by robust least squares, sides that bend are refused (nothing). `dark_inside`: only edges
-// from dark (inside) to bright (outside) count.
+// Refines the corners by fitting the sides to the edges of the image. Along normals of each side,
+// the edge is the centroid of the gradient within +-`reach` px; a line is then fitted by robust
+// least squares. Returns false if a side is bent. Only edges from dark (inside) to bright (outside)
+// count.
 struct RefineOptions {
-  double reach_px = 3;  // largest distance that an edge may be off
-  int samples = 64;     // on each side at most
+  double reach_px = 3;  // maximum distance of an edge from the given side
+  int samples = 64;     // maximum per side
 
   [[nodiscard]] OptionFields fields() {
     return {{"reach_px", reach_px, above(0, 50)}, {"samples", samples, range(4, 1000)}};

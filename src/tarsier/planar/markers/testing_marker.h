@@ -13,7 +13,7 @@
 #include <cstdint>
 #include <vector>
 
-// Markers drawn with corners that are known exactly; for tests.
+// Draws markers with exactly known corners, for tests.
 namespace tarsier::planar::markers {
 
 struct DrawnMarker {
@@ -54,7 +54,7 @@ inline void draw_marker(cv::Mat& gray, const Dictionary& family, const DrawnMark
   }
 }
 
-// A square about `middle`, turned by `degrees`, its lower side `tilt` shorter.
+// A square about (x, y), rotated by `degrees`; its lower side is shorter by the fraction `tilt`.
 inline Quad square(double x, double y, double side, double degrees, double tilt = 0) {
   const double angle = degrees * CV_PI / 180;
   const Eigen::Vector2d right(std::cos(angle), std::sin(angle));

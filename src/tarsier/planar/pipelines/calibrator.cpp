@@ -21,10 +21,11 @@ using calibration::Verdict;
 using calibration::ViewState;
 
 constexpr std::size_t kBoardless = 3;  // images in which boards of other sizes are searched
-constexpr int kPatience = 15;          // live: frames without a board, then it is searched ..
-constexpr int kSearchEvery = 3;        // .. in every third one
-constexpr int kTurns = 3;              // live: searches in vain, then the other way to look
-constexpr double kUsualFps = 25;       // of a source that does not state it
+// Live mode: frames without a board before the search rate is reduced.
+constexpr int kPatience = 15;
+constexpr int kSearchEvery = 3;   // live mode: then every third frame is searched
+constexpr int kTurns = 3;         // live mode: failed searches before the light mode changes
+constexpr double kUsualFps = 25;  // of a source that does not state its rate
 
 CalibrationImage image_of(const CalibratorState& state) {
   const Frame& frame = state.frame;
@@ -37,7 +38,7 @@ CalibrationImage image_of(const CalibratorState& state) {
   return image;
 }
 
-// A camera has one size of images: that of most views.
+// A camera has one image size: the most frequent one.
 cv::Size size_of_most(const CalibratorState& state) {
   std::map<std::pair<int, int>, int> counts;
   for (const cv::Size& size : state.sizes) ++counts[{size.width, size.height}];
@@ -277,7 +278,7 @@ std::optional<std::string> Calibrator::other_board(const CalibratorState& state)
   for (const cv::Mat& image : state.boardless)
     for (const std::string& size : calibration::other_chess_sizes(image, options_.board))
       ++sizes[size];
-  // A part of a board may look like a smaller one: many points speak for a size.
+  // A part of a board may look like a smaller board, so the score also counts the points.
   std::optional<std::string> best;
   int best_score = 0;
   for (const auto& [size, count] : sizes) {

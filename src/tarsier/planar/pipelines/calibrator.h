@@ -22,18 +22,18 @@ namespace tarsier::planar {
 struct CalibratorOptions {
   calibration::BoardSpec board;
   calibration::CalibrateOptions calibrate;
-  // Which views of a video are worth taking. still_px is that of an image whose larger side is 640
-  // px, and grows with larger ones.
+  // Selects the views of a video that are used. still_px holds for an image whose larger side is
+  // 640 px; it is scaled up for larger images.
   calibration::CollectorOptions collect;
-  int search_px = 800;  // the image's larger side when the board is searched
-  // A person moves the board in front of a camera and waits for the answer: the first search that
-  // fails is not repeated in other ways; after 15 frames without a board only every third one is
-  // searched, in turns as it is and as if it were evenly lit; images of their own are judged as the
-  // frames of a video are, and only those with a view are remembered.
+  int search_px = 800;  // larger side of the image in which the board is searched, px
+  // Live mode, for a person who moves the board in front of a camera and waits for the answer. A
+  // search that fails is not repeated with other methods. After 15 frames without a board only
+  // every third frame is searched; the search alternates between the plain frame and one with
+  // evened light. Stills are judged like the frames of a video. Only images with a view are kept.
   bool live = false;
-  double look_every_s = 0.2;  // search(): time between the frames of a video that are looked at, s
-  int every = 1;              // search(): so many times fewer of them
-  bool keep_images = false;   // the frames of videos whose views were taken
+  double look_every_s = 0.2;  // search(): time between the examined frames of a video, s
+  int every = 1;              // search(): examines only each n-th of those frames
+  bool keep_images = false;   // keeps the frames of videos whose views were taken
 
   [[nodiscard]] OptionFields fields() {
     return {{"search_px", search_px, range(160, 4000)},
@@ -43,78 +43,80 @@ struct CalibratorOptions {
   void check() const;  // throws std::invalid_argument that names the value
 };
 
-// Those that suit a person who moves the board: quick searches (480 px), views of a still board.
+// Options for a person who moves the board: fast searches (480 px), and only views of a still
+// board.
 [[nodiscard]] CalibratorOptions live_calibrator_options();
 
-// An image or frame that was looked at.
+// An image or frame that was examined.
 struct CalibrationImage {
   std::string name;
-  std::int64_t index = 0;  // of the frame
+  std::int64_t index = 0;  // of the frame in its video
   double time = 0;         // s
-  bool still = true;       // an image of its own, no frame of a video
-  bool found = false;      // there is a view of it: CalibrationResult::views[view]
-  std::string reason;      // why it does not count; empty: it does
+  bool still = true;       // a single image, not a frame of a video
+  bool found = false;      // it has a view: CalibrationResult::views[view]
+  std::string reason;      // why the image is not used; empty if it is used
   std::size_t view = 0;
   double ms = 0;  // of the search
-  cv::Mat image;  // where images are kept
+  cv::Mat image;  // only if images are kept
 };
 
-// What one look at an image gave.
+// The result of one image.
 struct CalibratorAnswer {
-  calibration::BoardView board;  // empty: none is there, or it was not searched this time
-  // Empty: the image's size is not that of the ones before it (live).
+  calibration::BoardView board;  // empty if there is no board, or if this frame was not searched
+  // Empty if the image's size differs from that of the earlier images (live mode).
   std::optional<calibration::Verdict> verdict;
   [[nodiscard]] bool is_taken() const {
     return verdict == calibration::Verdict::kTaken || verdict == calibration::Verdict::kReplaced;
   }
 };
 
-// What was seen so far.
+// The images and views so far.
 struct CalibratorState {
-  std::vector<CalibrationImage> images;  // in their order; where `live` those of `views`
+  std::vector<CalibrationImage> images;  // in order; in live mode only those of `views`
   std::vector<calibration::BoardView> views;
-  std::vector<cv::Size> sizes;  // px, of the views' images
+  std::vector<cv::Size> sizes;  // px, of the images of `views`
   cv::Size size;                // px, of the first image
-  // Of the video at hand: what is new in it, and for each view of the collector its image.
+  // For the current video: the collector of new views, and the image of each of its views.
   std::optional<calibration::ViewCollector> collector;
   std::vector<std::size_t> taken;
   std::string source;
   std::vector<cv::Mat> boardless;  // the first images without the board
-  // Of the latest frame.
+  // For the latest frame.
   Frame frame;
   calibration::BoardView board;
   double sharpness = 0;
   double ms = 0;
-  // Of `live`.
-  int frames_without = 0;    // since a board was seen
-  int searches_without = 0;  // of these
-  bool even_light = false;   // how it is searched: calibration::FindOptions
+  // For live mode.
+  int frames_without = 0;    // since a board was last found
+  int searches_without = 0;  // of these frames, those searched
+  bool even_light = false;   // how the next frame is searched: calibration::FindOptions
 };
 
 struct CalibrationResult {
   calibration::BoardSpec board;
-  cv::Size size;  // px, of the camera's images: the size of most views
+  cv::Size size;  // px, size of the camera's images: the most frequent size among the views
   std::vector<CalibrationImage> images;
-  // An empty one is left out, for its image has another size.
+  // An empty view is excluded because its image has another size.
   std::vector<calibration::BoardView> views;
-  calibration::Calibration calibration;  // its refusal says why there is no camera
-  calibration::Coverage coverage;        // by the views that are used; without a camera by all
+  calibration::Calibration calibration;  // if there is no camera, its refusal gives the reason
+  calibration::Coverage coverage;        // of the used views; without a camera, of all views
 
   [[nodiscard]] bool ok() const { return calibration.ok(); }
-  [[nodiscard]] std::vector<calibration::BoardView> used_views() const;  // without a camera all
+  // The views used by the calibration; without a camera, all views.
+  [[nodiscard]] std::vector<calibration::BoardView> used_views() const;
 };
 
 // {"model", "board", "width", "height", "fx", "fy", "cx", "cy", "distortion", "rms", "deviations",
 // "images", "used", "coverage", "missing", "warnings"}: the last line of `tarsier calibrate
-// --json` without the file's name. Without a camera {"board", "refusal", "images", "coverage",
+// --json`, without the file name. Without a camera: {"board", "refusal", "images", "coverage",
 // "missing"}.
 [[nodiscard]] nlohmann::ordered_json to_json(const CalibrationResult& result);
 // {"image"} or {"frame", "time"}, "found", "used", "reason", "points", "dropped", "rms", "tilt",
-// "rvec", "tvec" (board to camera, m), "ms": the line of one of result.images.
+// "rvec", "tvec" (board to camera, m), "ms": the line of one image of result.images.
 [[nodiscard]] nlohmann::ordered_json to_json(const CalibrationResult& result,
                                              const CalibrationImage& image);
 
-// Cameras from images, videos or a live view of a board:
+// Calibrates cameras from images, videos or a live view of a board:
 //
 //   planar::CalibratorOptions options;
 //   options.board = planar::calibration::parse_board("chess:9x6", 0.025);
@@ -128,33 +130,37 @@ struct CalibrationResult {
 //   else
 //     fmt::print("{}\n", result.calibration.refusal);
 //
-// Const: any number of threads may use it, each with a state of its own.
+// The object is const. Any number of threads may use it, each with its own state.
 class Calibrator {
  public:
-  // Throws as CalibratorOptions::check().
+  // Throws the same exceptions as CalibratorOptions::check().
   [[nodiscard]] static Calibrator load(const CalibratorOptions& options);
 
   [[nodiscard]] const CalibratorOptions& options() const { return options_; }
 
-  // Looks for the board in a frame (CV_8UC3 or CV_8UC1) and takes its view where it is worth it: of
-  // an image of its own always, of a video where it is sharp and new (calibration/collector.h); a
-  // new source begins a new video. Where `live`: see the options.
+  // Searches the board in a frame (CV_8UC3 or CV_8UC1) and keeps its view if it is useful. The view
+  // of a single image is always kept; that of a video only if it is sharp and new
+  // (calibration/collector.h). A new source starts a new video. Live mode differs: see
+  // CalibratorOptions::live.
   CalibratorAnswer process(const Frame& frame, CalibratorState& state) const;
-  // All of a source that ends; of videos some frames. Throws Interrupted, and what the source does.
+  // Processes a source to its end; of videos only some frames. Throws Interrupted and the
+  // exceptions of the source.
   void search(FrameSource& source, CalibratorState& state, Progress& progress,
               const std::stop_token& stop = {}) const;
-  // Takes the view of the latest frame of a `live` state, whatever it is, where there is a board.
+  // Keeps the view of the latest frame without judging it, if the frame shows a board. Live mode
+  // only.
   CalibratorAnswer take(CalibratorState& state) const;
-  // Forgets the view that was taken last; nothing where there is none.
+  // Removes the view that was kept last, if there is one.
   void forget_last(CalibratorState& state) const;
 
-  // The camera of most views' images; `start`: see calibration::CalibrateOptions. Throws
-  // std::invalid_argument where no image was processed, Interrupted.
+  // Calibrates the camera whose image size is the most frequent one. `start`: see
+  // calibration::CalibrateOptions. Throws std::invalid_argument if no image was processed, and
+  // Interrupted.
   [[nodiscard]] CalibrationResult calibrate(const CalibratorState& state,
                                             const std::optional<geometry::Camera>& start = {},
                                             const std::stop_token& stop = {}) const;
-  // Where few images show the board: the inner corners of another chess board that the first ones
-  // without it show ("8x6"). Slow (many searches).
+  // For the case that few images show the board: finds the inner corners ("8x6") of another chess
+  // board in the first images without the board. Slow (many searches).
   [[nodiscard]] std::optional<std::string> other_board(const CalibratorState& state) const;
 
  private:

@@ -18,56 +18,58 @@ namespace tarsier::planar {
 
 enum class MarkerDetector {
   kTarsier,  // markers/detector.h
-  kOpencv    // OpenCV's aruco module, to compare with
+  kOpencv    // OpenCV's aruco module, for comparison
 };
 
 struct MarkerTrackerOptions {
-  // At least one; names as markers::find_dictionary() takes them. Each takes its own search.
+  // At least one name that markers::find_dictionary() accepts. Each family needs a search of its
+  // own.
   std::vector<std::string> families{"36h11"};
-  double side = 0.05;  // m, of the markers over their black frame; 0: unknown, there are no poses
+  double side = 0.05;  // m, outer side of the markers' black frame; 0 disables the poses
   MarkerDetector detector = MarkerDetector::kTarsier;
-  markers::DetectOptions detect;           // of kTarsier
-  geometry::PlanarTrackOptions track;      // of videos
-  std::optional<geometry::Camera> camera;  // width 0: of any size. Empty: guessed from the image
-  double focal_px = 0;                     // of the guessed camera; 0: the image's larger side
+  markers::DetectOptions detect;       // for kTarsier
+  geometry::PlanarTrackOptions track;  // for videos
+  // Width 0 means any image size. If empty, the camera is guessed from the image.
+  std::optional<geometry::Camera> camera;
+  double focal_px = 0;  // of the guessed camera; 0 means the larger side of the image
 
   [[nodiscard]] OptionFields fields() {
     return {{"side", side, at_least(0)}, {"focal_px", focal_px, at_least(0)}};
   }
-  // Throws std::invalid_argument that names the value, UsageError for an unknown family.
+  // Throws std::invalid_argument, which names the value, and UsageError for an unknown family.
   void check() const;
 };
 
-// A marker of one frame.
+// A marker in one frame.
 struct TrackedMarker {
   std::string family;  // the full name
   markers::Marker marker;
-  std::optional<markers::MarkerPose> pose;  // empty where the corners have none, or side is 0
+  std::optional<markers::MarkerPose> pose;  // empty if the corners give no pose or if side is 0
 };
 
 struct MarkerResult {
-  std::vector<TrackedMarker> markers;  // by family as in the options, then by id
-  geometry::Camera camera;             // that the poses are in, for images of this size
-  double ms = 0;                       // to find and to pose, milliseconds
-  bool names_families = false;         // several were searched: to_json() names them
+  std::vector<TrackedMarker> markers;  // in the order of the options' families, then by id
+  geometry::Camera camera;             // the camera of the poses, scaled to images of this size
+  double ms = 0;                       // time spent on detection and poses, milliseconds
+  bool names_families = false;         // several families were searched, so to_json() names them
 };
 
-// {"markers": [{"id", "corners", "rvec", "tvec", "errors", "ambiguity", "margin"}], "ms"}: errors
-// are those of the pose and, where there is one, of the other (px, rms). Without a pose only id,
-// corners and margin; of several families each marker has "family" after its id. The line of
-// `tarsier ar markers --json` without the image's name.
+// {"markers": [{"id", "corners", "rvec", "tvec", "errors", "ambiguity", "margin"}], "ms"}. "errors"
+// holds the error of the pose and, if it exists, that of the second solution (px, rms). A marker
+// without a pose has only id, corners and margin. With several families each marker has "family"
+// after its id. This is a line of `tarsier ar markers --json`, without the image name.
 [[nodiscard]] nlohmann::ordered_json to_json(const MarkerResult& result);
 
-// What is known from earlier frames of a video, and buffers: one for each stream of frames, always
-// of the same tracker.
+// State carried from frame to frame of a video, and buffers. Use one state for each stream of
+// frames, always with the same tracker.
 struct MarkerState {
   markers::DetectWorkspace workspace;
-  std::vector<markers::PoseTracks> tracks;  // of each family
-  std::string source;                       // that the frames are from
+  std::vector<markers::PoseTracks> tracks;  // one for each family
+  std::string source;                       // source of the frames
   cv::Mat gray;
 };
 
-// Finds square markers in images, and their poses over videos:
+// Finds square markers in images, and their poses in images and videos:
 //
 //   planar::MarkerTrackerOptions options;
 //   options.side = 0.05;
@@ -81,10 +83,10 @@ struct MarkerState {
 //         fmt::print("{}: {:.3f} m away\n", m.marker.id,
 //                    m.pose->camera_from_marker.translation.norm());
 //
-// Const: any number of threads may use it, each with a state of its own.
+// The object is const. Any number of threads may use it, each with its own state.
 class MarkerTracker {
  public:
-  // Throws as MarkerTrackerOptions::check().
+  // Throws the same exceptions as MarkerTrackerOptions::check().
   [[nodiscard]] static MarkerTracker load(const MarkerTrackerOptions& options = {});
 
   [[nodiscard]] const MarkerTrackerOptions& options() const { return options_; }
@@ -92,9 +94,9 @@ class MarkerTracker {
     return families_;
   }
 
-  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. The markers of a still are posed for themselves; those
-  // of a video are tracked until another source begins. `debug`, which may be null, takes the
-  // stages of kTarsier. Throws InputError where the camera is that of images of another shape.
+  // `frame.image` is CV_8UC3 (BGR) or CV_8UC1. A still is posed on its own. In a video the poses
+  // are tracked until another source begins. `debug` may be null; it receives the stages of
+  // kTarsier. Throws InputError if the camera's images have another aspect ratio.
   [[nodiscard]] MarkerResult process(const Frame& frame, MarkerState& state,
                                      DebugSink* debug = nullptr) const;
 

@@ -15,18 +15,19 @@
 namespace tarsier::planar {
 
 struct TargetTrackerOptions {
-  image_targets::TrackOptions track;       // of stills its `detect`
-  std::optional<geometry::Camera> camera;  // width 0: of any size. Without one there are no poses
-  void check() const;                      // throws std::invalid_argument that names the value
+  image_targets::TrackOptions track;  // stills use only its `detect`
+  // Width 0 means any image size. Without a camera there are no poses.
+  std::optional<geometry::Camera> camera;
+  void check() const;  // throws std::invalid_argument that names the value
 };
 
 // The targets of one frame.
 struct TargetResult {
   std::vector<image_targets::TrackedTarget> seen;  // in the order of `targets`
-  // All that were searched; never null in a result of process().
+  // All targets that were searched. Never null in a result of process().
   std::shared_ptr<const std::vector<image_targets::Target>> targets;
-  std::optional<geometry::Camera> camera;  // that the poses are in, for images of this size
-  double ms = 0;                           // spent to find them, milliseconds
+  std::optional<geometry::Camera> camera;  // the camera of the poses, scaled to images of this size
+  double ms = 0;                           // time spent finding the targets, milliseconds
 
   [[nodiscard]] const image_targets::Target& target_of(
       const image_targets::TrackedTarget& one) const {
@@ -34,18 +35,18 @@ struct TargetResult {
   }
 };
 
-// {"markers": [image_targets::target_json()..], "ms"}: the line of `tarsier ar target-track --json`
-// without the image's name.
+// {"markers": [image_targets::target_json()..], "ms"}: a line of `tarsier ar target-track --json`,
+// without the image name.
 [[nodiscard]] nlohmann::ordered_json to_json(const TargetResult& result);
 
-// What is known from earlier frames of a video: one for each stream of frames, always of the same
-// tracker.
+// State carried from frame to frame of a video. Use one state for each stream of frames, always
+// with the same tracker.
 struct TargetState {
   image_targets::TrackState track;
-  std::string source;  // that the frames are from
+  std::string source;  // source of the frames
 };
 
-// Finds trained images (see image_targets/train.h) in images, and tracks them in videos:
+// Finds trained targets (see image_targets/train.h) in images, and tracks them in videos:
 //
 //   const auto tracker = planar::TargetTracker::load({"cover.target.json"});
 //   planar::TargetState state;
@@ -57,24 +58,24 @@ struct TargetState {
 //                  seen.corners[0].y);
 //   }
 //
-// Const: copies share the targets, and any number of threads may use it, each with a state of its
-// own.
+// The object is const, and copies share the targets. Any number of threads may use it, each with
+// its own state.
 class TargetTracker {
  public:
-  // Of files that image_targets::write_target() wrote; numbered from 0. Throws ModelError naming
-  // the file, std::invalid_argument (options).
+  // Loads files of image_targets::write_target(). The targets are numbered from 0. Throws
+  // ModelError, which names the file, and std::invalid_argument (bad options).
   [[nodiscard]] static TargetTracker load(const std::vector<std::string>& paths,
                                           const TargetTrackerOptions& options = {});
-  // Of targets that are there already.
+  // Uses targets that are already in memory.
   explicit TargetTracker(std::vector<image_targets::Target> targets,
                          const TargetTrackerOptions& options = {});
 
   [[nodiscard]] const std::vector<image_targets::Target>& targets() const { return *targets_; }
   [[nodiscard]] const TargetTrackerOptions& options() const { return options_; }
 
-  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. The targets of a still are found for themselves; those
-  // of a video are tracked until another source begins. `debug`, which may be null, takes the
-  // stages. Throws InputError where the camera is that of images of another shape.
+  // `frame.image` is CV_8UC3 (BGR) or CV_8UC1. A still is searched on its own. In a video the
+  // targets are tracked until another source begins. `debug` may be null; it receives the stages.
+  // Throws InputError if the camera's images have another aspect ratio.
   [[nodiscard]] TargetResult process(const Frame& frame, TargetState& state,
                                      DebugSink* debug = nullptr) const;
 
@@ -83,7 +84,7 @@ class TargetTracker {
   TargetTrackerOptions options_;
 };
 
-// Forgets all places: the next frame is searched for all targets.
+// Discards all tracked positions: the next frame is searched for all targets.
 void redetect(TargetState& state);
 
 }  // namespace tarsier::planar

@@ -35,7 +35,7 @@ std::string escaped_pdf(const std::string& text) {
   return result;
 }
 
-// A circle as four Bezier curves, 0.03 % off at most; in mm.
+// A circle as four Bezier curves, with an error of at most 0.03 %; in mm.
 void add_dot(std::string& out, const Dot& dot) {
   const double r = dot.radius;
   const double k = 0.5522847498 * r;
@@ -79,7 +79,7 @@ std::string pdf_content(const Page& page) {
 
 // --- raster ---
 
-// How much of [from, to) lies in pixel k.
+// Length of the overlap of [from, to) with pixel k.
 double overlap(double from, double to, int k) {
   return std::clamp(std::min(to, k + 1.0) - std::max(from, static_cast<double>(k)), 0.0, 1.0);
 }
@@ -93,17 +93,18 @@ class Raster {
         x_(coverage_.cols / size.width),
         y_(coverage_.rows / size.height) {}
 
-  // Neighbours of one fill add up to whole pixels.
+  // Neighbouring boxes of one fill sum to whole pixels.
   void fill(const Fill& fill) {
     cv::Rect touched;
     for (const cv::Rect2d& box : fill.boxes) touched |= add(box);
     for (const Dot& dot : fill.dots) touched |= add(dot);
     blend(touched, fill.gray);
-    coverage_(touched).setTo(0);  // for the next fill; a whole page would take far longer
+    // Cleared for the next fill; clearing a whole page would take much longer.
+    coverage_(touched).setTo(0);
   }
   void line(const Line& line) {
     const double half = line.width / 2;
-    // Along one of the axes: a box (check() holds lines to that).
+    // Along one of the axes: a box (check() ensures this).
     const bool level = line.from.y == line.to.y;
     const cv::Point2d low(std::min(line.from.x, line.to.x), std::min(line.from.y, line.to.y));
     const cv::Point2d high(std::max(line.from.x, line.to.x), std::max(line.from.y, line.to.y));
@@ -113,7 +114,7 @@ class Raster {
   void text(const Text& text) {
     double height = std::min(text.height * y_, 400.0);
     if (height < 4) return;  // not readable anyway
-    // As wide as Helvetica at most: the drawn letters are broader.
+    // At most as wide as Helvetica: the drawn letters are broader.
     const double most = 0.52 * static_cast<double>(text.text.size()) * height / kCapital;
     const double width = image::draw::text_size(text.text, height).width;
     if (width > most) height = std::max(4.0, height * most / width);
@@ -201,7 +202,7 @@ std::string big_endian(std::uint32_t value) {
   return bytes;
 }
 
-// A resolution chunk after the header chunk, which is always the first, of 25 bytes.
+// Inserts a resolution chunk after the header chunk of 25 bytes, which is always the first.
 std::string with_resolution(const std::string& png, double per_meter_x, double per_meter_y) {
   constexpr std::size_t kAfterHeader = 8 + 25;
   const std::string data = "pHYs" +

@@ -21,11 +21,11 @@ namespace {
 using calibration::BoardKind;
 using calibration::BoardSpec;
 
-constexpr double kRim = 1.5;        // cells of white around a marker
-constexpr double kLabel = 2.2;      // mm, letters
-constexpr double kLabelRoom = 4.5;  // mm under a marker
-constexpr double kFoot = 13;        // mm, for the line to check
-constexpr double kCut = 3;          // mm, marks to cut along
+constexpr double kRim = 1.5;        // cells of white margin around a marker
+constexpr double kLabel = 2.2;      // mm, height of letters
+constexpr double kLabelRoom = 4.5;  // mm below a marker
+constexpr double kFoot = 13;        // mm, for the ruler
+constexpr double kCut = 3;          // mm, length of cut marks
 constexpr std::size_t kMaxPages = 500;
 constexpr std::size_t kMaxIds = 10'000;
 
@@ -48,10 +48,10 @@ std::optional<T> whole(std::string_view text) {
   return value;
 }
 
-// A number without zeros at its end.
+// A number without trailing zeros.
 std::string shown(double mm) { return fmt::format("{:g}", std::round(mm * 1000) / 1000); }
 
-// A line of 100 mm (or 50, or 20) with marks each 10 mm, at the foot of the page.
+// A ruler of 100 mm (or 50, or 20) with marks every 10 mm, at the foot of the page.
 void add_ruler(Page& page, double margin) {
   double length = 100;
   for (const double shorter : {50.0, 20.0, 10.0})
@@ -86,7 +86,7 @@ void add_cut_marks(Page& page, const cv::Rect2d& box) {
 struct Grid {
   int columns = 0;
   int rows = 0;
-  double width = 0;  // mm, of one place
+  double width = 0;  // mm, of one position
   double height = 0;
 };
 
@@ -100,8 +100,8 @@ Grid grid_for(double side, int cells, const SheetOptions& options) {
   return grid;
 }
 
-// Chess squares and dots of a board whose first square's corner (or first dot's surroundings) is at
-// `origin`.
+// Chess squares and dots of a board. `origin` is the corner of the first square, or of the first
+// dot's cell.
 Fill board_fill(const BoardSpec& spec, const cv::Point2d& origin, double pitch) {
   Fill fill;
   if (spec.kind == BoardKind::kCircles || spec.kind == BoardKind::kCirclesGrid) {
@@ -130,7 +130,7 @@ Fill board_fill(const BoardSpec& spec, const cv::Point2d& origin, double pitch) 
   return fill;
 }
 
-// mm, of the print.
+// Size of the print, mm.
 cv::Size2d board_size(const BoardSpec& spec, double pitch) {
   if (spec.kind == BoardKind::kCircles)
     return {(2 * spec.columns + 2) * pitch, (spec.rows + 1) * pitch};
@@ -240,7 +240,7 @@ std::vector<Page> marker_pages(const std::string& family, const std::vector<int>
                                  shown(side), kMaxPages));
   }
   const double rim = kRim * side / (dictionary.cells() + 2);
-  // The places together are in the middle of the page.
+  // The grid of markers is centred on the page.
   const double left = 0.5 * (options.paper.width - grid.columns * grid.width);
   std::vector<Page> pages;
   for (std::size_t k = 0; k < ids.size(); ++k) {
@@ -298,7 +298,7 @@ Page board_page(const BoardSpec& spec, const SheetOptions& options) {
                            0.5 * (page.size.height - kFoot - print.height));
   page.fills.push_back(board_fill(spec, origin, pitch));
   add_ruler(page, options.margin);
-  // Beside the line to check, or above the foot where the page is narrow.
+  // Beside the ruler, or above the foot if the page is narrow.
   page.texts.push_back({{options.margin, page.size.height - options.margin - 10.5},
                         kLabel,
                         fmt::format("--board {} --square {}mm", spec.text(), shown(pitch)),

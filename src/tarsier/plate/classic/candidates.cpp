@@ -13,7 +13,7 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr int kDetail = 3;  // of Candidate144::plain
+constexpr int kDetail = 3;  // scale of Candidate144::plain
 
 double length(cv::Point2f v) { return std::hypot(v.x, v.y); }
 
@@ -37,7 +37,8 @@ cv::Mat straightened(const cv::Mat& gray, const Quad& quad, cv::Size size) {
   return result;
 }
 
-// The outermost points of each row that are not 0: they have the convex hull of all such points.
+// The first and last nonzero points of each row: they have the same convex hull as all nonzero
+// points.
 std::vector<cv::Point> row_ends(const cv::Mat& mask) {
   std::vector<cv::Point> ends;
   for (int y = 0; y < mask.rows; ++y) {
@@ -53,12 +54,13 @@ std::vector<cv::Point> row_ends(const cv::Mat& mask) {
   return ends;
 }
 
-// The rotated box of what floods from white points around the middle; false if it is no plate.
+// The rotated box of the flood fill from white points around the centre; false if it is not a
+// plate.
 bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions& options, Rng& rng,
                  Quad& box) {
   const cv::Point2f middle = (around[0] + around[2]) * 0.5F;
   const double reach = std::min(length(around[1] - around[0]), length(around[3] - around[0])) / 2;
-  // Only the neighbourhood: the mask of a whole image for each candidate would be slow.
+  // Fills only the neighbourhood: a mask of the whole image for each candidate would be slow.
   const int margin = static_cast<int>(length(around[1] - around[0]) * 0.8) + 4;
   const cv::Rect window =
       cv::Rect(cvRound(middle.x) - margin, cvRound(middle.y) - margin, 2 * margin, 2 * margin) &
@@ -93,7 +95,7 @@ void CandidateOptions::check() const {
 Quad upright_corners(const cv::RotatedRect& box) {
   Quad points;
   box.points(points.data());
-  // The longer side lies; of the two long sides the upper is the top.
+  // The longer side becomes horizontal; the upper of the two long sides is the top.
   if (length(points[1] - points[0]) < length(points[2] - points[1]))
     std::rotate(points.begin(), points.begin() + 1, points.end());
   if (points[0].y + points[1].y > points[2].y + points[3].y)
@@ -139,7 +141,7 @@ std::vector<Candidate144> find_candidates(const cv::Mat& gray, const CandidateOp
     const Quad rough = upright_corners(cv::minAreaRect(contour));
     if (!has_form(rough, options)) continue;
     Rng own = rng.fork(++number);
-    // The edges' box and the flooded one are both worth a look.
+    // The box of the edges and the flooded box are both candidates.
     std::vector<Quad> boxes{rough};
     Quad box;
     if (flooded_box(gray, rough, options, own, box)) boxes.insert(boxes.begin(), box);

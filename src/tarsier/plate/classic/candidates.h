@@ -12,19 +12,19 @@
 
 namespace tarsier::plate {
 
-// What may be a plate.
+// A region that may be a plate.
 struct Candidate144 {
   Quad corners{};  // in the image
-  cv::Mat gray;    // 144x33, straight, 3x3 blurred, equalised
-  cv::Mat plain;   // the same at three times the size, not equalised: the characters are cut here
+  cv::Mat gray;    // 144x33, rectified, 3x3 blurred, equalised
+  cv::Mat plain;   // the same at three times the size, not equalised; characters are segmented here
 };
 
 struct CandidateOptions {
-  double aspect = 520.0 / 110;  // width by height
-  double aspect_error = 0.4;    // share of it, either way
+  double aspect = 520.0 / 110;  // width / height
+  double aspect_error = 0.4;    // maximum relative error, in either direction
   double min_height = 15;       // px of the scaled image
   double max_height = 125;
-  int seeds = 10;        // of the flood fill
+  int seeds = 10;        // number of seeds of the flood fill
   int flood_range = 30;  // grey levels
 
   [[nodiscard]] OptionFields fields() {
@@ -35,15 +35,16 @@ struct CandidateOptions {
   void check() const;
 };
 
-// Candidates of a grey image (CV_8UC1) at one scale: vertical edges (5x5 blur, Sobel), Otsu's
-// threshold, closing 17x3, contours whose rotated box has a plate's form; then the white plate is
-// flooded from random points and its rotated box taken, where that has the form as well.
+// Finds candidates in a grey image (CV_8UC1) at one scale. Steps: vertical edges (5x5 blur, Sobel),
+// Otsu's threshold, closing 17x3, contours whose rotated box has the shape of a plate. The white
+// plate is then flood-filled from random points; its rotated box is used if it has the shape of a
+// plate as well.
 [[nodiscard]] std::vector<Candidate144> find_candidates(const cv::Mat& gray,
                                                         const CandidateOptions& options, Rng rng,
                                                         DebugSink* debug);
 
-// Corners of a rotated box with its long sides lying: top left first, clockwise. From the points
-// alone, since the meaning of cv::RotatedRect's angle changed in OpenCV 4.5.1.
+// Corners of a rotated box with its long sides horizontal: top left first, clockwise. It uses only
+// the points, because the meaning of cv::RotatedRect's angle changed in OpenCV 4.5.1.
 [[nodiscard]] Quad upright_corners(const cv::RotatedRect& box);
 
 }  // namespace tarsier::plate

@@ -25,7 +25,7 @@ std::vector<float> features_of(const cv::Mat& character, ReaderKind kind, int lo
                                   : hog_features(character, kHogCell, kHogBins);
 }
 
-// By (dx, dy) px, dark where nothing was.
+// Shifts by (dx, dy) px; uncovered pixels are dark.
 cv::Mat shifted(const cv::Mat& character, int dx, int dy) {
   cv::Mat result(character.size(), CV_8UC1, cv::Scalar(0));
   const cv::Rect area(0, 0, character.cols, character.rows);
@@ -34,8 +34,8 @@ cv::Mat shifted(const cv::Mat& character, int dx, int dy) {
   return result;
 }
 
-// The character, and for the machines on gradients also what a careless cut would have made of it:
-// they do not learn that from a few hundred examples.
+// The character, and for the linear SVMs on gradients also imprecisely cropped versions of it:
+// these machines do not learn that tolerance from a few hundred examples.
 std::vector<cv::Mat> views_of(const cv::Mat& character, ReaderKind kind) {
   if (kind == ReaderKind::kMlp) return {character};
   return {character, shifted(character, 1, 0), shifted(character, -1, 0), shifted(character, 0, 1),

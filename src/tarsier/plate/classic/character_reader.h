@@ -19,26 +19,27 @@ namespace tarsier::plate {
 // The characters of Spanish plates, in the order of the textbook's classes.
 inline constexpr std::string_view kSpanishSymbols = "0123456789BCDFGHJKLMNPRSTVWXYZ";
 
-// Characters with known symbols.
+// Characters with their labels.
 struct CharacterSet {
   std::string symbols;              // class k is symbols[k]
   std::vector<cv::Mat> characters;  // CV_8UC1, 20x20, bright on dark
-  std::vector<int> labels;          // class of each
-  std::vector<int> groups;          // of each; characters of a group (a plate) stay together in a
-                                    // split. Empty: each is its own
+  std::vector<int> labels;          // class of each character
+  // Group of each character, a plate. A group is never divided by a split. Empty: each character is
+  // a group.
+  std::vector<int> groups;
 };
 
-// OCR.xml (`TrainingDataF20` and `classes`); or a folder with a folder of images for each symbol;
-// or a folder of plates with YOLO labels beside them. Throws InputError.
+// Reads OCR.xml (`TrainingDataF20` and `classes`), a folder with a subfolder of images for each
+// symbol, or a folder of plates with YOLO labels. Throws InputError.
 [[nodiscard]] CharacterSet read_character_set(const std::string& path);
 
 enum class ReaderKind { kMlp, kHog };
 
 struct CharacterReaderOptions {
   ReaderKind kind = ReaderKind::kHog;
-  int low = 10;     // of the MLP's pixels: low x low
+  int low = 10;     // the MLP's image is low x low pixels
   MlpOptions mlp;   // 20 hidden
-  double cost = 5;  // of the linear machines on gradients
+  double cost = 5;  // of the linear SVMs on gradients
 
   [[nodiscard]] OptionFields fields() {
     return {{"low", low, range(1, kCharacterSize), "--low", "px of the mlp's small image"},
@@ -47,31 +48,31 @@ struct CharacterReaderOptions {
   void check() const;
 };
 
-// Says which character it is.
+// Classifies a character.
 struct CharacterReader {
   ReaderKind kind = ReaderKind::kHog;
   std::string symbols;
   int low = 10;
   Mlp mlp;
-  std::vector<LinearModel> machines;  // one a class against the rest
-  double sharpness = 4;               // of the soft maximum over margins
+  std::vector<LinearModel> machines;  // one per class, against the other classes
+  double sharpness = 4;               // of the softmax over the margins
 
-  // Chances of the symbols, they sum to 1. CV_8UC1, 20x20.
+  // Probabilities of the symbols; they sum to 1. `character`: CV_8UC1, 20x20.
   [[nodiscard]] std::vector<double> chances(const cv::Mat& character) const;
 };
 
-// From the characters of `set` that `chosen` numbers.
+// Trains on the characters of `set` whose indices are in `chosen`.
 [[nodiscard]] CharacterReader train_character_reader(const CharacterSet& set,
                                                      const std::vector<int>& chosen,
                                                      const CharacterReaderOptions& options, Rng rng,
                                                      const std::stop_token& stop = {});
 
-// Share of `chosen` that is read wrong.
+// Error rate on the characters in `chosen`.
 [[nodiscard]] double character_error(const CharacterReader& reader, const CharacterSet& set,
                                      const std::vector<int>& chosen);
 
-// Numbers of the characters in random order, `train` of them first (by whole groups where there are
-// groups; then about as many).
+// Indices of the characters in random order, the first `train` of them for training. Groups are not
+// divided, so with groups the number is approximate.
 struct CharacterSplit {
   std::vector<int> train;
   std::vector<int> test;
@@ -82,7 +83,7 @@ struct CharacterSplit {
 void write_character_reader(const std::string& path, const CharacterReader& reader,
                             const nlohmann::json& provenance);
 
-// A character cut from a plate, bright on dark, put into the middle of 20x20 with its aspect kept.
+// Centres a cropped character, bright on dark, in 20x20 px and keeps its aspect ratio.
 [[nodiscard]] cv::Mat normalized_character(const cv::Mat& cut);
 
 }  // namespace tarsier::plate

@@ -56,7 +56,7 @@ std::vector<fs::path> sorted(const fs::path& folder) {
   return paths;
 }
 
-// Dark ink on a bright plate becomes bright on dark, its contrast stretched.
+// Converts dark ink on a bright plate to bright on dark, and stretches the contrast.
 cv::Mat bright_ink(const cv::Mat& gray) {
   cv::Mat result;
   cv::normalize(255 - gray, result, 0, 255, cv::NORM_MINMAX);
@@ -72,7 +72,7 @@ CharacterSet from_class_folders(const std::string& folder) {
     for (const fs::path& image : sorted(path)) {
       if (!is_image_path(image.string())) continue;
       cv::Mat gray = read_gray_image(image.string());
-      // Either polarity: the border is the ground.
+      // Either polarity: the border is background.
       const double border = (cv::mean(gray.row(0))[0] + cv::mean(gray.row(gray.rows - 1))[0]) / 2;
       if (border > cv::mean(gray)[0]) gray = bright_ink(gray);
       set.characters.push_back(normalized_character(gray));

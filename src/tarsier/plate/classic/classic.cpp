@@ -17,10 +17,11 @@ constexpr std::size_t kMinCharacters = 4;
 constexpr std::size_t kMaxCharacters = 8;
 constexpr double kReward = 1.2;  // nats for each further character
 constexpr double kSameBox = 0.3;
-constexpr double kSurePlate =
-    0.5;  // the SVM's chance from which it is reported though nothing is read
+// Minimum probability of the SVM for reporting a plate without text.
+constexpr double kSurePlate = 0.5;
 
-// Characters of one plate stand in a line and are of a height; others (the band, rivets) go.
+// The characters of a plate form a line and have the same height; other segments (the band, rivets)
+// are removed.
 void keep_the_line(std::vector<Segment>& segments) {
   if (segments.size() < 3) return;
   std::vector<int> heights;
@@ -52,9 +53,9 @@ Quad in_image(const Quad& corners, const cv::Rect& box, cv::Size canvas) {
           at(box.x, box.y + box.height)};
 }
 
-// A row often holds more than the plate's characters: the band's letter, an edge, a rivet. Where
-// the reader knows just the symbols of Spanish plates, the seven neighbours that are most likely
-// four digits and three letters are the plate, if each of them may be that at all.
+// A row often holds more than the plate's characters: the band's letter, an edge, a rivet. If the
+// reader knows only the symbols of Spanish plates, keeps the seven neighbours that are most likely
+// four digits and three letters, if each of them is plausible.
 void keep_the_spanish_seven(ClassicText& row, const std::string& symbols) {
   constexpr std::size_t kDigits = 4;
   constexpr std::size_t kCharacters = 7;

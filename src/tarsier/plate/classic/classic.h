@@ -20,8 +20,8 @@ namespace tarsier::plate {
 
 struct ClassicOptions {
   std::uint64_t seed = 1;
-  std::vector<double> scales{1.0, 0.5};  // of the image, at most 8
-  double min_plate = 0.02;               // the SVM's chance below which a candidate is not read
+  std::vector<double> scales{1.0, 0.5};  // scales of the image, at most 8
+  double min_plate = 0.02;               // minimum probability of the SVM for reading a candidate
   CandidateOptions candidates;
   SegmentOptions segments;
 
@@ -41,22 +41,23 @@ struct ClassicModel {
 [[nodiscard]] std::shared_ptr<const ClassicModel> read_classic_model(
     const std::string& svm_path, const std::string& reader_path);
 
-// The plates of one image (CV_8UC3 or CV_8UC1), most confident first. `debug` may be null.
+// Reads the plates of one image (CV_8UC3 or CV_8UC1), highest confidence first. `debug` may be
+// null.
 [[nodiscard]] std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& model,
                                                 const ClassicOptions& options, DebugSink* debug);
 
-// Candidates of all scales, in pixels of the image.
+// Candidates of all scales, in pixels of the original image.
 [[nodiscard]] std::vector<Candidate144> find_classic_candidates(const cv::Mat& image,
                                                                 const ClassicOptions& options,
                                                                 DebugSink* debug);
 
-// The characters of a candidate as they are read best: of several thresholds the one that gives the
-// most convincing row.
+// The best reading of a candidate: several binarisation thresholds are tried, and the row of
+// characters with the highest score is kept.
 struct ClassicText {
   std::vector<Segment> segments;  // px of Candidate144::plain
   std::vector<std::vector<double>> chances;
   std::string text;
-  double score = 0;  // sum of log chances, and a reward for each character
+  double score = 0;  // sum of log probabilities, plus a bonus per character
 };
 [[nodiscard]] ClassicText read_candidate(const Candidate144& candidate,
                                          const CharacterReader& reader,

@@ -22,7 +22,8 @@ constexpr NameTable<PlateFeatures, 4> kFeatures{"features",
                                                   {PlateFeatures::kPca, "pca"},
                                                   {PlateFeatures::kLbp, "lbp"}}}};
 
-// Class of each 8-bit pattern: 58 with at most two changes around the circle, one for the rest.
+// Class of each 8-bit pattern: 58 patterns with at most two changes around the circle, and one
+// class for the rest.
 const std::array<std::uint8_t, 256>& uniform_classes() {
   static const std::array<std::uint8_t, 256> table = [] {
     std::array<std::uint8_t, 256> classes{};

@@ -11,13 +11,14 @@ namespace tarsier::plate {
 inline constexpr int kCharacterSize = 20;  // px, square, bright on dark
 inline const cv::Size kPlateSize{144, 33};
 
-// Projection histograms (share of bright pixels in each column, then in each row, by the largest)
-// and the image at low x low px, row after row: 40 + low^2 numbers. CV_8UC1, 20x20. `low`: 1..20.
+// Projection histograms (share of bright pixels in each column, then in each row, divided by the
+// largest) and the image at low x low px in row-major order: 40 + low^2 numbers. CV_8UC1, 20x20.
+// `low`: 1..20.
 [[nodiscard]] std::vector<float> projection_features(const cv::Mat& character, int low);
 
 // Histograms of oriented gradients (Dalal and Triggs, CVPR 2005): cells of cell x cell px, `bins`
-// unsigned directions shared out bilinearly, blocks of 2x2 cells in steps of one, each of norm 1
-// after clipping at 0.2. CV_8UC1 of any size.
+// unsigned orientations with bilinear interpolation, overlapping blocks of 2x2 cells, each
+// normalised to 1 after clipping at 0.2. CV_8UC1 of any size.
 [[nodiscard]] std::vector<float> hog_features(const cv::Mat& gray, int cell, int bins);
 
 // Histograms of local binary patterns (Ojala et al., PAMI 2002), 59 uniform patterns, in a grid of
@@ -29,7 +30,7 @@ enum class PlateFeatures { kPixels, kHog, kPca, kLbp };
     std::string_view name);  // throws std::invalid_argument
 [[nodiscard]] std::string_view name_of(PlateFeatures features);
 
-// Of a plate candidate, 144x33. kPca: the pixels; the projection is the model's.
+// Features of a plate candidate, 144x33. kPca gives the pixels; the model does the projection.
 [[nodiscard]] std::vector<float> plate_features(const cv::Mat& candidate, PlateFeatures features);
 
 }  // namespace tarsier::plate

@@ -64,7 +64,7 @@ LinearModel train_linear_svm(const cv::Mat& rows, const std::vector<int>& labels
 double MarginToChance::at(double margin) const { return logistic(a * margin + b); }
 
 MarginToChance fit_chance(const std::vector<double>& margins, const std::vector<int>& labels) {
-  // Platt's targets keep away from 0 and 1; Newton's method with a little ridge.
+  // Platt's targets avoid 0 and 1. Newton's method with a small ridge.
   const auto positives =
       static_cast<double>(std::count_if(labels.begin(), labels.end(), [](int y) { return y > 0; }));
   const double negatives = static_cast<double>(labels.size()) - positives;

@@ -19,13 +19,14 @@ struct LinearModel {
 // Support vector machine with the linear kernel and hinge loss,
 //   min 1/2 |w|^2 + cost sum max(0, 1 - y (w . x + b)),
 // by dual coordinate descent (Hsieh et al., "A dual coordinate descent method for large-scale
-// linear SVM", ICML 2008); the bias is a further weight on a constant 1. `rows`: CV_32F, one
-// example a row; `labels`: 1 or -1. At most `iterations` rounds over the examples. `cost` > 0.
+// linear SVM", ICML 2008). The bias is the weight of a constant input 1. `rows`: CV_32F, one
+// example per row; `labels`: 1 or -1. `iterations`: maximum number of passes over the examples.
+// `cost` > 0.
 [[nodiscard]] LinearModel train_linear_svm(const cv::Mat& rows, const std::vector<int>& labels,
                                            double cost, int iterations, Rng rng);
 
-// Chance of +1 at a margin m as 1 / (1 + exp(-(a m + b))), fitted to margins with known labels
-// (Platt, 1999).
+// Probability of the class +1 at a margin m: 1 / (1 + exp(-(a m + b))), fitted to margins with
+// known labels (Platt, 1999).
 struct MarginToChance {
   double a = 1;
   double b = 0;

@@ -41,7 +41,7 @@ void add_gradient(const std::vector<float>& delta, const std::vector<float>& in,
   }
 }
 
-// Each weight has a step of its own that grows while its slope keeps its sign.
+// Each weight has its own step size, which grows while its gradient keeps its sign.
 struct Rprop {
   std::vector<float> steps;
   std::vector<float> before;

@@ -11,14 +11,15 @@
 
 namespace tarsier::plate {
 
-// One hidden layer, tanh there and at the outputs, of which the largest wins.
+// One hidden layer; tanh in the hidden layer and at the outputs. The largest output gives the
+// class.
 struct Mlp {
   int inputs = 0;
   int hidden = 0;
   int outputs = 0;
-  std::vector<float> mean;    // of the inputs, subtracted ..
-  std::vector<float> scale;   // .. then divided by their deviation
-  std::vector<float> first;   // hidden x (inputs + 1), the last column the bias
+  std::vector<float> mean;    // of the inputs; subtracted first
+  std::vector<float> scale;   // standard deviation of the inputs; the divisor
+  std::vector<float> first;   // hidden x (inputs + 1); the last column is the bias
   std::vector<float> second;  // outputs x (hidden + 1)
 
   [[nodiscard]] std::vector<float> run(const float* x) const;  // each -1..1
@@ -35,8 +36,8 @@ struct MlpOptions {
   void check() const { check_fields(*this); }
 };
 
-// Least squares against targets of +-1 by resilient backpropagation (Riedmiller and Braun, ICNN
-// 1993) on all examples at once. `rows`: CV_32F; `labels`: 0..outputs-1. Throws Interrupted.
+// Minimises the squared error against targets of +-1 by resilient backpropagation (Riedmiller and
+// Braun, ICNN 1993) with full batches. `rows`: CV_32F; `labels`: 0..outputs-1. Throws Interrupted.
 [[nodiscard]] Mlp train_mlp(const cv::Mat& rows, const std::vector<int>& labels, int outputs,
                             const MlpOptions& options, Rng rng, const std::stop_token& stop = {});
 

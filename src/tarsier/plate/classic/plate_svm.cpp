@@ -64,7 +64,7 @@ PlateSvm train_on(const PlateSet& set, const std::vector<int>& chosen,
   return svm;
 }
 
-// Calls visit(number of the example, margin by a machine that did not see it).
+// Calls visit(index of the example, margin by a machine that was not trained on it).
 template <typename Visit>
 void cross_validate(const PlateSet& set, const PlateSvmOptions& options, Rng rng,
                     const Visit& visit) {

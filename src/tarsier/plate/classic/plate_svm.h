@@ -14,7 +14,7 @@
 
 namespace tarsier::plate {
 
-// Candidates of 144x33 px, CV_8UC1, equalised, with 1 (plate) or -1.
+// Candidates of 144x33 px, CV_8UC1, equalised. Labels: 1 (plate) or -1.
 struct PlateSet {
   std::vector<cv::Mat> candidates;
   std::vector<int> labels;
@@ -28,7 +28,7 @@ struct PlateSvmOptions {
   PlateFeatures features = PlateFeatures::kPixels;
   double cost = 0.1;
   int iterations = 1000;
-  int components = 40;  // of kPca at most
+  int components = 40;  // maximum, for kPca
 
   [[nodiscard]] OptionFields fields() {
     return {{"cost", cost, above(0, 1e6), "--cost", "of the SVM"},
@@ -38,22 +38,23 @@ struct PlateSvmOptions {
   void check() const { check_fields(*this); }
 };
 
-// Says whether a candidate is a plate.
+// Classifies a candidate as plate or no plate.
 struct PlateSvm {
   PlateFeatures features = PlateFeatures::kPixels;
-  std::vector<float> mean;  // of kPca
-  cv::Mat basis;            // components x pixels, CV_32F, of kPca
+  std::vector<float> mean;  // for kPca
+  cv::Mat basis;            // components x pixels, CV_32F, for kPca
   LinearModel machine;
   MarginToChance chance;
 
   [[nodiscard]] double margin(const cv::Mat& candidate) const;
 };
 
-// The chance is fitted to margins of examples that the machine did not see (five parts in turn).
+// Trains the SVM. The probability is fitted to margins of held-out examples (5-fold
+// cross-validation).
 [[nodiscard]] PlateSvm train_plate_svm(const PlateSet& set, const PlateSvmOptions& options,
                                        Rng rng);
 
-// Share of wrong answers on examples that the machine did not see, five parts in turn.
+// Error rate by 5-fold cross-validation.
 [[nodiscard]] double cross_validated_error(const PlateSet& set, const PlateSvmOptions& options,
                                            Rng rng);
 

@@ -9,18 +9,18 @@
 
 namespace tarsier::plate {
 
-// A character cut out of a straight plate.
+// A character cropped from a rectified plate.
 struct Segment {
   cv::Rect box;       // px of the plate
   cv::Mat character;  // 20x20, bright on dark
 };
 
 struct SegmentOptions {
-  double aspect = 45.0 / 77;      // width by height
-  double aspect_error = 0.35;     // share of it
-  double min_aspect = 0.2;        // of a 1
-  double max_fill = 0.8;          // share of ink in the box
-  double min_height = 15.0 / 33;  // of the plate's
+  double aspect = 45.0 / 77;      // width / height
+  double aspect_error = 0.35;     // maximum relative error
+  double min_aspect = 0.2;        // minimum for the digit 1
+  double max_fill = 0.8;          // maximum share of ink in the box
+  double min_height = 15.0 / 33;  // relative to the plate's height
   double max_height = 28.0 / 33;
 
   [[nodiscard]] OptionFields fields() {
@@ -34,8 +34,8 @@ struct SegmentOptions {
   void check() const;
 };
 
-// The characters of a plate (CV_8UC1, dark ink on a bright plate) at this threshold (0..255: ink is
-// darker), from left to right: contours of the size and form of characters.
+// Segments the characters of a plate (CV_8UC1, dark ink on a bright plate), from left to right. Ink
+// is darker than `threshold` (0..255). Segments are contours with the size and shape of characters.
 [[nodiscard]] std::vector<Segment> find_segments(const cv::Mat& plate, int threshold,
                                                  const SegmentOptions& options);
 

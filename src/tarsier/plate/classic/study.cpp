@@ -60,7 +60,7 @@ std::vector<StudyCell> study_reader(const CharacterSet& set, const StudyOptions&
             throw_if_stopped(stop);
             const auto number = static_cast<std::uint64_t>(job % options.seeds);
             StudyCell& cell = cells[static_cast<std::size_t>(job / options.seeds)];
-            // The same splits for all cells.
+            // All cells use the same splits.
             const CharacterSplit split =
                 split_characters(set, options.train, base.fork(2 * number));
             CharacterReaderOptions reader_options;

@@ -11,14 +11,14 @@
 
 namespace tarsier::plate {
 
-// The study of a character reader: every feature size with every number of hidden neurons, each
-// over repeated random splits.
+// A study of a character reader: every feature size with every number of hidden neurons, each over
+// repeated random splits.
 struct StudyOptions {
   ReaderKind kind = ReaderKind::kMlp;
-  std::vector<int> lows{5, 10, 15, 20};  // low-resolution pixels: low x low
+  std::vector<int> lows{5, 10, 15, 20};  // the small image has low x low pixels
   std::vector<int> neurons{10, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 500};
-  int seeds = 10;        // splits
-  int train = 571;       // characters to learn from
+  int seeds = 10;        // number of splits
+  int train = 571;       // characters in the training set
   int iterations = 100;  // of the MLP's training
   std::uint64_t seed = 1;
 
@@ -34,19 +34,19 @@ struct StudyOptions {
 
 struct StudyCell {
   int low = 0;
-  int neurons = 0;             // 0: a reader without
+  int neurons = 0;             // 0: a reader without hidden neurons
   std::vector<double> errors;  // of each split, 0..1
   [[nodiscard]] double mean() const;
-  [[nodiscard]] double deviation() const;  // of a single split; 0 for one
+  [[nodiscard]] double deviation() const;  // standard deviation over the splits; 0 for one split
 };
 
-// Cells by feature size, then neurons. Splits run in parallel; the result does not depend on it.
-// Throws Interrupted.
+// Cells in the order of feature size, then neurons. Splits run in parallel; the result does not
+// depend on this. Throws Interrupted.
 [[nodiscard]] std::vector<StudyCell> study_reader(const CharacterSet& set,
                                                   const StudyOptions& options, Progress& progress,
                                                   const std::stop_token& stop);
 
-// "features,neurons,splits,error_mean,error_deviation" and lines.
+// A header "features,neurons,splits,error_mean,error_deviation" and the lines.
 [[nodiscard]] std::string study_csv(const std::vector<StudyCell>& cells);
 
 }  // namespace tarsier::plate

@@ -22,7 +22,7 @@ bool is_name(char c) {
          c == '-';
 }
 
-// Walks through the text; everything it does not expect is an error with its line.
+// Scans the text; any unexpected content is an error with its line number.
 class Scanner {
  public:
   Scanner(std::string_view text, std::string name) : text_(text), name_(std::move(name)) {}
@@ -36,7 +36,7 @@ class Scanner {
     while (at_ < end() && is_space(peek())) ++at_;
   }
 
-  // Skips spaces, then takes `expected` if it is there.
+  // Skips spaces, then consumes `expected` if it follows.
   bool take(std::string_view expected) {
     skip_space();
     if (!rest().starts_with(expected)) return false;
@@ -59,7 +59,7 @@ class Scanner {
   template <typename T>
   T take_number(const char* what) {
     skip_space();
-    // Numbers are written like "1." and "+1e-3" too; from_chars takes no plus.
+    // Numbers may look like "1." and "+1e-3"; from_chars does not accept a plus.
     if (at_ < end() && peek() == '+') ++at_;
     T value{};
     const std::string_view left = rest();
@@ -108,7 +108,7 @@ cv::Mat take_matrix(Scanner& scanner, const XmlLimits& limits, std::int64_t& val
   if (values > limits.max_values)
     scanner.fail(fmt::format("more than {} numbers", limits.max_values));
   scanner.need("<data>");
-  // Grows as numbers come: a short file that announces a huge matrix costs nothing.
+  // Grows with the numbers read: a short file that announces a huge matrix costs no memory.
   std::vector<float> data;
   const auto count = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
   while (data.size() < count) {

@@ -30,7 +30,7 @@ void PooledLine::add(const cv::Mat& probabilities, const Look& look) {
   TARSIER_REQUIRE(probabilities.size() == sum_.size() && probabilities.type() == CV_32F,
                   "{}x{}, type {} for a line of {} columns", probabilities.cols, probabilities.rows,
                   probabilities.type(), sum_.rows);
-  constexpr float kFloor = 1e-5F;  // one look alone rules out no symbol
+  constexpr float kFloor = 1e-5F;  // a single look cannot exclude a symbol
   const auto room = static_cast<float>(width_ - 2 * kLineMargin);
   for (int column = 0; column < sum_.rows; ++column) {
     const float place = 0.5F + (along(column, width_) - 0.5F) / look.along;

@@ -13,7 +13,7 @@
 namespace tarsier::plate {
 namespace {
 
-// Weighted mean of quads that mean the same plate.
+// Weighted mean of quads that belong to the same plate.
 struct Cluster {
   Quad sum{};
   float weight = 0;
@@ -26,13 +26,14 @@ struct Cluster {
   }
 };
 
-// A cell in which a plate may be that is too small for its level.
+// A cell that may belong to a plate that is too small for its level.
 struct Hint {
   cv::Point2f at;  // px of the image
   float score;     // log odds
 };
 
-// `part` of the image at `size`. Cells of `least` log odds and more that are no detection become hints.
+// Searches `part` of the image, resized to `size`. Cells of at least `least` log odds that are not
+// detections become hints.
 void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
                   const linalg::Network& network, const DetectorOptions& options,
                   linalg::Workspace& workspace, std::vector<Detection>& found,
@@ -75,12 +76,12 @@ void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
   }
 }
 
-// The surest hints, each with its surroundings, at a scale at which small plates are large enough. What
-// lies in a find of `min_width` px and more is no hint.
+// Searches around the best hints at a scale at which small plates are large enough. A hint inside a
+// detection of at least `min_width` px is ignored.
 void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Network& network,
                   const DetectorOptions& options, linalg::Workspace& workspace, float min_width,
                   std::vector<Detection>& found) {
-  constexpr int kAcross = 24;  // cells of a tile: what the network sees around its middle
+  constexpr int kAcross = 24;  // cells of a tile: the network's receptive field
   constexpr int kDown = 14;
   const double scale = std::min(1.0, static_cast<double>(kPlateLow) / options.small_plate);
   const cv::Size size(static_cast<int>(std::lround(kAcross * kCell / scale)),
@@ -164,7 +165,7 @@ std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& networ
   std::vector<Detection> found;
   std::vector<Hint> hints;
   for (double scale = finest;; scale /= 2) {
-    // The network's own border hides nothing when sizes are whole cells.
+    // With whole cells, the network's padding hides nothing.
     const int width = static_cast<int>(std::lround(part.width * scale)) / kCell * kCell;
     const int height = static_cast<int>(std::lround(part.height * scale)) / kCell * kCell;
     const cv::Size size(std::max(width, 4 * kCell), std::max(height, 2 * kCell));

@@ -9,16 +9,17 @@
 
 #include <vector>
 
-// The three networks of the default pipeline: one finds plates, one finds their corners and their
-// line of text, one reads the line. All take grey images.
+// The three networks of the default pipeline: the detector, the aligner (corners and line of text)
+// and the line reader. All take grey images.
 namespace tarsier::plate {
 
-// --- finding ---
+// --- detection ---
 
-// A fully convolutional network over a pyramid. Each cell of kCell px says whether it lies in a
-// plate whose width there is about kPlateLow..kPlateHigh px, and where the corners are, in units of
-// kCornerUnit px from its centre (after Silva and Jung, "License plate detection and recognition in
-// unconstrained scenarios", ECCV 2018, who predict an affine map).
+// A fully convolutional network, applied to an image pyramid. Each cell of kCell px predicts
+// whether it lies in a plate that is about kPlateLow..kPlateHigh px wide at this level. It also
+// predicts the corners relative to its centre, in units of kCornerUnit px (after Silva and Jung,
+// "License plate detection and recognition in unconstrained scenarios", ECCV 2018, who predict an
+// affine map).
 inline constexpr int kCell = 8;
 inline constexpr float kCornerUnit = 32;
 inline constexpr float kPlateLow = 26;
@@ -26,21 +27,21 @@ inline constexpr float kPlateHigh = 84;
 
 struct Detection {
   Quad corners{};
-  float score = 0;  // of its surest cell, 0..1
+  float score = 0;  // of its best cell, 0..1
 };
 
 struct DetectorOptions {
   float threshold = 0.6F;
-  double max_pixels = 0.6e6;  // of the finest level; larger images are reduced to it
-  float overlap = 0.3F;       // of boxes of the same plate
-  int most = 120;             // plates of one image
-  // In images so large that a plate of `small_plate` px is narrower than kPlateLow in the finest level,
-  // the places where that level has cells of `hint` and more, and no plate that is wide enough there, are
-  // searched once more, larger: the surest `max_tiles`.
+  double max_pixels = 0.6e6;  // of the finest level; larger images are reduced to this size
+  float overlap = 0.3F;       // maximum overlap of the boxes of different plates
+  int most = 120;             // maximum number of plates in one image
+  // Second search for small plates. It is used if the finest level shows a plate of `small_plate`
+  // px narrower than kPlateLow. Regions whose cells reach `hint`, and that hold no sufficiently
+  // wide plate, are searched once more at a larger scale: at most the best `max_tiles` of them.
   double small_plate = 56;
   float hint = 0.1F;
   int max_tiles = 32;
-  bool parallel = false;  // use OpenCV's threads
+  bool parallel = false;  // uses OpenCV's threads
 
   [[nodiscard]] OptionFields fields() {
     return {{"threshold", threshold, inside(0, 1), "--find-threshold",
@@ -58,20 +59,20 @@ struct DetectorOptions {
 
 [[nodiscard]] linalg::Network detector_network();
 
-// Local contrast: (value - local mean) / (local deviation + floor), so that night and day look
-// alike. CV_8UC1 -> CV_32FC1.
+// Local contrast: (value - local mean) / (local deviation + floor). It makes night and day images
+// similar. CV_8UC1 -> CV_32FC1.
 [[nodiscard]] cv::Mat local_contrast(const cv::Mat& gray);
 
-// Best first; overlapping finds are merged. `where`: the part of the image that is searched, as finely
-// as the whole would be; empty: all of it.
+// Highest score first; overlapping detections are merged. `where` is the region to search, at the
+// same scale as a search of the whole image; an empty rectangle means the whole image.
 [[nodiscard]] std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
                                             const DetectorOptions& options,
                                             linalg::Workspace& workspace,
                                             const cv::Rect& where = {});
 
-// --- aligning ---
+// --- alignment ---
 
-// The window that the aligner sees: the quad so far lies at aligner_quad().
+// Size of the aligner's input window. The current estimate of the quad lies at aligner_quad().
 inline constexpr int kAlignWidth = 128;
 inline constexpr int kAlignHeight = 48;
 [[nodiscard]] Quad aligner_quad();
@@ -79,34 +80,35 @@ inline constexpr int kAlignHeight = 48;
 
 struct Alignment {
   Quad plate{};
-  Quad text{};         // around the ink of all characters
-  float score = 0;     // chance that this is a plate, 0..1
-  float two_rows = 0;  // chance that it has two rows, 0..1
+  Quad text{};         // around all characters
+  float score = 0;     // probability that this is a plate, 0..1
+  float two_rows = 0;  // probability that it has two rows, 0..1
 };
 
-// Refines corners; call again with the result's plate for more.
+// Refines the corners. Call it again with the resulting plate for a further refinement.
 [[nodiscard]] Alignment align(const cv::Mat& gray, const Quad& corners,
                               const linalg::Network& network, linalg::Workspace& workspace);
 
-// --- reading ---
+// --- line reader ---
 
-// The line of text, its ink from column kLineMargin to width - kLineMargin and from row kLineTop to
-// kLineBottom. One row of a two-row plate takes kHalfWidth columns.
+// The input canvas of the line reader. The characters extend from column kLineMargin to width -
+// kLineMargin and from row kLineTop to kLineBottom. One row of a two-row plate takes kHalfWidth
+// columns.
 inline constexpr int kLineHeight = 32;
 inline constexpr int kLineWidth = 176;
 inline constexpr int kHalfWidth = 96;
 inline constexpr int kLineMargin = 14;
 inline constexpr int kLineTop = 6;
 inline constexpr int kLineBottom = 26;
-inline constexpr int kColumn = 4;  // px of the canvas for one column of the output
+inline constexpr int kColumn = 4;  // px of the canvas per output column
 [[nodiscard]] linalg::Network line_network();
 [[nodiscard]] Quad line_quad(int width);
 
-// Zero mean and unit deviation, the input of aligner and line reader.
+// Normalises to zero mean and unit deviation: the input of the aligner and the line reader.
 void normalize(const cv::Mat& gray, std::vector<float>& values);
 
-// Class probabilities, width / kColumn rows x kClasses, CV_32F. `features`, if given, becomes what the
-// last layer makes them of: as many rows x the layer's planes, CV_32F.
+// Class probabilities, width / kColumn rows x kClasses, CV_32F. `features` may be null; it receives
+// the input of the last layer, one row per column, CV_32F.
 [[nodiscard]] cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width,
                                 const linalg::Network& network, linalg::Workspace& workspace,
                                 cv::Mat* features = nullptr);

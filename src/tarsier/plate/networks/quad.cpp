@@ -115,7 +115,7 @@ cv::Mat sample(const cv::Mat& gray, const Quad& in_image, const Quad& in_canvas,
   const cv::Rect window = cv::Rect(reach) & cv::Rect(0, 0, gray.cols, gray.rows);
   if (window.empty()) return cv::Mat(canvas, CV_8UC1, cv::Scalar(0));
   cv::Mat source = gray(window);
-  // Pixels of the image for one of the canvas.
+  // Pixels of the image per pixel of the canvas.
   const double ratio =
       std::sqrt(std::max(1e-6F, std::abs(area(in_image))) / std::max(1e-6F, area(in_canvas)));
   double scale = 1;

@@ -21,13 +21,12 @@ namespace {
 
 constexpr float kSamePlate = 0.4F;  // share of the smaller box that two finds have in common
 constexpr int kMaxRivals = 3;
-constexpr double kUnfit =
-    6;  // nats by which a text of no layout has to be likelier, and what it costs
-constexpr double kHope = 2;         // evidence that more looks may add to a first one
-constexpr double kWordPenalty = 3;  // nats against a text without a digit: mostly it is a sign
+constexpr double kUnfit = 6;        // nats: penalty and required lead of a text without a layout
+constexpr double kHope = 2;         // maximum evidence that more looks may add to the first one
+constexpr double kWordPenalty = 3;  // nats against a text without a digit: it is mostly a sign
 
-// What the network sees of a plate: one row, or the upper and the lower of two. Several looks at it
-// are pooled in the columns of the first.
+// The network's output for a plate: one row, or the upper and the lower of two. Several looks are
+// pooled in the columns of the first.
 struct Lines {
   struct Line {
     Quad quad;
@@ -36,11 +35,11 @@ struct Lines {
   };
   std::vector<Line> lines;
   cv::Mat probabilities;
-  cv::Mat features;  // of the first look, of plates of one row
+  cv::Mat features;  // of the first look, for plates of one row
   bool two_rows = false;
 };
 
-// Wider for what the aligner has cut off, lower and higher where it has taken too much or too little.
+// Wider if the aligner has cut the text off, lower or higher if it took too much or too little.
 constexpr Look kMoreLooks[] = {{1.05F, 1.14F}, {1.0F, 0.92F}, {1.12F, 1.0F}, {0.98F, 0.78F}};
 
 // The parts of a plate that are read as one line each.
@@ -50,7 +49,7 @@ std::vector<Lines::Line> parts_of(const Quad& text, bool two_rows) {
           {part_of(text, 0, 1, 0.53F, 1), kHalfWidth, kHalfWidth / kColumn}};
 }
 
-// The same lines by what all looks see.
+// The same lines, pooled over all looks.
 Lines pooled(const cv::Mat& gray, const Lines& first, const linalg::Network& network,
              linalg::Workspace& workspace) {
   Lines result = first;
@@ -86,7 +85,7 @@ Lines read_lines(const cv::Mat& gray, const Quad& text, bool two_rows,
   return result;
 }
 
-// The lines of a plate of one row by what its characters tell of each other.
+// The line of a plate of one row, revised by comparing its characters with each other.
 Lines compared(const cv::Mat& gray, const Lines& lines, const Decoded& best) {
   Lines result = lines;
   const Lines::Line& line = lines.lines.front();
@@ -96,7 +95,7 @@ Lines compared(const cv::Mat& gray, const Lines& lines, const Decoded& best) {
   return result;
 }
 
-// One look at a plate or several pooled, and the texts that it gave.
+// One look at a plate, or several pooled, with the resulting texts.
 struct Attempt {
   Lines lines;
   std::vector<Decoded> texts;
@@ -125,7 +124,7 @@ Lettering lettering_of(const Decoded& text) { return {text.text, text.confidence
 
 constexpr double kOddsMargin = 1e-5;  // of texts and characters
 
-// The quad of the characters' columns first..last of all lines' columns.
+// The quad of the characters in the columns first..last of all lines.
 Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
   int start = 0;
   for (const Lines::Line& line : lines.lines) {
@@ -139,8 +138,8 @@ Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
   return {};
 }
 
-// A thread's own, kept: the networks' maps are megabytes, and making them again for each image
-// costs more than some of the layers. One for each network, as their maps differ in size.
+// Thread-local and kept: the networks' maps are megabytes, and allocating them for each image costs
+// more than some of the layers. There is one per network, because their maps differ in size.
 linalg::Workspace& kept_workspace(std::size_t network) {
   static thread_local std::array<linalg::Workspace, 3> workspaces;
   return workspaces[network];
@@ -217,8 +216,8 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
     refine_some(all);
   std::stable_sort(finds.begin(), finds.end(),
                    [](const Find& a, const Find& b) { return a.score > b.score; });
-  // Of finds that are nearly the same the surest stays; different ones that overlap (a part of a
-  // plate, a plate and its frame) are judged by what can be read in them.
+  // Of nearly equal finds the best is kept. Different ones that overlap (a part of a plate, a plate
+  // and its frame) are judged by their text.
   std::vector<Find> kept;
   for (const Find& find : finds) {
     if (find.score < options_.min_plate) continue;
@@ -281,8 +280,8 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
     Attempt other = look(alignment.two_rows <= 0.5F);
     if (score_of(other) > score_of(chosen)) chosen = std::move(other);
   }
-  // Does what is lettered there look like a plate of the countries that were asked for? The first
-  // look says it: the mean of several is never as far from a text that does not fit.
+  // Does the text look like a plate of the requested countries? Only the first look is used,
+  // because the mean of several is never as far from a text that does not fit.
   Decoded any;
   if (any_text_) {
     any.acoustic = chosen.texts.empty() ? -1e30 : chosen.texts.front().acoustic + kUnfit;
@@ -290,8 +289,8 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
     if (!free.empty() && free.front().acoustic > any.acoustic) any = free.front();
     reading.unfit = any.text;
   }
-  // Where it is not sure of what is certainly a plate, it looks again: not at lettering that reads
-  // so badly that it will not be reported.
+  // Takes more looks if the text of a certain plate is uncertain, but not if it is so poor that it
+  // will not be reported.
   const auto is_worth_more = [&](const Decoded& text) {
     const FindFeatures features = find_features(find.detection, alignment, lettering_of(text));
     return !is_sure(text) && reader_.judge.odds(features) > options_.min_evidence - kHope;
@@ -317,7 +316,7 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
     character.corners = character_quad(lines, best.columns[i]);
     reading.characters.push_back(character);
   }
-  // How well it reads is how well what is lettered there does: it chooses among rivals.
+  // The quality of the reading is that of the visible text: it decides among rivals.
   const Decoded& lettered = reading.unfit.empty() ? best : any;
   const CalibrationFeatures features = features_of(lettered, alignment);
   if (given != nullptr) *given = features;
@@ -327,7 +326,7 @@ SeenPlate Recognizer::read_text(const cv::Mat& gray, const Find& find, linalg::W
   double odds = reader_.confidence(seen.odds) - seen.penalty;
   if (!reading.unfit.empty()) odds = std::min(odds, 0.0) - kUnfit;
   reading.confidence = logistic(odds);
-  // The rest is shared out among the others as the decoder weighs them.
+  // The rest is distributed among the other texts by the decoder's weights.
   const double others = std::max(1e-9, 1 - best.posterior);
   for (std::size_t i = 0; i < texts.size(); ++i) {
     const double confidence =
@@ -408,8 +407,9 @@ Alignment Recognizer::align_at(const cv::Mat& gray, const Quad& corners) const {
 
 std::optional<TextCrop> Recognizer::cut_text(const cv::Mat& image, const Quad& corners,
                                              const std::string& text) const {
-  constexpr float kDoubt = 0.2F;  // of a column that shows some character, for each of the text's
-  constexpr float kFill = 0.9F;   // of the room between two middles that the characters take
+  // Share of a column's non-blank probability that is added to each character of the text.
+  constexpr float kDoubt = 0.2F;
+  constexpr float kFill = 0.9F;  // share of the distance of two centres that the characters take
   std::vector<int> classes;
   for (const char symbol : text) classes.push_back(class_of(symbol));
   TARSIER_REQUIRE(!text.empty() && *std::min_element(classes.begin(), classes.end()) >= 0,
@@ -435,7 +435,7 @@ std::optional<TextCrop> Recognizer::cut_text(const cv::Mat& image, const Quad& c
   const cv::Size size(cvRound(width + 2 * margin), cvRound(height + 2 * margin));
   cv::warpPerspective(image, crop.image, map_between(alignment.text, line), size, cv::INTER_LINEAR,
                       cv::BORDER_REPLICATE);
-  // The network answers around each character's middle.
+  // The network responds around each character's centre.
   std::vector<float> middles;
   for (const auto& [first, last] : spans) {
     const float middle = 0.5F * (along(first, kLineWidth) + along(last, kLineWidth));

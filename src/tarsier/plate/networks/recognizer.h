@@ -18,10 +18,11 @@
 
 namespace tarsier::plate {
 
-// Turns what is known of a reading into the chance that its whole text is right: logistic
-// regression on log posterior, log of the least sure character, logit of the aligner, log of the
-// plate's height in px, a constant, and the logits of posterior and least sure character (which
-// tell a posterior of 0.99 from one of 0.9999; models of before have no weight for them).
+// Estimates the probability that a reading's whole text is correct, by logistic regression.
+// Features: log posterior, log of the lowest character confidence, logit of the aligner's score,
+// log of the plate's height in px, a constant, and the logits of the posterior and of the lowest
+// character confidence. Only the logits separate a posterior of 0.99 from one of 0.9999. Older
+// models have no weights for the logits.
 using CalibrationFeatures = std::array<double, 7>;
 struct Calibration {
   CalibrationFeatures weights{1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0};
@@ -35,12 +36,13 @@ struct DetectorModel {
 struct ReaderModel {
   linalg::Network line;
   Calibration calibration;
-  OddsCurve confidence;  // corrects what the calibration gives
+  OddsCurve confidence;  // corrects the result of `calibration`
   OddsCurve character;   // corrects the decoder's confidence of a character
   PlateJudge judge;
 };
 
-// models/plate-detector.json and models/plate-reader.json. Throw ModelError, OutputError.
+// Read and write models/plate-detector.json and models/plate-reader.json. Throw ModelError,
+// OutputError.
 [[nodiscard]] DetectorModel read_detector_model(const std::string& path);
 [[nodiscard]] ReaderModel read_reader_model(const std::string& path);
 void write_detector_model(const std::string& path, const DetectorModel& model,
@@ -50,11 +52,13 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
 
 struct RecognizerOptions {
   DetectorOptions detector;
-  float min_plate = 0.9F;  // the aligner's score of what is taken for a plate
-  // Least logit of the chance that it is a plate (PlateJudge) of what is reported.
+  float min_plate = 0.9F;  // minimum score of the aligner for a plate
+  // Minimum logit of the probability that a find is a plate (PlateJudge); weaker finds are not
+  // reported.
   double min_evidence = -2;
-  int refinements = 2;    // passes of the aligner
-  bool parallel = false;  // plates and large maps on OpenCV's threads; changes no result
+  int refinements = 2;  // passes of the aligner
+  // Uses OpenCV's threads for plates and large maps; does not change the result.
+  bool parallel = false;
 
   [[nodiscard]] OptionFields fields() {
     return {
@@ -66,51 +70,53 @@ struct RecognizerOptions {
   void check() const;
 };
 
-// A plate's line of text cut out straight, with a box around each character: what train-reader
-// takes.
+// A line of text, rectified and cropped, with a box around each character: training data for
+// train-reader.
 struct TextCrop {
-  cv::Mat image;                  // as the image it is of, the line's height as it was
+  cv::Mat image;                  // same type as the source image; the line's height is unchanged
   std::vector<cv::Rect2f> boxes;  // px of `image`, in the order of the text
 };
 
-// What calibration is fitted to.
+// The features to which the calibration is fitted.
 [[nodiscard]] CalibrationFeatures calibration_features(double posterior, double min_character,
                                                        double plate_score, double height_px);
 
-// A find and what was read there, before it is judged: what PlateJudge and the curves are fitted to.
+// A find and its text before the judgement. PlateJudge and the curves are fitted to it.
 struct SeenPlate {
   Reading reading;        // its `plate` is the aligner's score
   FindFeatures features;  // all of them
-  double odds = 0;        // that the text is right, before ReaderModel::confidence corrects them
-  double penalty = 0;  // that is taken from the corrected odds: nats against a text without a digit
-  std::vector<double> character_odds;  // before ReaderModel::character does
+  // Log odds that the text is correct, before the correction by ReaderModel::confidence.
+  double odds = 0;
+  double penalty = 0;  // subtracted from the corrected odds: nats against a text without a digit
+  std::vector<double> character_odds;  // before the correction by ReaderModel::character
 };
 
-// Plates of an image by the three networks. Const: any number of threads may use it.
+// Reads the plates of an image with the three networks. Const: any number of threads may use it.
 class Recognizer {
  public:
   Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice countries,
              const RecognizerOptions& options = {}, const DecodeOptions& decoding = {});
 
-  // Image: CV_8UC3 or CV_8UC1. Surest first. `debug` and `timers` (find, align, read) may be null.
-  // `once`: does not look again where it is unsure, as the next frame of a video is a look, too.
-  // `where`: plates are looked for in this part of the image; empty: in all of it.
+  // `image` is CV_8UC3 or CV_8UC1. Highest confidence first. `debug` and `timers` (find, align,
+  // read) may be null. With `once`, uncertain plates are not read a second time; use it for videos,
+  // where the next frame shows them again. `where` is the region to search; an empty rectangle
+  // means the whole image.
   [[nodiscard]] std::vector<Reading> read(const cv::Mat& image, DebugSink* debug = nullptr,
                                           Timers* timers = nullptr, bool once = false,
                                           const cv::Rect& where = {}) const;
 
-  // Every find of an image, plate or not, in no order.
+  // All finds of an image in no particular order, plates or not.
   [[nodiscard]] std::vector<SeenPlate> see(const cv::Mat& image) const;
 
-  // Reads the plate at known corners (a crop, a labelled plate). `features`, if given, becomes what
-  // its confidence was worked out from.
+  // Reads the plate at known corners (a crop or a labelled plate). `features` may be null; it
+  // receives the features of the confidence.
   [[nodiscard]] Reading read_at(const cv::Mat& image, const Quad& corners,
                                 CalibrationFeatures* features = nullptr) const;
 
-  // Where the characters of `text` (symbols of kAlphabet) lie in the plate at these corners, by the
-  // best alignment of that text with what the network sees, however badly it reads it: the boxes
-  // share the line as the characters' middles say. Nothing for a plate of two rows, or where the
-  // text does not fit.
+  // Locates the characters of `text` (symbols of kAlphabet) in the plate at these corners, even if
+  // the network reads another text. The best alignment of `text` with the network's output gives
+  // the centres of the characters, and the boxes divide the line accordingly. Returns nothing for a
+  // plate of two rows or if the text does not fit.
   [[nodiscard]] std::optional<TextCrop> cut_text(const cv::Mat& image, const Quad& corners,
                                                  const std::string& text) const;
 
@@ -136,8 +142,8 @@ class Recognizer {
   DetectorModel detector_;
   ReaderModel reader_;
   std::array<Decoder, 4> decoders_;  // by PlateForm, for plates of one row
-  Decoder decoder_;                  // for those of two
-  std::optional<Decoder> any_text_;  // where the countries' layouts alone are allowed
+  Decoder decoder_;                  // for plates of two rows
+  std::optional<Decoder> any_text_;  // set if only the countries' layouts are allowed
   RecognizerOptions options_;
 };
 

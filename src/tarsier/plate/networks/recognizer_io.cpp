@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kVersion = 1;
 
-// A network that makes `output` of `input`.
+// A network that maps `input` to `output`.
 void list_network(linalg::ModelFields& file, const char* name, linalg::Network& network,
                   linalg::Shape input, linalg::Shape output) {
   file.network(name, network);
@@ -36,7 +36,7 @@ void list_reader(linalg::ModelFields& file, ReaderModel& model) {
   auto features = weights.first(5);
   auto logits = weights.subspan(5);
   file.list<double>("calibration", features, 5);
-  // Models of before lack some: those numbers stay as they are.
+  // Older models lack some of these; then the defaults stay.
   const auto newer = [&](const char* name, auto& numbers) {
     if (file.has(name, true))
       file.list<double>(name, numbers, static_cast<std::int64_t>(numbers.size()));

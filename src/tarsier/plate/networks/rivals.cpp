@@ -15,7 +15,7 @@ namespace {
 
 constexpr float kRival = 0.6F;  // share of the smaller box from which only one of two is reported
 
-// Around the characters of a plate of one row.
+// The quad around the characters of a plate of one row.
 Quad text_quad(const Reading& reading) {
   const Quad& first = reading.characters.front().corners;
   const Quad& last = reading.characters.back().corners;
@@ -52,8 +52,9 @@ std::vector<bool> are_slogans(const std::vector<Reading>& readings) {
   return slogans;
 }
 
-// Of rivals for one place one stays: what is most certainly a whole plate and reads well. Half a
-// plate may read as well as the whole one, but the aligner knows it is not.
+// Keeps one of the readings that compete for one plate: the one that is most certainly a whole
+// plate and reads well. Half a plate may read as well as the whole one, but the aligner's score is
+// lower.
 std::vector<Reading> without_rivals(std::vector<Reading> readings) {
   const auto key = [&](std::size_t i) {
     return log_confidence(readings[i]) + 0.5 * log_odds(std::min(readings[i].plate, 0.998));
@@ -71,7 +72,7 @@ std::vector<Reading> without_rivals(std::vector<Reading> readings) {
       chosen.push_back(i);
     } else if (readings[i].text == readings[*rival].text &&
                readings[i].box.area() < readings[*rival].box.area()) {
-      *rival = i;  // what reads the same in a tighter box is the plate itself
+      *rival = i;  // for the same text, the tighter box is the plate itself
     }
   }
   std::vector<Reading> kept;

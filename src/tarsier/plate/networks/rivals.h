@@ -5,14 +5,14 @@
 
 #include <vector>
 
-// Which of the readings that overlap in an image are plates.
+// Chooses among readings that overlap in an image.
 namespace tarsier::plate {
 
-// Which of them are the small lettering above and below the text of a sure plate of one row: towns,
-// states, dealers. `plate` of the readings is the aligner's score.
+// Marks the small lettering above and below the text of a certain plate of one row: towns, states,
+// dealers. `plate` of the readings is the aligner's score.
 [[nodiscard]] std::vector<bool> are_slogans(const std::vector<Reading>& readings);
 
-// Of rivals for one place one stays. Surest first.
+// Keeps one reading of each group that competes for one plate. Highest confidence first.
 [[nodiscard]] std::vector<Reading> without_rivals(std::vector<Reading> readings);
 
 }  // namespace tarsier::plate

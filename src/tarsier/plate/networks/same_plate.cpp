@@ -17,11 +17,11 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr std::size_t kTelling = 4;  // characters
+constexpr std::size_t kTelling = 4;  // minimum number of characters
 
 bool is_narrow(char symbol) { return symbol == '1' || symbol == 'I' || symbol == 'J'; }
 
-// Of the column that is nearest to a character's middle.
+// Features of the column nearest to a character's centre.
 cv::Mat features_at(const SeenLine& line, float middle) {
   return line.features.row(std::clamp(cvRound(middle), 0, line.features.rows - 1));
 }
@@ -30,10 +30,12 @@ double likeness(const cv::Mat& a, const cv::Mat& b) {
   return a.dot(b) / (cv::norm(a) * cv::norm(b) + 1e-9);
 }
 
-// What speaks for each symbol at place `i`, nats: 0 for those that were read surely nowhere else.
+// Evidence for each symbol at place `i`, nats; 0 for symbols that were not read confidently
+// elsewhere.
 std::array<double, kBlank> likenesses(const SeenLine& line, const LetteredText& text,
                                       const std::vector<float>& middles, std::size_t i) {
-  // Logistic regression on 1071 doubtful places of drawn plates with one surely read symbol of the two.
+  // Logistic regression on 1071 doubtful places of synthetic plates with one confidently read
+  // symbol of the two.
   constexpr double kSure = 0.95;
   constexpr double kLike = 1.18;
   constexpr double kUsual = 1.31 / 1.18;
@@ -50,9 +52,10 @@ std::array<double, kBlank> likenesses(const SeenLine& line, const LetteredText& 
   return result;
 }
 
-// Nats for a character at place `i`, against none.
+// Evidence for a character at place `i` against none, nats.
 double character_evidence(const std::vector<double>& ink, std::size_t i) {
-  // Logistic regression on the characters read on drawn plates; 2 % of them stand where no character is.
+  // Logistic regression on the characters read on synthetic plates; 2 % of them are at places
+  // without a character.
   constexpr double kInk = 1.05;
   constexpr double kInner = 0.4;
   constexpr double kEnd = -0.5;
@@ -125,7 +128,7 @@ cv::Mat compared_with_itself(const SeenLine& line, const LetteredText& text) {
   const std::vector<double> ink = relative_ink(line.canvas, text.text, middles);
   for (std::size_t i = 0; i < text.text.size(); ++i) {
     const auto [first, last] = text.columns[i];
-    // All columns of a character together have the weight.
+    // The weight is distributed over all columns of a character.
     const double share = 1.0 / (last - first + 1);
     const double character = share * character_evidence(ink, i);
     const std::array<double, kBlank> like = likenesses(line, text, middles, i);

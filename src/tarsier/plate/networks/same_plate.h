@@ -7,41 +7,42 @@
 #include <utility>
 #include <vector>
 
-// What the characters of one plate tell of each other: they are lettered with the same dies and the same
-// ink. A seal between two groups has other edges than they, and a symbol that is doubtful looks like the
-// same symbol elsewhere on the plate.
+// Compares the characters of one plate with each other. All characters of a plate have the same
+// typeface and the same ink. A seal between two groups has other edges than the characters. A
+// doubtful symbol should look like the same symbol elsewhere on the plate.
 namespace tarsier::plate {
 
-// A line of one row as the networks see it.
+// A line of one row, as input and output of the networks.
 struct SeenLine {
   cv::Mat canvas;         // kLineHeight x kLineWidth, CV_8UC1
-  cv::Mat features;       // columns x planes, CV_32F: of read_line()
+  cv::Mat features;       // columns x planes, CV_32F: from read_line()
   cv::Mat probabilities;  // columns x kClasses, CV_32F
 };
 
-// The text that is compared with itself, as the decoder gave it.
+// The decoded text that is compared with itself.
 struct LetteredText {
   std::string text;
   std::vector<double> confidences;           // 0..1
   std::vector<std::pair<int, int>> columns;  // first and last of each character
 };
 
-// Middles of the characters in columns: the mean of their columns, each weighed by its chance of being no
-// blank.
+// Centres of the characters, in columns: the mean of each character's columns, weighted by the
+// probability that the column is not blank.
 [[nodiscard]] std::vector<float> middles_of(const cv::Mat& probabilities,
                                             const std::vector<std::pair<int, int>>& columns);
 
-// For each character ln(E / median E of the others), of the energy E of the upright edges around its
-// middle: the sum of squared derivatives along the line of the canvas smoothed by 0.7 px, within 0.45 of
-// the median distance between neighbours. 1, I and J, which have few edges, do not count among the others
-// unless there is nothing else. `text` has 2 characters and more.
+// For each character, ln(E / median E of the others). E is the energy of the vertical edges around
+// the character's centre: the sum of squared derivatives along the line, in the canvas smoothed by
+// 0.7 px, within 0.45 of the median distance between neighbours. The median excludes 1, I and J,
+// which have few edges, unless there is no other character. `text` has at least 2 characters.
 [[nodiscard]] std::vector<double> relative_ink(const cv::Mat& canvas, const std::string& text,
                                                const std::vector<float>& middles);
 
-// The line's probabilities in the light of the whole text, each column adding up to 1 again: where a
-// character has fainter edges than the others, or stands at an end, a blank becomes more likely; where
-// it is doubtful, a symbol that looks as one that was read surely elsewhere becomes likelier, and one that
-// does not less so. Texts of fewer than 4 characters tell nothing.
+// Revises the line's probabilities by the whole text; each column still sums to 1. If a character
+// has fainter edges than the others, or stands at an end, its blank becomes more likely. For a
+// doubtful character, symbols that look like a confidently read symbol elsewhere become more
+// likely, and symbols that look different become less likely. Texts of fewer than 4 characters are
+// not changed.
 [[nodiscard]] cv::Mat compared_with_itself(const SeenLine& line, const LetteredText& text);
 
 }  // namespace tarsier::plate

@@ -18,7 +18,7 @@
 
 namespace tarsier::plate {
 
-// By which algorithms plates are found and read.
+// The algorithms that find and read plates.
 enum class Pipeline {
   kNetworks,  // networks/recognizer.h
   kTextbook   // classic/classic.h: edges, SVM, contours, one character at a time
@@ -26,21 +26,22 @@ enum class Pipeline {
 
 struct ReaderOptions {
   Pipeline pipeline = Pipeline::kNetworks;
-  // Codes ("es", "sk") or groups ("eu"); "any" or none: all that are known, and texts of no layout.
+  // Codes ("es", "sk") or groups ("eu"). With "any" or an empty list, all known countries are
+  // allowed, and also texts that fit no layout.
   std::vector<std::string> countries;
-  double min_confidence = 0;  // of the whole text; plates below are left out
-  int max_candidates = 10;    // of each plate
+  double min_confidence = 0;  // of the whole text; plates below it are left out
+  int max_candidates = 10;    // per plate
 
-  // Files in place of the models that ship; empty: those of the ModelStore.
-  std::string countries_folder;  // of layouts (*.txt)
-  std::string detector_model;    // plate-detector.json; of the textbook plate-svm.json
-  std::string reader_model;  // plate-reader.json; of the textbook plate-hog.json, plate-mlp.json
+  // Files that replace the shipped models. An empty path selects the file of the ModelStore.
+  std::string countries_folder;  // folder of layouts (*.txt)
+  std::string detector_model;    // plate-detector.json; kTextbook: plate-svm.json
+  std::string reader_model;      // plate-reader.json; kTextbook: plate-hog.json, plate-mlp.json
 
-  // Of kNetworks. RecognizerOptions::parallel changes the speed, never a result.
+  // For kNetworks. RecognizerOptions::parallel changes the speed but never a result.
   RecognizerOptions recognizer;
-  DecodeOptions decoding;  // `candidates` is raised to max_candidates where it is less
+  DecodeOptions decoding;  // `candidates` is raised to max_candidates if it is smaller
 
-  // Of kTextbook.
+  // For kTextbook.
   ReaderKind textbook_reader = ReaderKind::kHog;
   ClassicOptions textbook;
 
@@ -52,13 +53,13 @@ struct ReaderOptions {
   void check() const;  // throws std::invalid_argument that names the value
 };
 
-// What is read in one frame.
+// The plates of one frame.
 struct ReaderResult {
-  std::vector<Reading> plates;  // surest first; empty where there are none
-  double ms = 0;                // spent in process(), milliseconds
+  std::vector<Reading> plates;  // highest confidence first; empty if no plate is found
+  double ms = 0;                // time spent in process(), milliseconds
 };
 
-// {"plates": [reading_json()..], "ms"}: the line of `tarsier plate read --json` without the image's
+// {"plates": [reading_json()..], "ms"}: a line of `tarsier plate read --json`, without the image
 // name.
 [[nodiscard]] nlohmann::ordered_json to_json(const ReaderResult& result);
 
@@ -70,18 +71,20 @@ struct ReaderResult {
 //     for (const plate::Reading& plate : reader.process(*frame).plates)
 //       fmt::print("{} {:.2f}\n", plate.text, plate.confidence);
 //
-// Holds the models, and is const: copies share them, any number of threads may use it. What belongs
-// together in a video is VideoReader's.
+// The object holds the models and is const. Copies share the models, and any number of threads may
+// use one object. VideoReader combines the frames of a video.
 class Reader {
  public:
-  // Reads the models and layouts. Throws ModelError (missing or broken), InputError (layouts),
-  // UsageError (an unknown country, naming the nearest), std::invalid_argument (options).
+  // Reads the models and layouts. Throws ModelError (a missing or broken model), InputError (bad
+  // layouts), UsageError (an unknown country; the message names the nearest known one) and
+  // std::invalid_argument (bad options).
   [[nodiscard]] static Reader load(const ModelStore& models, const ReaderOptions& options = {});
 
-  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Where `frame.still` is false a plate that is not sure
-  // is looked at only once, as the next frame is another look. `debug` takes each stage; `timers`
-  // (of kNetworks: find, align, read) what each took; both may be null. `where`: the part of the image
-  // in which plates are looked for, px; empty: all of it. kTextbook looks everywhere.
+  // `frame.image` is CV_8UC3 (BGR) or CV_8UC1. If `frame.still` is false, an uncertain plate is
+  // read only once, because the next frame shows it again. `debug` receives the image of each
+  // stage, and `timers` the duration of each stage (kNetworks: find, align, read). Both may be
+  // null. `where` is the region of the image that is searched, px; if it is empty, the whole image
+  // is searched. kTextbook always searches the whole image.
   [[nodiscard]] ReaderResult process(const Frame& frame, DebugSink* debug = nullptr,
                                      Timers* timers = nullptr, const cv::Rect& where = {}) const;
 
@@ -95,7 +98,7 @@ class Reader {
   std::size_t max_candidates_;
 };
 
-// The networks of kNetworks alone, for those who read plates whose corners are known.
+// Loads only the networks of kNetworks, for callers that know the corners of the plates.
 [[nodiscard]] Recognizer load_recognizer(const ModelStore& models,
                                          const ReaderOptions& options = {});
 

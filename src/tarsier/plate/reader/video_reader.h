@@ -21,26 +21,26 @@ struct VideoReaderOptions {
   void check() const;  // throws std::invalid_argument that names the value
 };
 
-// What is known from earlier frames of a video.
+// State carried from frame to frame of a video.
 struct VideoReaderState {
   TrackerState tracker;
-  std::string source;      // that the frames are from
-  bool has_video = false;  // a frame of a video was the last one
+  std::string source;      // source of the frames
+  bool has_video = false;  // true if the last frame belonged to a video
 };
 
-// What is read in one frame.
+// The plates and vehicles of one frame.
 struct VideoReaderResult {
-  std::vector<Reading> plates;     // within the region, surest first
-  std::vector<LiveTrack> tracks;   // vehicles in sight, oldest first; of a still none
-  std::vector<PlateEvent> events;  // what this frame added about vehicles, in order
-  double ms = 0;                   // spent finding and reading plates, milliseconds
+  std::vector<Reading> plates;     // inside the region, highest confidence first
+  std::vector<LiveTrack> tracks;   // vehicles in view, oldest first; empty for a still
+  std::vector<PlateEvent> events;  // events that this frame causes, in order
+  double ms = 0;                   // time spent finding and reading plates, milliseconds
 };
 
-// {"plates", "ms"} as of ReaderResult, and where vehicles are in sight "tracks": [{"id", "text",
-// "confidence", "box": [x, y, w, h], "confirmed"}]. Events have event_json().
+// {"plates", "ms"} as for ReaderResult. If vehicles are in view, also "tracks": [{"id", "text",
+// "confidence", "box": [x, y, w, h], "confirmed"}]. event_json() converts events.
 [[nodiscard]] nlohmann::ordered_json to_json(const VideoReaderResult& result);
 
-// Reads number plates in videos and from cameras: plates are tracked, the readings of each vehicle
+// Reads number plates in videos and from cameras. Plates are tracked, the readings of each vehicle
 // vote, and each vehicle gives one closed event:
 //
 //   const auto reader = plate::VideoReader::load(ModelStore::find());
@@ -53,35 +53,38 @@ struct VideoReaderResult {
 //   while (const auto frame = source->next(1s, {})) report(reader.process(*frame, state).events);
 //   report(reader.finish(state));
 //
-// Const: copies share the models, and any number of threads may use it, each with a state of its
-// own. Stills are read like Reader does, and are no vehicles.
+// The object is const, and copies share the models. Any number of threads may use it, each with its
+// own state. Stills are read as by Reader and are not tracked.
 class VideoReader {
  public:
   using Read = std::function<ReaderResult(const Frame& frame, DebugSink* debug)>;
-  // The same of a part of the frame, px; empty: all of it.
+  // Reads one region of the frame, px. An empty rectangle means the whole frame.
   using ReadPart =
       std::function<ReaderResult(const Frame& frame, const cv::Rect& where, DebugSink* debug)>;
 
-  // Throws as Reader::load().
+  // Throws the same exceptions as Reader::load().
   [[nodiscard]] static VideoReader load(const ModelStore& models,
                                         const VideoReaderOptions& options = {});
-  // Plates as `read` finds them. Throws std::invalid_argument for a null function or bad options.
+  // Uses `read` to find plates. Throws std::invalid_argument for a null function or bad options.
   VideoReader(ReadPart read, const TrackerOptions& options);
-  VideoReader(Read read, const TrackerOptions& options);  // always of all of it
+  VideoReader(Read read, const TrackerOptions& options);  // always reads the whole frame
 
   [[nodiscard]] const TrackerOptions& options() const { return options_; }
 
-  // The next frame. Where it is a still or of another source than the frames before it, their
-  // vehicles have gone: their events come first. `seen`: when the frame was taken, by the wall
-  // clock; where left out, events have no such times. Throws std::invalid_argument for an image
-  // that is not CV_8UC3 or CV_8UC1 and a time that is not finite. `where`: the part in which plates are
-  // looked for, px; vehicles whose plates are elsewhere are as if not seen in this frame.
+  // Processes the next frame. If the frame is a still, or comes from another source than the frames
+  // before it, all tracked vehicles are closed first and their events are returned first. `seen` is
+  // the wall-clock time at which the frame was taken; without it, events have no wall-clock times.
+  // `where` is the region that is searched, px; a vehicle whose plate is outside this region counts
+  // as not seen in this frame. Throws std::invalid_argument for an image that is not CV_8UC3 or
+  // CV_8UC1 and for a time that is not finite.
   [[nodiscard]] VideoReaderResult process(const Frame& frame, VideoReaderState& state,
                                           const FrameMoment& seen = {}, DebugSink* debug = nullptr,
                                           const cv::Rect& where = {}) const;
-  // Whether the frame goes on with what `state` follows: else process() begins with finish().
+  // Returns whether the frame continues the sequence of `state`. If not, process() first calls
+  // finish().
   [[nodiscard]] static bool continues(const Frame& frame, const VideoReaderState& state);
-  // No more frames: the events of vehicles that are still in sight. The state may be used again.
+  // Ends the sequence and returns the events of the vehicles still in view. The state may be
+  // reused.
   [[nodiscard]] std::vector<PlateEvent> finish(VideoReaderState& state) const;
 
  private:

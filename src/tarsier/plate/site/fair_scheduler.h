@@ -7,23 +7,24 @@
 
 namespace tarsier::plate {
 
-// Which of several cameras is served next, so that each gets the same share of the work when there
-// is more than can be done. Start-time fair queuing (Goyal, Vin, Cheng, SIGCOMM 1996) with one
-// request a camera: each camera has a clock, which its own work moves on; the one that is furthest
-// behind is next. A camera that had nothing to do does not save up: its clock is brought up to the
-// one of the request that was taken last.
+// Chooses which of several cameras is served next. Each camera gets the same share of the work when
+// the machine is overloaded. The algorithm is start-time fair queuing (Goyal, Vin, Cheng, SIGCOMM
+// 1996) with one pending request per camera. Each camera has a virtual clock, which its own work
+// advances. The camera whose clock is furthest behind is served next. An idle camera does not save
+// up time: when it has a request again, its clock is set at least to that of the request taken
+// last.
 //
-// What is offered as spare is taken only while no other request waits. Not thread-safe.
+// A spare request is taken only while no other request waits. The class is not thread-safe.
 class FairScheduler {
  public:
   explicit FairScheduler(std::size_t cameras);
 
-  // The camera has a request, in place of the one that it may have already; `spare` holds only if
-  // both were.
+  // Adds a request of the camera, or replaces its pending request. The replacement is spare only if
+  // the pending request and the new one are both spare.
   void offer(std::size_t camera, bool spare);
 
-  // The next camera, of those that are not being served; the lowest number of equal ones. It is
-  // being served until done().
+  // Returns the next camera among those not being served; with equal clocks, the one with the
+  // lowest number. The camera counts as being served until done().
   [[nodiscard]] std::optional<std::size_t> take();
   void done(std::size_t camera, double cost_s);
 
@@ -35,7 +36,7 @@ class FairScheduler {
     double clock_s = 0;
   };
   std::vector<Camera> cameras_;
-  double now_s_ = 0;  // the clock of the request that was taken last
+  double now_s_ = 0;  // of the request taken last
 };
 
 }  // namespace tarsier::plate

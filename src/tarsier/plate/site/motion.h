@@ -8,11 +8,12 @@
 namespace tarsier::plate {
 
 struct MotionOptions {
-  // Grey levels by which a cell differs from the background. 0: everything moves.
+  // A cell has changed if it differs from the background by more than this many grey levels. With 0
+  // every frame counts as moving.
   double threshold = 6;
-  int min_cells = 4;  // that differ; a cell is 1/160 of the image's width
-  // Share of a cell's difference that goes into the background with each frame, and less where
-  // something moves: what has stopped is background after so many frames.
+  int min_cells = 4;  // that changed, for motion; a cell is 1/160 of the image's width
+  // Share of a cell's difference that is added to the background in each frame. The rate is lower
+  // for changed cells, so an object that stops becomes background only slowly.
   double learning = 0.1;
   double learning_moving = 0.02;
 
@@ -28,20 +29,20 @@ struct MotionOptions {
 
 struct MotionState {
   cv::Mat background;  // CV_32FC1, grey levels of the cells; empty before the first frame
-  cv::Mat moved;       // CV_64FC1, s: when each of them last differed
+  cv::Mat moved;       // CV_64FC1, s: last time at which each cell changed
 };
 
-// Whether something moves before a camera that stands: the image, reduced to 160 cells across, is
-// compared with a running mean of the frames before it (Wren et al., Pfinder, PAMI 1997, without the
-// variance). A change that all cells share, as a cloud or the camera's exposure makes it, is taken
-// out by its median. The first frame moves. `image`: CV_8UC3 (BGR) or CV_8UC1; another size than
-// before begins again. `time`: of the frame, s.
+// Returns whether something moves in the view of a fixed camera. The image is reduced to 160 cells
+// across and compared with a running mean of the earlier frames (Wren et al., Pfinder, PAMI 1997,
+// without the variance). The median change of all cells is subtracted, so a cloud or a change of
+// exposure is not motion. The first frame counts as moving. `image` is CV_8UC3 (BGR) or CV_8UC1; a
+// change of its size restarts the background. `time` is the time of the frame, s.
 [[nodiscard]] bool has_motion(const MotionOptions& options, MotionState& state,
                               const cv::Mat& image, double time = 0);
 
-// The box around all cells that differed at `since` s or later and a margin of 1/40 of the image's width, in px of
-// an image of `size`, cut to it. Empty where none did; the whole image before the first frame and where
-// the threshold is 0.
+// The bounding box of all cells that changed at `since` s or later, with a margin of 1/40 of the
+// image's width, in px of an image of `size` and clipped to it. It is empty if no cell changed. It
+// is the whole image before the first frame and if the threshold is 0.
 [[nodiscard]] cv::Rect moved_part(const MotionState& state, double since, cv::Size size);
 
 }  // namespace tarsier::plate

@@ -24,16 +24,18 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPatience{100};
-constexpr double kMaxIdleWaits = 10;  // idle times after which a frame without motion waits no more
-constexpr double kEmptyIdle = 4;      // idle times between frames without motion and without plates
-constexpr int kMinParts = 4;          // frames read in part for one read as a whole, at least
-constexpr double kLargePart = 0.6;    // share of a frame from which all of it is read
+// Idle periods after which a frame without motion has to wait no longer.
+constexpr double kMaxIdleWaits = 10;
+// Idle periods between frames without motion and without plates.
+constexpr double kEmptyIdle = 4;
+constexpr int kMinParts = 4;  // minimum number of frames read in part between two whole frames
+constexpr double kLargePart = 0.6;  // share of a frame from which the whole frame is read
 
 Clock::duration seconds(double s) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
 }
 
-// Of this thread: others that run do not count.
+// Of this thread only.
 double cpu_seconds() {
   timespec now{};
   ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
@@ -70,8 +72,7 @@ class Site {
     std::vector<CameraReport> reports;
     for (std::size_t i = 0; i < cameras_.size(); ++i) {
       Camera& camera = *cameras_[i];
-      shift_unsynchronized(camera.state.tracker,
-                           camera.step);  // it had no frame since the clock was set
+      shift_unsynchronized(camera.state.tracker, camera.step);  // since its last frame
       say(i, camera.given->reader.finish(camera.state));
       reports.push_back(camera.report);
     }
@@ -82,20 +83,20 @@ class Site {
   struct Camera {
     const SiteCamera* given = nullptr;
     std::optional<Frame> waiting;
-    bool waiting_moves = false;  // something moves in the frame that waits
-    cv::Rect waiting_part;       // .. and where; empty: all of it is read
-    double read_time = 0;        // of the latest frame that was taken to be read, s
-    double whole_time = 0;       // of the latest one of which all was
-    int parts = 0;               // that were read since
-    bool in_sight = true;        // there were plates, or none was looked for yet
-    bool restarted = false;      // the frame that waits is the first of its source
-    milliseconds step{0};        // by which the clock was set since its last frame was read
-    VideoReaderState state;      // of the thread that serves it
-    std::map<std::int64_t, std::int64_t> ids;  // of its vehicles: the tracker's, the site's
+    bool waiting_moves = false;  // the waiting frame shows motion
+    cv::Rect waiting_part;       // where; empty: the whole frame is read
+    double read_time = 0;        // time of the latest frame taken for reading, s
+    double whole_time = 0;       // time of the latest one that was read whole
+    int parts = 0;               // frames read in part since then
+    bool in_sight = true;        // plates were in view, or none was searched yet
+    bool restarted = false;      // the waiting frame is the first of its source
+    milliseconds step{0};        // step of the wall clock since its last frame was read
+    VideoReaderState state;      // owned by the thread that serves the camera
+    std::map<std::int64_t, std::int64_t> ids;  // vehicle ids: the tracker's -> the site's
     CameraReport report;
   };
 
-  // What is thrown ends the run.
+  // An exception ends the run.
   template <class Work>
   void guarded(const Work& work, bool feeds) {
     try {
@@ -151,7 +152,7 @@ class Site {
     }
   }
 
-  // Until the source ends or the run is stopped.
+  // Runs until the source ends or the run is stopped.
   void feed_from(std::size_t index) {
     Camera& camera = *cameras_[index];
     const std::unique_ptr<FrameSource> source = camera.given->open();
@@ -160,7 +161,7 @@ class Site {
     MotionState motion;
     std::optional<SourceState> last_state;
     Clock::time_point next_look{};
-    double last_motion = 0;  // by the clock of the frames, s
+    double last_motion = 0;  // time of the frame, s
     bool is_first = true;
     while (!stopped()) {
       if (live) sleep_until(next_look);
@@ -190,7 +191,7 @@ class Site {
       const double waited = frame->time - camera.read_time;
       if (!holds && waited < options_.idle * (camera.in_sight ? 1 : kEmptyIdle)) continue;
       if (!live) changed_.wait(lock, [&] { return stopped() || !camera.waiting; });
-      // A vehicle that drives by while others are read: the frame that shows it is not given up.
+      // Keeps a waiting frame with motion: a vehicle may drive by while other cameras are read.
       if (camera.waiting && camera.waiting_moves && !moves) continue;
       const bool is_spare = !moves && waited < kMaxIdleWaits * options_.idle;
       camera.waiting = std::move(*frame);
@@ -201,7 +202,7 @@ class Site {
     }
   }
 
-  // Where something moves or has moved of late; empty where that is most of the frame.
+  // The region of recent motion; empty if that is most of the frame.
   [[nodiscard]] cv::Rect part_of(const MotionState& motion, const Frame& frame) const {
     if (options_.motion.threshold <= 0) return {};
     const cv::Rect part = moved_part(motion, frame.time - options_.hold, frame.image.size());
@@ -228,7 +229,7 @@ class Site {
       const Frame frame = std::move(*camera.waiting);
       camera.waiting.reset();
       camera.read_time = frame.time;
-      // What stands is read now and then, too.
+      // Standing vehicles are read at intervals, too.
       const bool is_whole =
           camera.waiting_part.empty() ||
           (frame.time - camera.whole_time >= options_.idle && camera.parts >= kMinParts);
@@ -257,12 +258,12 @@ class Site {
                        [](const auto& camera) { return camera->waiting.has_value(); });
   }
 
-  // Whether plates are in sight.
+  // Returns whether plates are in view.
   bool read(std::size_t index, const Frame& frame, const cv::Rect& part, bool restarted,
             milliseconds step) {
     Camera& camera = *cameras_[index];
     const VideoReader& reader = camera.given->reader;
-    // The time of a source that was opened again begins again.
+    // The times of a reopened source restart.
     if (restarted) say(index, reader.finish(camera.state));
     if (step.count() != 0) shift_unsynchronized(camera.state.tracker, step);
     const FrameMoment seen = moment_of(index, frame);
@@ -284,7 +285,7 @@ class Site {
     return moment.seen;
   }
 
-  // --- what is said ---
+  // --- reports ---
 
   void say(std::size_t index, std::vector<PlateEvent> events) {
     if (events.empty()) return;
@@ -314,14 +315,14 @@ class Site {
 
   const SiteOptions& options_;
   const SiteHandlers& handlers_;
-  std::mutex mutex_;  // of all below but `next_id_`; taken inside `saying_`, never around it
+  std::mutex mutex_;  // guards all below except `next_id_`; taken inside `saying_`, never around it
   std::condition_variable changed_;
   FairScheduler scheduler_;
   std::vector<std::unique_ptr<Camera>> cameras_;
-  std::size_t feeding_;  // threads that feed
+  std::size_t feeding_;  // number of feeding threads
   std::exception_ptr error_;
   std::stop_source stop_;
-  std::mutex saying_;  // of the handlers
+  std::mutex saying_;  // guards the handlers
   std::int64_t next_id_ = 1;
   std::stop_callback<std::function<void()>> forward_stop_;  // last: calls end()
 };

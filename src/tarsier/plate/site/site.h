@@ -18,13 +18,13 @@
 namespace tarsier::plate {
 
 struct SiteOptions {
-  double max_fps = 10;  // frames a second that are looked at, of each camera
+  double max_fps = 10;  // frames per second that are examined, for each camera
   MotionOptions motion;
-  double hold = 2;          // s after the last motion in which frames are read
-  double idle = 1;          // s between frames that are read while nothing moves
-  double restart = 1;       // s before a camera that failed is opened again; doubles ..
-  double max_restart = 30;  // .. up to this
-  int threads = 1;          // that read plates
+  double hold = 2;          // s after the last motion during which frames are still read
+  double idle = 1;          // s between the frames that are read while nothing moves
+  double restart = 1;       // s before a failed camera is opened again; doubles each time
+  double max_restart = 30;  // upper limit of this delay, s
+  int threads = 1;          // threads that read plates
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_fps", max_fps, above(0, 1000), "--camera-fps",
@@ -41,40 +41,44 @@ struct SiteOptions {
 };
 
 struct SiteCamera {
-  std::string name;  // Frame::name, and so the source of its events
+  std::string name;  // Frame::name, and so the source of the camera's events
   std::function<std::unique_ptr<FrameSource>()> open;
   VideoReader reader;  // copies share the models
 };
 
-// When a frame was taken; and by how much the wall clock was set since the last one.
+// The time at which a frame was taken, and the step of the wall clock since the previous frame.
 struct SiteMoment {
   FrameMoment seen;
   std::chrono::milliseconds step{0};
 };
 
-// What a site says. One call at a time, from any thread; what they throw ends the run.
+// The callbacks of a site. They are called one at a time, from any thread. An exception of a
+// callback ends the run.
 struct SiteHandlers {
-  std::function<SiteMoment(const Frame& frame)> moment;  // may be empty: events have no such times
-  // Of camera `camera`, in order. Ids count through all cameras.
+  // May be empty: events then have no wall-clock times.
+  std::function<SiteMoment(const Frame& frame)> moment;
+  // Events of camera `camera`, in order. Ids are unique across all cameras.
   std::function<void(std::size_t camera, const std::vector<PlateEvent>& events)> events;
-  // A source has another state, or failed (kLost, with the reason) and will be opened again.
+  // The state of a source has changed. After a failure (kLost, with the reason) the source is
+  // opened again.
   std::function<void(std::size_t camera, const SourceStatus& status)> source;
 };
 
-// How it went with one camera.
+// Statistics of one camera.
 struct CameraReport {
   std::string name;
-  std::int64_t received = 0;  // frames that came
+  std::int64_t received = 0;  // frames received
   std::int64_t looked_at = 0;
-  std::int64_t moving = 0;  // of these, while something moved or shortly after
+  std::int64_t moving = 0;  // of looked_at: during motion or within `hold` after it
   std::int64_t read = 0;
-  std::int64_t in_part = 0;   // of these, only around what moved
+  std::int64_t in_part = 0;   // of read: only the region around motion
   std::int64_t vehicles = 0;  // closed events
   int restarts = 0;
-  double cpu_s = 0;  // of reading
+  double cpu_s = 0;  // processor time of reading
 };
 
-// Reads the plates of many cameras in one process until `stop`, or until all sources have ended:
+// Reads the plates of many cameras in one process, until `stop` is requested or all sources have
+// ended:
 //
 //   const auto reader = plate::VideoReader::load(ModelStore::find());
 //   std::vector<plate::SiteCamera> cameras;
@@ -84,15 +88,21 @@ struct CameraReport {
 //   handlers.events = [&](std::size_t camera, const std::vector<plate::PlateEvent>& events) { .. };
 //   run_site(cameras, {}, handlers, stop);
 //
-// Each camera has a thread that waits for frames and looks whether something moves; `threads` more
-// read plates. Of live sources only one frame waits to be read: the newest, or the newest in which
-// something moved. Where there is more than can be done, each camera loses the same share
-// (FairScheduler), and frames in which nothing moves wait for the others, ten `idle` at most. While
-// something moves, plates are looked for around it (moved_part()); once each `idle`, and not before four
-// such frames, in the whole frame: what stands is known. Where nothing moves and no plate is in sight, a
-// frame is read each four `idle`. Of
-// other sources every frame waits for its turn. A camera whose
-// source fails is opened again, after a while; the others go on. Returns a report a camera.
+// Each camera has a thread that waits for frames and detects motion. `threads` more threads read
+// plates.
+//
+// For a live source only one frame waits to be read: the newest one, or the newest one with motion.
+// For other sources every frame waits for its turn. When the machine is overloaded, each camera
+// loses the same share (FairScheduler). Frames without motion give way to the others for at most
+// ten `idle` periods.
+//
+// During motion, plates are searched in the region around it (moved_part()). The whole frame is
+// searched once per `idle` period, but only after at least four frames that were read in part,
+// because standing vehicles are known already. If nothing moves and no plate is in view, one frame
+// is read every four `idle` periods.
+//
+// A camera whose source fails is opened again after a delay; the other cameras continue. Returns
+// one report per camera.
 [[nodiscard]] std::vector<CameraReport> run_site(const std::vector<SiteCamera>& cameras,
                                                  const SiteOptions& options,
                                                  const SiteHandlers& handlers,

@@ -17,11 +17,12 @@ namespace {
 
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
-// Symbols below these probabilities are not followed up in a column. Where a character is likely,
-// more are: the layout may rule out all that the classifier was sure of.
+// Symbols below these probabilities are not expanded in a column. The limit is lower where a
+// character is likely, because the layouts may exclude all symbols of which the classifier was
+// sure.
 constexpr float kLeast = 1e-4F;
 constexpr float kMinAtCharacter = 1e-6F;
-constexpr float kWider = 1e-4F;  // times these in a wide search
+constexpr float kWider = 1e-4F;  // factor of both limits in a wide search
 constexpr float kSurelyBlank = 0.9999F;
 
 }  // namespace
@@ -79,8 +80,8 @@ void Decoder::Tables::add_places(std::size_t rank, const Layout& layout) {
 
 namespace {
 
-// A text that may go on. Its probability is kept in two parts, as in any such search: alignments
-// that end in a blank, and those that end in its last character.
+// A prefix of the beam. As usual in such a search, its probability has two parts: alignments that
+// end in a blank, and alignments that end in its last character.
 struct Prefix {
   int parent = -1;
   int first_child = -1;
@@ -88,9 +89,9 @@ struct Prefix {
   int symbol = -1;
   std::size_t length = 0;
   bool fits = false;      // some layout is still possible
-  bool expanded = false;  // `next` is known
-  SymbolSet next = 0;     // symbols with which some layout stays possible
-  double promise = 1;     // exp(prior) of the best possible layout
+  bool expanded = false;  // `next` is set
+  SymbolSet next = 0;     // symbols after which some layout is still possible
+  double promise = 1;     // exp(prior) of the most probable layout that is possible
   bool kept = false;      // in the beam
   bool touched = false;
   double blank = 0, character = 0;
@@ -99,12 +100,12 @@ struct Prefix {
   [[nodiscard]] double sum() const { return blank + character; }
 };
 
-// A kept prefix and a symbol that may follow it.
+// A kept prefix and a possible next symbol.
 struct Extension {
   int parent = 0;
   int symbol = 0;
-  double gain = 0;   // probability that the longer text takes over
-  double value = 0;  // at most what it will be ranked by
+  double gain = 0;   // probability that moves to the longer text
+  double value = 0;  // upper bound of its rank value
 };
 
 class Search {
@@ -137,7 +138,7 @@ class Search {
     }
   }
 
-  // Texts that can end here, with their prior.
+  // The complete texts, with their priors.
   [[nodiscard]] std::vector<Decoded> complete() const {
     std::vector<Decoded> texts;
     const DecodeOptions& options = tables_.options;
@@ -183,7 +184,7 @@ class Search {
     return text;
   }
 
-  // Nothing but a blank: the texts stay, and their alignments now end in it.
+  // A certain blank: the texts do not change, and all alignments now end in the blank.
   void pass_blank() {
     for (const int k : kept_) {
       at(k).blank += at(k).character;
@@ -207,11 +208,12 @@ class Search {
     prune();
   }
 
-  // Adds the longer texts that may be kept: those of layouts, or the others.
+  // Adds extensions to the beam: those with a layout, or the others.
   void extend(bool fits) {
     std::vector<Extension>& extensions = extensions_[fits ? 1 : 0];
     const std::size_t most = beam_of(fits);
-    // Those that cannot beat the least of a full beam, and more than could be kept, are left out.
+    // Drops extensions that cannot beat the worst prefix of a full beam, and those beyond the
+    // beam's size.
     std::size_t full = 0;
     double least = std::numeric_limits<double>::infinity();
     for (const int k : kept_) {
@@ -242,7 +244,7 @@ class Search {
     return fits ? beam_ : std::max<std::size_t>(4, beam_ / 2);
   }
 
-  // The kept texts without another character.
+  // The kept texts without a further character.
   void stay(const float* row) {
     for (const int k : kept_) {
       Prefix& prefix = at(k);
@@ -306,7 +308,7 @@ class Search {
     return child;
   }
 
-  // The prefix with one symbol more.
+  // The prefix extended by one symbol.
   int child_of(int k, int symbol) {
     if (const int known = find_child(k, symbol); known >= 0) return known;
     const auto index = static_cast<int>(prefixes_.size());
@@ -333,8 +335,8 @@ class Search {
     return index;
   }
 
-  // Keeps the best prefixes, those of layouts apart from the others, so that neither crowds the
-  // other out.
+  // Keeps the best prefixes. Those with a layout and the others have separate beams, so that
+  // neither displaces the other.
   void prune() {
     double sum = 0;
     for (const int k : touched_) sum += at(k).next_blank + at(k).next_character;
@@ -374,7 +376,7 @@ class Search {
   bool wide_;
   std::size_t beam_;
   std::vector<Prefix> prefixes_;
-  std::vector<std::uint64_t> layouts_;  // tables_.words for each prefix
+  std::vector<std::uint64_t> layouts_;  // tables_.words per prefix
   std::vector<int> kept_;
   std::vector<int> touched_;
   std::vector<int> symbols_;

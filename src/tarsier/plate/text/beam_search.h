@@ -10,21 +10,21 @@
 #include <cstdint>
 #include <vector>
 
-// The inside of the decoder.
+// Internals of the decoder.
 namespace tarsier::plate {
 
 inline constexpr int kSymbols = kBlank;
 inline constexpr std::size_t kMaxPlaces = 12;
 inline constexpr std::size_t kMaxLayouts = 2048;
 
-// What is known before any image. Sets of layouts are bits that number them by falling prior: the
-// first of a set is its best.
+// Everything that is independent of the image. A set of layouts is a bit set. Its bits are ranks:
+// the layouts are numbered by falling prior, so the first bit of a set is its most probable layout.
 struct Decoder::Tables {
   CountryChoice choice;
   DecodeOptions options;
-  std::size_t words = 1;            // of a set of layouts
-  std::vector<std::uint64_t> fit;   // layouts that allow a symbol at a place
-  std::vector<std::size_t> order;   // numbers in choice.layouts by rank
+  std::size_t words = 1;            // 64-bit words of a set of layouts
+  std::vector<std::uint64_t> fit;   // for each place and symbol: the set of layouts that allow it
+  std::vector<std::size_t> order;   // by rank: index in choice.layouts
   std::vector<double> prior;        // by rank, natural logarithm
   std::vector<std::size_t> length;  // by rank, places
 
@@ -34,7 +34,7 @@ struct Decoder::Tables {
     return (place * kSymbols + static_cast<std::size_t>(symbol)) * words;
   }
 
-  // Calls take(rank) for each layout of the set, best first, until it returns true.
+  // Calls take(rank) for each layout of the set, most probable first, until take() returns true.
   template <typename Take>
   void for_each(const std::uint64_t* set, const Take& take) const {
     for (std::size_t word = 0; word < words; ++word) {
@@ -49,8 +49,8 @@ struct Decoder::Tables {
   void add_places(std::size_t rank, const Layout& layout);
 };
 
-// The texts that the beam holds at the end, in any order, with what it knows of their scores. A
-// wide search has a larger beam and follows up nearly every symbol.
+// Returns the texts in the beam after the last column, in any order, with their scores. A wide
+// search uses a larger beam and expands nearly every symbol.
 [[nodiscard]] std::vector<Decoded> search_texts(const Decoder::Tables& tables,
                                                 const cv::Mat& probabilities, bool wide);
 

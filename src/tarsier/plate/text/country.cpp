@@ -28,7 +28,7 @@ namespace {
 constexpr SymbolSet kDigits = (SymbolSet{1} << 10U) - 1;
 constexpr SymbolSet kLetters = ((SymbolSet{1} << 26U) - 1) << 10U;
 constexpr std::size_t kMaxFileBytes = 100'000;
-constexpr std::size_t kMaxLayouts = 1000;  // of one file
+constexpr std::size_t kMaxLayouts = 1000;  // per file
 constexpr std::size_t kMinPlaces = 2;
 constexpr std::size_t kMaxPlaces = 12;
 
@@ -40,21 +40,23 @@ bool is_code(std::string_view text) {
   });
 }
 
-// What one element of a layout may become: runs of places, each with the share of the weight.
+// One expansion of an element of a layout: its places, and its share of the weight.
 struct Alternative {
   std::vector<SymbolSet> places;
   double share = 1;
 };
 using Element = std::vector<Alternative>;
 
-// Words as few runs that together are these words and no others: words of one length that differ
-// in their last symbol alone become one run, then runs that differ in their first.
+// Combines words into a minimum number of runs that stand for exactly these words. First, words of
+// one length that differ only in the last symbol are merged, then runs that differ only in the
+// first.
 Element element_of_words(const std::set<std::string>& words) {
-  std::map<std::string, SymbolSet> last_of;  // by all but the last symbol
+  std::map<std::string, SymbolSet> last_of;  // keyed by all but the last symbol
   for (const std::string& word : words) {
     last_of[word.substr(0, word.size() - 1)] |= set_of(word.back());
   }
-  std::map<std::pair<std::string, SymbolSet>, SymbolSet> first_of;  // by the middle and the last
+  // Keyed by the middle and the last symbol.
+  std::map<std::pair<std::string, SymbolSet>, SymbolSet> first_of;
   Element element;
   for (const auto& [stem, last] : last_of) {
     if (stem.empty()) {
@@ -194,7 +196,7 @@ class Parser {
     }
   }
 
-  // The words of a layout line up to "weight" or "name".
+  // The part of a layout line before "weight" or "name".
   static std::string_view pattern_of(std::string_view line) {
     for (std::size_t at = 0; at + 1 < line.size(); ++at) {
       if (is_blank(line[at]) && line[at + 1] >= 'a' && line[at + 1] <= 'z') {
@@ -234,7 +236,7 @@ class Parser {
     expand(trimmed(pattern), layout);
   }
 
-  // One element of the pattern, cut off its front.
+  // Removes the first element of the pattern and returns it.
   [[nodiscard]] Element next_element(std::string_view& pattern) const {
     Element element;
     const char first = pattern.front();
@@ -280,7 +282,8 @@ class Parser {
       std::vector<Layout> next;
       for (const Layout& layout : grown) {
         for (const Alternative& alternative : element) {
-          // Here, not after the loop: thousands of words times a thousand layouts take gigabytes.
+          // Checked here, not after the loop: thousands of words times a thousand layouts take
+          // gigabytes.
           if (next.size() + country_.layouts.size() >= kMaxLayouts) {
             fail(fmt::format("more than {} layouts", kMaxLayouts));
           }
@@ -312,7 +315,7 @@ class Parser {
   std::map<char, Element> elements_;
 };
 
-// "did you mean 'es'?" or nothing, and all that is known.
+// "did you mean 'es'?" if a code is similar, and the list of all known codes.
 std::string help_for(const std::string& word, const std::vector<Country>& countries) {
   std::set<std::string> known{"any"};
   std::string best;
@@ -408,8 +411,8 @@ PlateForm plate_form(double aspect) {
 
 CountryChoice weighed_by_form(CountryChoice choice, PlateForm form) {
   constexpr double kRare = 0.1;       // American plates on European cars and the like
-  constexpr double kFitting = 2.5;    // few plates but those of 3:1 look like that
-  constexpr double kFarAside = 0.04;  // one of 4.7:1 seen from 55 degrees and more aside
+  constexpr double kFitting = 2.5;    // few plates other than 3:1 ones have this form
+  constexpr double kFarAside = 0.04;  // a 4.7:1 plate seen from 55 degrees or more
   constexpr double kNever = 0.01;
   for (Layout& layout : choice.layouts) {
     if (layout.aspect <= 0) continue;

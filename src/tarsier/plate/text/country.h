@@ -6,28 +6,29 @@
 #include <string_view>
 #include <vector>
 
-// What the plates of a country look like: read from small text files (countries/*.txt below
-// models/) that a user can add to.
+// The plate layouts of countries, read from small text files (models/countries/*.txt). Users can
+// add files.
 namespace tarsier::plate {
 
-// One position of a layout: the symbols that may stand there, bit k for class k of kAlphabet.
+// The symbols allowed at one position of a layout: bit k stands for class k of kAlphabet.
 using SymbolSet = std::uint64_t;
 
-// One kind of plate text, e.g. "DDDD LLL" with its own letters.
+// One kind of plate text, e.g. "DDDD LLL", with its own set of letters.
 struct Layout {
-  std::string country;            // code of the file: "es"
+  std::string country;            // code of the country, from the file name: "es"
   std::string name;               // "now", "old (province)"
   std::vector<SymbolSet> places;  // one for each character, without spaces; 2..12
-  int group_break = 0;            // place before which the wide gap or second row begins; 0: none
-  double weight = 1;              // how common it is, relative to the others of the country; > 0
-  double prior = 1;               // how common the country's plates are, relative to others'; > 0
-  double aspect = 0;              // width by height of its plates with one row; 0: not known
+  // Place before which the wide gap or the second row begins; 0 if there is none.
+  int group_break = 0;
+  double weight = 1;  // frequency relative to the country's other layouts; > 0
+  double prior = 1;   // frequency of the country's plates relative to other countries; > 0
+  double aspect = 0;  // width / height of its plates with one row; 0 if not known
 };
 
 struct Country {
   std::string code;   // "es", lower case letters, digits, '-'
   std::string name;   // "Spain"
-  std::string group;  // "eu" etc.: `--country eu` takes all of the group; may be empty
+  std::string group;  // "eu" etc.: `--country eu` selects the whole group; may be empty
   std::vector<Layout> layouts;
 };
 
@@ -35,37 +36,40 @@ struct Country {
 //   # a comment, also after the other lines
 //   name Spain
 //   group eu
-//   cars 25                           millions; its square root counts among countries. Default: 1
-//   aspect 4.7                        width by height of its plates with one row. Default: any
+//   cars 25                           millions; its square root is the country's weight. Default: 1
+//   aspect 4.7                        width / height of its plates with one row. Default: any
 //   set C = BCDFGHJKLMNPRSTVWXYZ      one letter that stands for any of these in layouts below
 //   words P = M B V SE                one letter that stands for any of these words
-//   DDDD CCC   weight 10   name now   a layout; weight (1) and name may be left out
-// In a layout D is a digit, L a letter, A either, [B] or [XYZ] the symbols themselves, a digit
-// itself; a '?' makes the place before it optional, and a space is the gap between groups, where
-// two-row plates break ('|' instead marks the row break where that is not the first gap). Words and
-// optional places make several layouts of one line, which share its weight. The code is the file's
-// name without its folder and ending. `name` is the file, also for errors. Throws InputError with
-// the line number.
+//   DDDD CCC   weight 10   name now   a layout; weight (1) and name are optional
+// In a layout, D is a digit, L a letter and A either of them. [B] and [XYZ] are the symbols
+// themselves, and a digit is itself. A '?' makes the place before it optional. A space is the gap
+// between groups; a two-row plate breaks at the first gap. A '|' marks the row break if it is not
+// at the first gap. Words and optional places expand one line into several layouts, which share its
+// weight.
+//
+// The code is the file's name without its folder and extension. `name` is the file name, also used
+// in errors. Throws InputError with the line number.
 [[nodiscard]] Country parse_country(std::string_view text, const std::string& name);
 
-// The countries of *.txt in `folder`, by code. Throws InputError for a bad file.
+// Reads the countries of *.txt in `folder`, sorted by code. Throws InputError for a bad file.
 [[nodiscard]] std::vector<Country> read_countries(const std::string& folder);
 
-// Those that `wanted` names by code or group; "any" or an empty list: all, plus texts of no
-// layout. Throws UsageError naming the nearest known code for an unknown one.
+// Selects the countries that `wanted` names by code or group. With "any" or an empty list, all
+// countries are selected and free texts are allowed. Throws UsageError for an unknown code; it
+// names the nearest known code.
 struct CountryChoice {
   std::vector<Layout> layouts;
-  bool free_text = false;  // texts that no layout fits are allowed, at a price
+  bool free_text = false;  // allows texts that fit no layout, with a penalty
 };
 [[nodiscard]] CountryChoice choose_countries(const std::vector<Country>& countries,
                                              const std::vector<std::string>& wanted);
 
-// The same layouts, those less likely that a plate of one row with this form does not have.
+// The form of a plate of one row, by its width / height.
 enum class PlateForm {
-  kLong,    // wider than 3.7 times its height: neither a plate of 2:1 nor one of 3:1
-  kMiddle,  // wider than 2.7 times: not one of 2:1; one of 4.7:1 only where it is seen from the side
-  kBetween,  // one of 2:1 or 3:1, hardly one of 4.7:1
-  kShort     // narrower than 2.3 times its height: hardly one of 4.7:1
+  kLong,     // above 3.7: neither a 2:1 nor a 3:1 plate
+  kMiddle,   // above 2.7: not a 2:1 plate; a 4.7:1 plate only if seen from the side
+  kBetween,  // a 2:1 or 3:1 plate, hardly a 4.7:1 plate
+  kShort     // below 2.3: hardly a 4.7:1 plate
 };
 [[nodiscard]] PlateForm plate_form(double aspect);
 [[nodiscard]] CountryChoice weighed_by_form(CountryChoice choice, PlateForm form);

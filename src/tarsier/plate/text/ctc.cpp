@@ -18,7 +18,7 @@ int class_of_state(const std::vector<int>& classes, std::size_t state) {
   return state % 2 == 0 ? kBlank : classes[state / 2];
 }
 
-// A character may follow the one before it at once, without a blank, if they differ.
+// A character may follow the previous one directly, without a blank, if they differ.
 bool may_skip_blank(const std::vector<int>& classes, std::size_t state) {
   return state % 2 == 1 && state >= 3 && classes[state / 2] != classes[state / 2 - 1];
 }
@@ -32,7 +32,7 @@ double log_probability(const cv::Mat& probabilities, const std::vector<int>& cla
   for (int column = 0; column < probabilities.rows; ++column) {
     const float* row = probabilities.ptr<float>(column);
     double sum = 0;
-    for (std::size_t state = states; state-- > 0;) {  // downwards: one array does
+    for (std::size_t state = states; state-- > 0;) {  // descending, so that one array is enough
       double arrives = forward[state];
       if (column == 0) {
         arrives = state < 2 ? 1 : 0;
@@ -58,7 +58,7 @@ std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
   if (columns == 0) return {};
   static const double log_direct = std::log(kDirect);
   std::vector<double> score(states, kNever);
-  std::vector<std::uint8_t> steps(states * columns, 0);  // how many states back
+  std::vector<std::uint8_t> steps(states * columns, 0);  // number of states to go back
   const auto log_of = [](float p) { return p > 0 ? std::log(static_cast<double>(p)) : kNever; };
   for (std::size_t column = 0; column < columns; ++column) {
     const float* row = probabilities.ptr<float>(static_cast<int>(column));

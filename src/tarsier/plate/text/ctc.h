@@ -6,21 +6,22 @@
 #include <utility>
 #include <vector>
 
-// The two sums over alignments of a text with columns of class probabilities (Graves et al., ICML
-// 2006, section 4): the text's probability and its best single alignment. States alternate between
-// blanks and characters: blank, first, blank, second ... blank.
+// The two passes over the alignments of a text with columns of class probabilities (Graves et al.,
+// ICML 2006, section 4): the probability of the text, and its best single alignment. States
+// alternate between blanks and characters: blank, first, blank, second ... blank.
 namespace tarsier::plate {
 
-// Weight of a character that follows another without a blank between them, against 1 in the paper.
-// The columns are learnt with blanks around each character's middle, so such a change is mostly one
-// character that is seen as two (an O as "O0").
+// Weight of a character that follows another one without a blank between them; the paper uses 1.
+// The network is trained with blanks on both sides of each character's middle, so a direct change
+// is mostly one character read as two (an O as "O0").
 inline constexpr double kDirect = 0.001;
 
-// Natural logarithm of the probability that `classes` (numbers below kBlank) stand in the columns
-// (rows of `probabilities`, CV_32F, kClasses wide); minus infinity where they cannot.
+// Natural logarithm of the probability that the columns show `classes` (numbers below kBlank). The
+// columns are the rows of `probabilities`, CV_32F, kClasses wide. The result is minus infinity if
+// the classes do not fit into the columns.
 [[nodiscard]] double log_probability(const cv::Mat& probabilities, const std::vector<int>& classes);
 
-// First and last column of each character in the most probable alignment; empty where none is
+// First and last column of each character in the most probable alignment. Empty if no alignment is
 // possible.
 [[nodiscard]] std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
                                                               const std::vector<int>& classes);

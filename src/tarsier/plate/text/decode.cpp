@@ -15,7 +15,7 @@
 namespace tarsier::plate {
 void DecodeOptions::check() const {
   check_fields(*this);
-  static_assert(kMaxPlaces == 12);  // the longest that fields() allows
+  static_assert(kMaxPlaces == 12);  // the upper limit in fields()
   TARSIER_REQUIRE(min_length <= max_length, "lengths {}..{}", min_length, max_length);
 }
 
@@ -33,7 +33,7 @@ void sort_best_first(std::vector<Decoded>& texts) {
   });
 }
 
-// How much each symbol may stand at each place after the characters of `classes` before it.
+// Weight of each symbol at each place, given the characters of `classes` before it.
 std::vector<std::array<double, kSymbols>> allowances(const Decoder::Tables& tables,
                                                      const std::vector<int>& classes) {
   const double free = tables.choice.free_text ? std::exp(-tables.options.free_penalty) : 0;
@@ -106,14 +106,14 @@ const CountryChoice& Decoder::choice() const { return tables_->choice; }
 std::vector<Decoded> Decoder::decode(const cv::Mat& probabilities) const {
   require_probabilities(probabilities);
   const DecodeOptions& options = tables_->options;
-  // The second, wider search is for images in which some character that the layouts need is
-  // hardly to be seen.
+  // The second, wider search is for images in which a character required by the layouts is hardly
+  // visible.
   std::vector<Decoded> texts;
   for (int attempt = 0; attempt < 2 && texts.empty(); ++attempt) {
     texts = search_texts(*tables_, probabilities, attempt > 0);
   }
   sort_best_first(texts);
-  // What the beam dropped on the way is missing from its sums: the first ones are summed again.
+  // The sums lack the alignments that the beam dropped, so the best texts are summed exactly.
   const std::size_t exact =
       std::min(texts.size(), 2 * static_cast<std::size_t>(options.candidates));
   for (std::size_t k = 0; k < exact; ++k) {

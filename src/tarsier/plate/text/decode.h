@@ -15,13 +15,13 @@
 namespace tarsier::plate {
 
 struct DecodeOptions {
-  int candidates = 10;  // how many texts are returned at most
+  int candidates = 10;  // maximum number of returned texts
   int beam = 48;
-  double free_penalty = 6;     // nats by which a text of no layout is less likely
-  double layout_strength = 1;  // how much the layouts' weights count
-  // How much it speaks for a text that its layout leaves little choice (a digit is one of 10, not
-  // of 36): 0 nothing, 1 as much as it would if plates were drawn from their layouts and the
-  // classifier had learnt from random symbols.
+  double free_penalty = 6;     // nats subtracted from a text that fits no layout
+  double layout_strength = 1;  // exponent of the layouts' weights
+  // Bonus of a text whose layout allows few symbols (a digit is one of 10, not of 36). 0 gives no
+  // bonus. 1 is the exact value if plates were drawn from their layouts and the classifier was
+  // trained on random symbols.
   double specificity = 0.75;
   int min_length = 4;  // of free texts
   int max_length = 10;
@@ -42,32 +42,35 @@ struct DecodeOptions {
 struct Decoded {
   std::string text;
   double log_score = 0;  // natural logarithm: acoustic + prior, not normalised
-  double acoustic = 0;   // its first part: probability of the text in the columns alone
-  double posterior = 0;  // of this text among all that the beam kept, 0..1
-  std::string country;   // code, empty where free
-  int layout = -1;       // index into the choice's layouts, -1 where free
-  // One a character, 0..1: at its clearest column of the text's best alignment, the symbol's share
-  // among the blank and the symbols that the layouts allow after the characters before it.
+  double acoustic = 0;   // the first part: log probability of the text in the columns alone
+  double posterior = 0;  // probability of this text among all texts in the final beam, 0..1
+  std::string country;   // code; empty for a free text
+  int layout = -1;       // index in the choice's layouts; -1 for a free text
+  // One value per character, 0..1. It is taken at the character's clearest column of the best
+  // alignment: the probability of the symbol, divided by the sum over the blank and the symbols
+  // that the layouts allow after the characters before it.
   std::vector<double> confidences;
   std::vector<std::pair<int, int>> columns;  // first and last column of each character
 };
 
-// Finds the most probable texts of a row of class probabilities. As in connectionist temporal
-// classification (Graves et al., ICML 2006): a text's probability is the sum over all alignments,
-// equal neighbours merge unless a blank lies between. Prefix beam search in which each prefix
-// carries the layouts that it can still become, in a beam of its own; texts of no layout compete at
-// `free_penalty` where the choice allows them. Const after construction: may be shared by threads.
+// Finds the most probable texts for a row of class probabilities. As in connectionist temporal
+// classification (Graves et al., ICML 2006), the probability of a text is the sum over all
+// alignments, and equal neighbours merge unless a blank lies between them. The search is a prefix
+// beam search: each prefix carries the set of layouts that it can still complete. If the choice
+// allows free texts, prefixes without a possible layout compete in a separate beam, and complete
+// ones at `free_penalty`. The object is const after construction: threads may share it.
 class Decoder {
  public:
-  // At most 2048 layouts; throws std::invalid_argument for more, and for layouts of other lengths
-  // than 1..12.
+  // Throws std::invalid_argument for more than 2048 layouts and for layouts whose length is outside
+  // 1..12.
   explicit Decoder(CountryChoice choice, const DecodeOptions& options = {});
   ~Decoder();
   Decoder(Decoder&&) noexcept;
   Decoder& operator=(Decoder&&) noexcept;
 
-  // `probabilities`: columns x kClasses, CV_32F, each row of the matrix sums to 1. Best first, may
-  // be empty where nothing fits. Throws std::invalid_argument for another matrix.
+  // `probabilities` is columns x kClasses, CV_32F; each row of the matrix sums to 1. Returns the
+  // most probable text first; the list may be empty if nothing fits. Throws std::invalid_argument
+  // for another matrix.
   [[nodiscard]] std::vector<Decoded> decode(const cv::Mat& probabilities) const;
 
   [[nodiscard]] const CountryChoice& choice() const;
@@ -78,7 +81,7 @@ class Decoder {
   std::unique_ptr<const Tables> tables_;
 };
 
-// The same once. A Decoder that is kept saves its preparation.
+// Decodes once. Keep a Decoder to save its preparation.
 [[nodiscard]] std::vector<Decoded> decode(const cv::Mat& probabilities, const CountryChoice& choice,
                                           const DecodeOptions& options);
 

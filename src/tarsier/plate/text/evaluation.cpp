@@ -19,7 +19,7 @@
 namespace tarsier::plate {
 namespace {
 
-// Below this no two boxes are taken for one plate, whatever is asked for.
+// Boxes with less overlap never match, whatever the options are.
 constexpr double kMinOverlap = 0.3;
 
 std::string base_name(const std::string& path) { return path.substr(path.rfind('/') + 1); }
@@ -29,7 +29,7 @@ std::string normal(const std::string& text, bool fold) {
   return fold ? fold_symbols(symbols) : symbols;
 }
 
-// Shown characters of a true text.
+// Number of visible characters of a true text.
 int shown(const std::string& text) {
   return static_cast<int>(text.size()) -
          static_cast<int>(std::count(text.begin(), text.end(), '-'));
@@ -37,7 +37,7 @@ int shown(const std::string& text) {
 
 double share(double part, double whole) { return whole > 0 ? part / whole : -1; }
 
-// What is counted over all images.
+// Sums over all images.
 struct Tally {
   PlateScores scores;
   bool fold = false;
@@ -56,7 +56,7 @@ cv::Rect2d box_of(const ImageReadings& readings, std::size_t k) {
   return readings.boxes.empty() ? cv::Rect2d(readings.plates[k].box) : readings.boxes[k];
 }
 
-// For each plate of the truth the number of its reading and how well they agree.
+// For each plate of the truth: the index of its reading and their overlap.
 std::map<std::size_t, std::pair<std::size_t, double>> match(const std::vector<TruthPlate>& truth,
                                                             const std::vector<std::string>& texts,
                                                             const ImageReadings& readings,
@@ -64,7 +64,7 @@ std::map<std::size_t, std::pair<std::size_t, double>> match(const std::vector<Tr
   std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;
   for (std::size_t a = 0; a < truth.size(); ++a) {
     for (std::size_t b = 0; b < readings.plates.size(); ++b) {
-      // A plate whose place is not known may be any of them: the one most like it.
+      // A plate without a known box may be any reading: the most similar one is used.
       const double value =
           truth[a].box
               ? iou(*truth[a].box, box_of(readings, b))
@@ -152,7 +152,7 @@ void Tally::add_text(const std::string& image, const TruthPlate& plate, const st
   scores.outcomes.push_back(std::move(outcome));
 }
 
-// The chance that one of `high` is above one of `low`; equal ones count half.
+// Probability that an element of `high` is above one of `low`; ties count half.
 double area_under_curve(const std::vector<double>& high, std::vector<double> low) {
   std::sort(low.begin(), low.end());
   double wins = 0;
@@ -163,8 +163,8 @@ double area_under_curve(const std::vector<double>& high, std::vector<double> low
   return share(wins, static_cast<double>(high.size()) * static_cast<double>(low.size()));
 }
 
-// Sets judged, calibration_error, sure and sure_wrong from the confidences of right and wrong
-// texts; leaves them where a confidence is not 0..1 (another program's percentages).
+// Sets judged, calibration_error, sure and sure_wrong from the confidences of correct and wrong
+// texts. Does nothing if a confidence is not in 0..1 (another program's percentages).
 void add_reliability(const std::vector<double>& right, const std::vector<double>& wrong,
                      PlateScores& scores) {
   constexpr int kBins = 10;
@@ -202,7 +202,7 @@ void add_times(std::vector<double> times, PlateScores& scores) {
   scores.p90_ms = times[static_cast<std::size_t>(0.9 * static_cast<double>(times.size() - 1))];
 }
 
-// Rounded as people read it; null where there is nothing.
+// Rounded; null if not known.
 nlohmann::ordered_json rounded(double value, int places) {
   if (value < 0) return nullptr;
   return std::strtod(fmt::format("{:.{}f}", value, places).c_str(), nullptr);

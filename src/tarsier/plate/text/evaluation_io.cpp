@@ -36,7 +36,7 @@ constexpr double kFarthest = 1e6;  // px
 
 constexpr std::array<std::string_view, 6> kColumns{"image", "x", "y", "w", "h", "text"};
 
-// Where each of kColumns stands in the file.
+// Index of each of kColumns in the file.
 std::array<std::size_t, 6> find_columns(const std::vector<std::string>& header,
                                         const std::string& path) {
   std::array<std::size_t, 6> places{};
@@ -71,7 +71,7 @@ std::optional<cv::Rect2d> parse_box(const std::array<std::string, 6>& fields,
 
 // --- readings ---
 
-// A line without its end; false after the last.
+// Reads a line without its newline; false after the last one.
 bool get_line(std::istream& lines, std::string& line, const std::string& name, int number) {
   line.clear();
   for (int c = lines.get(); c != std::istream::traits_type::eof(); c = lines.get()) {

@@ -27,7 +27,7 @@ cv::Rect bounding_box(const Quad& quad, cv::Size size) {
     top = std::min<double>(top, corner.y);
     bottom = std::max<double>(bottom, corner.y);
   }
-  // Pixel k reaches from k - 0.5 to k + 0.5.
+  // Pixel k covers k - 0.5 to k + 0.5.
   const auto cut = [](double edge, int end) {
     return static_cast<int>(std::clamp<double>(edge, 0, std::max(end, 0)));
   };

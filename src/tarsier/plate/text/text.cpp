@@ -9,7 +9,7 @@
 namespace tarsier::plate {
 namespace {
 
-// Wagner and Fischer, J. ACM 1974, with one row of the table. hidden: '\0' for none.
+// Wagner and Fischer, J. ACM 1974, with one row of the table. hidden: '\0' means none.
 int distance(std::string_view a, std::string_view b, char hidden) {
   std::vector<int> row(b.size() + 1);
   std::iota(row.begin(), row.end(), 0);

@@ -27,7 +27,7 @@ constexpr NameTable<PlateState, 4> kStates{"state",
 
 using nlohmann::ordered_json;
 
-// As many places as mean something.
+// Rounds to the meaningful digits.
 double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 double time_of(double seconds) { return rounded(seconds, 1e3); }
 double share_of(double share) { return rounded(share, 1e4); }
@@ -46,7 +46,7 @@ std::string_view name_of(Direction direction) { return kDirectionNames.name(dire
 
 std::vector<Direction> directions_of(const PlateEvent& event) {
   constexpr double kGrowth = 1.15;
-  constexpr double kWay = 0.5;  // of the plate's width
+  constexpr double kWay = 0.5;  // relative to the plate's width
   std::vector<Direction> directions;
   const std::size_t count = event.readings.size();
   if (count < 2) return directions;

@@ -21,10 +21,10 @@ namespace {
 constexpr int kCropQuality = 90;
 constexpr std::size_t kMaxSource = 1000;  // bytes
 
-// 'TPL1'. New columns would stand behind the images, and reading them would mean reading through
-// these: so what is known of few entries has a table of its own. plate_gram: the pieces of three
-// characters of each folded text and an end mark ('1234BCD' has 123, 234, 34B, 4BC, BC0, C0$); two
-// characters are found as the beginning of a piece. The statements must cut as grams_of() does.
+// 'TPL1'. New columns would be stored after the images, so reading them would mean reading the
+// images. Data of a few entries therefore has its own table. plate_gram: the trigrams of each
+// folded text with an end mark ('1234BCD' has 123, 234, 34B, 4BC, BC0, C0$). Two characters are
+// found as the beginning of a trigram. The SQL must cut texts like grams_of().
 const DatabaseKind kKind{"Tarsier plate log",
                          0x54504C31,
                          {R"sql(
@@ -83,18 +83,18 @@ CREATE INDEX plate_correction_by_text ON plate_correction(text);
 )sql"},
                          1};
 
-// Of the rows `c` of plate_correction those that count.
+// Condition for the rows `c` of plate_correction that are in effect.
 constexpr const char* kLast = "c.id = (SELECT max(id) FROM plate_correction WHERE plate = c.plate)";
 
 std::int64_t number_of(Moment moment) { return moment.time_since_epoch().count(); }
 
-// Years 1970 to 9999, whatever the file says.
+// Limited to the years 1970 to 9999, whatever the file contains.
 Moment moment_of(std::int64_t number) {
   constexpr std::int64_t kEnd = 253'402'300'799'999;
   return Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(number, 0, kEnd)));
 }
 
-std::string after(std::string text) {  // the first text that does not begin with this one
+std::string after(std::string text) {  // upper bound of all texts with this prefix
   ++text.back();
   return text;
 }
@@ -136,7 +136,7 @@ std::vector<std::uint8_t> crop_bytes(const PlateEvent& event, const std::string&
   return encode_image(".jpg", event.best_crop, path, kCropQuality);
 }
 
-// All that is read until the end is of one moment.
+// All reads until the end see the same snapshot.
 class ReadTransaction {
  public:
   explicit ReadTransaction(Database& database) : database_(database) { database_.run("BEGIN"); }
@@ -144,7 +144,7 @@ class ReadTransaction {
     try {
       database_.run("ROLLBACK");
     } catch (const Error&) {
-      // It has ended by an error.
+      // The transaction has ended by an error.
     }
   }
   ReadTransaction(const ReadTransaction&) = delete;
@@ -154,8 +154,8 @@ class ReadTransaction {
   Database& database_;
 };
 
-// Page by page, some at a time; then the write-ahead log, which holds the old pages, is emptied if
-// nobody reads in it just now.
+// Frees pages in steps; then truncates the write-ahead log, which holds the old pages, unless
+// another process is reading it.
 void give_room_back(Database& database, std::int64_t deleted, const ForgetOptions& options) {
   constexpr std::int64_t kPages = 2000;
   std::int64_t free_before = std::numeric_limits<std::int64_t>::max();
@@ -165,12 +165,12 @@ void give_room_back(Database& database, std::int64_t deleted, const ForgetOption
       Statement pages(database, "PRAGMA freelist_count");
       if (pages.step()) free = pages.integer(0);
     }
-    if (free == 0 || free >= free_before) break;  // or nothing can be given back
+    if (free == 0 || free >= free_before) break;  // or nothing can be freed
     free_before = free;
     database.run(fmt::format("PRAGMA incremental_vacuum({})", kPages));
     if (options.between) options.between(deleted);
   }
-  // This keeps other writers out while it waits for readers: not for long.
+  // The checkpoint blocks other writers while it waits for readers: keep that short.
   database.set_patience(100);
   database.run("PRAGMA wal_checkpoint(TRUNCATE)");
 }
@@ -383,8 +383,8 @@ void PlateLog::trust_clock(std::int64_t run) {
   Statement(database_, "UPDATE plate_mark SET unsynced = 0 WHERE run = ?").bind(1, run).step();
 }
 
-// By an index where the pattern allows: equal texts, a beginning, or pieces that a text must hold;
-// else through the texts alone, which have an index as well. What was found is then looked at.
+// Uses an index where the pattern allows: for equal texts, a prefix, or required pieces. Otherwise
+// it scans the index of all texts. The results are then matched exactly.
 std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
   const std::string& pattern = filter.text;
   std::vector<Found> found;
@@ -394,7 +394,7 @@ std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
     bool first = true;
     while (rows.step()) {
       std::string text = rows.text(1);
-      if (first || text != last) {  // equal texts stand together in the index
+      if (first || text != last) {  // equal texts are adjacent in the index
         fitted = matches(pattern, text, filter.near);
         last = std::move(text);
         first = false;
@@ -402,8 +402,8 @@ std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
       if (fitted) found.push_back({rows.integer(2), rows.integer(0)});
     }
   };
-  // The same search through what was read and through what it was corrected to; `column` is that
-  // of the text, `id` that of the plate.
+  // Searches both the original and the corrected texts; `column` is the column of the text, `id`
+  // that of the plate.
   const auto search = [&](const std::string& condition, const std::string& order,
                           const std::function<void(Statement&)>& bind) {
     const auto with = [&](std::string text, const std::string& column, const std::string& id) {
@@ -439,7 +439,8 @@ std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
   const bool has_piece =
       indexed_ && !pieces.empty() && (filter.near || pieces[0].size() > begin.size());
   if (has_piece) {
-    // Near: one of the pieces is there unspoilt. Else all are; three tell enough.
+    // With `near`, one of two pieces must be present. Otherwise all must; three are selective
+    // enough.
     std::string query;
     const std::size_t count = std::min<std::size_t>(pieces.size(), 3);
     for (std::size_t k = 0; k < count; ++k) {
@@ -510,13 +511,13 @@ std::int64_t PlateLog::query(const LogFilter& filter,
     }
     return taken;
   }
-  const ReadTransaction moment(database_);  // entries are those that were found
+  const ReadTransaction moment(database_);  // the entries must be those found above
   std::vector<Found> found = find(filter);
   std::erase_if(found, [&](const Found& entry) { return entry.last_time < since; });
   std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
     return a.last_time != b.last_time ? a.last_time > b.last_time : a.id > b.id;
   });
-  // Both of its texts may fit.
+  // Both texts of an entry may match.
   found.erase(std::unique(found.begin(), found.end(),
                           [](const Found& a, const Found& b) { return a.id == b.id; }),
               found.end());

@@ -13,7 +13,8 @@
 namespace tarsier::plate {
 namespace {
 
-// Edits between a pattern and a text; those of '*' and '?' are free. More than one is two.
+// Edit distance of a pattern and a text, with free edits for '*' and '?'. Values above one are
+// reported as two.
 int pattern_edits(std::string_view pattern, std::string_view text) {
   std::vector<int> row(text.size() + 1);
   for (std::size_t j = 0; j < row.size(); ++j) row[j] = static_cast<int>(j);
@@ -34,7 +35,7 @@ int pattern_edits(std::string_view pattern, std::string_view text) {
   return row.back();
 }
 
-// Without edits: '*' goes on from the latest one where the rest does not fit.
+// Exact match: after a mismatch, continues from the latest '*'.
 bool fits(std::string_view pattern, std::string_view text) {
   std::size_t p = 0;
   std::size_t t = 0;
@@ -58,7 +59,7 @@ bool fits(std::string_view pattern, std::string_view text) {
   return p == pattern.size();
 }
 
-// The parts of a folded pattern without wildcards; one that ends the pattern ends in '$'.
+// The literal parts of a folded pattern; a part at the pattern's end ends in '$'.
 std::vector<std::string> literals_of(const std::string& pattern) {
   std::vector<std::string> parts(1);
   for (const char c : fold_symbols(pattern) + '$') {
@@ -72,7 +73,7 @@ std::vector<std::string> literals_of(const std::string& pattern) {
   return parts;
 }
 
-// A piece of two characters at the end of a text begins no gram with its end mark.
+// Two characters at the end of a text, with the end mark, are not the beginning of a gram.
 bool is_piece(std::string_view piece) {
   return piece.size() >= kGram || (piece.size() == 2 && piece.back() != '$');
 }

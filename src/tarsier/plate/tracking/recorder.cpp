@@ -36,12 +36,11 @@ Clock::duration seconds(double s) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
 }
 
-// The 22nd field of /proc/PID/stat: when it started, in ticks. Empty where there is no such
-// process.
+// The 22nd field of /proc/PID/stat: the start time in ticks. Empty if there is no such process.
 std::string start_of(const std::string& process) {
   std::ifstream file("/proc/" + process + "/stat");
   std::string stat{std::istreambuf_iterator<char>(file), {}};
-  const std::size_t name_end = stat.rfind(')');  // the second field may hold anything
+  const std::size_t name_end = stat.rfind(')');  // the second field may contain anything
   if (name_end == std::string::npos) return "";
   std::size_t at = name_end + 1;
   for (int field = 2; field < 22 && at != std::string::npos; ++field) {
@@ -51,7 +50,7 @@ std::string start_of(const std::string& process) {
   return stat.substr(at, stat.find(' ', at) - at);
 }
 
-// The system's start and the space of process numbers.
+// The boot id and the PID namespace.
 std::string machine_name() {
   std::string boot;
   std::ifstream("/proc/sys/kernel/random/boot_id") >> boot;
@@ -60,7 +59,7 @@ std::string machine_name() {
   return boot + ' ' + std::string(space, length > 0 ? static_cast<std::size_t>(length) : 0);
 }
 
-// Something to be done to the log.
+// A change of the log.
 struct Task {
   enum class Kind { kEvent, kShift, kTrust } kind = Kind::kEvent;
   PlateEvent event;  // without its image
@@ -96,7 +95,7 @@ class PlateRecorder::Writer {
     thread_ = std::jthread([this](const std::stop_token& stop) {
       try {
         work(stop);
-      } catch (...) {  // no memory, say
+      } catch (...) {  // for example, no memory
         const std::lock_guard lock(mutex_);
         error_ = std::current_exception();
         changed_.notify_all();
@@ -121,7 +120,7 @@ class PlateRecorder::Writer {
                       [&] { return error_ || is_locked_ || written_ >= mine; });
   }
 
-  // Whether the crop of this vehicle's best frame was handed over before.
+  // Whether the crop of this vehicle's best frame has not been submitted yet.
   bool is_new_crop(const PlateEvent& event) {
     const auto [at, added] = crops_.try_emplace(event.id, event.best_frame);
     const bool is_new = added || at->second != event.best_frame;
@@ -147,7 +146,7 @@ class PlateRecorder::Writer {
     try {
       log_.end_run(run_);
     } catch (const DatabaseLockedError&) {
-      // The next run sees that this one is over.
+      // The next run finds that this one has ended.
     }
   }
 
@@ -163,7 +162,7 @@ class PlateRecorder::Writer {
 
   void end_thread() {
     {
-      const std::lock_guard lock(mutex_);  // not between its look at the stop and its wait
+      const std::lock_guard lock(mutex_);  // not between the thread's check for a stop and its wait
       thread_.request_stop();
     }
     changed_.notify_all();
@@ -179,14 +178,15 @@ class PlateRecorder::Writer {
                                      count() == 1 ? "entry was" : "entries were")};
   }
 
-  // Of what waits for one vehicle the latest is enough.
+  // For one vehicle, only the latest waiting event is needed.
   bool replace(Task& task) {
     if (task.kind != Task::Kind::kEvent) return false;
     for (auto waiting = tasks_.rbegin(); waiting != tasks_.rend(); ++waiting) {
-      if (waiting->kind != Task::Kind::kEvent) return false;  // nothing passes a correction
+      // No event overtakes a clock correction.
+      if (waiting->kind != Task::Kind::kEvent) return false;
       if (waiting->event.id != task.event.id) continue;
       if (!task.crop) task.crop = std::move(waiting->crop);
-      // It goes to the end: what it was merged into may wait before it.
+      // It moves to the end, because the vehicle it was merged into may wait before it.
       tasks_.erase(std::next(waiting).base());
       task.ticket = ++last_ticket_;
       tasks_.push_back(std::move(task));
@@ -237,7 +237,7 @@ class PlateRecorder::Writer {
   }
 
   void write(const std::vector<Task>& batch) {
-    std::map<std::int64_t, std::int64_t> rows = rows_;  // of vehicles that are open
+    std::map<std::int64_t, std::int64_t> rows = rows_;  // of open vehicles
     Transaction together = log_.transaction();
     for (const Task& task : batch) {
       if (task.kind == Task::Kind::kShift) {
@@ -269,10 +269,10 @@ class PlateRecorder::Writer {
   }
 
   const RecorderOptions options_;
-  PlateLog log_;  // after the constructor, of the thread alone
+  PlateLog log_;  // used only by the thread after the constructor
   std::int64_t run_ = 0;
-  std::map<std::int64_t, std::int64_t> rows_;   // vehicle -> entry; of the thread
-  std::map<std::int64_t, std::int64_t> crops_;  // vehicle -> best frame; of the caller
+  std::map<std::int64_t, std::int64_t> rows_;   // vehicle -> entry; used by the thread
+  std::map<std::int64_t, std::int64_t> crops_;  // vehicle -> best frame; used by the caller
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;

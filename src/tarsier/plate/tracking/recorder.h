@@ -14,12 +14,12 @@
 namespace tarsier::plate {
 
 struct RecorderOptions {
-  // s that a log which another program has locked is waited for, while reading goes on
+  // s to wait while another program locks the log; reading continues meanwhile.
   double max_lock = 60;
-  // s that record() waits for the disk where nothing is locked
+  // s for which record() waits for the disk while nothing is locked.
   double max_wait = 3;
   std::size_t max_waiting = 2000;  // vehicles that wait to be written
-  int attempt_ms = 100;            // how long one attempt waits for a lock
+  int attempt_ms = 100;            // ms for which one attempt waits for a lock
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_lock", max_lock, range(0, 3600)},
@@ -30,17 +30,18 @@ struct RecorderOptions {
   void check() const { check_fields(*this); }
 };
 
-// This process, by a name that no other one has or will have: the system's start, the space of
-// process numbers, the number, and when it started.
+// A unique name of this process. No other process has it or will have it: boot id, PID namespace,
+// process number and start time.
 [[nodiscard]] std::string process_name();
-// Whether a process of such a name still runs on this machine.
+// Returns whether the process of this name still runs on this machine.
 [[nodiscard]] bool is_running(const std::string& process_name);
 
-// Keeps a log up to date with what a tracker says of vehicles. Each is an entry from when it is
-// opened; it is updated, closed or taken out later. A thread writes. record() returns when what it
-// was given is on the disk; but while another program holds the log, or the disk is slow, it
-// returns at once and what waits is written when that is over. So frames go on being read, and what
-// is lost when the machine stops is what nobody was sure of yet.
+// Keeps a log up to date with the events of a tracker. A vehicle has an entry from its kOpened
+// event on; later events update, close or remove it. A thread writes the entries.
+//
+// record() returns when its event is on the disk. If another program holds the log or the disk is
+// slow, record() returns at once and the event is written later. Frames therefore continue to be
+// read. If the machine stops, only vehicles that were not yet confirmed are lost.
 //
 //   PlateRecorder recorder("plates.db");
 //   for each frame:
@@ -48,32 +49,32 @@ struct RecorderOptions {
 //     for (const PlateEvent& event : closed) recorder.record(event);
 //   recorder.finish();
 //
-// Not thread-safe: one caller.
+// Not thread-safe.
 class PlateRecorder {
  public:
-  // Entries that programs which died have left open become interrupted ones. Throws as
-  // media/sqlite.h says.
+  // Open entries of programs that have died become interrupted. Errors are those of media/sqlite.h.
   explicit PlateRecorder(const std::string& path, const RecorderOptions& options = {});
-  // What can be written without waiting for a lock is.
+  // Writes everything that can be written without waiting for a lock.
   ~PlateRecorder();
   PlateRecorder(const PlateRecorder&) = delete;
   PlateRecorder& operator=(const PlateRecorder&) = delete;
 
-  // Throws the error of an earlier attempt to write: of a lock only after `max_lock`. Waits for
-  // room where `max_waiting` vehicles wait.
+  // Throws the error of an earlier attempt to write; a lock is an error only after `max_lock`.
+  // Waits if `max_waiting` vehicles already wait.
   void record(const PlateEvent& event);
 
-  // The wall clock was set by so much: entries of this run from before, while it was not
-  // synchronized, are corrected. Throws as record().
+  // The wall clock was set by `by`: corrects the entries of this run that were written while it was
+  // not synchronized. Throws the same exceptions as record().
   void shift_unsynchronized(std::chrono::milliseconds by);
-  // The clock is synchronized: the entries of this run are right.
+  // The clock is synchronized, so the entries of this run are right.
   void trust_clock();
 
-  // Throws what went wrong since; to be called now and then while there is nothing to record.
+  // Throws the error of an earlier attempt to write. Call it periodically while there is nothing to
+  // record.
   void check();
 
-  // Waits until all is written, or until the lock has lasted for `max_lock`; at most `patience_s`.
-  // Throws OutputError saying how many vehicles are not in the log.
+  // Waits until everything is written, until a lock has lasted for `max_lock`, or for `patience_s`.
+  // Throws OutputError, which says how many vehicles are not in the log.
   void finish(double patience_s = 3600);
 
   [[nodiscard]] std::size_t waiting() const;  // vehicles that are not on the disk yet

@@ -27,7 +27,7 @@ constexpr std::size_t kMaxCorners = 32;
                   printable(text)));
 }
 
-// The numbers of "1,2,3", at least two.
+// Parses "1,2,3": at least two numbers.
 std::vector<double> numbers_of(std::string_view word, std::string_view whole) {
   std::vector<double> numbers;
   while (true) {

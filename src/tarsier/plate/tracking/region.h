@@ -8,19 +8,21 @@
 
 namespace tarsier::plate {
 
-// Part of the image. Coordinates are shares of its width and height, or pixels.
+// A region of the image. Coordinates are fractions of its width and height, or pixels.
 struct Region {
-  std::vector<cv::Point2d> corners;  // a polygon, at least three; empty: the whole image
+  // A polygon of at least three corners; empty means the whole image.
+  std::vector<cv::Point2d> corners;
   bool relative = false;
 
-  // By the even-odd rule; points on an edge may be either.
+  // Even-odd rule. The result is undefined for points on an edge.
   [[nodiscard]] bool contains(cv::Point2d point, cv::Size image) const;
   // Corners in px, for drawing.
   [[nodiscard]] std::vector<cv::Point> outline(cv::Size image) const;
 };
 
-// "x,y,w,h", or three to 32 corners "x,y x,y x,y" (or with ';' between). Relative where no number
-// is above 1. Throws UsageError: not such a text, negative numbers, no area.
+// Parses "x,y,w,h", or three to 32 corners "x,y x,y x,y" (or separated by ';'). The coordinates are
+// relative if no number is above 1. Throws UsageError for another format, negative numbers or an
+// empty area.
 [[nodiscard]] Region parse_region(std::string_view text);
 
 }  // namespace tarsier::plate

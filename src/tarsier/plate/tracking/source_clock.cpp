@@ -19,7 +19,7 @@ constexpr milliseconds kDrift{2000};
 constexpr std::int64_t kDriftShare = 10'000;  // 100 ppm
 constexpr milliseconds kMaxAge = std::chrono::hours(1);
 
-// That of the system since it was started, its sleep counted.
+// Uptime of the system, including sleep.
 milliseconds uptime_now() {
   timespec now{};
   if (::clock_gettime(CLOCK_BOOTTIME, &now) != 0) {
@@ -30,8 +30,8 @@ milliseconds uptime_now() {
                                                   std::chrono::nanoseconds(now.tv_nsec));
 }
 
-// The kernel knows; a service that is locked in may not ask it, but sees the file that
-// systemd-timesyncd leaves.
+// Asks the kernel. A confined service may not do so, but it sees the file that systemd-timesyncd
+// creates.
 bool is_synchronized() {
   timex state{};
   const int answer = ::adjtimex(&state);

@@ -13,35 +13,35 @@
 // The wall clock of each frame.
 namespace tarsier::plate {
 
-// The clocks of the machine; tests give others.
+// The clocks of the machine. Tests use others.
 struct Clocks {
-  std::function<Moment()> wall;                       // people and NTP set it
-  std::function<std::chrono::milliseconds()> uptime;  // nobody sets it; goes on in sleep
-  std::function<std::chrono::steady_clock::time_point()> steady;  // that of Frame::captured
-  // Whether the system says that the wall clock is synchronized (by NTP, say); false where it says
-  // nothing.
+  std::function<Moment()> wall;                       // set by users and NTP
+  std::function<std::chrono::milliseconds()> uptime;  // monotonic; continues during sleep
+  std::function<std::chrono::steady_clock::time_point()> steady;  // the clock of Frame::captured
+  // Whether the system reports that the wall clock is synchronized (for example by NTP). False if
+  // the system reports nothing.
   std::function<bool()> synchronized;
 };
 [[nodiscard]] Clocks system_clocks();
 
-// No moment before 2024-01-01 is taken for the present: a machine without a clock of its own begins
-// in 1970, or when its system was built.
+// Returns whether `now` is 2024-01-01 or later. A machine without a battery-backed clock starts in
+// 1970, or at the time when its system was built.
 [[nodiscard]] bool is_plausible(Moment now);
 
-// How a source's frames lie in time.
+// How the times of a source's frames map to the wall clock.
 struct SourceTimes {
-  // A camera or stream: a frame is of the moment when it arrived. Else a recording.
+  // A camera or stream: the time of a frame is its arrival. Otherwise the source is a recording.
   bool live = true;
-  // Of a recording: the moment of its first frame. Nothing: each frame is of the moment when it was
-  // read, while durations are those of the recording.
+  // For a recording: the time of its first frame. If empty, the time of a frame is the time when it
+  // is read, while durations are those of the recording.
   std::optional<Moment> start;
 };
 
-// Of a video file that was last written at `modified`, `length` long: it began so much earlier. Not
-// in the future of `now`, whatever the file says.
+// Start of a video file that was last written at `modified` and is `length` long. Never later than
+// `now`.
 [[nodiscard]] Moment recording_start(Moment modified, std::chrono::milliseconds length, Moment now);
 
-// Gives each frame its moment, and notices when the wall clock is set.
+// Gives each frame its wall-clock time, and detects steps of the wall clock.
 //
 //   SourceClock clock(system_clocks());
 //   clock.begin({.live = true}, 0);                        // for each source
@@ -51,15 +51,15 @@ class SourceClock {
  public:
   explicit SourceClock(Clocks clocks);
 
-  // A new source; `first_time` is that of its first frame, s.
+  // Starts a new source; `first_time` is the time of its first frame, s.
   void begin(const SourceTimes& times, double first_time);
 
-  // `time`: the frame's, s. `captured`: when it arrived; of what is older than an hour or comes
-  // from the future, now.
+  // `time` is the frame's time, s. `captured` is its arrival; if this is more than an hour ago or
+  // in the future, the present time is used.
   [[nodiscard]] FrameMoment at(double time, std::chrono::steady_clock::time_point captured);
 
-  // By how much the wall clock was set since the last call, by all calls of at() in between.
-  // Differences of less than 2 s, and 100 ppm of the time between, are drift.
+  // The sum of the wall clock's steps since the last call, as observed by at(). Differences below 2
+  // s plus 100 ppm of the elapsed time count as drift.
   [[nodiscard]] std::optional<std::chrono::milliseconds> take_step();
 
  private:

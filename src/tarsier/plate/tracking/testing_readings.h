@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-// Readings as a reader of plates makes them: of small plates often wrong, and mostly aware of it.
+// Simulated readings: often wrong for small plates, and then mostly with a low confidence.
 namespace tarsier::plate {
 
 inline char confused_with(char symbol, Rng& rng) {
@@ -25,7 +25,7 @@ inline char confused_with(char symbol, Rng& rng) {
   return kAlphabet[static_cast<std::size_t>(rng.integer(0, 35))];
 }
 
-// `error`: chance that a character is misread, 0..1.
+// `error`: probability that a character is misread, 0..1.
 inline Reading noisy_reading(const std::string& text, cv::Rect box, double error, Rng& rng) {
   Reading reading;
   reading.box = box;
@@ -34,12 +34,12 @@ inline Reading noisy_reading(const std::string& text, cv::Rect box, double error
   std::string runner_up;
   double least = 2;
   for (const char symbol : text) {
-    if (rng.uniform() < 0.1 * error) continue;  // not seen at all
+    if (rng.uniform() < 0.1 * error) continue;  // character is missed
     const bool right = rng.uniform() >= error;
     const char other = confused_with(symbol, rng);
     Character character;
     character.symbol = right ? symbol : other;
-    // A wrong one is mostly doubtful, but not always.
+    // A wrong character mostly has a low confidence, but not always.
     character.confidence = right ? 1 - error * rng.uniform() : rng.uniform(0.2, 0.95);
     reading.text += character.symbol;
     reading.confidence *= character.confidence;

@@ -22,7 +22,7 @@ using std::chrono::minutes;
 using std::chrono::seconds;
 using std::chrono::weeks;
 
-// Reads a text from its front; what does not fit leaves `good` false.
+// Parses a text from its front; sets `good` to false on a mismatch.
 struct Scanner {
   std::string_view rest;
   bool good = true;

@@ -14,18 +14,19 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr double kCoasting = 1.0;        // s for which motion is followed without a reading
-constexpr double kParkedAfter = 3.0;     // s
-constexpr double kStray = 3.0;           // s that a vehicle that was hardly read is remembered
-constexpr std::size_t kTellingText = 5;  // shorter ones are too common to know a vehicle by
-constexpr std::int64_t kLasting = 10;    // readings
+constexpr double kCoasting = 1.0;     // s for which the motion is predicted without a reading
+constexpr double kParkedAfter = 3.0;  // s
+constexpr double kStray = 3.0;        // s for which a hardly read vehicle is remembered
+// Characters; shorter texts are too common to identify a vehicle.
+constexpr std::size_t kTellingText = 5;
+constexpr std::int64_t kLasting = 10;  // readings
 constexpr double kLastingAgreement = 0.6;
 
-// Lengths below are in widths of the plate, so that they mean the same near and far.
-constexpr double kReach = 0.6;             // from the predicted place
-constexpr double kReachPerSecond = 3;      // of a vehicle whose motion is known
-constexpr double kReachOfNew = 10;         // the same of one seen once
-constexpr double kJumpPerSecond = 15;      // for a text that is nearly the same
+// The lengths below are in plate widths, so they do not depend on the distance.
+constexpr double kReach = 0.6;             // from the predicted position
+constexpr double kReachPerSecond = 3;      // for a vehicle with known motion
+constexpr double kReachOfNew = 10;         // the same for one read only once
+constexpr double kJumpPerSecond = 15;      // for nearly the same text
 constexpr double kSameJumpPerSecond = 40;  // for the same text
 
 cv::Point2d center_of(const cv::Rect& box) {
@@ -53,7 +54,7 @@ void move_to(Track& track, const cv::Rect& box, double time) {
   }
 }
 
-// Leaves out the least telling of the readings between the first and the last.
+// Removes the least informative readings between the first and the last.
 void thin_out(std::vector<Evidence>& evidence, std::size_t most) {
   while (evidence.size() > most) {
     const auto worst = std::min_element(
@@ -141,8 +142,8 @@ void vote_if_due(Track& track, const TrackerOptions& options) {
 
 bool is_confirmed(const Track& track, const TrackerOptions& options) {
   if (track.frames < options.min_readings || track.voted.empty()) return false;
-  // A sign stays one where the vote, in which texts without a digit count little, finds a layout with a
-  // digit that resembles it (a D as 0).
+  // A sign remains a sign even if the vote, in which texts without a digit have a low weight,
+  // selects a similar layout with a digit (a D as 0).
   const bool is_word = !has_digit(text_of(track)) || 2 * track.words > track.frames;
   if (track.surest < options.min_single || (is_word && !options.words)) return false;
   const bool never_moved = is_parked(track) && track.anchor_time - track.first_time < kParkedAfter;
@@ -150,7 +151,8 @@ bool is_confirmed(const Track& track, const TrackerOptions& options) {
   const double odds = track.plate_odds / static_cast<double>(track.frames);
   if ((never_moved || !has_moved) && odds < options.min_standing_odds) return false;
   if (never_moved) return confidence_of(track) >= options.min_standing;
-  // What moves and is read much the same for long is a plate, though its text may be in doubt.
+  // A moving track with consistent readings over a long time is a plate, even if its text is
+  // uncertain.
   const bool lasting = track.frames >= kLasting && track.agreement >= kLastingAgreement;
   return lasting || confidence_of(track) >= options.min_confidence;
 }
@@ -163,7 +165,7 @@ void absorb(Track& track, Track&& earlier, const TrackerOptions& options) {
   track.announced = earlier.announced;
   track.announced_text = earlier.announced_text;
   track.announced_last = earlier.announced_last;
-  track.next_update = track.last_time;  // what is known of both is worth saying
+  track.next_update = track.last_time;  // report the merged data soon
   track.frames += earlier.frames;
   track.words += earlier.words;
   track.plate_odds += earlier.plate_odds;
@@ -195,8 +197,8 @@ PlateEvent event_of(const Track& track, PlateState state) {
   event.candidates = track.voted;
   event.first_time = track.first_time;
   event.last_time = track.last_time;
-  // From the end backwards: a clock that was set meanwhile is right now, and how long the stay was
-  // is known from the one that nobody sets.
+  // Computed from the end backwards: after a clock correction only the present wall clock is right,
+  // and the duration of the stay comes from the monotonic clock.
   event.last_seen = track.last_seen.wall;
   event.first_seen = event.last_seen - std::max(track.last_seen.uptime - track.first_uptime,
                                                 std::chrono::milliseconds(0));
@@ -242,7 +244,7 @@ double fit(const Track& track, const Reading& reading, double time, const Tracke
   const double common = iou(expected, cv::Rect2d(reading.box));
 
   if (since > options.lost_after) {
-    // Out of sight meanwhile: known again by its text, or at the place where it stood.
+    // Was out of view: identified by its text, or by the place where it stood.
     const bool in_place = is_parked(track) &&
                           cv::norm(center_of(reading.box) - track.anchor) < 0.5 * width &&
                           grown < 1.3 && similar >= 0.6;
@@ -263,7 +265,7 @@ double fit(const Track& track, const Reading& reading, double time, const Tracke
 }
 
 bool is_same(const Track& earlier, const Track& later, const TrackerOptions& options) {
-  if (earlier.last_time >= later.first_time) return false;  // in sight together
+  if (earlier.last_time >= later.first_time) return false;  // in view at the same time
   const double gap = later.first_time - earlier.last_time;
   if (gap > patience_for(earlier, options)) return false;
   const std::string& a = text_of(earlier);
@@ -273,7 +275,7 @@ bool is_same(const Track& earlier, const Track& later, const TrackerOptions& opt
   if (in_place && text_similarity(a, b) >= 0.6) return true;
   if (gap > options.lost_after + options.return_within) return false;
   if (same_text(a, b)) return true;
-  // One character apart: only where the worse of the two was in doubt about it.
+  // One character apart: the same only if the worse reading was uncertain about it.
   const bool earlier_is_worse = confidence_of(earlier) < confidence_of(later);
   const Track& worse = earlier_is_worse ? earlier : later;
   return edit_distance(a, b) == 1 && std::min(a.size(), b.size()) >= kTellingText &&

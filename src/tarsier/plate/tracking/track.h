@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-// The inside of the tracker: one vehicle.
+// Internals of the tracker: one vehicle.
 namespace tarsier::plate {
 
 struct Evidence {
@@ -26,73 +26,74 @@ struct Track {
   std::int64_t words = 0;          // of these, readings without a digit
   double plate_odds = 0;           // sum over the readings of log_odds(Reading::plate)
   std::vector<Evidence> evidence;  // in order of time
-  std::vector<Candidate> voted;    // best first; may be some readings behind, see vote_if_due
-  double agreement = 0;            // 0..1: how much the readings resemble the voted text
+  std::vector<Candidate> voted;    // best first; may be a few readings behind, see vote_if_due
+  double agreement = 0;            // 0..1: mean similarity of the readings to the voted text
 
-  cv::Point2d center;      // px, at last_time
-  cv::Size2d size;         // px
-  cv::Point2d velocity;    // px/s
-  int moves = 0;           // how many times the velocity was measured
-  cv::Point2d anchor;      // it has stayed near this place ..
-  double anchor_time = 0;  // .. since then
-  bool read_now = false;   // in the latest frame
+  cv::Point2d center;    // px, at last_time
+  cv::Size2d size;       // px
+  cv::Point2d velocity;  // px/s
+  int moves = 0;         // number of velocity measurements
+  // The vehicle has stayed near `anchor` since `anchor_time`.
+  cv::Point2d anchor;
+  double anchor_time = 0;
+  bool read_now = false;  // in the latest frame
 
-  double surest = 0;  // confidence of the surest reading
+  double surest = 0;  // highest confidence of a single reading
 
   double best_quality = -1;
   std::int64_t best_frame = 0;
   double best_time = 0;
   cv::Rect best_box;
-  cv::Mat best_crop;  // never drawn into: events share it
+  cv::Mat best_crop;  // never modified: events share it
 
   std::string source;
   std::chrono::milliseconds first_uptime{0};
   FrameMoment last_seen;  // of the latest reading
 
-  // What was said of it.
+  // What was reported about it.
   bool announced = false;
   std::string announced_text;
-  double announced_last = 0;  // its last_time then
-  double next_update = 0;     // s, of the frames' time
+  double announced_last = 0;  // last_time at that moment
+  double next_update = 0;     // s, time of the frames
 };
 
-// Takes a reading: motion, evidence, best crop.
+// Adds a reading: updates the motion, the evidence and the best crop.
 void add_reading(Track& track, const Reading& reading, const TrackedFrame& frame, double time,
                  const TrackerOptions& options);
 
-// Where the vehicle is thought to be; it is not followed further than a second.
+// Predicted box. The prediction stops one second after the last reading.
 [[nodiscard]] cv::Rect2d predicted_box(const Track& track, double time);
 
-// Whether it has stood still for a while when it was last read.
+// Whether the vehicle had stood still for a while at its last reading.
 [[nodiscard]] bool is_parked(const Track& track);
 
-// Votes again; or only where enough was read since.
+// Votes again. vote_if_due() does so only after enough new readings.
 void vote_now(Track& track, const TrackerOptions& options);
 void vote_if_due(Track& track, const TrackerOptions& options);
 
 [[nodiscard]] bool is_confirmed(const Track& track, const TrackerOptions& options);
 
-// The voted text so far, "" before any.
+// The text voted so far; "" if there is none.
 [[nodiscard]] const std::string& text_of(const Track& track);
 [[nodiscard]] double confidence_of(const Track& track);
 
-// Adds what is known from an earlier time of the same vehicle.
+// Merges an earlier track of the same vehicle into `track`.
 void absorb(Track& track, Track&& earlier, const TrackerOptions& options);
 
-// As it is known now, by the latest vote.
+// Makes an event from the latest vote.
 [[nodiscard]] PlateEvent event_of(const Track& track, PlateState state);
 
-// 0..1: 1 for the same text, with what is easily confused taken for one; 0 for nothing in common.
+// 0..1: 1 for the same text up to easily confused characters; 0 for nothing in common.
 [[nodiscard]] double text_similarity(const std::string& a, const std::string& b);
 
-// How well a reading fits a vehicle; negative where it cannot be the same.
+// Score of a reading for a vehicle; negative if it cannot be the same vehicle.
 [[nodiscard]] double fit(const Track& track, const Reading& reading, double time,
                          const TrackerOptions& options);
 
-// Whether `later`, which appeared after `earlier` was last read, is the same vehicle.
+// Whether `later`, which appeared after the last reading of `earlier`, is the same vehicle.
 [[nodiscard]] bool is_same(const Track& earlier, const Track& later, const TrackerOptions& options);
 
-// Seconds after the last reading until the vehicle is gone for good.
+// Seconds after the last reading until the vehicle is closed.
 [[nodiscard]] double patience_for(const Track& track, const TrackerOptions& options);
 
 }  // namespace tarsier::plate

@@ -16,19 +16,19 @@ namespace {
 
 constexpr std::size_t kMaxTracks = 1000;
 
-// s between two updates of a vehicle that is read all the time: what is written costs, and a power
-// cut falsifies a long stay's end by little.
+// s between two updates of a vehicle that is read continuously. Writing costs time, and a power
+// failure falsifies the end of a long stay only slightly.
 constexpr double kMinUpdate = 2;
 constexpr double kMaxUpdate = 60;
 
-// One plate may be found twice in a frame.
+// A plate may be found twice in a frame.
 bool is_double(const cv::Rect& a, const cv::Rect& b) {
   const double common = (a & b).area();
   const double smaller = std::max(1, std::min(a.area(), b.area()));
   return common / smaller > 0.6;
 }
 
-// The readings of the region, without doubles; the surer ones first.
+// The readings inside the region, without duplicates, in the order of falling confidence.
 std::vector<const Reading*> counted_readings(const TrackerOptions& options,
                                              const TrackedFrame& frame) {
   std::vector<const Reading*> readings;
@@ -54,7 +54,7 @@ std::vector<const Reading*> counted_readings(const TrackerOptions& options,
   return single;
 }
 
-// The vehicle of each reading, or null: one to one by falling fit.
+// The vehicle of each reading, or null: one to one by falling score.
 std::vector<Track*> assign(const std::vector<const Reading*>& readings, TrackerState& state,
                            const TrackerOptions& options) {
   std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;
@@ -75,7 +75,7 @@ std::vector<Track*> assign(const std::vector<const Reading*>& readings, TrackerS
   return owners;
 }
 
-// A vehicle that came back under a new number gets its old one.
+// Merges a returned vehicle into its earlier track.
 void merge_returned(TrackerState& state, const TrackerOptions& options) {
   for (std::size_t later = 0; later < state.tracks.size(); ++later) {
     if (!state.tracks[later]->read_now || state.tracks[later]->frames < options.min_readings) {
@@ -104,7 +104,7 @@ void sort_by_time(std::vector<PlateEvent>& events) {
   });
 }
 
-// Takes out the tracks of which is_over says so; the events of those that were vehicles.
+// Removes the tracks for which is_over is true, and returns the events of those that were vehicles.
 template <typename Condition>
 std::vector<PlateEvent> take_out(TrackerState& state, const TrackerOptions& options,
                                  const Condition& is_over) {

@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-// Follows plates through the frames of one camera and makes one event of each vehicle.
+// Tracks plates through the frames of one camera and makes one event per vehicle.
 //
 //   TrackerState state;
 //   for each frame:
@@ -25,22 +25,22 @@ namespace tarsier::plate {
 
 struct TrackerOptions {
   Region region;            // a plate counts if the centre of its box is inside
-  double lost_after = 1.5;  // s without a reading after which a vehicle is out of sight
-  // s after that in which a vehicle of the same text is taken for the same one, come back. Its
-  // event is only reported when they are over.
+  double lost_after = 1.5;  // s without a reading after which a vehicle is out of view
+  // s after that during which a returning vehicle of the same text counts as the same one. Its
+  // event is reported only after this time.
   double return_within = 10;
-  double parked_return_within = 120;  // the same of one that stood still, at its place
-  int min_readings = 3;               // a vehicle read less often is none
-  // Of the voted text: below it is no vehicle, unless ten readings or more resemble it
+  double parked_return_within = 120;  // the same for a vehicle that stood still, at the same place
+  int min_readings = 3;               // a track with fewer readings is not a vehicle
+  // Minimum confidence of the voted text. Not needed if ten or more readings resemble the text.
   double min_confidence = 0.5;
-  double min_standing = 0.8;  // the same of what never moved: it may be a sign
-  // Of what has not moved, the mean of its readings' log odds of being a plate (Reading::plate): a sign
-  // may be read as the same text for hours, which makes its vote sure.
+  double min_standing = 0.8;  // the same for a track that never moved: it may be a sign
+  // For a track that has not moved: minimum mean of its readings' log odds of being a plate
+  // (Reading::plate). A sign may give the same text for hours, so its vote has a high confidence.
   double min_standing_odds = 0;
-  double min_single = 0.05;  // of the surest single reading: what never reads well is none
-  // Texts without a digit are vehicles too. Few plates are such, and many signs.
+  double min_single = 0.05;  // minimum confidence of the best single reading
+  // Also accepts texts without a digit. Few plates have such texts, but many signs do.
   bool words = false;
-  int max_readings = 500;  // that an event lists
+  int max_readings = 500;  // maximum number of readings listed in an event
   VoteOptions voting;
 
   [[nodiscard]] OptionFields fields() {
@@ -63,7 +63,7 @@ struct TrackerOptions {
   void check() const;
 };
 
-// What is kept of one vehicle; inside the tracker's state.
+// The data of one vehicle, internal to the tracker.
 struct Track;
 
 struct TrackerState {
@@ -75,52 +75,54 @@ struct TrackerState {
   std::vector<std::unique_ptr<Track>> tracks;
   std::int64_t next_id = 1;
   double time = 0;                    // of the latest frame, s
-  std::vector<PlateEvent> withdrawn;  // until take_news()
+  std::vector<PlateEvent> withdrawn;  // kept until take_news()
 };
 
 struct TrackedFrame {
   std::int64_t index = 0;
-  double time = 0;  // s since the source's first frame; a clock that steps back is taken to stand
-  cv::Mat image;    // best crops are cut from it; may be empty: none are
+  double time = 0;  // s since the source's first frame; a step back counts as no time passing
+  cv::Mat image;    // source of the best crops; if empty, there are no crops
   std::vector<Reading> readings;
-  FrameMoment seen{};    // by the wall clock; where left out, events have no such times
-  std::string source{};  // goes into events; all frames until a flush are of one source
+  FrameMoment seen{};    // wall-clock time; without it, events have no wall-clock times
+  std::string source{};  // copied into events; all frames until a flush have one source
 };
 
-// A vehicle that is in sight.
+// A vehicle in view.
 struct LiveTrack {
   std::int64_t id = 0;
-  cv::Rect box;       // in the latest frame; where it was not read, as it is thought to move
-  bool read = false;  // in the latest frame
+  cv::Rect box;       // in the latest frame; predicted if it was not read there
+  bool read = false;  // whether it was read in the latest frame
   std::string text;   // voted so far
   double confidence = 0;
   std::string country;
   double first_time = 0;
   std::int64_t frames = 0;
-  bool confirmed = false;  // read often and surely enough for an event
+  bool confirmed = false;  // read often and confidently enough for an event
 };
 
-// One more frame. Readings belong to the vehicle whose predicted box (constant velocity) they meet
-// and whose text they resemble, one to one by falling score; the rest begin new ones. Returns the
-// events of vehicles that are gone for good. Throws std::invalid_argument for a time that is not
-// finite.
+// Processes one frame. Readings are assigned to the vehicles whose predicted box (constant
+// velocity) they overlap and whose text they resemble, one to one by falling score. The other
+// readings begin new vehicles. Returns the events of vehicles that have gone. Throws
+// std::invalid_argument for a time that is not finite.
 [[nodiscard]] std::vector<PlateEvent> step_tracker(const TrackerOptions& options,
                                                    TrackerState& state, const TrackedFrame& frame);
 
-// The events of all vehicles that are left, by time; no tracks are left afterwards.
+// Closes all remaining vehicles and returns their events in the order of time.
 [[nodiscard]] std::vector<PlateEvent> flush_tracker(const TrackerOptions& options,
                                                     TrackerState& state);
 
-// What is new since the last call, for those who keep what is known while vehicles are in sight;
-// called after step_tracker(), before its events are dealt with, and after flush_tracker().
-// kOpened: read often and surely enough for an event. kUpdated: another text, out of sight, or
-// after some while (half as long again as it has been there, between 2 and 60 s). kWithdrawn, last:
-// what was opened and is no vehicle, or another one come back. Vehicles that are first sure of when
-// they have gone are closed without being opened.
+// Returns the news since the last call, for callers that record vehicles while these are in view.
+// Call it after step_tracker(), before handling the events of step_tracker(), and after
+// flush_tracker().
+//
+// kOpened: the vehicle is confirmed. kUpdated: its text has changed, it is out of view, or enough
+// time has passed (half of its stay so far, between 2 and 60 s). kWithdrawn, listed last: an opened
+// vehicle is not a vehicle, or is an earlier one that returned. A vehicle that is confirmed only
+// when it has gone is closed without being opened.
 [[nodiscard]] std::vector<PlateEvent> take_news(const TrackerOptions& options, TrackerState& state);
 
-// The wall clock was set forward by so much: vehicles that were last read while it was not
-// synchronized get right times.
+// The wall clock was set forward by `by`: corrects the times of vehicles last read while it was not
+// synchronized.
 void shift_unsynchronized(TrackerState& state, std::chrono::milliseconds by);
 
 // Oldest first.

@@ -15,8 +15,8 @@ constexpr std::size_t kMaxCandidates = 5;  // of a ballot
 constexpr std::size_t kMaxVoters = 40;
 constexpr std::size_t kMaxTexts = 24;
 constexpr double kFloor = -7;  // nats
-// What turning a candidate into a text costs, nats: a character put in or left out, and one
-// replaced by another of which nothing is known.
+// Costs of edits between a candidate and a text, nats: an insertion or deletion, and a substitution
+// about which nothing is known.
 constexpr double kGap = 4;
 constexpr double kReplaced = 3.5;
 constexpr double kMinReplaced = 1.5;
@@ -29,15 +29,15 @@ struct Voter {
 
 double log_of(double p) { return std::log(std::clamp(p, 1e-6, 1.0)); }
 
-// What it costs to take the k-th character of a ballot's first candidate for another.
+// Cost of substituting the k-th character of a ballot's first candidate.
 double replacing(const Ballot& ballot, std::size_t k) {
   if (k >= ballot.characters.size()) return kReplaced;
-  // The doubt is shared between a few likely others.
+  // The uncertainty is divided among a few likely other symbols.
   const double doubt = (1 - ballot.characters[k]) / 3;
   return std::clamp(-log_of(doubt), kMinReplaced, kMaxReplaced);
 }
 
-// Least cost of turning the n-th candidate into `text`, or `most` where it is no less.
+// Minimum cost of editing the n-th candidate into `text`; `most` if it is not lower.
 double edit_cost(const Ballot& ballot, std::size_t n, const std::string& text, double most) {
   const std::string& given = ballot.candidates[n].text;
   if (given == text) return 0;
@@ -59,7 +59,7 @@ double edit_cost(const Ballot& ballot, std::size_t n, const std::string& text, d
   return std::min(row.back(), most);
 }
 
-// What one ballot says of a text, nats.
+// Score that one ballot gives to a text, nats.
 double opinion(const Ballot& ballot, const std::string& text) {
   double best = kFloor;
   for (std::size_t n = 0; n < std::min(kMaxCandidates, ballot.candidates.size()); ++n) {
@@ -94,14 +94,14 @@ std::vector<Voter> voters_of(const std::vector<Ballot>& ballots) {
   return voters;
 }
 
-// A text that may win, and the country of its layout.
+// A candidate of the vote, and the country of its layout.
 struct Nominee {
   std::string text;
   std::string country;
   double support = 0;
 };
 
-// For each length, the text of the most wanted character at each place.
+// For each length, the text of the characters with the most votes at each place.
 void nominate_by_character(const std::vector<Voter>& voters,
                            std::map<std::string, Nominee>& found) {
   std::map<std::size_t, double> lengths;
@@ -165,7 +165,7 @@ Ballot ballot_of(const Reading& reading) {
     ballot.candidates = {{reading.text, reading.confidence, reading.country}};
   }
   if (ballot.candidates.size() > kMaxCandidates) ballot.candidates.resize(kMaxCandidates);
-  // The reading's own confidence is the calibrated one: the others share what it leaves.
+  // The confidence of the reading is the calibrated one; the other candidates share the rest.
   const double confidence = std::clamp(reading.confidence, 0.0, 1.0);
   const double others = 1 - ballot.candidates.front().confidence;
   const double scale = others > 1e-6 ? std::min(1.0, (1 - confidence) / others) : 0;

@@ -7,26 +7,26 @@
 #include <string>
 #include <vector>
 
-// One text from the readings of many frames.
+// Votes one text from the readings of many frames.
 namespace tarsier::plate {
 
 struct Ballot {
   std::vector<Candidate> candidates;  // of one reading, best first; not empty
-  // One for each character of the first candidate, 0..1; or empty: unknown.
+  // Confidence of each character of the first candidate, 0..1. Empty if not known.
   std::vector<double> characters;
-  double height_px = 0;  // of a row of the plate; larger plates count more
+  double height_px = 0;  // of a row of the plate; larger plates have more weight
 };
 
-// The ballot of a reading; of its candidates the first five.
+// The ballot of a reading, with its first five candidates.
 [[nodiscard]] Ballot ballot_of(const Reading& reading);
 
 struct VoteOptions {
-  // By how many nats a text of some country's layout is preferred to one of none.
+  // Bonus in nats for a text that fits a country's layout.
   double layout_bonus = 1;
-  // Frames of one vehicle fail together: however many there are, they count as this many
-  // independent ones in the confidence.
+  // The frames of one vehicle have correlated errors. In the confidence, any number of frames
+  // counts as at most this many independent ones.
   double independent = 3;
-  int candidates = 5;  // how many texts are returned
+  int candidates = 5;  // number of returned texts
 
   [[nodiscard]] OptionFields fields() {
     return {{"layout_bonus", layout_bonus, range(0, 20)},
@@ -36,17 +36,18 @@ struct VoteOptions {
   void check() const { check_fields(*this); }
 };
 
-// How much a ballot counts, before others are known: by its confidence and the height relative to
-// the highest of the vehicle's plates.
+// Weight of a ballot before it is ranked among the others: from its confidence, and its height
+// relative to the highest plate of the vehicle.
 [[nodiscard]] double weight_of(const Ballot& ballot, double highest_px);
 
-// The texts that the ballots speak for, best first; their confidences add up to 1 at most. The
-// votes are the candidates of all ballots and what comes of voting on each character. A text's
-// score is the weighted sum of logarithms of what each ballot gives it (a product of experts;
-// Genest and Zidek, Statistical Science 1986): its probability as a candidate, or that of a
-// candidate a few edits away times what these edits cost, less where the character was doubtful;
-// never below a floor, so that one bad frame cannot forbid a text. The k-th best ballot counts 1 /
-// (1 + k / 5): many poor frames do not outvote good ones. Empty for no ballots.
+// Returns the texts that the ballots support, best first; their confidences sum to at most 1. The
+// texts considered are the candidates of all ballots and the result of voting on each character.
+// The score of a text is a weighted sum over the ballots of ln p (a product of experts; Genest and
+// Zidek, Statistical Science 1986).
+// p is the text's probability as a candidate of the ballot, or that of a candidate a few edits away
+// times the cost of these edits, which is lower for doubtful characters. A floor of p keeps one bad
+// frame from excluding a text. The k-th best ballot has the weight 1 / (1 + k / 5), so that many
+// poor frames do not outvote good ones. Returns an empty list for no ballots.
 [[nodiscard]] std::vector<Candidate> vote(const std::vector<Ballot>& ballots,
                                           const VoteOptions& options);
 

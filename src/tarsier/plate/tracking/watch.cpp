@@ -30,10 +30,10 @@ constexpr std::size_t kMaxPattern = 64;  // characters
 constexpr std::size_t kMaxLabel = 200;   // bytes
 constexpr int kDay = 24 * 60;            // minutes
 
-// Of 1000 synthetic cars (`plate synth --kind spain,europe,us,brazil,spain-old --size 640x360
-// --noise 6 --seed 77`) the reader that ships got 498 of 4892 characters wrong, in texts of the
-// right length with three errors at most. Pairs that look the same come first; then those with four
-// errors and more, which mostly are two digits or two letters: another vehicle may have that text.
+// On 1000 synthetic cars (`plate synth --kind spain,europe,us,brazil,spain-old --size 640x360
+// --noise 6 --seed 77`) the shipped reader got 498 of 4892 characters wrong, in texts of the right
+// length with at most three errors. First come pairs of similar shape, then pairs with four errors
+// or more. The latter are mostly two digits or two letters, so another vehicle may have that text.
 constexpr std::string_view kOften = "8B 0D 0O 0Q DO DQ OQ 2Z 5S 6G 1I";
 constexpr std::string_view kSometimes =
     "NW 68 27 VW 56 03 59 MN WY HW 6E 08 89 9B VY HM 58 HR RW 1T 3J 8W IJ KX FP 37";
@@ -72,7 +72,7 @@ constexpr std::array<std::string_view, 6> kColumns{"plate",     "label", "errors
   throw UsageError(fmt::format("{} '{}': {}", what, printable(text), expected));
 }
 
-// "22:00": minutes; 24:00 where `end`.
+// Minutes of "22:00"; 24:00 is allowed with `end`.
 std::optional<int> minute_of(std::string_view text, bool end) {
   const std::size_t colon = text.find(':');
   if (colon == std::string_view::npos || colon == 0 || colon > 2 || text.size() - colon != 3)
@@ -108,7 +108,7 @@ bool is_time(const WatchEntry& entry, const LocalTime& when) {
   });
 }
 
-// What csv_line() put before a field that a spreadsheet would take for a formula.
+// Undoes the escaping by csv_line() of fields that a spreadsheet would take for a formula.
 std::string without_apostrophe(std::string field) {
   constexpr std::string_view kFormula = "=+-@";
   if (field.size() >= 2 && field[0] == '\'' && kFormula.find(field[1]) != std::string_view::npos)
@@ -122,7 +122,7 @@ bool is_label(std::string_view text) {
          });
 }
 
-// The columns of a list: of each field, which of kColumns it is.
+// For each field of the header: its index in kColumns.
 std::vector<std::size_t> columns_of(const std::vector<std::string>& names) {
   std::vector<std::size_t> columns;
   for (const std::string& name : names) {
@@ -354,7 +354,7 @@ WatchList WatchList::read(const std::string& path) {
 }
 
 std::string WatchList::text() const {
-  // The first comment is of the file, most often.
+  // The first comment mostly belongs to the file.
   std::string text = entries_.empty() ? "" : entries_.front().comment;
   text += csv_line({kColumns.begin(), kColumns.end()});
   for (const WatchEntry& entry : entries_) {
@@ -387,7 +387,7 @@ bool WatchList::remove(std::string_view plate) {
   const auto at = std::find_if(entries_.begin(), entries_.end(),
                                [&](const WatchEntry& entry) { return entry.plate == plate; });
   if (at == entries_.end()) return false;
-  // The comment of the first entry is of the file.
+  // The comment of the first entry belongs to the file.
   const bool is_first = at == entries_.begin();
   std::string comment = std::move(at->comment);
   const auto next = entries_.erase(at);

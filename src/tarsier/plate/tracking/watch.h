@@ -9,45 +9,45 @@
 #include <string_view>
 #include <vector>
 
-// Plates that matter: a list of them in a text file, and which events they match.
+// Watch lists: plates listed in a text file, and the events that match them.
 namespace tarsier::plate {
 
-// How far apart two texts are, where a pattern may hold '*' (any characters) and '?' (any one):
-// the least sum of edits. A character put in or left out costs 1, one replaced by another costs 1,
-// or 0.25 or 0.5 where the reader that ships confuses the two often or sometimes (0 and O, 8 and
-// B). 0 for equal texts.
+// Distance of two texts: the minimum sum of edit costs. The pattern may hold '*' (any characters)
+// and '?' (any one). An insertion, deletion or substitution costs 1. A substitution costs only 0.25
+// or 0.5 if the shipped reader confuses the two symbols often or sometimes (0 and O, 8 and B). 0
+// for equal texts.
 [[nodiscard]] double reading_distance(std::string_view pattern, std::string_view text);
 
-// What the reader that ships takes one symbol of kAlphabet for the other by: 0 for the same,
-// 0.25, 0.5, or 1.
+// Cost of a substitution of two symbols of kAlphabet, by the confusions of the shipped reader: 0
+// for equal symbols, 0.25, 0.5, or 1.
 [[nodiscard]] double confusion_cost(char a, char b);
 
-// A time of the day, of a clock on the wall of the place.
+// A local time of the day.
 struct LocalTime {
   int weekday = 0;  // 0 Monday .. 6 Sunday
   int minute = 0;   // since midnight, 0..1439
 };
-// By the time zone of the machine ($TZ).
+// By the machine's time zone ($TZ).
 [[nodiscard]] LocalTime local_time(Moment moment);
 
 struct WatchEntry {
   std::string plate;                   // pattern: upper case, '*' and '?'; 1..64 characters
-  std::string label;                   // one line of text, 200 bytes at most; may be empty
-  double errors = kDefaultErrors;      // largest reading_distance() that is tolerated, 0..3
-  std::optional<Direction> direction;  // only vehicles that move so
+  std::string label;                   // one line of text, at most 200 bytes; may be empty
+  double errors = kDefaultErrors;      // maximum accepted reading_distance(), 0..3
+  std::optional<Direction> direction;  // only vehicles that move in this direction
   struct Hours {
     int from = 0;  // minutes since midnight, 0..1439
-    int to = 0;    // 1..1440, not included; where it is before `from`, of the next day
+    int to = 0;    // 1..1440, exclusive; if before `from`, on the next day
   };
   std::vector<Hours> hours;  // empty: all day
   unsigned days = kAllDays;  // bit 0 Monday .. bit 6 Sunday; the day on which the hours begin
-  std::string comment;       // lines above it in the file, each with '#' and its end
+  std::string comment;       // the comment lines above the entry, each with '#' and newline
 
   static constexpr double kDefaultErrors = 0.25;
   static constexpr double kMaxErrors = 3;
   static constexpr unsigned kAllDays = 0x7F;
 
-  // Throws std::invalid_argument for what lies outside these ranges.
+  // Throws std::invalid_argument for values outside these ranges.
   void check() const;
 };
 
@@ -63,31 +63,30 @@ struct WatchMatch {
 //   2471KFD,Ann,0.25,,,
 //   B-AB*,van,0,approaching,06:00-20:00,mon-fri
 //
-// A record a line (RFC 4180), '#' begins a comment line. The first record may name the columns, in
-// any order; without one they are these. Columns that are empty or missing: 0.25 errors, any
-// direction, at any time. `hours`: one range or several, with spaces between; 22:00-06:00 goes
-// over midnight. `days`: mon-fri, "sat sun".
+// One record per line (RFC 4180); '#' begins a comment line. The first record may name the columns,
+// in any order; without it the order is the one above. Defaults of empty or missing columns: 0.25
+// errors, any direction, any time. `hours` is one range or several, separated by spaces;
+// 22:00-06:00 ends on the next day. `days`: mon-fri, "sat sun".
 class WatchList {
  public:
-  // At most 16 MB and 100,000 entries. Throws InputError with `name` and the line.
+  // At most 16 MB and 100,000 entries. Throws InputError, which names `name` and the line.
   [[nodiscard]] static WatchList parse(std::string_view text, const std::string& name);
   [[nodiscard]] static WatchList read(const std::string& path);
-  [[nodiscard]] std::string text() const;     // as above, with comments
-  void write(const std::string& path) const;  // whole or not at all; throws OutputError
+  [[nodiscard]] std::string text() const;     // in the format above, with comments
+  void write(const std::string& path) const;  // atomic; throws OutputError
 
   [[nodiscard]] const std::vector<WatchEntry>& entries() const { return entries_; }
-  // In the place of an entry of the same plate, if there is one (true), else at the end.
+  // Replaces the entry of the same plate and returns true, or appends the entry and returns false.
   bool add(WatchEntry entry);
-  bool remove(std::string_view plate);  // false: there is none
+  bool remove(std::string_view plate);  // false if there is no such entry
 
-  // The entries that fit a text that was seen at such a time, the nearest first, then as listed.
-  // `directions`: those of the vehicle; nullptr: not asked for.
+  // The entries that match a text seen at `when`, nearest first, then in the order of the list.
+  // `directions` are those of the vehicle; nullptr disables this check.
   [[nodiscard]] std::vector<WatchMatch> matches(std::string_view text, const LocalTime& when,
                                                 const std::vector<Direction>* directions) const;
 
-  // The nearest entry of a vehicle. Of its candidates those count that have a tenth of the text's
-  // confidence at least, kCandidateCost farther than the text itself would be. Valid until the list
-  // changes.
+  // The nearest entry of a vehicle. It compares the candidates whose confidence is at least a tenth
+  // of the text's; a candidate adds kCandidateCost to the distance. Valid until the list changes.
   static constexpr double kCandidateCost = 0.25;
   [[nodiscard]] std::optional<WatchMatch> find(const PlateEvent& event,
                                                const LocalTime& when) const;
@@ -97,26 +96,26 @@ class WatchList {
   std::string last_comment_;
 };
 
-// What people write in the columns and flags. Throw UsageError naming `what`.
+// Parse the columns and flags. Throw UsageError, which names `what`.
 [[nodiscard]] std::vector<WatchEntry::Hours> parse_hours(std::string_view text,
                                                          std::string_view what);
 [[nodiscard]] unsigned parse_days(std::string_view text, std::string_view what);
 [[nodiscard]] Direction parse_direction(std::string_view text, std::string_view what);
 [[nodiscard]] std::string checked_label(std::string_view text, std::string_view what);
 [[nodiscard]] std::string hours_text(const std::vector<WatchEntry::Hours>& hours);
-[[nodiscard]] std::string days_text(unsigned days);  // "" for all
+[[nodiscard]] std::string days_text(unsigned days);  // "" for all days
 
-// {"label","entry","distance"}: entry is the pattern.
+// {"label","entry","distance"}; "entry" is the pattern.
 [[nodiscard]] nlohmann::ordered_json watch_json(const WatchMatch& match);
-// {"plate","label","errors","direction","hours","days"}; null where any.
+// {"plate","label","errors","direction","hours","days"}; null means any.
 [[nodiscard]] nlohmann::ordered_json watch_entry_json(const WatchEntry& entry);
 
-// A list that people change while a program runs: read when the file has changed.
+// A list that users edit while a program runs. It is read again when the file has changed.
 class WatchFile {
  public:
   explicit WatchFile(std::string path);  // throws InputError
-  // As the file says now. Where it is broken or gone, a warning says so once, and the list is that
-  // of before.
+  // The present list of the file. If the file is broken or missing, the previous list stays in use
+  // and a warning is logged once.
   [[nodiscard]] const WatchList& current();
 
  private:

@@ -35,7 +35,7 @@ Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views
         options.drawn = 1;
         options.none = 0;
         options.centred = true;
-        // Half of them as most plates are, half as bad as they are met.
+        // Half of them are ordinary plates, half are wild ones.
         options.wild = views.wild && i % 2 == 0;
         options.lawful = views.wild && !options.wild;
         const double width = 40 * std::pow(6.0, rng.uniform());
@@ -50,7 +50,7 @@ Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views
         const Reading reading =
             recognizer.read_at(view.gray, plate.plate, &rows[static_cast<std::size_t>(i)]);
         if (reading.text.empty()) continue;
-        // Ordinary plates are too easy to learn the two logits from.
+        // Ordinary plates are too easy for fitting the two logits.
         if (!views.wild)
           rows[static_cast<std::size_t>(i)][5] = rows[static_cast<std::size_t>(i)][6] = 0;
         labels[static_cast<std::size_t>(i)] = reading.text == text ? 1 : 0;

@@ -55,7 +55,7 @@ std::vector<Image> images_of(const std::string& given) {
   return images;
 }
 
-// By the upright boxes, as plates are evaluated.
+// Upright boxes, as in the evaluation of plates.
 Quad box_of(const Reading& reading) { return quad_of(cv::Rect2f(reading.box)); }
 Quad box_of(const TruthPlate& plate) {
   return quad_of(cv::Rect2f(plate.box.value_or(cv::Rect2d())));
@@ -73,7 +73,7 @@ bool touches(const Image& image, const SeenPlate& find) {
   });
 }
 
-// The find that is reported for a plate of the truth, or null.
+// The reported find of a plate of the truth, or null.
 const SeenPlate* find_of(const Image& image, const TruthPlate& plate, float min_plate) {
   const SeenPlate* best = nullptr;
   const auto rank = [](const SeenPlate& find) {
@@ -146,8 +146,8 @@ void fit_judge(std::vector<Image>& images, ReaderModel& model, FoundCounts& coun
       rows.add(row_of(features[i]), plate);
     }
   }
-  // A text without a digit or of no known layout alone makes no place a sign: there are plates of other
-  // countries than are known, and of the owner's choice, of which the images have few.
+  // A text without a digit, or without a known layout, must not by itself make a find a sign: there
+  // are plates of other countries and vanity plates, of which the images have few.
   constexpr double kLittle = 10;
   FindFeatures ridges;
   ridges.fill(1e-2);
@@ -168,8 +168,9 @@ FoundCounts fit_to_found(const DetectorModel& detector, const CountryChoice& cou
   }
   RecognizerOptions options;
   const float min_plate = options.min_plate;
-  options.min_plate = 0.5F;     // what is just no plate to the aligner teaches most
-  options.min_evidence = -100;  // all are looked at as often as they need
+  // Finds just below the aligner's limit are the most informative examples.
+  options.min_plate = 0.5F;
+  options.min_evidence = -100;  // all finds get as many looks as they need
   ReaderModel plain = model;
   plain.confidence = plain.character = {};
   const Recognizer recognizer(detector, plain, countries, options);

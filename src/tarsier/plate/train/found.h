@@ -12,17 +12,19 @@ namespace tarsier::plate {
 
 struct FoundCounts {
   int images = 0;
-  int finds = 0;   // of which
-  int plates = 0;  // are plates of the truth (intersection over union of the boxes 0.5)
-  int texts = 0;   // plates whose text the truth has, in whole,
-  int right = 0;   // and of these read right
+  // Number of finds.
+  int finds = 0;
+  int plates = 0;  // of these, plates of the truth (intersection over union of the boxes 0.5)
+  int texts = 0;   // plates with a complete text in the truth
+  int right = 0;   // of these, read correctly
 };
 
-// Fits ReaderModel's `confidence` and `character` curves to the plates whose text is known, and then
-// its `judge` to all finds: those that are a plate of the truth against those that touch none (0.3 of the
-// smaller box). Parts of plates and frames around them are neither. Curves stay as they are where
-// fewer than 100 plates have texts. `folders`: each with images/ and truth.csv, or of images without plates.
-// Throws InputError; std::invalid_argument for no finds.
+// Fits ReaderModel's `confidence` and `character` curves to the plates with a known text. Then fits
+// its `judge` to all finds: positive examples are plates of the truth, negative ones touch no plate
+// of the truth (0.3 of the smaller box). Parts of plates and the frames around them are not used.
+// The curves do not change if fewer than 100 plates have texts. `folders`: each has images/ and
+// truth.csv, or holds images without plates. Throws InputError, and std::invalid_argument if there
+// are no finds.
 FoundCounts fit_to_found(const DetectorModel& detector, const CountryChoice& countries,
                          const std::vector<std::string>& folders, ReaderModel& model,
                          Progress& progress, const std::stop_token& stop);

@@ -26,7 +26,7 @@ double odds_of(const std::vector<double>& row, const cv::Mat& w) {
   return odds;
 }
 
-// What is minimised.
+// The objective.
 double cost_of(const LogisticRows& data, const cv::Mat& w, const cv::Mat& ridge) {
   double cost = w.mul(w).dot(ridge) / 2;
   for (std::size_t i = 0; i < data.rows.size(); ++i) {
@@ -64,7 +64,7 @@ std::vector<double> fit_logistic(const LogisticRows& data, const std::vector<dou
     }
     cv::Mat step;
     cv::solve(hessian, slope, step, cv::DECOMP_CHOLESKY);
-    // A whole step may go too far where the data is separable.
+    // A full step may be too long for separable data.
     double next = cost_of(data, w - step, ridge);
     for (int half = 0; half < 40 && !(next <= cost); ++half) {
       step = step * 0.5;

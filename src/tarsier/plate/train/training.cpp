@@ -15,7 +15,7 @@
 namespace tarsier::plate {
 namespace {
 
-// --- finding ---
+// --- detection ---
 
 constexpr int kMapPlanes = 10;  // label, weight of the corners, 8 corner offsets
 
@@ -27,7 +27,8 @@ void label_cells(const View& view, linalg::Shape map, std::vector<float>& target
     if (!is_convex(q, 4)) continue;
     const float width = mean_width(q);
     const float height = mean_height(q);
-    // Of the right size for this level; a little beside it either answer will do.
+    // Is the plate of the right size for this level? For slightly different sizes, both answers are
+    // accepted.
     const bool fits = width >= kPlateLow && width <= kPlateHigh && height >= 5.5F;
     const cv::Matx33d unit_from_view = map_between(q, quad_of({-0.5F, -0.5F, 1, 1}));
     for (int y = 0; y < map.height; ++y) {
@@ -63,7 +64,7 @@ double detector_loss(const linalg::Example& example, const std::vector<float>& o
                           output, shape, derivative);
 }
 
-// --- aligning ---
+// --- alignment ---
 
 double aligner_loss(const linalg::Example& example, const std::vector<float>& output, linalg::Shape,
                     std::vector<float>& derivative) {
@@ -82,7 +83,7 @@ double aligner_loss(const linalg::Example& example, const std::vector<float>& ou
   return loss;
 }
 
-// --- reading ---
+// --- line reader ---
 
 double line_loss(const linalg::Example& example, const std::vector<float>& output,
                  linalg::Shape shape, std::vector<float>& derivative) {
@@ -106,8 +107,8 @@ double line_loss(const linalg::Example& example, const std::vector<float>& outpu
   return loss;
 }
 
-// A character's middle is its class, its outer parts and the gaps are blank; between the two
-// either will do.
+// The centre of a character has its class; its outer parts and the gaps are blank. In between, both
+// are accepted.
 void label_columns(const std::vector<std::pair<cv::Rect2f, int>>& boxes, int columns,
                    bool blank_elsewhere, std::vector<float>& target) {
   target.assign(static_cast<std::size_t>(columns),
@@ -147,13 +148,13 @@ Quad jitter(const Quad& quad, double along, double across, Rng& rng) {
   return result;
 }
 
-// As an aligner leaves it: mostly good, now and then not.
+// Simulates the aligner's error: mostly small, sometimes large.
 Quad misaligned(const Quad& text, int rows, Rng& rng) {
   const double far = rng.uniform() < 0.7 ? 1 : 2;
   return jitter(text, 0.03 * far, (rows == 2 ? 0.04 : 0.08) * far, rng);
 }
 
-// Boxes of the characters of one row in the canvas.
+// Boxes of the characters of one row, in the canvas.
 std::vector<std::pair<cv::Rect2f, int>> boxes_in_canvas(const ViewPlate& plate, int row,
                                                         const cv::Matx33d& canvas_from_view) {
   std::vector<std::pair<cv::Rect2f, int>> boxes;
@@ -225,7 +226,7 @@ bool text_quad_of(const LabelledCrop& crop, Quad& text) {
                        (middle + slope * (symbol.box.x + symbol.box.width / 2.0));
     if (std::abs(off) > 0.25 * height / n) return false;  // two rows
   }
-  // The boxes are upright: a sloping character's is taller than the character.
+  // The boxes are upright: the box of a sloping character is taller than the character.
   const double pitch = (s.back().box.x - s.front().box.x) /
                        static_cast<float>(std::max(1, s.back().place - s.front().place));
   const double tall = height / n - std::abs(slope) * pitch * 0.6;
@@ -251,7 +252,7 @@ bool real_line(const LabelledCrop& crop, Rng& rng, cv::Mat& canvas, std::vector<
   const cv::Mat mix =
       (cv::Mat_<float>(1, 3) << weights[0] / sum, weights[1] / sum, weights[2] / sum);
   cv::transform(crop.image, gray, mix);
-  // Smaller now and then, as if from farther away.
+  // Sometimes smaller, as if from farther away.
   const double least = std::min(1.0, 60.0 / mean_width(text));
   const double scale = least * std::pow(1 / least, std::sqrt(rng.uniform()));
   cv::resize(gray, gray, {}, scale, scale, cv::INTER_AREA);
@@ -335,7 +336,7 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
     return;
   }
   const View view = views.make(options, rng);
-  // The plate nearest to the middle is the one meant.
+  // The target is the plate nearest to the centre.
   const ViewPlate* plate = nullptr;
   const Quad frame = quad_of({0, 0, 219, 149});
   for (const ViewPlate& candidate : view.plates)
@@ -362,7 +363,7 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
     for (const ViewPlate& candidate : view.plates)
       if (box_iou(candidate.plate, seen) > 0.15F) plate = &candidate;
     if (plate != nullptr && box_iou(plate->plate, seen) > 0.15F) {
-      // Too near to call it none: show the plate instead.
+      // Too close for a negative example: show the plate instead.
       seen = jitter(plate->plate, 0.05, 0.1, rng);
       target[16] = 1;
       target[17] = plate->rows == 2 ? 1.0F : 0.0F;
@@ -494,7 +495,7 @@ CharacterErrors test_line_reader(const linalg::Network& network,
       const cv::Point2f middle(symbol.box.x + symbol.box.width / 2,
                                symbol.box.y + symbol.box.height / 2);
       const float column = transformed(map, middle).x / kColumn - 0.5F;
-      // The two columns on either side of the middle, by their nearness.
+      // The two columns on either side of the centre, weighted by distance.
       const int left = std::clamp(static_cast<int>(std::floor(column)), 0, probabilities.rows - 2);
       const float share = std::clamp(column - static_cast<float>(left), 0.0F, 1.0F);
       int best = 0;

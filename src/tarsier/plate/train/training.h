@@ -19,9 +19,10 @@ struct TrainingOptions {
   int detector_steps = 3000;  // batches of 32
   int aligner_steps = 2500;
   int line_steps = 6000;
-  // Of a line reader that goes on from another: (1 - keep) of what it learnt and keep of that one, number by
-  // number. The mean of the two often reads better than either where the images differ from what was learnt
-  // from (Wortsman et al., "Robust fine-tuning of zero-shot models", CVPR 2022).
+  // For a line reader that is fine-tuned: its weights are (1 - keep) times the new ones plus keep
+  // times those of the start network. This mean is often more accurate than either network if the
+  // test images differ from the training images (Wortsman et al., "Robust fine-tuning of zero-shot
+  // models", CVPR 2022).
   double keep = 0;
 
   [[nodiscard]] OptionFields fields() {
@@ -36,32 +37,33 @@ struct TrainingOptions {
   void check() const { check_fields(*this); }
 };
 
-// Learns to find plates. Prints nothing; reports through `progress`.
+// Trains the detector. Prints nothing; reports through `progress`.
 [[nodiscard]] linalg::Network train_detector(const ViewMaker& views, const TrainingOptions& options,
                                              Progress& progress, std::stop_token stop);
-// What a detector takes for plates in images where the truth knows none: the aligner has to
-// learn better.
+// Finds the false positives of a detector in images without plates there: hard negatives for the
+// aligner.
 [[nodiscard]] std::vector<Distractor> find_distractors(const std::vector<Scene>& scenes,
                                                        const linalg::Network& detector);
 [[nodiscard]] linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& options,
                                             Progress& progress, std::stop_token stop);
-// `crops` may be empty: then from drawn plates alone. With `start`, a network of line_network()'s
-// layers, it goes on from there with smaller steps: what it can stays mostly as it is, and a few
-// crops and some hundred steps teach it a typeface. Throws std::invalid_argument for another one.
+// Trains the line reader. Without `crops`, it learns from synthetic plates alone. `start`, a
+// network with the layers of line_network(), is fine-tuned with smaller steps: it keeps most of its
+// accuracy, and a few crops and some hundred steps teach it a new typeface. Throws
+// std::invalid_argument if `start` has other layers.
 [[nodiscard]] linalg::Network train_line_reader(const ViewMaker& views,
                                                 const std::vector<LabelledCrop>& crops,
                                                 const TrainingOptions& options, Progress& progress,
                                                 std::stop_token stop,
                                                 const linalg::Network* start = nullptr);
 
-// Fits Recognizer's confidence to how often it reads drawn plates right: logistic regression by
-// Newton's method with a little ridge, on `count` plates.
+// Fits the confidence of Recognizer to its accuracy on `count` synthetic plates, by logistic
+// regression (Newton's method with a small ridge).
 [[nodiscard]] Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views,
                                           int count, std::uint64_t seed, Progress& progress,
                                           std::stop_token stop);
 
-// Characters of labelled crops whose boxes are given: how many, and how many are read wrong (the
-// likeliest symbol in the columns of the box's middle).
+// The characters of labelled crops with given boxes, and how many of them are read wrong. The
+// result for a character is the most probable symbol in the columns of its box's centre.
 struct CharacterErrors {
   int characters = 0;
   int wrong = 0;
@@ -69,7 +71,7 @@ struct CharacterErrors {
 [[nodiscard]] CharacterErrors test_line_reader(const linalg::Network& network,
                                                const std::vector<LabelledCrop>& crops);
 
-// Single examples, for looking at and for tests.
+// Single examples, for inspection and tests.
 void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
                            std::vector<float>& input, std::vector<float>& target);
 void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,

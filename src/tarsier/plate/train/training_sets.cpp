@@ -64,7 +64,7 @@ LabelledCrop crop_of(const fs::path& path) {
           static_cast<float>(label.h) * rows},
          -1});
   }
-  // Places: the visible symbols in the order of the text.
+  // Places: assigns the visible symbols in the order of the text.
   std::size_t next = 0;
   for (std::size_t i = 0; i < text.size() && next < crop.symbols.size(); ++i) {
     if (text[i] == '-') continue;
@@ -72,7 +72,8 @@ LabelledCrop crop_of(const fs::path& path) {
     if (crop.symbols[next].symbol != text[i]) break;
     ++next;
   }
-  if (next != crop.symbols.size() || next == 0) crop.symbols.clear();  // labels and name disagree
+  // Labels and name do not match.
+  if (next != crop.symbols.size() || next == 0) crop.symbols.clear();
   return crop;
 }
 

@@ -18,7 +18,7 @@ double log_uniform(double low, double high, Rng& rng) {
   return low * std::pow(high / low, rng.uniform());
 }
 
-// Grey by random weights: what another sensor, filter or light would have made of the colours.
+// Grey with random weights: simulates another sensor, filter or light.
 cv::Mat random_gray(const cv::Mat& bgr, Rng& rng) {
   double weights[3] = {0.114, 0.587, 0.299};
   if (rng.uniform() < 0.5) {
@@ -32,8 +32,8 @@ cv::Mat random_gray(const cv::Mat& bgr, Rng& rng) {
   return gray;
 }
 
-// A piece of an image as the view's content, with a little turn and stretch.
-// Returns the map from the image to the view.
+// A piece of an image as the view's content, with a small rotation and stretch. Returns the map
+// from the image to the view.
 cv::Matx33d random_window(double scale, cv::Point2d anchor, cv::Point2d target, double roll,
                           Rng& rng) {
   const double stretch = std::exp(rng.normal(0, 0.07));
@@ -73,11 +73,11 @@ cv::Mat window_of(const cv::Mat& bgr, const cv::Matx33d& view_from_photo, cv::Si
       size);
 }
 
-// Where a rectangle of width x height (mm) appears under a random turn, centred at 0, 1 unit = 1 mm
+// Projects a rectangle of width x height (mm) under a random rotation, centred at 0; 1 unit = 1 mm
 // at its own distance.
 Quad random_pose(double width, double height, const ViewOptions& options, Rng& rng) {
   const double deg = std::numbers::pi / 180;
-  // Most plates are seen nearly straight on; some very much from the side.
+  // Most plates are seen nearly frontally; some from a large angle.
   const double spread = rng.uniform() < 0.6 ? 0.25 : 0.7;
   const auto angle = [&](double most) {
     return std::clamp(rng.normal(0, most * spread), -most, most) * deg;
@@ -109,8 +109,8 @@ Quad around(const std::vector<cv::Rect2f>& boxes) {
   return quad_of(all);
 }
 
-// Something like a bumper or boot lid behind the plate, so that plates are not recognised by being
-// pasted.
+// Draws something like a bumper or boot lid behind the plate, so that the network does not
+// recognise plates by the pasting.
 void draw_surroundings(cv::Mat& view, const Quad& quad, Rng& rng) {
   if (rng.uniform() < 0.35) return;
   const auto higher = static_cast<float>(rng.uniform(1.15, 4.0));
@@ -126,7 +126,7 @@ void draw_surroundings(cv::Mat& view, const Quad& quad, Rng& rng) {
   cv::fillConvexPoly(layer, points.data(), 4, cv::Scalar(tone), cv::LINE_AA);
   const double alpha = rng.uniform(0.5, 1);
   cv::addWeighted(layer, alpha, view, 1 - alpha, 0, view);
-  if (rng.uniform() < 0.4) {  // the dark gap or frame around it
+  if (rng.uniform() < 0.4) {  // the dark gap or frame around the plate
     const auto height = static_cast<float>(rng.uniform(1.05, 1.5));
     const auto frame = grow(quad, static_cast<float>(rng.uniform(1.02, 1.1)), height);
     for (std::size_t i = 0; i < 4; ++i) points[i] = frame[i];
@@ -137,7 +137,7 @@ void draw_surroundings(cv::Mat& view, const Quad& quad, Rng& rng) {
 synth::PlateKind random_kind(Rng& rng, bool wild) {
   const double k = rng.uniform();
   if (wild) {
-    // Countries that nobody counted: no kind rules.
+    // Arbitrary shares of the kinds; none dominates.
     if (k < 0.15) return synth::PlateKind::kSpain;
     if (k < 0.19) return synth::PlateKind::kSpainSquare;
     if (k < 0.22) return synth::PlateKind::kSpainMoto;
@@ -154,7 +154,7 @@ synth::PlateKind random_kind(Rng& rng, bool wild) {
   return synth::PlateKind::kBrazil;
 }
 
-// Light on the plate itself.
+// Illumination of the plate itself.
 void light(cv::Mat& face, Rng& rng) {
   const double high = rng.uniform() < 0.15 ? rng.uniform(40, 120) : rng.uniform(110, 255);
   const double low = rng.uniform(0, 0.45) * high;
@@ -191,7 +191,7 @@ void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs
   face_options.random_style = rng.uniform() < 0.95;
   face_options.infrared = rng.uniform() < 0.08;
   const double width = log_uniform(options.min_width, options.max_width, rng);
-  // Enough pixels for the view, not many more: drawing is what costs.
+  // Enough pixels for the view, but not many more: drawing is the slow part.
   face_options.px_per_mm = static_cast<float>(std::clamp(width / 250, 0.35, 1.2));
   const synth::PlateFace face = synth::render_plate_face(glyphs, face_options, rng);
   if (face.rows > 2 || face.symbols.empty()) return;
@@ -277,7 +277,7 @@ void weather(cv::Mat& gray, double strength, Rng& rng) {
     cv::filter2D(gray, gray, -1, kernel, {-1, -1}, 0, cv::BORDER_REPLICATE);
   }
   if (rng.uniform() < 0.6) {
-    // Tone: gamma, gain, offset; burnt and drowned ones too.
+    // Tone: gamma, gain, offset; also over- and underexposed.
     const double gamma = std::exp(rng.normal(0, 0.22));
     const double gain = std::exp(rng.normal(0, 0.25));
     const double offset = rng.normal(0, 15);
@@ -290,7 +290,7 @@ void weather(cv::Mat& gray, double strength, Rng& rng) {
   if (rng.uniform() < 0.7) {
     const double sigma =
         rng.uniform() < 0.88 ? rng.uniform(0, 6) : rng.uniform(6, 8 + 8 * strength);
-    // A table of normals is enough, and quick.
+    // A table of normal numbers is sufficient and fast.
     float normals[256];
     for (float& value : normals) value = static_cast<float>(rng.normal(0, sigma));
     std::uint64_t bits = rng();
@@ -310,7 +310,7 @@ void weather(cv::Mat& gray, double strength, Rng& rng) {
 
 void wild_weather(cv::Mat& gray, Rng& rng) {
   const auto chance = [&](double p) { return rng.uniform() < p; };
-  if (chance(0.12)) {  // another size and back
+  if (chance(0.12)) {  // downscaling and upscaling
     const double scale = rng.uniform(0.45, 0.85);
     const cv::Size size = gray.size();
     cv::Mat small;

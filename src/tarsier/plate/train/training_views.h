@@ -12,11 +12,12 @@
 #include <string>
 #include <vector>
 
-// Small images of plates with known corners, endless and seeded: what the three networks learn
-// from. Real images with boxes and drawn plates set into them, seen through a made-up camera.
+// Generates small training images of plates with known corners, endlessly and from a seed. The
+// three networks learn from them. They combine real images that have boxes with synthetic plates
+// drawn into them, seen through a simulated camera.
 namespace tarsier::plate {
 
-// An image and the boxes of its plates, if it has any.
+// An image and the boxes of its plates, if any.
 struct Scene {
   cv::Mat image;  // CV_8UC3
   std::vector<cv::Rect2f> plates;
@@ -28,22 +29,23 @@ struct LabelledCrop {
   struct Symbol {
     char symbol;
     cv::Rect2f box;  // px of `image`
-    int place;       // in the plate's text, so that hidden neighbours show
+    int place;       // in the plate's text, so that gaps of hidden characters show
   };
   std::vector<Symbol> symbols;  // in reading order, the visible ones
-  int length = 0;               // of the text, hidden ones included
+  int length = 0;               // of the text, with hidden characters
 };
 
-// Images of a folder with truth.csv (image,x,y,w,h,text), or of a folder of plain images
-// (backgrounds without plates). Larger ones than `max_pixels` are reduced. Throws InputError.
+// Reads the images of a folder with truth.csv (image,x,y,w,h,text), or of a folder of plain images
+// (backgrounds without plates). Images larger than `max_pixels` are reduced. Throws InputError.
 [[nodiscard]] std::vector<Scene> read_scenes(const std::string& folder, double max_pixels);
 
-// Crops NUMBER_KIND-TEXT.jpg with a .txt of the same name (class cx cy w h, relative; class in the
-// order of kAlphabet); TEXT has '-' for each character that is hidden. Throws InputError.
+// Reads crops NUMBER_KIND-TEXT.jpg, each with a .txt of the same name (class cx cy w h, relative;
+// class in the order of kAlphabet). TEXT has '-' for each hidden character. Throws InputError.
 [[nodiscard]] std::vector<LabelledCrop> read_labelled_crops(const std::string& folder);
 
-// A share of the crops to judge by. No plate is on both sides: crops whose visible characters agree
-// wherever both show them count as one plate, and what agrees with a crop judged by is not learnt.
+// Splits the crops into training and test sets. No plate is in both sets: crops count as one plate
+// if their visible characters agree wherever both show them. A crop that agrees with a test crop is
+// not used for training.
 struct CropSplit {
   std::vector<LabelledCrop> train;
   std::vector<LabelledCrop> test;
@@ -55,7 +57,7 @@ struct ViewPlate {
   Quad text{};
   bool has_text_quad = false;
   int rows = 1;
-  // Of drawn plates: the characters' quads in the view.
+  // For synthetic plates: the characters' quads in the view.
   struct Symbol {
     char symbol;
     Quad quad;
@@ -73,13 +75,13 @@ struct ViewOptions {
   cv::Size size{160, 112};
   double min_width = 26;  // of plates, px of the view
   double max_width = 90;
-  double drawn = 0.6;   // chance of a drawn plate rather than a real one
-  double none = 0.1;    // chance of no plate at all
-  double yaw_deg = 60;  // of drawn plates at most
+  double drawn = 0.6;   // probability of a synthetic plate instead of a real one
+  double none = 0.1;    // probability of a view without a plate
+  double yaw_deg = 60;  // maximum, for synthetic plates
   double roll_deg = 20;
-  bool centred = false;  // the plate near the view's middle
-  bool lawful = false;  // the drawn plate's text is of its kind's layouts, never groups of anything
-  bool wild = false;    // the drawn plate and the camera as bad as they are met
+  bool centred = false;  // places the plate near the view's centre
+  bool lawful = false;   // the synthetic plate's text always fits a layout of its kind
+  bool wild = false;     // uses the worst plausible plate and camera
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(16, 4096)},
@@ -94,7 +96,7 @@ struct ViewOptions {
   void check() const;  // throws std::invalid_argument
 };
 
-// Something in an image that a detector took for a plate.
+// A false positive of a detector.
 struct Distractor {
   std::size_t scene = 0;
   Quad quad{};
@@ -104,17 +106,18 @@ struct ViewMaker {
   std::vector<Scene> scenes;
   std::shared_ptr<const synth::GlyphSet> glyphs;
   std::vector<Distractor> distractors;  // see find_distractors()
-  bool wild = false;                    // what is learnt from is ViewOptions::wild
+  bool wild = false;                    // trains with ViewOptions::wild
 
   [[nodiscard]] View make(const ViewOptions& options, Rng& rng) const;
-  // A distractor in the middle of a view; `quad` becomes where. There must be one.
+  // A distractor in the centre of a view; `quad` receives its corners. There must be at least one
+  // distractor.
   [[nodiscard]] View make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const;
 };
 
-// What a camera does to a grey image: blur, motion, shadow, tone, noise, JPEG.
+// Simulates a camera on a grey image: blur, motion, shadow, tone, noise, JPEG.
 void weather(cv::Mat& gray, double strength, Rng& rng);
-// What cheap cameras and recorders do then: sharpening, another size and back, strong compression,
-// hardly any contrast.
+// Adds the effects of cheap cameras and recorders: sharpening, downscaling and upscaling, strong
+// compression, very low contrast.
 void wild_weather(cv::Mat& gray, Rng& rng);
 
 }  // namespace tarsier::plate

@@ -19,7 +19,7 @@ namespace tarsier::synth {
 namespace {
 
 constexpr double kMaxDeviations = 2.5;
-constexpr double kRoom = 0.6;  // of the wide texture around the frame, share of its size
+constexpr double kRoom = 0.6;  // margin of the wide texture around the frame, relative to its size
 
 // Smooth blobs of colour.
 void draw_ground(cv::Mat& image, Rng& rng) {
@@ -60,7 +60,7 @@ FaceSynth::FaceSynth(const face::appearance::AppearanceModel& appearance,
   inner_ = {{room, room}, warp.size()};
   outside_ = cv::Mat(warp.size().height + 2 * room, warp.size().width + 2 * room, CV_8UC1,
                      cv::Scalar(255));
-  // One pixel less than the mesh covers: the rim is half face, half nothing.
+  // One pixel smaller than the mesh, because its edge pixels are only partly covered.
   cv::Mat inside;
   cv::erode(warp.mask(), inside, {}, {-1, -1}, 1, cv::BORDER_CONSTANT, cv::Scalar(0));
   outside_(inner_).setTo(0, inside);
@@ -68,7 +68,7 @@ FaceSynth::FaceSynth(const face::appearance::AppearanceModel& appearance,
   const face::shape::Similarity2d front = face::shape::fit_similarity(head_.mean.topRows(2), at_);
   px_per_mm_ = front.scale();
   px_origin_ = {front.tx, front.ty};
-  // The nearest pixel of the face to each outside.
+  // For each pixel outside, the nearest pixel of the face.
   cv::Mat distance;
   cv::Mat labels;
   cv::distanceTransform(outside_, distance, labels, cv::DIST_L2, cv::DIST_MASK_5,
@@ -109,7 +109,7 @@ FacePerson FaceSynth::person(std::uint64_t seed, double spread) const {
 cv::Mat FaceSynth::texture(const FacePerson& person) const {
   cv::Mat wide(outside_.size(), CV_8UC3, cv::Scalar::all(0));
   synthesis_.frame(person.c).copyTo(wide(inner_));
-  // Outwards the face's own colour goes on, smoother with distance.
+  // Outside, the face's own colours continue, smoother with the distance.
   for (int y = 0; y < wide.rows; ++y) {
     for (int x = 0; x < wide.cols; ++x) {
       if (outside_.at<std::uint8_t>(y, x) == 0) continue;

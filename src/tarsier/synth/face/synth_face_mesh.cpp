@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kRings = 28;     // of the skull, from top to bottom
 constexpr int kSegments = 40;  // around it
-constexpr double kGap = 2;     // mm by which the skull stays behind the face
+constexpr double kGap = 2;     // mm between the skull and the face in front of it
 constexpr double kSkin = 0.93;
 
 struct Ellipsoid {
@@ -19,7 +19,7 @@ struct Ellipsoid {
   cv::Vec3d radius;
 };
 
-// A skull that carries the face: as wide as it, behind it everywhere, higher than its brows.
+// A skull for the face: as wide as the face, behind it everywhere, higher than its brows.
 Ellipsoid skull_of(const Eigen::Matrix3Xd& shape) {
   const Eigen::Vector3d low = shape.rowwise().minCoeff();
   const Eigen::Vector3d high = shape.rowwise().maxCoeff();
@@ -28,7 +28,7 @@ Ellipsoid skull_of(const Eigen::Matrix3Xd& shape) {
   Ellipsoid skull;
   skull.radius = {0.52 * width, 0.72 * height, 0};
   skull.center = {(low.x() + high.x()) / 2, low.y() + 0.16 * height, high.z()};
-  // The deepest front that lets every point of the face lie before it.
+  // The largest depth for which every point of the face lies in front of the skull.
   double depth = 1.3 * width;
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
     const double u = (shape(0, i) - skull.center[0]) / skull.radius[0];
@@ -114,7 +114,7 @@ render::Mesh FaceSynth::mesh(const FacePerson& person) const {
   const double brow = shape.row(1).minCoeff();
   const double height = shape.row(1).maxCoeff() - brow;
   const double hair_line = brow - 0.28 * height;
-  // Seen from the front the skull goes on where the face ends.
+  // In the frontal view the skull's texture continues where the face ends.
   const auto front_uv = [&](const cv::Vec3d& p) {
     const double x = std::clamp(px_per_mm_ * p[0] + px_origin_.x(), 1.0, wide.cols - 2.0);
     const double y = std::clamp(px_per_mm_ * p[1] + px_origin_.y(), 1.0, wide.rows - 2.0);
@@ -131,11 +131,11 @@ render::Mesh FaceSynth::mesh(const FacePerson& person) const {
       },
       [&](const cv::Vec3f& p) {
         const double back = p[2] - (skull.center[2] - 0.35 * skull.radius[2]);
-        // The hair's edge falls from the forehead to behind the ears.
+        // The hair's edge runs from the forehead down to behind the ears.
         return p[1] < hair_line || (back > 0 && p[1] < brow + 0.45 * height) ? 2 : 1;
       },
       front_uv);
-  // The neck, a little darker for want of light.
+  // The neck, slightly darker because it gets less light.
   mesh.materials.push_back({"neck", {0.72F, 0.72F, 0.72F}, 0});
   const double radius = 0.62 * skull.radius[0];
   const double chin = shape.row(1).maxCoeff();
