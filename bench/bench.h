@@ -7,16 +7,15 @@
 
 namespace tarsier::cli {
 
-// Whether `--only` lets the case `name` run.
+// Whether `--only` selects the case `name`.
 [[nodiscard]] inline bool is_chosen(const BenchOptions& options, std::string_view name) {
   return options.only.empty() ||
          std::find(options.only.begin(), options.only.end(), name) != options.only.end();
 }
 
-// Each prints a table, or with context.json one object per measured case: "bench" is its own name,
-// "case" tells the lines of one bench apart, and times are in "ms", "us" or fields that end in
-// "_ms" (medians or averages; scripts/bench-compare.sh takes them for figures that two builds can
-// be compared by).
+// Each function prints a table, or with context.json one object per case: "bench" is its name,
+// "case" identifies the line, and times are in "ms", "us" or fields that end in "_ms" (medians or
+// averages; scripts/bench-compare.sh compares two builds by them).
 [[nodiscard]] ExitStatus bench_aam(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_cartoon(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_steady(Context& context,

@@ -10,19 +10,20 @@
 #include <stop_token>
 #include <vector>
 
-// Templates of people whom nobody drew a face of: numbers by chance, as a background says that
-// people differ and that images of one person do.
+// Random templates of people without face images. Their distribution is that of a background: how
+// people differ, and how the images of one person differ.
 namespace tarsier::cli {
 
-inline constexpr int kDrawnImages = 5;  // of a person
+inline constexpr int kDrawnImages = 5;  // per person
 
 class DrawnTemplates {
  public:
-  // `spread`: of the images of one person, times what the background has seen.
+  // `spread` scales the scatter of a person's images relative to that of the background.
   DrawnTemplates(const face::recognition::Background& background, double spread, std::uint64_t seed,
                  const std::stop_token& stop);
 
-  // Image i of a person; those from kDrawnImages on are of nobody's gallery. Any number of people.
+  // Image i of a person. Images from kDrawnImages on are in no gallery. There may be any number of
+  // people.
   struct Image {
     std::int64_t person = 0;
     int image = 0;
@@ -31,7 +32,7 @@ class DrawnTemplates {
   [[nodiscard]] face::recognition::Rows templates(std::span<const Image> images) const {
     return projection_(coordinates(images));
   }
-  // Of the first `count` images, their ids from 1 on.
+  // A source of the first `count` images, with ids from 1.
   [[nodiscard]] face::recognition::TemplateSource source(std::int64_t count) const;
   [[nodiscard]] const face::recognition::Recognizer& recognizer() const { return recognizer_; }
 

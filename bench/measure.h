@@ -3,7 +3,7 @@
 
 #include <ctime>
 
-// Processor time, which other work on the machine does not add to, in ms.
+// Processor time in ms, which other work on the machine does not increase.
 namespace tarsier::cli {
 
 [[nodiscard]] inline double cpu_ms_of(clockid_t clock) {

@@ -10,7 +10,7 @@
 
 namespace tarsier::cli {
 
-// A folder of the system's, gone with the benchmark. Throws OutputError.
+// A temporary folder, removed at the end of the benchmark. Throws OutputError.
 class Scratch {
  public:
   Scratch() : path_((std::filesystem::temp_directory_path() / "tarsier-bench-XXXXXX").string()) {

@@ -8,15 +8,16 @@
 #include <string_view>
 #include <vector>
 
-// What the fuzzing targets share. A target hands bytes to one reader of untrusted input, and to
-// what works on its result. Of exceptions only those of core/errors.h may come out of a reader; all
-// others, a crash, a leak, minutes or gigabytes are findings. The same targets run under libFuzzer
-// (driver.cpp, clang) and as tests over the committed inputs (replay.cpp, any compiler).
+// Common parts of the fuzzing targets. A target passes bytes to one reader of untrusted input, and
+// its result to the code that uses it. A reader may throw only the exceptions of core/errors.h. Any
+// other exception, a crash, a leak, or a use of minutes or gigabytes is a finding. The same targets
+// run under libFuzzer (driver.cpp, clang) and as tests over the committed inputs (replay.cpp, any
+// compiler).
 namespace tarsier::fuzz {
 
 using Bytes = std::span<const std::uint8_t>;
 
-// How libFuzzer changes inputs: as bytes, or as a tree of JSON that stays well-formed.
+// How libFuzzer mutates inputs: as bytes, or as a JSON tree that stays well-formed.
 enum class Form { kBytes, kJson };
 
 struct Target {
@@ -25,18 +26,18 @@ struct Target {
   void (*run)(Bytes input) = nullptr;
 };
 
-// All that are linked in, in no order.
+// All linked targets, in no particular order.
 [[nodiscard]] std::vector<Target>& targets();
-// The one of that name; nullptr where there is none.
+// The target of that name; nullptr if there is none.
 [[nodiscard]] const Target* find_target(std::string_view name);
 
-// Whether the reader took the input (false: it threw a tarsier::Error). Other exceptions go
-// through.
+// Whether the reader accepted the input (false: it threw a tarsier::Error). Other exceptions are
+// not caught.
 bool run_target(const Target& target, Bytes input);
 
-// A folder of this process in memory (/dev/shm, or $TARSIER_FUZZ_TMP), removed at its end.
+// A folder of this process in memory (/dev/shm, or $TARSIER_FUZZ_TMP), removed at exit.
 [[nodiscard]] const std::string& scratch_folder();
-// A file of that name there with these bytes; its path.
+// Writes a file of that name with these bytes to the folder; returns its path.
 std::string file_of(Bytes bytes, std::string_view name);
 std::string file_of(std::string_view text, std::string_view name);
 
@@ -44,12 +45,12 @@ std::string file_of(std::string_view text, std::string_view name);
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-// The parts of an input that stands for several files, between lines "%%%"; `count` of them, the
-// last ones perhaps empty.
+// Splits an input that represents several files at lines "%%%" into `count` parts; the last ones
+// may be empty.
 [[nodiscard]] std::vector<std::string_view> parts_of(Bytes bytes, std::size_t count);
 
-// Sizes 1..`most` of pieces to feed a parser with; from the bytes themselves, so that a find can be
-// played again.
+// Pieces of sizes 1..`most` for a parser. The sizes depend on the bytes, so that a finding can be
+// reproduced.
 class Pieces {
  public:
   Pieces(Bytes bytes, std::size_t most);
@@ -61,7 +62,7 @@ class Pieces {
   std::uint32_t state_;
 };
 
-// Throws std::logic_error: the target found a result that cannot be.
+// Throws std::logic_error if the target found an impossible result.
 void expect(bool holds, const char* what);
 
 struct Registration {

@@ -9,7 +9,7 @@
 
 namespace tarsier::cli {
 
-// An image or video beside the page.
+// An image or video of the page.
 struct DemoImage {
   std::string file;     // relative to the page, "img/cartoon-home.jpg"
   std::string caption;  // one line; may be empty
@@ -17,38 +17,39 @@ struct DemoImage {
   int height = 0;
 };
 
-// Writes a folder with index.html and the images it shows: one file of HTML with its style
-// inside, no network, readable on a phone, light or dark as the reader's system is. Text is given
-// plain and escaped here.
+// Writes a folder with index.html and its images: one HTML file with embedded style, without
+// network access, readable on a phone, light or dark as the reader's system. Text is passed plain
+// and escaped here.
 class DemoPage {
  public:
-  explicit DemoPage(std::string folder);  // made if missing; throws OutputError
+  explicit DemoPage(std::string folder);  // created if missing; throws OutputError
 
-  // Writes the image as img/<name>.jpg (or .png where lines or few colours would suffer).
+  // Writes the image as img/<name>.jpg; drawing() writes .png, for lines and few colours.
   DemoImage image(std::string_view name, const cv::Mat& image, std::string caption = "");
   DemoImage drawing(std::string_view name, const cv::Mat& image, std::string caption = "");
-  // The path for a file of another kind, "img/<name>", which the caller writes.
+  // The path for another file, "img/<name>", which the caller writes.
   [[nodiscard]] std::string path_of(std::string_view file) const;
 
-  // The page's parts, in the order of the calls.
-  void begin_area(std::string_view title, std::string_view text);  // with an entry in the contents
+  // Parts of the page, in the order of the calls.
+  // Also adds an entry to the contents.
+  void begin_area(std::string_view title, std::string_view text);
   void heading(std::string_view title, std::string_view text = "");
-  void command(std::string_view line);  // what a user would type
-  void compare(const DemoImage& before,
-               const DemoImage& after);              // with a line to drag between them
-  void grid(const std::vector<DemoImage>& images);   // as many beside each other as fit
+  void command(std::string_view line);  // as typed by a user
+  // Two images with a divider that can be dragged.
+  void compare(const DemoImage& before, const DemoImage& after);
+  void grid(const std::vector<DemoImage>& images);   // as many side by side as fit
   void strip(const std::vector<DemoImage>& images);  // numbered stages of one image
   void video(const DemoImage& video, const DemoImage& poster);
-  // `bars` is the number of a column (from 0) that is also shown as bars, or -1.
+  // `bars` is the index (from 0) of a column that is also shown as bars, or -1.
   void table(const std::vector<std::string>& columns,
              const std::vector<std::vector<std::string>>& rows, std::string_view caption = "",
              int bars = -1);
-  // A page within the page, which can be handled: whole HTML, trusted.
+  // An interactive page inside the page: complete HTML, trusted.
   void inner_page(std::string_view html, std::string_view title, int height_px);
   void note(std::string_view text);
 
-  // Writes index.html (atomically) and returns its path. `made` is a line on when, where and by
-  // what.
+  // Writes index.html (atomically) and returns its path. `made` is a line that says when, where and
+  // by what the page was made.
   std::string write(std::string_view title, std::string_view intro, std::string_view made) const;
 
  private:

@@ -8,17 +8,17 @@
 #include <string>
 #include <vector>
 
-// The structs of options that have fields(), as options_test.cpp tests them. In files of their own:
-// they need the headers of every module.
+// The structs of options with fields(), for options_test.cpp. They are in files of their own
+// because they need the headers of every module.
 
 namespace tarsier::cli {
 
-// What is tested of a struct of options.
+// The tests of one struct of options.
 struct OptionsCase {
   std::string name;
   OptionFields fields;
-  // Throws std::invalid_argument for values out of their ranges. The first looks at the ranges
-  // alone, the second at all rules.
+  // They throw std::invalid_argument for values out of range. The first checks only the ranges, the
+  // second all rules.
   std::function<void()> check_ranges, check;
 };
 
@@ -33,9 +33,9 @@ OptionsCase options_case(const char* name) {
   }
 }
 
-// One file each.
+// One source file each.
 [[nodiscard]] std::vector<OptionsCase> face_options();
-[[nodiscard]] std::vector<OptionsCase> plate_options();  // and those of what remains
+[[nodiscard]] std::vector<OptionsCase> plate_options();  // and all other options
 [[nodiscard]] std::vector<OptionsCase> scene_options();
 
 }  // namespace tarsier::cli

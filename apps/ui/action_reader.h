@@ -8,22 +8,22 @@
 
 namespace tarsier {
 
-// Actions by name, one a line, from stdin or a pipe (`--actions -`), so that a script, a GPIO
-// button or another program can drive a session:
-//   sketch          does the action of that name
-//   threshold 60    moves the slider of that name; beyond its ends it stops there
-// Empty lines and lines that start with '#' are passed over. Unknown names, missing or broken
-// numbers and lines of more than 200 bytes are logged as warnings and otherwise ignored.
+// Reads actions by name, one per line, from stdin or a pipe (`--actions -`). A script, a GPIO
+// button or another program can thus control a session:
+//   sketch          performs the action of that name
+//   threshold 60    moves the slider of that name; the value is clamped to its limits
+// Empty lines and lines that start with '#' are skipped. Unknown names, missing or malformed
+// numbers and lines of more than 200 bytes are logged as warnings and ignored.
 class ActionReader {
  public:
   // `fd` is not owned, and stays open.
   ActionReader(int fd, std::vector<Action> actions, std::vector<Slider> sliders);
 
-  // The events of the lines that are there by now, in their order. Never waits, starts no thread;
-  // takes at most 4096 bytes at a time, so that no flood can hold up the frames.
+  // The events of the lines that have arrived, in their order. It does not wait and starts no
+  // thread. It reads at most 4096 bytes per call, so that a flood of lines cannot delay the frames.
   [[nodiscard]] std::vector<Event> read();
 
-  // Nothing more can come: the other end is closed.
+  // No more lines can arrive: the other end is closed.
   [[nodiscard]] bool ended() const { return ended_; }
 
  private:
@@ -32,8 +32,8 @@ class ActionReader {
   int fd_;
   std::vector<Action> actions_;
   std::vector<Slider> sliders_;
-  std::string line_;       // the part that has come of the last line
-  bool skipping_ = false;  // the rest of an overlong line
+  std::string line_;       // the received part of the last line
+  bool skipping_ = false;  // skips the rest of an overlong line
   bool ended_ = false;
 };
 

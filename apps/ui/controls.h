@@ -9,15 +9,15 @@
 
 namespace tarsier {
 
-// What a person can do in every session: "help", "quit" and, where frames come by themselves,
-// "pause".
+// The actions that every session has: "help", "quit" and, for sources that deliver frames by
+// themselves, "pause".
 class SessionControls {
  public:
   explicit SessionControls(bool pauses = false, int pause_key = key::kSpace)
       : pauses_(pauses), pause_key_(pause_key) {}
-  // Does the action of this name; false where it is none of these.
+  // Performs the action of this name; false if it is not one of these.
   bool act(std::string_view name);
-  // `actions` and behind them these.
+  // Returns `actions` followed by the common ones.
   [[nodiscard]] std::vector<Action> after(std::vector<Action> actions) const;
   [[nodiscard]] bool paused() const { return paused_; }
   [[nodiscard]] bool help() const { return help_; }
@@ -31,7 +31,7 @@ class SessionControls {
   bool finished_ = false;
 };
 
-// "" of a live source, else what it is: "stalled", "connecting" ..
+// "" for a source that is live, else its state: "stale", "connecting" ..
 [[nodiscard]] std::string trouble_of(const SourceStatus& source);
 
 // "1 face", "2 faces".

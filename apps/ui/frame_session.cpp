@@ -13,7 +13,7 @@ namespace tarsier {
 View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
   hear(source);
   if (controls_.paused() && !frame.still && !latest_.image.empty())
-    return view(false);  // a camera goes on; what is shown stays
+    return view(false);  // paused: a camera continues, the shown image stays
   if (frame.still || source_of(frame) != source_of(latest_)) restart();
   latest_ = frame;
   timer_.start();

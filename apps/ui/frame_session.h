@@ -13,98 +13,98 @@
 
 namespace tarsier {
 
-// The base of sessions that work on each frame and draw on it what they found. It keeps the frame,
-// measures the time, does what all of them can do (SessionControls), and puts the view together:
-// the drawing is what goes to the sink; the same with a bar below, and the panel of keys where it
-// was asked for, is what is shown. A session gives process(), draw(), state() and status(), and its
-// own actions where it has some.
+// The base of sessions that process each frame and draw the result on it. It stores the frame,
+// measures the time, handles the common actions (SessionControls) and composes the view. The
+// drawing goes to the sink. The shown image is the drawing with a status bar below and, if
+// requested, the panel of keys. A session implements process(), draw(), state() and status(), and
+// its own actions if it has some.
 class FrameSession : public Session {
  public:
   View on_frame(const Frame& frame, const SourceStatus& source) final;
   View on_idle(const SourceStatus& source) final;
-  // An action that changes the drawing draws the frame again. The drawing of a still then goes to
-  // the sink once more; of a video each frame is written once.
+  // An action that changes the drawing redraws the frame. The drawing of a still then goes to the
+  // sink again; each frame of a video is written only once.
   View on_event(const Event& event) final;
   [[nodiscard]] std::vector<Action> actions() const final;
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
-  // Of process(), of the latest frame.
+  // Duration of process() for the latest frame.
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
  protected:
-  // `title` is that of the panel of keys.
+  // `title` is the title of the panel of keys.
   explicit FrameSession(std::string title, int pause_key = key::kSpace)
       : title_(std::move(title)), controls_(true, pause_key) {}
 
-  // The work on a frame, whose time is measured.
+  // Processes a frame. Its time is measured.
   virtual void process(const Frame& frame) = 0;
-  // Before process(), of a still and of the first frame of another source: what is known from
-  // earlier frames holds no longer.
+  // Called before process() for a still and for the first frame of another source: state from
+  // earlier frames is no longer valid.
   virtual void restart() {}
-  // Behind process() and before draw(); not measured.
+  // Called between process() and draw(); not measured.
   virtual void processed() {}
-  // On a copy of the frame (CV_8UC3); may replace it by an image of another size.
+  // Draws on a copy of the frame (CV_8UC3). It may replace the copy by an image of another size.
   virtual void draw(cv::Mat& image) = 0;
-  // An object with steady key names; "paused" is added to it.
+  // An object with fixed key names; "paused" is added to it.
   [[nodiscard]] virtual nlohmann::json state() const = 0;
-  // What was found, in a few words; what the source is and whether it is paused are added to them.
+  // The result in a few words; the state of the source and of the pause are added.
   [[nodiscard]] virtual std::string status() const = 0;
   [[nodiscard]] virtual std::vector<Action> own_actions() const { return {}; }
-  // One of them; true: the frame is to be drawn again.
+  // Performs one of them; returns true if the frame must be redrawn.
   virtual bool act(const std::string& name) {
     static_cast<void>(name);
     return false;
   }
-  // A slider was moved; true: the frame is to be drawn again.
+  // A slider was moved; returns true if the frame must be redrawn.
   virtual bool slide(const Event& event) {
     static_cast<void>(event);
     return false;
   }
-  // What the mouse did; true: the frame is to be drawn again.
+  // A mouse event; returns true if the frame must be redrawn.
   virtual bool mouse(const Event& event) {
     static_cast<void>(event);
     return false;
   }
-  // No frame came for a while; true: the frame is to be drawn again.
+  // No frame came for a while; returns true if the frame must be redrawn.
   virtual bool idle() { return false; }
 
-  // What draw() draws on.
+  // Prepares the image that draw() draws on.
   virtual void begin_drawing(cv::Mat& image) { frame().copyTo(image); }
-  // On a copy of the drawing that is shown and does not go to the sink.
+  // Draws on a copy of the drawing that is shown but does not go to the sink.
   virtual void draw_shown(cv::Mat& image) { static_cast<void>(image); }
-  // What is shown as long as there is no drawing; false: nothing.
+  // Draws what is shown before the first drawing exists; false: nothing is shown.
   virtual bool draw_waiting(cv::Mat& image) {
     static_cast<void>(image);
     return false;
   }
-  // Whether anybody looks. If not, View::image is the drawing itself.
+  // Whether anybody looks at the view. If not, View::image is the drawing itself.
   [[nodiscard]] virtual bool is_shown() const { return true; }
-  // What the bar says in place of the status; empty: nothing.
+  // Text of the bar instead of the status; empty: the status.
   [[nodiscard]] virtual std::string message() const { return ""; }
 
-  // What the bar says at its right.
+  // Text at the right of the bar.
   [[nodiscard]] virtual std::string note() const { return timer_.words(still()) + "   h: help"; }
-  // Of the panel of keys, before those of the actions.
+  // Lines of the panel of keys before those of the actions.
   [[nodiscard]] virtual std::vector<image::draw::HelpLine> help_lines() const { return {}; }
 
-  // Draws the latest frame again, for the sink too. Before the first frame nothing is drawn.
+  // Redraws the latest frame, also for the sink. Before the first frame nothing is drawn.
   View redrawn();
-  // There is no drawing until the next one is made.
+  // Drops the drawing until the next one is made.
   void drop_drawing() { output_.release(); }
-  // The next view asks the host for it.
+  // The next view asks the host to switch full screen.
   void toggle_fullscreen() { toggles_fullscreen_ = true; }
 
   [[nodiscard]] bool paused() const { return controls_.paused(); }
   [[nodiscard]] bool shows_help() const { return controls_.help(); }
-  // Where the frames come from, as the host said last.
+  // The source's state, as last reported by the host.
   [[nodiscard]] const SourceStatus& source() const { return source_; }
 
   // The latest frame; its image is empty before the first.
   [[nodiscard]] const Frame& latest() const { return latest_; }
   [[nodiscard]] const cv::Mat& frame() const { return latest_.image; }
-  // Whether it stands for itself.
+  // Whether the latest frame is a still.
   [[nodiscard]] bool still() const { return latest_.still; }
-  // What draw() made of it; empty before the first.
+  // The drawing of the latest frame; empty before the first.
   [[nodiscard]] const cv::Mat& drawing() const { return output_; }
 
  private:

@@ -7,8 +7,8 @@
 
 namespace tarsier {
 
-// Writes `image` as tarsier-0001.png in `folder`, which is made if it is missing, or as the next
-// number that no file has. Returns its path. Throws OutputError.
+// Writes `image` as tarsier-0001.png, or with the next unused number, in `folder`, which is created
+// if missing. Returns the path. Throws OutputError.
 std::string save_numbered(const std::string& folder, const cv::Mat& image);
 
 }  // namespace tarsier

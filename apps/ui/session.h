@@ -13,7 +13,7 @@
 
 namespace tarsier {
 
-// Something a person did, wherever the session is shown.
+// An input of the user, from any kind of host.
 struct Event {
   enum class Kind { kKey, kMouse, kAction, kSlider };
   enum class Mouse {
@@ -28,14 +28,14 @@ struct Event {
     kDouble
   };
   Kind kind = Kind::kKey;
-  int key = 0;  // kKey: an ASCII code, or one of Key
+  int key = 0;  // kKey: an ASCII code, or a constant of namespace key
   Mouse mouse = Mouse::kMove;
   double x = 0;  // kMouse: pixel in the view's image, centres at integers
   double y = 0;
   int wheel = 0;  // kWheel: notches, + away from the user
   bool shift = false;
   bool control = false;
-  std::string name;  // kAction, kSlider: which one
+  std::string name;  // kAction, kSlider: its name
   double value = 0;  // kSlider
 };
 
@@ -56,20 +56,20 @@ inline constexpr int kTab = 9;
 [[nodiscard]] Event action_event(std::string name);
 [[nodiscard]] Event slider_event(std::string name, double value);
 
-// A named action of the user: by key in a window, by button in a browser, by line on stdin.
+// A named action of the user: a key in a window, a button in a browser, a line on stdin.
 struct Action {
   std::string name;  // "sketch"
   std::string help;  // "pencil sketch"
   int key = 0;       // 0: none
 };
 
-// The name of the action that an event means, "" for none: a key of its own (Caps Lock and Shift do
-// not matter where nothing else has that key), else, where there are such actions, Escape and q for
-// "quit", h and ? for "help", the right arrow, space and Enter for "next", the left arrow for
-// "previous".
+// The name of the action that an event means, "" for none. First the keys of the actions themselves
+// (Caps Lock and Shift do not matter unless another action has that key). Then, if such actions
+// exist: Escape and q for "quit", h and ? for "help", the right arrow, space and Enter for "next",
+// the left arrow for "previous".
 [[nodiscard]] std::string action_of(const Event& event, const std::vector<Action>& actions);
 
-// A number the user can move.
+// A number that the user can change.
 struct Slider {
   std::string name;  // "threshold"
   double low = 0;
@@ -80,35 +80,35 @@ struct Slider {
 
 // What a session shows after a frame or an event.
 struct View {
-  // CV_8UC3, what to show; valid until the next call on the session.
+  // CV_8UC3, the image to show; valid until the next call on the session.
   cv::Mat image;
-  // CV_8UC3, what goes to the sink (no status text on it); empty: nothing new to write.
+  // CV_8UC3, the image for the sink (without status text); empty: nothing new to write.
   cv::Mat output;
-  // One line.
+  // One line of text.
   std::string status;
-  // An object with steady key names, for --json and other hosts.
+  // An object with fixed key names, for --json and other hosts.
   nlohmann::json state;
-  // The user asked to end.
+  // The user asked to quit.
   bool finished = false;
-  // The host is asked to switch between window and full screen.
+  // Asks the host to switch between window and full screen.
   bool toggle_fullscreen = false;
 };
 
 // An interactive program without window, thread or clock: a state machine over frames and events.
-// The host calls from one thread; what the session shows is a function of the calls alone.
+// The host calls it from one thread. What it shows depends only on these calls.
 class Session {
  public:
   virtual ~Session() = default;
-  // A new frame. `source` is the state of where it came from.
+  // Processes a new frame. `source` is the state of the frame's source.
   virtual View on_frame(const Frame& frame, const SourceStatus& source) = 0;
-  // No frame came for a while (a stalled camera): redraws the status. Default: the last view again.
+  // No frame came for a while (a stalled camera): redraws the status on the last view.
   virtual View on_idle(const SourceStatus& source) = 0;
   virtual View on_event(const Event& event) = 0;
   [[nodiscard]] virtual std::vector<Action> actions() const = 0;
   [[nodiscard]] virtual std::vector<Slider> sliders() const = 0;
 
-  // Whether View::image has the status and the panel of keys drawn on it; it has them at first. A
-  // host that shows View::status and actions() in a place of its own leaves them out.
+  // Whether the status and the panel of keys are drawn on View::image (default). A host that shows
+  // View::status and actions() elsewhere switches this off.
   void draw_status(bool on) { draws_status_ = on; }
 
  protected:

@@ -8,8 +8,8 @@
 
 namespace tarsier::testing {
 
-// A session that has something to show, and whose host shows status and keys: no bar, no panel
-// of keys on the image, and both again when they are wanted.
+// For a session with something to show, and a host that shows status and keys itself: checks that
+// the image has neither bar nor panel of keys, and has both when they are switched on.
 inline void expect_plain_image(Session& session, const SourceStatus& source = {}) {
   session.draw_status(false);
   const cv::Mat plain = session.on_idle(source).image.clone();

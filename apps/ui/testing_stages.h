@@ -11,7 +11,7 @@
 
 namespace tarsier::testing {
 
-// Keeps the names of the stages that a session gives while somebody looks.
+// Records the names of the stages that a session passes while it is watched.
 class WatchedStages final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat& image) override {
@@ -21,7 +21,7 @@ class WatchedStages final : public DebugSink {
   [[nodiscard]] bool is_watched() const override { return watched; }
 
   bool watched = false;
-  bool are_images = true;  // none was empty, all are of 8 bits
+  bool are_images = true;  // none was empty, all have 8 bits
   std::vector<std::string> names;
 };
 

@@ -6,24 +6,24 @@
 
 namespace tarsier::window {
 
-// Where an image lies in a window of another shape: as large as it fits, in the middle, aspect
-// kept.
+// The position of an image in a window of another aspect ratio: centred, as large as possible, with
+// its aspect ratio kept.
 struct Letterbox {
   double scale = 1;  // window pixels per image pixel
   cv::Rect inside;   // the image in the window, px
 
-  // From a window pixel to an image pixel (centres at integers).
+  // Converts a window pixel to an image pixel (centres at integers).
   [[nodiscard]] cv::Point2d to_image(cv::Point2d window_px) const;
 };
 
 // Requires positive sizes.
 [[nodiscard]] Letterbox fit(cv::Size image, cv::Size window);
 
-// The largest size for a new window that shows `image` on a screen: the image's own if it fits.
+// The size of a new window that shows `image` on a screen: the image's own size if it fits.
 [[nodiscard]] cv::Size initial_size(cv::Size image, cv::Size screen);
 
-// Draws `image` (CV_8UC3) into `canvas` of size `window` as fit() says, black around it. Reuses
-// the buffer.
+// Draws `image` (CV_8UC3) into `canvas` of size `window` as fit() computes, with black borders.
+// Reuses the buffer.
 void compose(const cv::Mat& image, cv::Size window, cv::Mat& canvas);
 
 }  // namespace tarsier::window

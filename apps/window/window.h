@@ -17,79 +17,79 @@ struct WindowOptions {
   std::string title;
   bool fullscreen = false;
   std::vector<Slider> sliders;  // shown below the image; not in full screen
-  std::vector<Action> actions;  // buttons, where the window has such
-  bool stages = false;          // show_stages() will be called where they are wanted
+  std::vector<Action> actions;  // shown as buttons if the window supports them
+  bool stages = false;          // the session calls show_stages() on request
 };
 
-// What a stage of the work left (DebugSink): CV_8UC1 or CV_8UC3.
+// An intermediate image of a stage (DebugSink): CV_8UC1 or CV_8UC3.
 struct Stage {
   std::string name;
   cv::Mat image;
 };
 
-// What a view was made of.
+// The frame that a view was made from.
 struct FrameInfo {
-  std::int64_t index = -1;  // Frame::index; -1: there was none yet
+  std::int64_t index = -1;  // Frame::index; -1: none yet
   double time = 0;          // s, Frame::time
   std::string name;         // Frame::name
-  // When its last byte came, of live sources; nothing for files.
+  // For live sources: when its last byte arrived; nullopt for files.
   std::optional<std::chrono::steady_clock::time_point> captured;
   std::string source;  // "file", or the name_of() a live source's state
   std::string detail;  // SourceStatus::detail of a live source
 };
 
-// A window on the desktop, or in a browser (pipe_window.h). All calls from one thread, the one that opened it. Any call throws
-// Error(kBadInput) when the display goes away.
+// A window on the desktop, or in a browser (pipe_window.h). All calls must come from the thread
+// that opened it. Any call throws Error(kBadInput) when the display is lost.
 class Window {
  public:
   virtual ~Window() = default;
 
-  // Shows the view's image, scaled to the window with its aspect kept; nothing where it is empty.
-  // The first one opens the window in the image's size, or smaller where the screen is. `frame` is
-  // the one that the view shows, null where a session shows none.
+  // Shows the view's image, scaled to the window with its aspect ratio kept; nothing if it is
+  // empty. The first image opens the window in the image's size, or smaller if the screen is.
+  // `frame` is the frame of the view; null for sessions without frames.
   virtual void show(const View& view, const FrameInfo* frame) = 0;
 
-  // What the user did since the last call, in order; waits at most `timeout` for something. Mouse
-  // positions are pixels of the image shown last (outside of 0..width-1, 0..height-1 beside it).
-  // Held keys repeat only where that is of use (arrows, + -, delete, backspace): holding a switch
-  // must not flicker it.
+  // The user's input since the last call, in order; waits at most `timeout` for input. Mouse
+  // positions are pixels of the last shown image (outside 0..width-1, 0..height-1 if beside it). A
+  // held key repeats only where that is useful (arrows, + -, delete, backspace), so that switches
+  // do not flicker.
   [[nodiscard]] virtual std::vector<Event> poll(std::chrono::milliseconds timeout) = 0;
 
-  // The user closed the window.
+  // Whether the user closed the window.
   [[nodiscard]] virtual bool closed() const = 0;
 
-  // In full screen the pointer is hidden and the image fills the screen with its aspect kept.
+  // In full screen the pointer is hidden and the image fills the screen with its aspect ratio kept.
   virtual void set_fullscreen(bool on) = 0;
   [[nodiscard]] virtual bool fullscreen() const = 0;
 
-  // What the session offers now: moves sliders without an event. A window on the desktop keeps the
-  // sliders of its options, and ignores others.
+  // Sets the session's current actions and sliders, without an event. A window on the desktop keeps
+  // the sliders of its options and ignores others.
   virtual void offer(const std::vector<Action>& actions, const std::vector<Slider>& sliders) = 0;
 
-  // Whether the user looks at the stages, so that those of the next frame are wanted.
+  // Whether the user looks at stages, so that those of the next frame are requested.
   [[nodiscard]] virtual bool wants_stages() const { return false; }
-  // Those of the frame that show() was called with last. A window without a place for them
-  // ignores them.
+  // Shows the stages of the frame last passed to show(). A window that cannot show them ignores
+  // them.
   virtual void show_stages(const std::vector<Stage>& stages) { static_cast<void>(stages); }
 };
 
-// Where the environment has TARSIER_WINDOW=pipe:IN:OUT, all windows of this process are pipe windows
-// (pipe_window.h): they need no display, no toolkit and no module.
+// If the environment has TARSIER_WINDOW=pipe:IN:OUT, all windows of this process are pipe windows
+// (pipe_window.h), which need no display, toolkit or module.
 
-// Loads the window module and looks whether there is a display, without opening anything. Call it
-// before other threads start (it prepares the environment of the toolkit). Throws Error(kBadInput):
-// no display, a display that does not answer, or no module (it is a package of its own); or
-// TARSIER_WINDOW is set and wrong.
+// Loads the window module and checks for a display, without opening anything. Call it before other
+// threads start (it prepares the environment of the toolkit). Throws Error(kBadInput): no display,
+// a display that does not answer, or no module (it is a separate package); or an invalid
+// TARSIER_WINDOW.
 void prepare();
 
-// Whether windows show View::status and actions() in places of their own, so that images need
-// neither bar nor panel (Session::draw_status). Calls prepare() if need be.
+// Whether windows show View::status and actions() themselves, so that images need no bar and no
+// panel (Session::draw_status). Calls prepare() if needed.
 [[nodiscard]] bool shows_status();
 
-// Whether windows have a place for stages. Needs no prepare(), and does nothing.
+// Whether windows can show stages. Works before prepare() and has no side effects.
 [[nodiscard]] bool takes_stages();
 
-// Opens a window; it appears with its first image. Calls prepare() if need be.
+// Opens a window, which appears with its first image. Calls prepare() if needed.
 [[nodiscard]] std::unique_ptr<Window> open_window(const WindowOptions& options);
 
 }  // namespace tarsier::window

@@ -12,37 +12,39 @@
 
 namespace tarsier::window {
 
-// What highgui has no way to do, done to its window over a connection of our own to the X server:
-// every key in its order (highgui keeps only the last one between two polls), the hidden pointer,
-// full screen where no window manager runs (a kiosk), and noticing that the server is gone before
-// the toolkit ends the process over it.
+// Adds features to highgui's window over our own connection to the X server: every key in order
+// (highgui keeps only the last one between two polls), a hidden pointer, full screen without a
+// window manager (a kiosk), and detection of a lost server before the toolkit ends the process.
 class X11Window {
  public:
-  // Nothing if there is no X server to connect to.
+  // Null if there is no X server.
   [[nodiscard]] static std::unique_ptr<X11Window> connect();
   ~X11Window();
   X11Window(const X11Window&) = delete;
   X11Window& operator=(const X11Window&) = delete;
 
-  // Takes over the window of this process with the given name; false if it is not there (yet).
+  // Takes over this process's window of the given name; false if it does not exist (yet).
   bool attach(const std::string& name);
   void detach();
 
-  [[nodiscard]] bool alive();            // the server still answers
-  [[nodiscard]] bool destroyed() const;  // someone destroyed the window; seen by take_keys()
+  [[nodiscard]] bool alive();  // the server still responds
+  // The window was destroyed; set by take_keys().
+  [[nodiscard]] bool destroyed() const;
   [[nodiscard]] cv::Size screen_size() const;
   [[nodiscard]] bool has_window_manager();
 
-  void hide_pointer(bool hidden);     // over the window; repeat it, the toolkit sets pointers too
+  // Over the window. Repeat the call, because the toolkit sets pointers, too.
+  void hide_pointer(bool hidden);
   void place(const cv::Rect& where);  // only without a window manager
-  // Where the window's own area begins on the screen, px; its frame is the window manager's.
+  // Where the window's client area begins on the screen, px (without the frame of the window
+  // manager).
   [[nodiscard]] std::optional<cv::Point> origin();
   [[nodiscard]] std::optional<cv::Rect> placement();
 
   // Keys pressed since the last call.
   [[nodiscard]] std::vector<Event> take_keys();
 
-  // Returns when there is an event for the window or `timeout` has passed.
+  // Returns when the window has an event or `timeout` has passed.
   void wait(std::chrono::milliseconds timeout);
 
  private:

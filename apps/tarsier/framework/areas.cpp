@@ -48,7 +48,7 @@ Exit status: 0 done, 1 nothing found, 2 usage, 3 bad input, 4 source lost, 5 bad
 6 cannot write, 130 interrupted. `tarsier --version` tells the version.
 )";
 
-// Programs of their own: what only they need is neither linked nor loaded here.
+// Separate programs, so that what only they need is neither linked nor loaded here.
 std::span<const std::string> behind_area(const Context& given) {
   return std::span(given.words).subspan(1);
 }
@@ -73,7 +73,7 @@ void add_companion_serve(Command& app, Context& context) {
 }
 
 struct Area {
-  std::string_view name;  // of the sub-command that it adds
+  std::string_view name;  // of the verb that it adds
   void (*add)(Command& app, Context& context);
 };
 
@@ -97,8 +97,8 @@ constexpr Area kAreas[] = {
     {"help", add_help},
 };
 
-// The one area that a command line is about, whose flags are all that its parser has to know; empty
-// if it needs all areas: those that help lists, or whose sections a file of --config may have.
+// The only area whose flags the parser needs for this command line. Empty if it needs all areas:
+// for help, which lists them, and for --config, whose file may have sections of any area.
 std::string only_area(const std::vector<std::string>& words) {
   if (words.empty() || words[0] == "help") return {};
   const bool known = std::any_of(std::begin(kAreas), std::end(kAreas),

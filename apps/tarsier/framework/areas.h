@@ -6,8 +6,8 @@
 
 namespace tarsier::cli {
 
-// The areas of tarsier, with their verbs and examples: the one that context.words begin with, where
-// they need no other; else all.
+// Adds the areas of tarsier, with their verbs and examples. Adds only the area that context.words
+// begin with where no other is needed; else all.
 void add_areas(Command& app, Context& context);
 
 // `tarsier --help`

@@ -24,8 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The words of a command that may differ between runs of one batch: where it writes and how it
-// reports.
+// The words of a command without those that may differ between runs of one batch: outputs and
+// reporting.
 std::string settings_of(const std::vector<std::string>& words) {
   static const std::set<std::string> kSwitches = {"--resume", "--json", "--quiet"};
   static const std::set<std::string> kValues = {
@@ -57,7 +57,7 @@ std::string list_of(const std::vector<std::string>& names) {
   return sum.hex();
 }
 
-// The first line of a journal.
+// The header line of a journal.
 nlohmann::ordered_json header_of(const PartInfo& info, const BatchTable& table) {
   return {{"shard", {info.shard.number, info.shard.count}},
           {"list", info.list},
@@ -100,11 +100,12 @@ Batch::Batch(const BatchFlags& flags, BatchTable table, const std::vector<std::s
                          "is of other inputs, flags or another shard: --resume goes on with the "
                          "same ones only");
       }
-      fs::remove(flags.jsonl + ".journal", ignored);  // of a run that was killed when all was done
+      // of a run that was killed after it had finished
+      fs::remove(flags.jsonl + ".journal", ignored);
     } else {
       for (const std::string& path : {flags.jsonl, table_.path})
-        if (!path.empty()) fs::remove(info_path(path), ignored);  // an older run's
-      const AtomicFile probe(flags.jsonl);  // found out now, not after the work
+        if (!path.empty()) fs::remove(info_path(path), ignored);  // of an older run
+      const AtomicFile probe(flags.jsonl);  // detects an error now, not after the work
       journal_ = std::make_unique<Journal>(flags.jsonl + ".journal",
                                            json_text(header_of(info_, table_)), flags.resume);
       done = journal_->inputs();
@@ -149,7 +150,7 @@ void Batch::skip(std::int64_t input, const std::string& reason) {
 void Batch::finish() {
   if (!journal_) return;
   if (!table_.path.empty()) write_part(table_.path, true);
-  write_part(flags_.jsonl, false);  // last: its .done says that all is done
+  write_part(flags_.jsonl, false);  // last: its .done says that everything is done
   journal_->remove();
   journal_.reset();
 }

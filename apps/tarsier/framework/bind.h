@@ -6,20 +6,20 @@
 #include "command.h"
 #include <string_view>
 
-// Flags of the fields of options: names, ranges and help are those of Options::fields(), defaults
-// the values that the options have now.
+// Flags for the fields of options. Names, ranges and help come from Options::fields(); the defaults
+// are the present values of the options.
 //
 //   bind_all(verb, flags.matching, "Features and matches");  // every field that has a flag
-//   bind_field(verb, flags.matching, flags.matching.ratio);  // one of them
+//   bind_field(verb, flags.matching, flags.matching.ratio);  // one field
 //   bind_field(verb, flags.training, flags.training.line_steps, "--steps", "batches of 32");
 
 namespace tarsier::cli {
 
-// Adds the flag of one field; the values of a list may be one word, "1,2,3". Throws
+// Adds the flag of one field. The values of a list may be one word, "1,2,3". Throws
 // std::invalid_argument for a field without a flag.
 Flag& add_field(Command& verb, const OptionField& field);
 
-// Adds the flags of all fields that have one, under a heading in --help.
+// Adds the flags of all fields that have one, below a heading in --help.
 void add_fields(Command& verb, const OptionFields& fields, std::string_view group);
 
 // The field whose value is `value`. Throws std::invalid_argument if no field has it.
@@ -30,7 +30,7 @@ void bind_all(Command& verb, Options& options, std::string_view group = "Options
   add_fields(verb, options.fields(), group);
 }
 
-// With another name and help than the field's, where they are given.
+// `flag` and `help` replace the name and help of the field if they are not empty.
 template <class Options, class Value>
 Flag& bind_field(Command& verb, Options& options, const Value& value, std::string_view flag = {},
                  std::string_view help = {}) {

@@ -10,17 +10,17 @@
 
 namespace tarsier::cli {
 
-// Called between events: may give the session something (a frame, time to work) and return its
-// view; `wait` is how long it may then take until the next call.
+// Called between events. It may give the session a frame or time to work, and returns the session's
+// view. `wait` is the maximum time until the next call.
 using Between = std::function<std::optional<View>(std::chrono::milliseconds& wait)>;
 
-// A session in a window that lasts until the user ends it, whatever its frames do; it shows what
-// on_idle() gives at first. With --json each key, button and action gives a line {"event","state"}.
-// Returns kInterrupted where a signal came, else kDone. window::prepare() must have been called.
+// Runs a session in a window until the user ends it, independent of its frames. The first view is
+// that of on_idle(). With --json each key, button and action prints a line {"event","state"}.
+// Returns kInterrupted after a signal, else kDone. window::prepare() must have been called.
 [[nodiscard]] ExitStatus browse_session(Session& session, const std::string& title, bool fullscreen,
                                         Context& context, const Between& between);
 
-// {"event","state"} on stdout.
+// Prints {"event","state"} to stdout.
 void print_event_line(const Event& event, const View& view);
 
 }  // namespace tarsier::cli

@@ -47,8 +47,8 @@ int fail(ExitStatus status, std::string_view message) {
   return static_cast<int>(status);
 }
 
-// TARSIER_REQUIRE writes "<function>: requires <expression>: <message>"; people want the message,
-// and what was said before it (the path of a file).
+// TARSIER_REQUIRE writes "<function>: requires <expression>: <message>". Returns the message and
+// the text before the function (the path of a file).
 std::string without_requirement(std::string_view what) {
   constexpr std::string_view kMark = ": requires ";
   const size_t mark = what.find(kMark);
@@ -67,7 +67,7 @@ std::string without_requirement(std::string_view what) {
 
 // --- the program ---
 
-// The libraries below us write to stderr on their own; what matters comes back as an error of ours.
+// The libraries below write to stderr themselves; relevant errors are returned to us and reported.
 void silence_libraries() {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
@@ -76,12 +76,12 @@ void silence_libraries() {
   setenv("QT_LOGGING_RULES", "*.debug=false;*.info=false;*.warning=false;qt.*=false", 0);
 }
 
-// Images of megabytes come and go with each frame. What was freed is kept for the next one, in place
-// of returning it to the system, which has to clear every page that it gives.
+// Each frame allocates and frees images of megabytes. Freed memory is kept for the next one instead
+// of being returned to the system, which must clear every page that it gives.
 void keep_freed_memory() {
 #ifdef __GLIBC__
-  mallopt(M_MMAP_THRESHOLD, 32 << 20);   // bytes; the most that it takes
-  mallopt(M_TRIM_THRESHOLD, 128 << 20);  // bytes that are kept at most
+  mallopt(M_MMAP_THRESHOLD, 32 << 20);   // bytes; the maximum
+  mallopt(M_TRIM_THRESHOLD, 128 << 20);  // bytes kept at most
 #endif
 }
 
@@ -90,12 +90,12 @@ void complete(Context& context) {
   set_log_level(context.quiet ? std::max(level, LogLevel::kWarning) : level);
   context.progress = make_progress(
       context.quiet ? ProgressStyle::kNone : parse_progress_style(context.progress_style), stderr);
-  // 0 would mean "none" to OpenCV; more threads than cores only make its scheduler complain on
+  // 0 would mean "none" to OpenCV; with more threads than cores its scheduler only complains on
   // stderr.
   if (context.threads > 0) cv::setNumThreads(std::min(context.threads, cv::getNumberOfCPUs()));
 }
 
-// "--ca-file", "-o" and all others of a verb.
+// All flag names of a verb: "--ca-file", "-o" ..
 std::vector<std::string> flag_names(const Command& verb) {
   std::vector<std::string> names;
   for (const FlagInfo& flag : verb.flags())
@@ -103,13 +103,13 @@ std::vector<std::string> flag_names(const Command& verb) {
   return names;
 }
 
-// `flags`: where an error comes from a verb, the names of its flags.
+// `flags` receives the flag names of the verb that threw the error.
 int run_checked(const CommandLine& program, const std::vector<std::string>& words,
                 std::vector<std::string>& flags) {
   Context context;
   context.words = words;
   context.stop = stop_on_signals();
-  // A closed pipe and a limit of file sizes are errors of write(), and get their line.
+  // A closed pipe and a file size limit become errors of write(), which are reported.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
   silence_libraries();
@@ -146,7 +146,7 @@ int run_checked(const CommandLine& program, const std::vector<std::string>& word
   }
   if (context.is_batch && status == ExitStatus::kNothingFound) status = ExitStatus::kDone;
   context.progress.reset();
-  print_text("");  // tells of a full disk or a closed pipe behind stdout
+  print_text("");  // detects a full disk or a closed pipe at stdout
   return static_cast<int>(status);
 }
 
@@ -171,8 +171,8 @@ void add_common_flags(Command& verb, Context& context) {
   common(verb.add_option("--progress", context.progress_style, "how long work tells how far it is")
              .check(one_of({"auto", "bar", "json", "none"}))
              .show_default());
-  // Read before the parser runs (parse_command_line); here so that the parser knows it and --help
-  // shows it.
+  // It is read before the parser runs (parse_command_line). It is declared here for the parser and
+  // --help.
   common(verb.add_unbound_option("--config", "TOML or INI file with values for these flags")
              .type_name("FILE"));
 }
@@ -210,7 +210,7 @@ int run_program(const CommandLine& program, const std::vector<std::string>& word
 int run_main(const CommandLine& program, int argc, const char* const* argv, std::string_view area) {
   try {
     return run_program(program, words_of(argc, argv, area));
-  } catch (const std::bad_alloc&) {  // nothing here may need memory
+  } catch (const std::bad_alloc&) {  // nothing here may allocate memory
     constexpr std::string_view kLine = "tarsier: error: out of memory\n";
     std::fwrite(kLine.data(), 1, kLine.size(), stderr);
     return static_cast<int>(ExitStatus::kBadInput);

@@ -17,12 +17,12 @@
 
 namespace tarsier::cli {
 
-// What every verb shares. Filled by the parser, then completed by main before run() is called.
+// State shared by all verbs. The parser fills it, then main completes it before it calls run().
 struct Context {
-  std::vector<std::string> words;      // of the command line, without the program's name
+  std::vector<std::string> words;      // command line without the program's name
   std::stop_token stop;                // SIGINT, SIGTERM
   std::function<ExitStatus()> run;     // set by the callback of the chosen verb
-  std::unique_ptr<Progress> progress;  // as --progress and --quiet say
+  std::unique_ptr<Progress> progress;  // according to --progress and --quiet
 
   bool json = false;  // JSON lines on stdout
   bool quiet = false;
@@ -32,24 +32,25 @@ struct Context {
   std::string progress_style = "auto";
   std::string debug_dir;
 
-  bool is_batch = false;  // set by run(): a share of a batch, in which nothing has to be found
+  // Set by run() for a share of a batch, where finding nothing is no failure.
+  bool is_batch = false;
 };
 
-// Adds the flags that mean the same everywhere: --json, --quiet, --seed, --threads, --log-level,
-// --progress, --config. -o/--output, --csv and --model are added by the verbs that have them.
+// Adds the flags that all verbs have: --json, --quiet, --seed, --threads, --log-level, --progress,
+// --config. The verbs themselves add -o/--output, --csv and --model.
 void add_common_flags(Command& verb, Context& context);
 
-// --debug-dir, for verbs that can show the stages of what they do.
+// Adds --debug-dir, for verbs that can show intermediate stages.
 void add_debug_flag(Command& verb, Context& context);
 
 // Sets the example of every verb (examples.cpp).
 void add_examples(Command& app);
 
-// `run` is what the program does when `verb` was chosen.
+// Sets the function that runs if `verb` is chosen.
 void set_run(Command& verb, Context& context, std::function<ExitStatus()> run);
 
-// Adds a verb: its flags are a `Flags` of its own, which `bind(verb, flags)` fills from the command
-// line, and behind them the common ones; `run(flags, context)` does its work.
+// Adds a verb. `bind(verb, flags)` binds the members of a `Flags` object to flags of the command
+// line; the common flags follow. `run(flags, context)` does the work.
 template <class Flags, class Bind, class Run>
 Command& add_verb(Command& area, std::string_view name, std::string_view help, Context& context,
                   const Bind& bind, Run run) {
@@ -63,8 +64,8 @@ Command& add_verb(Command& area, std::string_view name, std::string_view help, C
   return verb;
 }
 
-// One area each (verbs/<area>/): adds its sub-commands; the chosen verb's callback sets
-// context.run.
+// One function per area (verbs/<area>/): it adds the area's verbs. The callback of the chosen verb
+// sets context.run.
 void add_cartoon(Command& app, Context& context);
 void add_plate(Command& app, Context& context);
 void add_landmarks(Command& app, Context& context);
@@ -80,35 +81,34 @@ void add_hub(Command& app, Context& context);
 void add_merge(Command& app, Context& context);
 void add_help(Command& app, Context& context);  // hidden from --help
 
-// One of the programs that have this command line.
+// Describes a program with this command line.
 struct CommandLine {
-  void (*add)(Command& root, Context& context);  // its areas, with their verbs and examples
+  void (*add)(Command& root, Context& context);  // adds its areas, with verbs and examples
   std::string_view help;                         // --help of the program itself
 };
 
 // Runs the program: parses, runs the chosen verb, and turns every error into one line on stderr and
 // an exit status. Never throws.
 [[nodiscard]] int run_program(const CommandLine& program, const std::vector<std::string>& words);
-// What main() does: run_program() of words_of(argc, argv, area). Never throws, not even where there
-// is no memory for the words.
+// The body of main(): run_program() with words_of(argc, argv, area). Never throws, not even if
+// there is no memory for the words.
 [[nodiscard]] int run_main(const CommandLine& program, int argc, const char* const* argv,
                            std::string_view area = {});
 
-// The words of a command line. Of a program of one area alone, that area's name comes first;
-// `--version` alone stays as it is.
+// The words of a command line. For a program with a single area, that area's name is inserted
+// first; `--version` alone is unchanged.
 [[nodiscard]] std::vector<std::string> words_of(int argc, const char* const* argv,
                                                 std::string_view area = {});
 
 // "0.1.0"
 [[nodiscard]] std::string_view version();
 
-// The folder of the running program, or an empty string where the system does not tell.
+// The folder of the running program; empty if the system does not report it.
 [[nodiscard]] std::string program_folder();
 
-// The folder of the models that ship: `given` (--models-dir) if not empty, else $TARSIER_MODELS,
-// else models/ of the source tree that this program was built in, else
-// <prefix>/share/tarsier/models. Empty where none exists. Throws InputError when `given` or
-// $TARSIER_MODELS is no folder.
+// The folder of the shipped models, by the rules of ModelStore::find(): `given` if not empty, else
+// $TARSIER_MODELS, else the folder that comes with the program. Empty if there is none. Throws
+// InputError if `given` or $TARSIER_MODELS is not a folder.
 [[nodiscard]] std::string find_models_folder(const std::string& given);
 
 }  // namespace tarsier::cli

@@ -163,7 +163,7 @@ FlagInfo Flag::describe() const {
   const auto sorted_names = [](const std::set<CLI::Option*>& others) {
     std::vector<std::string> names;
     for (const CLI::Option* other : others) names.push_back(other->get_name());
-    std::sort(names.begin(), names.end());  // a set of pointers has no order of its own
+    std::sort(names.begin(), names.end());  // a set of pointers has no defined order
     return names;
   };
   FlagInfo flag = parts_->rules;
@@ -204,7 +204,7 @@ struct Command::Parts {
   std::string example = {};
   std::vector<std::unique_ptr<Command>> commands = {};
   std::vector<std::unique_ptr<Flag>> flags = {};
-  std::function<void()> add_flags = {};  // that are not there yet
+  std::function<void()> add_flags = {};  // adds the flags that are still missing
 };
 
 Command::Command(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {
@@ -358,7 +358,7 @@ Command::Parsed Command::parse(std::vector<std::string> words) {
        chosen = chosen->parent())
     chosen->add_flags_now();
   Parsed parsed;
-  std::reverse(words.begin(), words.end());  // CLI11 takes them from the end
+  std::reverse(words.begin(), words.end());  // CLI11 reads them from the end
   try {
     parts_->app->parse(words);
   } catch (const CLI::CallForHelp&) {

@@ -12,8 +12,9 @@
 #include <string_view>
 #include <vector>
 
-// The command line of the program: areas, verbs and their flags. The parser behind it (CLI11) is
-// seen by command.cpp alone: its headers would cost every verb several seconds of compilation.
+// The command line of the program: areas, verbs and their flags. Only command.cpp includes the
+// parser behind it (CLI11), because its headers would add several seconds to the compilation of
+// every verb.
 //
 //   Command& verb = area.add_subcommand("read", "reads the plates of images");
 //   verb.add_option("INPUT", flags.inputs, "images").required();
@@ -24,12 +25,12 @@ namespace tarsier::cli {
 
 struct FlagInfo;
 
-// A rule that a value must meet. A list's values must each meet it.
+// A rule for values. Each value of a list must satisfy it.
 class Check {
  public:
-  // `problem` gets the value as it was typed and returns what is wrong with it, or an empty string.
+  // `problem` gets the value as typed and returns what is wrong with it, or an empty string.
   explicit Check(std::function<std::string(const std::string&)> problem);
-  // A number of this range.
+  // The value must be a number of this range.
   Check(const Range& range);
   ~Check();
 
@@ -42,12 +43,12 @@ class Check {
   std::shared_ptr<const Rule> rule_;
 };
 
-// One of these words or numbers.
+// The value must be one of these words or numbers.
 [[nodiscard]] Check one_of(const std::vector<std::string>& choices);
 [[nodiscard]] Check one_of(std::initializer_list<std::string_view> choices);
 [[nodiscard]] Check one_of(std::initializer_list<int> choices);
 
-// One flag or positional input of a Command, which owns it.
+// One flag or positional input. Its Command owns it.
 class Flag {
  public:
   Flag(const Flag&) = delete;
@@ -55,25 +56,25 @@ class Flag {
   ~Flag();
 
   Flag& check(const Check& check);
-  // --help shows the variable's present value as the default.
+  // --help shows the variable's current value as the default.
   Flag& show_default();
   Flag& show_default(std::string_view text);
   Flag& required();
-  // Heading in --help; hidden from it if empty.
+  // Heading in --help; hidden from --help if empty.
   Flag& group(std::string_view name);
   // Several values may be written as one word: "1,2,3".
   Flag& delimiter(char between);
-  // Takes just so many values.
+  // Requires exactly `count` values.
   Flag& expected(int count);
-  // Of a list: given as often as there are values, one value each time.
+  // For a list: the flag is repeated, with one value each time.
   Flag& one_value_each();
-  // Cannot be given together with `other`; can only be given together with it.
+  // The flag excludes `other`; the flag requires `other`.
   Flag& excludes(Flag& other);
   Flag& needs(Flag& other);
-  // What --help shows for the value, in place of INT, FLOAT or TEXT.
+  // What --help shows for the value instead of INT, FLOAT or TEXT.
   Flag& type_name(std::string_view name);
 
-  // How often it was given.
+  // How often the flag was given.
   [[nodiscard]] std::size_t count() const;
   [[nodiscard]] FlagInfo describe() const;
 
@@ -84,7 +85,7 @@ class Flag {
   std::unique_ptr<Parts> parts_;
 };
 
-// The program, an area or a verb. Owns its parts; what flags are bound to must live as long.
+// The program, an area or a verb. It owns its parts; the variables bound to flags must outlive it.
 class Command {
  public:
   // The program itself.
@@ -95,8 +96,8 @@ class Command {
 
   Command& add_subcommand(std::string_view name, std::string_view description);
 
-  // `names`: "-o,--output", "INPUT" (positional), or both. The variable keeps its value if the flag
-  // is not given. Numbers must fit the variable's type.
+  // `names` is "-o,--output", "INPUT" (positional), or both. If the flag is not given the variable
+  // keeps its value. Numbers must fit the variable's type.
   Flag& add_option(std::string_view names, int& value, std::string_view help = {});
   Flag& add_option(std::string_view names, std::int64_t& value, std::string_view help = {});
   Flag& add_option(std::string_view names, std::uint64_t& value, std::string_view help = {});
@@ -115,37 +116,37 @@ class Command {
                    std::string_view help = {});
   // A text that is read before the parser runs, or not at all.
   Flag& add_unbound_option(std::string_view names, std::string_view help);
-  // A switch. "--pepper,!--no-pepper": the second name switches it off.
+  // A switch. In "--pepper,!--no-pepper" the second name switches it off.
   Flag& add_flag(std::string_view names, bool& value, std::string_view help = {});
   // Makes parse() return kVersion.
   Flag& add_version_flag(std::string_view names);
 
-  // `add` adds the flags once they are needed: by a command line that chooses this command, or by
-  // flags(). A command line chooses one verb of many.
+  // `add` adds the flags when they are needed: when a command line chooses this command, or in
+  // flags(). This saves time, because a command line chooses one verb of many.
   void add_flags_later(std::function<void()> add);
 
-  // Just so many of the sub-commands must be given; or min..max of them.
+  // Requires exactly `count` sub-commands, or min..max of them.
   void require_subcommand(int count);
   void require_subcommand(int min, int max);
-  // Heading in the help of the command above; hidden from it if empty.
+  // Heading in the help of the parent command; hidden from it if empty.
   void group(std::string_view name);
-  // Called when it was chosen and all of its flags were read.
+  // Called when this command was chosen and all its flags were read.
   void callback(std::function<void()> chosen);
-  // A whole command line that --help shows.
+  // A complete example command line, shown by --help.
   void example(std::string_view line);
 
   [[nodiscard]] const std::string& name() const;
   [[nodiscard]] const std::string& description() const;
   [[nodiscard]] const std::string& example() const;
-  // Whether it is left out of help.
+  // Whether the command is hidden from help.
   [[nodiscard]] bool hidden() const;
   // Null for the program itself.
   [[nodiscard]] const Command* parent() const;
   // In the order in which they were added.
   [[nodiscard]] std::vector<const Command*> subcommands() const;
-  // "SUBCOMMAND" in its usage: 0 if none has to be given.
+  // The minimum count of sub-commands, for "SUBCOMMAND" in the usage line; 0 if none is required.
   [[nodiscard]] int min_subcommands() const;
-  // All flags in the order in which they were added, --help first; hidden ones have no group.
+  // All flags in the order in which they were added, --help first; hidden flags have no group.
   [[nodiscard]] std::vector<FlagInfo> flags() const;
   // The sub-command `name`, or null.
   [[nodiscard]] const Command* find(std::string_view name) const;
@@ -154,11 +155,11 @@ class Command {
   enum class Outcome { kRun, kHelp, kVersion };
   struct Parsed {
     Outcome outcome = Outcome::kRun;
-    // The last command of the line.
+    // The last command of the command line.
     const Command* command = nullptr;
   };
-  // Reads a command line, without the program's name, and calls the callbacks of what it chose.
-  // Once only. Throws UsageError where it breaks a rule.
+  // Parses a command line without the program's name and calls the callbacks of the chosen
+  // commands. Call it only once. Throws UsageError if the command line breaks a rule.
   Parsed parse(std::vector<std::string> words);
 
  private:
@@ -173,13 +174,14 @@ class Command {
 
 // One value of a configuration file (TOML or INI).
 struct ConfigEntry {
-  // Of its section: "plate", "read" of [plate.read].
+  // The parts of its section: "plate", "read" for [plate.read].
   std::vector<std::string> parents;
   std::string name;
   std::vector<std::string> values;
 };
 
-// In the order of the text. Throws std::exception for a text that is neither TOML nor INI.
+// Returns the entries in the order of the text. Throws std::exception if the text is neither TOML
+// nor INI.
 [[nodiscard]] std::vector<ConfigEntry> read_config(const std::string& text);
 
 }  // namespace tarsier::cli

@@ -9,7 +9,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// One value, as --help writes it.
+// One value, from the text that --help shows.
 Json value_of(FlagType type, const std::string& text) {
   if (type == FlagType::kSwitch) return text == "on" || text == "true";
   if (type == FlagType::kText) return text;

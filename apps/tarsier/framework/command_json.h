@@ -8,22 +8,22 @@
 
 namespace tarsier::cli {
 
-// The command line as one JSON object, for programs that make a wrapper or a form of it
+// The command line as one JSON object, for programs that generate a wrapper or a form from it
 // (docs/python.md):
 //
 //   {"program": "tarsier", "version": "1.0", "verbs": [{"verb": "plate read", "path": ["plate",
 //    "read"], "area": "plate", "help", "usage", "example", "inputs": [..], "flags": [..]}, ..]}
 //
-// `inputs` are given by their place, `flags` by name; each of both has
-//   names        "--output", "-o": long names first; of an input its name
-//   positional   of a flag that may also be given by its place: its name there, else null
+// `inputs` are positional, `flags` have names. Each entry of both has
+//   names        "--output", "-o": long names first; for an input its name
+//   positional   for a flag that may also be given by position: its name there, else null
 //   type         "switch", "integer", "number" or "text"
-//   choices      all that the value may be, if they are few, else empty
-//   range        null, or {"min", "max", "min_excluded", "max_excluded", "odd"}: each end a number
-//                or null, whether it is itself outside, whether the number must be odd
-//   unit         of a number: what its help begins with, as "px", or null
-//   default      by `type`, a list of them where several are taken; null: none, or as `help` says
-//   values       how many values it takes at least; repeatable: any number of them
+//   choices      all allowed values, if they are few, else empty
+//   range        null, or {"min", "max", "min_excluded", "max_excluded", "odd"}: each limit or
+//                null, whether the limit itself is excluded, whether only odd numbers are allowed
+//   unit         for a number: the unit at the start of its help, such as "px", or null
+//   default      by `type`, or a list of that type; null: none, or described in `help`
+//   values       minimum number of values; repeatable: any number of values
 //   required, help, group, needs, excludes
 [[nodiscard]] std::string command_json(const std::vector<AreaInfo>& areas,
                                        std::string_view version);

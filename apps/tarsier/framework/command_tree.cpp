@@ -8,7 +8,7 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr std::size_t kHelpColumn = 30;  // where descriptions begin
+constexpr std::size_t kHelpColumn = 30;  // column of the descriptions
 
 std::string usage_of(const Command& command, const std::vector<FlagInfo>& flags) {
   std::string usage = path_of(command) + " [OPTIONS]";
@@ -32,8 +32,8 @@ bool is_help(const FlagInfo& flag) {
   return std::find(flag.names.begin(), flag.names.end(), "--help") != flag.names.end();
 }
 
-// As --help shows them: what is positional, then the flags of no group, then each group where it
-// first appears.
+// The order in --help: positional inputs, then flags without a group, then each group in the order
+// of its first flag.
 void order_by_group(std::vector<FlagInfo>& flags) {
   std::vector<std::string> groups = {"Options"};
   for (const FlagInfo& flag : flags) {
@@ -75,7 +75,7 @@ std::string joined(const std::vector<std::string>& words, const char* between) {
   return result;
 }
 
-// "  name      description"; the description on a line of its own where the name is too long.
+// "  name      description"; the description is on its own line if the name is too long.
 std::string help_line(const std::string& name, const std::string& description) {
   const std::string indent(kHelpColumn, ' ');
   std::string line = "  " + name;
@@ -89,7 +89,7 @@ std::string help_line(const std::string& name, const std::string& description) {
   return line + '\n';
 }
 
-// Short names first, as everybody writes them.
+// Short names first, as usual.
 std::string names_in_help(const FlagInfo& flag) {
   std::vector<std::string> names = flag.names;
   std::stable_partition(names.begin(), names.end(),
@@ -101,7 +101,7 @@ std::string relations(const char* word, const std::vector<std::string>& others) 
   return others.empty() ? "" : std::string(" ") + word + ": " + joined(others, " ");
 }
 
-// What stands behind a flag's names.
+// The text after a flag's names.
 std::string value_in_help(const FlagInfo& flag) {
   std::string text = flag.value.empty() ? "" : ' ' + flag.value;
   if (!flag.choices.empty()) text = " {" + joined(flag.choices, ",") + '}';

@@ -9,8 +9,8 @@ namespace tarsier::cli {
 
 class Command;
 
-// The program's own command line as data: what help, manual pages, completion and the test that
-// walks all verbs are made of, so that none of them can differ from what the parser takes.
+// The program's own command line as data. Help, manual pages, completion and the test of all verbs
+// are generated from it, so they always agree with the parser.
 struct VerbInfo {
   std::vector<std::string> path;  // "plate", "read"
   std::string description;
@@ -22,13 +22,13 @@ struct VerbInfo {
 struct AreaInfo {
   std::string name;  // "plate"
   std::string description;
-  std::vector<VerbInfo> verbs;  // of an area that is its own verb: that one
+  std::vector<VerbInfo> verbs;  // for an area that is its own verb: only itself
 };
 
-// All areas in the order of their registration, without what is hidden from help.
+// All areas in the order of their registration, without commands hidden from help.
 [[nodiscard]] std::vector<AreaInfo> command_tree(const Command& root);
 
-// --help of a verb or an area.
+// The --help text of a verb or an area.
 [[nodiscard]] std::string help_text(const Command& command);
 
 // "plate read"; "" for the program itself.

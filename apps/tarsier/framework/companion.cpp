@@ -35,13 +35,13 @@ void become_companion(const std::string& name, std::span<const std::string> word
   const std::string path = path_of(name);
   std::vector<char*> arguments;
   const auto add = [&](const std::string& word) {
-    arguments.push_back(const_cast<char*>(word.c_str()));  // execv changes none of them
+    arguments.push_back(const_cast<char*>(word.c_str()));  // execv does not change them
   };
   add(name);
   for (const std::string& word : words) add(word);
   arguments.push_back(nullptr);
-  // From here to the other program's own first lines a signal is either kept for it, as signals
-  // that wait are, or has been taken by our thread for them, which then ends the process.
+  // Until the other program handles signals itself, a signal either stays pending for it, or our
+  // signal thread takes it and ends the process.
   const EndOnSignals at_once;
   throw_if_stopped(stop_on_signals());
   std::fflush(stdout);

@@ -6,10 +6,10 @@
 
 namespace tarsier::cli {
 
-// Becomes the program `name` with these words behind its name: the process stays, so that its exit
-// status, its signals and its streams are those of the other program. It lies beside this one, as
-// built, or in ../libexec/tarsier, as installed. Throws InputError where it is missing or cannot be
-// started; returns never.
+// Replaces this process by the program `name` with the arguments `words`. The process id stays, so
+// exit status, signals and streams are those of the other program. The program is searched beside
+// this one (build tree), then in ../libexec/tarsier (installed). Throws InputError if it is missing
+// or cannot be started; else does not return.
 [[noreturn]] void become_companion(const std::string& name, std::span<const std::string> words);
 
 }  // namespace tarsier::cli

@@ -10,7 +10,7 @@
 namespace tarsier::cli {
 namespace {
 
-// Everything the script knows is in tables of this shape: key, then words.
+// All data of the script is in tables of this form: key, then words.
 std::string table(const std::string& name, const std::map<std::string, std::string>& rows) {
   std::string text = fmt::format("declare -gA {}=(\n", name);
   for (const auto& [key, words] : rows) text += fmt::format("  ['{}']='{}'\n", key, words);
@@ -21,7 +21,7 @@ void add_word(std::string& words, const std::string& word) {
   words += (words.empty() ? "" : " ") + word;
 }
 
-// The first lines of the script; the tables follow, and then kFunctions.
+// The first lines of the script, followed by the tables and kFunctions.
 constexpr const char* kHead = R"(# shellcheck shell=bash
 # Completion of `tarsier` for bash. Made by `tarsier help --bash` from the program's own command line; do not edit.
 # Words that may follow an area or verb, flags of a verb, and values of its flags; f: files, -: anything.
@@ -80,7 +80,7 @@ _tarsier() {
 complete -F _tarsier tarsier
 )";
 
-// What a flag's value may be: words, "f" for files, "-" for what cannot be known; "" of a switch.
+// The values of a flag: words, "f" for files, "-" if unknown; "" for a switch.
 std::string values_of(const FlagInfo& flag) {
   if (flag.value.empty()) return {};
   std::string words;
@@ -112,7 +112,7 @@ std::string bash_completion(const std::vector<AreaInfo>& areas) {
         for (const std::string& name : flag.names) {
           const std::string value = values_of(flag);
           if (!value.empty()) values[shared ? name : path + ' ' + name] = value;
-          if (!name.starts_with("--")) continue;  // a short name needs no completing
+          if (!name.starts_with("--")) continue;  // a short name needs no completion
           if (shared) {
             common.insert(name);
           } else {

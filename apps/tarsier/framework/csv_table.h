@@ -7,13 +7,14 @@
 
 namespace tarsier::cli {
 
-// A table of --csv: rows are written as they come, whole lines, flushed, so that what is there can
-// be used when the program is interrupted.
+// The table of --csv. Rows are written as they arrive, as whole lines, and flushed, so the file can
+// be used after an interruption.
 class CsvTable {
  public:
-  // `header`: "frame,time,id". Throws OutputError where the file cannot be written; so does add().
+  // `header`: "frame,time,id". Constructor and add() throw OutputError if the file cannot be
+  // written.
   CsvTable(const std::string& path, std::string_view header);
-  // `row` without the end of its line; its texts are from csv_field() (core/csv.h).
+  // `row` has no line end; its texts come from csv_field() (core/csv.h).
   void add(std::string_view row);
 
  private:

@@ -12,7 +12,7 @@ namespace tarsier::cli {
 
 namespace {
 
-// Which verb lists the entries of a kind.
+// The verb that lists the entries of a kind.
 std::string listing_of(const MissingEntryError& error) {
   using Listing = std::pair<std::string_view, std::string_view>;
   constexpr auto kListings = std::to_array<Listing>({

@@ -6,8 +6,8 @@
 
 namespace tarsier::cli {
 
-// What the verbs of the program can do about an error of the library, to be written behind its message: ": `people train
-// --template deep` makes them again". Empty for an error that says it all.
+// The advice that the program appends to the message of a library error, in terms of its verbs: ":
+// `people train --template deep` makes them again". Empty if the message needs no advice.
 [[nodiscard]] std::string error_help(const std::exception& error);
 
 }  // namespace tarsier::cli

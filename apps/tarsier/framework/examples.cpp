@@ -6,8 +6,8 @@
 namespace tarsier::cli {
 namespace {
 
-// One for each verb, in one place, so that they stay alike. The test cli_verbs checks that every
-// verb has one and that its flags exist.
+// The examples of all verbs in one place, so that they stay consistent. The test cli_verbs checks
+// that every verb has one and that its flags exist.
 std::string example_of(const std::string& verb) {
   static const std::map<std::string, std::string> table = {
       {"cartoon run", "photo.jpg -o drawn.png --mode sketch"},

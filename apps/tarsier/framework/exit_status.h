@@ -5,19 +5,19 @@
 
 namespace tarsier {
 
-// What the program exits with; the same for every verb.
+// Exit statuses of the program, the same for every verb.
 enum class ExitStatus : int {
   kDone = 0,
-  kNothingFound = 1,  // ran to the end, and found nothing
+  kNothingFound = 1,  // ran to the end, but found nothing
   kUsage = 2,
-  kBadInput = 3,    // also a source that never opens, no display
-  kSourceLost = 4,  // after its first frame
-  kBadModel = 5,    // broken or missing
-  kBadOutput = 6,   // cannot be written
+  kBadInput = 3,    // also a source that never opens, or no display
+  kSourceLost = 4,  // a source was lost after its first frame
+  kBadModel = 5,    // a model is broken or missing
+  kBadOutput = 6,   // an output cannot be written
   kInterrupted = 130,
 };
 
-// That of an error of the library.
+// The exit status for an error of the library.
 constexpr ExitStatus exit_status(ErrorKind kind) {
   switch (kind) {
     case ErrorKind::kUsage:

@@ -9,40 +9,40 @@
 
 namespace tarsier::cli {
 
-// What a flag's value is.
+// The type of a flag's value.
 enum class FlagType { kSwitch, kInteger, kNumber, kText };
 
 // "switch", "integer", "number" or "text".
 [[nodiscard]] const char* name_of(FlagType type);
 
-// One flag or positional input as data: what help, manual pages, completion and the tests of all
-// verbs are made of, so that none of them can differ from what the parser takes.
+// One flag or positional input as data. Help, manual pages, completion and the tests of all verbs
+// are generated from it, so they always agree with the parser.
 struct FlagInfo {
-  // "--output", "-o": long names first; of what is only positional its name.
+  // "--output", "-o": long names first; for a purely positional input its name.
   std::vector<std::string> names;
   // Whether it has no name with dashes.
   bool positional = false;
-  // Of what may be given without its name; else empty.
+  // The name of a positional value; empty if it must be given by flag.
   std::string positional_name;
   FlagType type = FlagType::kText;
   // "TEXT", "INT", "UINT", "FLOAT", "FILE"; empty for a switch.
   std::string value;
-  // All that the value may be, if they are few.
+  // All allowed values, if they are few.
   std::vector<std::string> choices;
-  // Of a number, if it has one.
+  // The range of a number, if it has one.
   std::optional<Range> range;
-  // As --help shows it, or empty.
+  // As shown by --help, or empty.
   std::string default_value;
   std::string description;
-  // Heading in --help; hidden from it if empty.
+  // Heading in --help; hidden from --help if empty.
   std::string group;
   bool required = false;
-  // Any number of values.
+  // Takes any number of values.
   bool many = false;
-  // How many values it takes at least, and how many words of a configuration file it takes at most.
+  // The minimum number of values, and the maximum number of words in a configuration file.
   int min_values = 1;
   int max_items = 1;
-  // Names of flags that must, or must not, be given too; sorted.
+  // Names of flags that must be given too, and that must not be given too; sorted.
   std::vector<std::string> needs;
   std::vector<std::string> excludes;
 };

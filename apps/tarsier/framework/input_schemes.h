@@ -7,7 +7,7 @@
 
 namespace tarsier::cli {
 
-// The schemes that all inputs may have: synth:NAME?key=value&.., viewer:NAME.
+// The schemes that all inputs may use: synth:NAME?key=value&.., viewer:NAME.
 [[nodiscard]] std::vector<Scheme> input_schemes();
 
 }  // namespace tarsier::cli

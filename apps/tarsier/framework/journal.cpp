@@ -78,7 +78,7 @@ Journal::~Journal() { ::close(fd_); }
 void Journal::read_entries(const std::string& header) {
   std::ifstream file(path_, std::ios::binary);
   std::string line;
-  const auto next = [&] { return std::getline(file, line) && !file.eof(); };  // with its end
+  const auto next = [&] { return std::getline(file, line) && !file.eof(); };  // only complete lines
   if (!next()) return;
   if (line != header) {
     throw InputError(path_,
@@ -88,7 +88,7 @@ void Journal::read_entries(const std::string& header) {
   end_ = static_cast<std::int64_t>(line.size()) + 1;
   while (next()) {
     const std::optional<JournalEntry> entry = entry_of(line);
-    if (!entry) break;  // what a power cut left
+    if (!entry) break;  // incomplete after a power cut
     const auto size = static_cast<std::int64_t>(line.size()) + 1;
     places_[entry->input] = {end_, size};
     end_ += size;

@@ -11,20 +11,21 @@
 
 namespace tarsier::cli {
 
-// What one input of a batch gave.
+// The result of one input of a batch.
 struct JournalEntry {
   std::int64_t input = 0;
   std::string line;               // JSON
   std::vector<std::string> rows;  // CSV
-  std::string skipped;            // why it could not be read; empty: it was
+  std::string skipped;            // why it could not be read; empty: it was read
 };
 
-// A file that a run adds to, a JSON line an entry, behind a header line. Every beginning of it can be
-// used: the half line at the end of a killed run's is cut off. One program at a time (flock).
+// A file that a run appends to: a header line, then one JSON line per entry. Every prefix of it can
+// be used: an incomplete last line of a killed run is removed. One program at a time may use it
+// (flock).
 class Journal {
  public:
-  // `resume`: goes on with the file that is there, if one is. Throws InputError where its header is
-  // another one, OutputError where it cannot be written or another program writes it.
+  // `resume` continues an existing file, if there is one. Throws InputError if its header differs,
+  // and OutputError if it cannot be written or another program is writing it.
   Journal(std::string path, const std::string& header, bool resume);
   ~Journal();
   Journal(const Journal&) = delete;
@@ -32,7 +33,7 @@ class Journal {
 
   void add(const JournalEntry& entry);  // throws OutputError
   [[nodiscard]] std::set<std::int64_t> inputs() const;
-  // In the order of the inputs. Throws InputError.
+  // Reads the entries in the order of the inputs. Throws InputError.
   void read(const std::function<void(const JournalEntry&)>& take) const;
   void remove();
 
@@ -47,7 +48,7 @@ class Journal {
   std::string path_;
   int fd_ = -1;
   std::int64_t end_ = 0;                  // bytes
-  std::map<std::int64_t, Place> places_;  // of each input
+  std::map<std::int64_t, Place> places_;  // place of each input's line
 };
 
 }  // namespace tarsier::cli

@@ -61,7 +61,7 @@ if set,
 prints no colours
 )";
 
-// Text as roff prints it: no control characters, no lines that begin a request.
+// Escapes text for roff: no control characters, no lines that begin a request.
 std::string roff(std::string_view text) {
   std::string result;
   for (const char c : text) {

@@ -23,20 +23,20 @@ struct OnEventFlags {
   EventCommandOptions options;
 };
 
-// --on-event, which is returned, and --on-event-timeout. `when`: "at each new recognition".
+// Adds --on-event and --on-event-timeout; returns --on-event. `when`: "at each new recognition".
 Flag& add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when);
 
-// The command of --on-event and the broker of --publish, those that there are. Posting to a command
-// never waits; see media/event_command.h.
+// Sends events to the command of --on-event and to the broker of --publish, if they are given.
+// Posting to a command never waits; see media/event_command.h.
 class OnEvent {
  public:
   OnEvent(const OnEventFlags& flags, const Context& context, const PublishFlags& publish = {},
           const HttpAccess& access = {});
-  // Whether anybody wants to know.
+  // Whether there is a command or a broker.
   explicit operator bool() const { return command_ || publisher_; }
   // `crop` may be empty; see EventPublisher.
   void post(const nlohmann::ordered_json& event, const cv::Mat& crop = {});
-  // Waits for what is on its way, as long as one command may take.
+  // Waits for pending events, at most as long as one command may take.
   void finish();
 
  private:
@@ -45,13 +45,13 @@ class OnEvent {
   EventPublisher publisher_;
 };
 
-// Of stills each object that is seen, of videos those that appear and are lost: {"event": `kind`,
-// "state": "appeared" or "lost", ..}.
+// Events {"event": `kind`, "state": "appeared" or "lost", ..}. For stills: each object that is
+// seen. For videos: objects that appear and objects that are lost.
 class PresenceEvents {
  public:
   // `on_event` must outlive it.
   PresenceEvents(OnEvent& on_event, std::string kind);
-  // `seen`: a list of objects with "id", and "name" where the objects have one.
+  // `seen` is a list of objects with "id", and "name" if they have one.
   void frame(const Frame& frame, const nlohmann::ordered_json& seen);
   void finish();
 
@@ -62,7 +62,7 @@ class PresenceEvents {
   OnEvent& on_event_;
   std::string kind_;
   Presence presence_;
-  std::map<std::int64_t, std::string> names_;  // as they were when last seen
+  std::map<std::int64_t, std::string> names_;  // the last known names
 };
 
 }  // namespace tarsier::cli

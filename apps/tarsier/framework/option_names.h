@@ -7,9 +7,10 @@
 
 namespace tarsier::cli {
 
-// A message of the library in the words of the program. The library does not know how its caller sets an option, and writes
-// "option 'ca_file'" with the name of the field; here this becomes the flag of that name, "--ca-file", where it is one of `flags`;
-// "option 'memory_gb'" also the flag "--memory", without the unit. All else stays.
+// Replaces option names in a message of the library by flags of the program. The library writes
+// "option 'ca_file'", with the name of the field, because it does not know how its caller sets
+// options. The name becomes the flag "--ca-file" if that is one of `flags`; "option 'memory_gb'"
+// also becomes "--memory", without the unit. All other text is unchanged.
 [[nodiscard]] std::string with_flag_names(std::string_view message,
                                           const std::vector<std::string>& flags);
 

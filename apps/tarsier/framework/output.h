@@ -7,18 +7,17 @@
 
 namespace tarsier::cli {
 
-// Writes text for people to stdout and flushes. Throws OutputError when stdout is closed or full.
+// Writes text for people to stdout and flushes. Throws OutputError if stdout is closed or full.
 void print_text(std::string_view text);
 
-// Writes one JSON object as a line to stdout and flushes. Throws like print_text.
+// Writes one JSON object as a line to stdout and flushes. Throws as print_text() does.
 void print_json(const nlohmann::ordered_json& object);
 
-// The object as one line without its end. Bytes that are no UTF-8 (names of files need not be) are
-// replaced: it can always be printed.
+// The object as one line without its end. Bytes that are not UTF-8 (possible in file names) are
+// replaced, so that it can always be printed.
 [[nodiscard]] std::string json_text(const nlohmann::ordered_json& object);
 
-// `value` with so many decimal digits, 0..9, as a line of JSON shows it; infinity and NaN as they
-// are.
+// `value` rounded to `digits` decimal digits, 0..9, for JSON lines; infinity and NaN are unchanged.
 [[nodiscard]] double rounded(double value, int digits);
 
 }  // namespace tarsier::cli

@@ -32,7 +32,7 @@ std::vector<std::string> long_names(const Command& command) {
   return names;
 }
 
-// The present name of a flag that was renamed ("--least-side" is "--min-side"); empty if `flag` is no
+// The present name of a renamed flag ("--least-side" is now "--min-side"). Empty if `flag` is no
 // former name of a flag of this command. `flag` has no "=value".
 std::string renamed(const std::string& flag, const std::vector<std::string>& known) {
   constexpr std::pair<std::string_view, std::string_view> kPrefixes[] = {
@@ -46,7 +46,7 @@ std::string renamed(const std::string& flag, const std::vector<std::string>& kno
   return {};
 }
 
-// Flags by their former names get the present ones, with a warning.
+// Replaces former names of flags by the present ones, with a warning.
 void rename_flags(Command& root, std::vector<std::string>& words) {
   const Chosen chosen = chosen_command(root, words);
   if (is_area(*chosen.command)) return;
@@ -62,7 +62,7 @@ void rename_flags(Command& root, std::vector<std::string>& words) {
   }
 }
 
-// Throws UsageError for an unknown area, verb or flag, naming what is known in its place.
+// Throws UsageError for an unknown area, verb or flag; the message suggests a known one.
 void check_words(Command& root, const std::vector<std::string>& words) {
   const Chosen chosen = chosen_command(root, words);
   const Command& command = *chosen.command;
@@ -137,13 +137,13 @@ void add_entry(const Command& verb, const ConfigEntry& entry, const std::string&
     throw UsageError(fmt::format("{}: '{}' has no option '{}'{}", path, path_of(verb), entry.name,
                                  meant.empty() ? "" : ": did you mean '" + meant.substr(2) + "'?"));
   }
-  if (given_on_line(*flag, words, from)) return;  // the command line wins
+  if (given_on_line(*flag, words, from)) return;  // the command line takes precedence
   if (entry.values.empty()) {
     throw UsageError(fmt::format("{}: '{}' has no value", path, entry.name));
   }
-  if (entry.values.size() == 1 || flag->max_items == 1) {  // a list as "60,25,20"
+  if (entry.values.size() == 1 || flag->max_items == 1) {  // a list as one word, "60,25,20"
     added.push_back(fmt::format("{}={}", name, fmt::join(entry.values, ",")));
-  } else if (flag->many) {  // each by itself: some flags take one value at a time
+  } else if (flag->many) {  // one by one: some flags take one value at a time
     for (const std::string& value : entry.values)
       added.push_back(fmt::format("{}={}", name, value));
   } else {
@@ -152,7 +152,7 @@ void add_entry(const Command& verb, const ConfigEntry& entry, const std::string&
   }
 }
 
-// The words with those of the file of --config behind them.
+// Appends the values of the file of --config to the words.
 std::vector<std::string> with_config(Command& root, std::vector<std::string> words) {
   const Chosen chosen = chosen_command(root, words);
   const Command& verb = *chosen.command;
@@ -172,7 +172,7 @@ std::vector<std::string> with_config(Command& root, std::vector<std::string> wor
   } catch (const std::exception& error) {
     throw InputError(path, fmt::format("not a TOML or INI file: {}", error.what()));
   }
-  std::vector<std::string> inputs;  // before those of the words
+  std::vector<std::string> inputs;  // inserted before those of the words
   std::vector<std::string> added;
   for (const ConfigEntry& entry : entries) {
     if (!entry.parents.empty()) {

@@ -34,7 +34,7 @@ int whole_number(std::string_view text) {
   return error == std::errc() && end == text.data() + text.size() ? number : -1;
 }
 
-// Throws nlohmann::json::exception for what is no such object.
+// Throws nlohmann::json::exception if the JSON is not such an object.
 PartInfo info_of(const nlohmann::json& json) {
   PartInfo info;
   info.shard = {json_integer<int>(json.at("shard").at(0)),
@@ -67,11 +67,11 @@ struct Part {
   PartInfo info;
 };
 
-// The parts in the order of their shards.
+// The parts, sorted by their shards.
 std::vector<Part> checked_parts(const std::vector<std::string>& paths) {
   std::map<int, Part> parts;
   for (const std::string& path : paths) {
-    if (path.ends_with(".done")) continue;  // of a pattern that matches both
+    if (path.ends_with(".done")) continue;  // the pattern matched both files
     Part part{path, read_part_info(path)};
     if (sha256_of_file(path) != part.info.sha256) {
       throw InputError(path, "was changed after its run had ended: run its command again");
@@ -207,7 +207,7 @@ MergeReport merge_parts(const std::vector<std::string>& paths, const std::string
     sum.add(std::string_view(text));
   };
   put(header);
-  // The next line of each part; the lowest input first.
+  // The next line of each part; the lowest input comes first.
   using Next = std::pair<std::int64_t, std::size_t>;
   std::priority_queue<Next, std::vector<Next>, std::greater<>> queue;
   std::vector<std::size_t> taken(parts.size());

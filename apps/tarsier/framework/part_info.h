@@ -15,31 +15,32 @@ struct Shard {
   int count = 1;
 };
 
-// "3/20". Throws UsageError naming the flag.
+// Parses "3/20". Throws UsageError that names the flag.
 [[nodiscard]] Shard parse_shard(std::string_view text, std::string_view flag = "--shard");
 
-// Which of `count` shards an input belongs to, 1..count: the first 8 bytes of the SHA-256 of its name
-// as a big-endian number, modulo count, plus 1. It depends on nothing else: other inputs that come or
-// go leave it where it is.
+// The shard of an input, 1..count: the first 8 bytes of the SHA-256 of its name as a big-endian
+// number, modulo count, plus 1. It depends only on the name, so adding or removing other inputs
+// does not change it.
 [[nodiscard]] int shard_of(std::string_view input, int count);
 
-// What stands beside a finished part (part-3.jsonl) in part-3.jsonl.done: which share it is, and which
-// input each of its lines belongs to.
+// The contents of part-3.jsonl.done beside a finished part (part-3.jsonl): the shard, and the input
+// of each line.
 struct PartInfo {
   Shard shard;
   std::int64_t inputs = 0;  // of the whole batch
-  std::string list;         // SHA-256 of the names of all inputs
-  std::string settings;     // SHA-256 of the words of the command that decide what the lines say
-  int header_lines = 0;     // 1 for CSV
-  std::vector<std::int64_t> lines;  // the input, 0.., of each line behind the header; ascending
-  std::vector<std::pair<std::int64_t, std::string>>
-      skipped;         // inputs that could not be read, and why
+  std::string list;         // SHA-256 of all input names
+  // SHA-256 of those words of the command that determine the results.
+  std::string settings;
+  int header_lines = 0;             // 1 for CSV
+  std::vector<std::int64_t> lines;  // for each line after the header its input, 0..; ascending
+  // Inputs that could not be read, and the reasons.
+  std::vector<std::pair<std::int64_t, std::string>> skipped;
   std::string sha256;  // of the part
 };
 
 [[nodiscard]] std::string info_path(const std::string& part);  // "part-3.jsonl.done"
 
-// Both throw InputError or OutputError with the path. What is read is checked: ranges, order.
+// Both throw InputError or OutputError with the path. Ranges and order are checked when reading.
 [[nodiscard]] PartInfo read_part_info(const std::string& part);
 void write_part_info(const std::string& part, const PartInfo& info);
 
@@ -50,9 +51,10 @@ struct MergeReport {
   std::int64_t skipped = 0;
 };
 
-// Writes the lines of all parts in the order of the inputs, and its .done: both as one run of shard
-// 1/1 would have written them. Throws InputError for a part that is not finished, was changed, is of
-// another batch or there twice, and where a shard is missing; UsageError where `output` is a part.
+// Writes the lines of all parts in the order of the inputs, and the .done file, as one run of shard
+// 1/1 would have written them. Throws InputError for a part that is not finished, was changed,
+// belongs to another batch or is given twice, and for a missing shard; UsageError if `output` is a
+// part.
 MergeReport merge_parts(const std::vector<std::string>& parts, const std::string& output);
 
 }  // namespace tarsier::cli

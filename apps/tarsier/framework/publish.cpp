@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr double kInterrupted_s = 1;  // for what waits, in place of PublisherOptions::finish_s
+constexpr double kInterrupted_s = 1;  // s for pending events, instead of PublisherOptions::finish_s
 
 }  // namespace
 

@@ -12,8 +12,8 @@
 
 namespace tarsier::cli {
 
-// --mqtt-user, --mqtt-password-file, --mqtt-ca-file, --mqtt-cert and --mqtt-key. Returns them, to
-// be grouped.
+// Adds --mqtt-user, --mqtt-password-file, --mqtt-ca-file, --mqtt-cert and --mqtt-key. Returns them
+// for grouping.
 std::vector<Flag*> add_mqtt_login_flags(Command& verb, mqtt::Login& login);
 
 struct PublishFlags {
@@ -22,18 +22,18 @@ struct PublishFlags {
   CropServerOptions crops;
 };
 
-// --publish and what belongs to it. `kind`: of the events, PublisherOptions::kind.
+// Adds --publish and its flags. `kind` is the kind of the events, PublisherOptions::kind.
 void add_publish_flags(Command& verb, PublishFlags& flags, const std::string& kind = "plate");
 
-// What --publish asks for, if it was given.
+// Publishes events as --publish requests; empty without that flag.
 class EventPublisher {
  public:
-  // Checks the address, makes the outbox. `access`: who may fetch crops. Throws UsageError,
+  // Checks the address and creates the outbox. `access`: who may fetch crops. Throws UsageError,
   // OutputError and what mqtt::Connection throws.
   EventPublisher(const PublishFlags& flags, const HttpAccess& access);
   explicit operator bool() const { return publisher_ != nullptr; }
-  // Adds "last_seen", the time of day, where the event has none, and with --crops of an image that
-  // is not empty "crop": {"sha256","url"}.
+  // Adds "last_seen", the time of day, if the event has none. With --crops and an image that is not
+  // empty, also adds "crop": {"sha256","url"}.
   void post(nlohmann::ordered_json event, const cv::Mat& crop = {});
   void finish(bool interrupted);
 

@@ -104,7 +104,7 @@ void DebugFolder::image(std::string_view name, const cv::Mat& image) {
   }
   if (folder_.empty()) return;
   if (number_ == 0) make_folder(frame_folder_);
-  // Names of stages may hold words from files: of a target, say.
+  // Names of stages may contain words from files, for example the name of a target.
   std::string file = fmt::format("{:02}-{}", ++number_, name.substr(0, 100));
   const auto is_plain = [](char c) {
     return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z');

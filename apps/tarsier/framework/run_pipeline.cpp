@@ -69,7 +69,7 @@ void Writer::write(Job job) {
   if (!thread_.joinable()) {
     put(job);
   } else if (!channel_.push(std::move(job))) {
-    complete();  // throws what ended the thread
+    complete();  // throws the error that ended the thread
   }
 }
 

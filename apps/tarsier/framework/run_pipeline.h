@@ -20,14 +20,14 @@
 #include <utility>
 #include <vector>
 
-// The stages of run_session() that may run in threads of their own: reading ahead and writing.
+// Stages of run_session() that may run in their own threads: reading ahead and writing.
 namespace tarsier::cli {
 
-// Hands items from one thread to another, at most two at a time.
+// A queue between two threads with at most two items.
 template <typename T>
 class Channel {
  public:
-  // Waits for room; false if the channel was closed.
+  // Waits for space; false if the channel was closed.
   bool push(T item) {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return closed_ || items_.size() < kDepth; });
@@ -36,7 +36,7 @@ class Channel {
     changed_.notify_all();
     return true;
   }
-  // Nothing when no item came in time, or when the channel is closed and empty.
+  // nullopt if no item arrived in time, or if the channel is closed and empty.
   std::optional<T> pop(std::optional<std::chrono::milliseconds> patience = std::nullopt) {
     std::unique_lock lock(mutex_);
     const auto ready = [&] { return closed_ || !items_.empty(); };
@@ -71,7 +71,7 @@ class Channel {
   bool closed_ = false;
 };
 
-// Reads files ahead in a thread of its own.
+// Reads files ahead in its own thread.
 class ReadAhead final : public FrameSource {
  public:
   ReadAhead(std::unique_ptr<FrameSource> source, const std::stop_token& stop);
@@ -81,7 +81,7 @@ class ReadAhead final : public FrameSource {
 
   std::optional<Frame> next(std::chrono::milliseconds patience,
                             const std::stop_token& stop) override;
-  // Only once a failure has been thrown by next().
+  // True only after next() has thrown the failure, if there was one.
   [[nodiscard]] bool ended() const override;
   [[nodiscard]] bool is_live() const override { return false; }
   [[nodiscard]] SourceStatus status() const override { return status_; }
@@ -102,14 +102,14 @@ class ReadAhead final : public FrameSource {
   std::int64_t count_;
   SourceStatus status_;
   std::vector<std::string> nothing_;
-  std::exception_ptr error_;  // of the thread, read after it
+  std::exception_ptr error_;  // of the thread; valid after its end
   Channel<Item> channel_;
   std::stop_source stop_;
   std::stop_callback<std::function<void()>> forward_stop_;
   std::jthread thread_;
 };
 
-// JSON lines from two threads.
+// Prints JSON lines from two threads.
 class Lines {
  public:
   explicit Lines(bool wanted) : wanted_(wanted) {}
@@ -121,18 +121,18 @@ class Lines {
   std::mutex mutex_;
 };
 
-// A finished image on its way to the output.
+// An output image that is to be written.
 struct Job {
   cv::Mat image;
   Frame frame;  // without its image
   nlohmann::ordered_json line;
   bool live = false;
-  bool silent = false;            // no line
-  int repeats = 1;                // 0: only the line
-  std::vector<std::string> rows;  // of a batch's table
+  bool silent = false;            // prints no line
+  int repeats = 1;                // 0: prints only the line
+  std::vector<std::string> rows;  // of the batch's table
 };
 
-// Writes images and their lines, in a thread of its own if that helps.
+// Writes images and their lines, in its own thread if that is faster.
 class Writer {
  public:
   // `batch` may be null.
@@ -142,9 +142,9 @@ class Writer {
   Writer& operator=(const Writer&) = delete;
 
   void write(Job job);
-  // Waits until everything is written. Throws what went wrong.
+  // Waits until everything is written. Throws the error, if one occurred.
   void complete();
-  // Forgets what is not begun.
+  // Drops the jobs that have not been started.
   void cancel();
   [[nodiscard]] std::int64_t written() const { return written_; }  // after complete() or cancel()
 

@@ -32,11 +32,12 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-// Without frames the window's status is redrawn so often.
+// The window's status is redrawn at this interval if there are no frames.
 constexpr milliseconds kIdleInterval{200};
-constexpr milliseconds kWindowPatience{12};     // keys wait at most so long for a frame
-constexpr milliseconds kHeadlessPatience{100};  // SIGINT wakes it earlier
-constexpr double kMaxRepeats = 10;  // s that a live video is filled up with its last image
+constexpr milliseconds kWindowPatience{12};     // maximum delay of keys by the wait for a frame
+constexpr milliseconds kHeadlessPatience{100};  // SIGINT ends the wait earlier
+// s for which a live video is extended by repeating its last image.
+constexpr double kMaxRepeats = 10;
 
 // --- the window, where the program has one ---
 
@@ -58,7 +59,7 @@ class Run {
       flush_still();
       if (writer_ != nullptr && !context_.stop.stop_requested()) writer_->complete();
     } catch (const OutputError&) {
-      throw;  // nothing to finish: the unfinished output is removed, a recording stays
+      throw;  // an unfinished output is removed, a recording stays
     } catch (...) {
       finish_quietly();
       throw;
@@ -116,7 +117,7 @@ class Run {
     live_ = source_->is_live();
     if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
     live_video_ = live_ && kind == SinkKind::kVideo;
-    if (!live_video_) open_output();  // a camera's rate is known with its first frame
+    if (!live_video_) open_output();  // a camera's rate is known after its first frame
 
     if (opens_window(flags_)) {
       std::string title = fmt::format("Tarsier {}", hooks_.title);
@@ -163,10 +164,10 @@ class Run {
     }
   }
 
-  // Whether lines and rows go to the batch.
+  // Whether lines and rows are written to the batch.
   [[nodiscard]] bool is_kept() const { return batch_ && batch_->is_kept(); }
 
-  // Those of the session, and the host's own.
+  // The session's actions and the host's own.
   [[nodiscard]] std::vector<Action> actions() const {
     std::vector<Action> list = session_.actions();
     if (has_next_) list.push_back({kNextImage, "next image (right arrow)", 0});
@@ -196,7 +197,7 @@ class Run {
     options.many = source_->count() != 1 && flags_.frames != 1;
     if (batch_) options.many = batch_->names().size() != 1;
     sink_ = open_sink(flags_.output.empty() ? "none" : flags_.output, options);
-    // A live image should be out as soon as it is there; files may wait for each other.
+    // A live image must be written immediately; files may be queued.
     writer_ = std::make_unique<Writer>(*sink_, lines_, batch_.get(), !live_);
   }
 
@@ -217,7 +218,7 @@ class Run {
       try {
         frame = source_->next(patience, stop);
       } catch (const SourceLostError&) {
-        report_state();  // the last thing that is shown
+        report_state();  // the last output
         throw;
       }
       if (live_) report_state();
@@ -235,12 +236,12 @@ class Run {
     }
   }
 
-  // A paused video, or a still image in the window.
+  // Whether a paused video, or a still in the window, waits for the user.
   [[nodiscard]] bool waits_for_user() const {
     return !live_ && ((paused_ && taken_ > 0) || (window_ != nullptr && still_.has_value()));
   }
 
-  // False if nobody can ever go on.
+  // Returns false if nobody can ever continue.
   bool wait_for_user() {
     if (window_ == nullptr && (!actions_ || actions_->ended())) {
       log_warning("paused, and no more actions can come: ending here");
@@ -268,7 +269,7 @@ class Run {
     View view;
     try {
       view = session_.on_frame(frame, status);
-    } catch (const InputError& error) {  // an image that can be read, but not used
+    } catch (const InputError& error) {  // an image that was read, but cannot be used
       if (!frame.still || (source_->count() == 1 && !batch_)) throw;
       log_warning("{}", error.what());
       if (batch_) batch_->skip(frame.index, error.what());
@@ -286,7 +287,7 @@ class Run {
       Job job = job_of(frame, view, status);
       if (is_kept()) job.rows = std::move(rows);
       if (window_ != nullptr && frame.still) {
-        still_ = std::move(job);  // until the user goes on
+        still_ = std::move(job);  // until the user continues
       } else {
         writer_->write(std::move(job));
       }
@@ -334,7 +335,8 @@ class Run {
     };
     const Clock::time_point now = Clock::now();
     const bool late =
-        paced_from_ && now - at(time) > milliseconds(500);  // this machine is too slow for it
+        // this machine is too slow for the video
+        paced_from_ && now - at(time) > milliseconds(500);
     const bool early = paced_from_ && at(time) - now > std::chrono::seconds(5);  // another video
     if (!paced_from_ || late || early) {
       paced_from_ =
@@ -356,7 +358,7 @@ class Run {
     if (status.state != SourceState::kLive) idle(status);
   }
 
-  // What is known of the source is shown with the view.
+  // The state of the source is shown with the view.
   void look_at(const SourceStatus& status) {
     info_.source = live_ ? name_of(status.state) : "file";
     info_.detail = live_ ? status.detail : "";
@@ -438,7 +440,7 @@ class Run {
     writer_->write(std::move(job));
   }
 
-  // Keeps what was written, whatever else went wrong.
+  // Completes the written data, whatever else failed.
   void finish_quietly() {
     try {
       if (writer_ == nullptr) return;
@@ -454,7 +456,7 @@ class Run {
   Context& context_;
   const RunHooks& hooks_;
   Lines lines_;
-  std::unique_ptr<Batch> batch_;  // null: an ordinary run
+  std::unique_ptr<Batch> batch_;  // null: not a batch
   std::optional<CsvTable> table_;
   std::unique_ptr<FrameSource> source_;
   std::unique_ptr<FrameSink> sink_;
@@ -462,20 +464,20 @@ class Run {
   WindowPointer window_;
   std::optional<ActionReader> actions_;
   bool live_ = false;
-  bool live_video_ = false;  // a live source into a video file
-  double segment_s_ = 0;     // of its files
+  bool live_video_ = false;  // a live source written to a video file
+  double segment_s_ = 0;     // of a video's files
   bool progressing_ = false;
   bool paused_ = false;
   bool finished_ = false;
   bool window_closed_ = false;
-  bool has_next_ = false;  // several stills, which the user goes through
+  bool has_next_ = false;  // the user steps through several stills
   window::FrameInfo info_;
   double fps_ = 25;
   std::int64_t received_ = 0;
   std::int64_t taken_ = 0;
   std::int64_t video_frames_ = 0;
   std::optional<Job> still_;                     // shown in the window, not yet written
-  std::optional<Clock::time_point> paced_from_;  // when the video's time was 0
+  std::optional<Clock::time_point> paced_from_;  // the time at which the video's time was 0
   std::optional<SourceState> last_state_;
 };
 

@@ -8,8 +8,8 @@
 
 namespace tarsier::cli {
 
-// --ca-file and --insecure, of every verb that may read an https or rtsps address. Returns them, to
-// be grouped.
+// Adds --ca-file and --insecure, for verbs that may read an https or rtsps address. Returns them
+// for grouping.
 std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security);
 
 }  // namespace tarsier::cli

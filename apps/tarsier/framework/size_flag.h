@@ -7,8 +7,8 @@
 
 namespace tarsier::cli {
 
-// "1280x720"; throws UsageError, which says what was expected, unless both sides are least..most
-// px.
+// Parses "1280x720". Throws UsageError, which says what was expected, unless both sides are
+// least..most px.
 [[nodiscard]] cv::Size parse_size(const std::string& text, int least, int most);
 
 }  // namespace tarsier::cli

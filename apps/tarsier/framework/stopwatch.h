@@ -10,7 +10,7 @@
 
 namespace tarsier::cli {
 
-// The time since it was made.
+// Measures the time since its construction.
 class Stopwatch {
  public:
   [[nodiscard]] double seconds() const { return seconds_since(start_); }
@@ -20,7 +20,7 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-// The median of `repeats` runs, >= 1, in ms, after one that is not counted: caches and buffers fill.
+// The median of `repeats` runs, >= 1, in ms, after one warm-up run that is not counted.
 template <class Run>
 [[nodiscard]] double median_ms(int repeats, const Run& run) {
   run();

@@ -22,11 +22,11 @@ namespace {
 
 using cartoon::Mode;
 
-constexpr double kOutlineSeconds = 2;      // of frame time that the face outline shows ...
-constexpr double kOutlineFadeAfter = 0.8;  // ... and until it begins to fade
-constexpr double kMessageSeconds = 3;      // of frame time that "saved .." shows
+constexpr double kOutlineSeconds = 2;      // of frame time: how long the face outline shows ...
+constexpr double kOutlineFadeAfter = 0.8;  // ... and when it begins to fade
+constexpr double kMessageSeconds = 3;      // of frame time: how long "saved .." shows
 constexpr double kFpsMemory = 0.1;         // weight of the newest interval
-constexpr int kSketchStep = 5;             // of + and -
+constexpr int kSketchStep = 5;             // per key press of + and -
 constexpr int kEvilStep = 1;
 constexpr const char* kSketchSlider = "sketch-threshold";
 constexpr const char* kEvilSlider = "evil-threshold";
@@ -46,7 +46,7 @@ constexpr ModeAction kModeActions[] = {
     {Mode::kSmooth, "smooth skin", 'm'},
     {Mode::kNone, "the image as it is", 'n'},
 };
-constexpr std::size_t kEvilAction = 3;  // behind it the ink alone
+constexpr std::size_t kEvilAction = 3;  // the next action is the ink alone
 
 bool draws_evil_lines(Mode mode) { return mode == Mode::kEvil || mode == Mode::kEvilSketch; }
 
@@ -104,14 +104,14 @@ void CartoonSession::draw_cartoon() {
     if (!still() && settings_.skin.face == cartoon::FaceMode::kOutline)
       outline_since_ = latest().time;
   }
-  // Their buffer is used again if nobody else holds it. Nothing is shown if this one fails.
+  // The buffer is reused if nobody else holds it. If processing fails nothing is shown.
   drop_drawing();
   result_ = {};
   stages_.begin(debug_);
   DebugSink* sink = debug_ || watched(options_.debug) != nullptr ? &stages_ : nullptr;
   cartoonizer_.set_options(settings_);
-  // The time it takes is only reported, never acted on: what a session shows does not depend on a
-  // clock.
+  // The processing time is only reported and changes nothing: what a session shows does not depend
+  // on a clock.
   result_ = cartoonizer_.process(latest(), state_, sink, options_.timers, options_.stop);
   debug_view_ = debug_ ? stages_.tiled(frame().size()) : cv::Mat();
 }
@@ -189,7 +189,7 @@ nlohmann::json CartoonSession::state() const {
                          {"sketch_threshold", settings_.sketch.threshold},
                          {"evil_threshold", settings_.evil.threshold}};
   json.update(nlohmann::json(cartoon::to_json(result_)));
-  json["mode"] = cartoon::name_of(settings_.mode);  // that the next image is drawn in
+  json["mode"] = cartoon::name_of(settings_.mode);  // mode of the next image
   if (!saved_.empty()) json["saved"] = saved_;
   return json;
 }
@@ -200,7 +200,7 @@ std::vector<Action> CartoonSession::own_actions() const {
   std::vector<Action> result;
   for (const ModeAction& mode : kModeActions)
     result.push_back({std::string(cartoon::name_of(mode.mode)), mode.help, mode.key});
-  // The key of evil, pressed again, means the ink alone.
+  // The key of evil, pressed again, selects the ink alone.
   if (settings_.mode == Mode::kEvil)
     std::swap(result[kEvilAction].key, result[kEvilAction + 1].key);
   result.push_back({"threshold-up", "fewer lines", '+'});
@@ -290,7 +290,7 @@ void CartoonSession::save() {
   try {
     saved_ = save_numbered(options_.save_folder, result_.image);
     say(fmt::format("saved {}", saved_));
-  } catch (const OutputError& error) {  // no reason to end a live image
+  } catch (const OutputError& error) {  // a live session continues
     log_warning("cannot save: {}", error.what());
     say("cannot save: see the log");
   }

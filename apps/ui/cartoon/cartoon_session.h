@@ -14,48 +14,50 @@
 namespace tarsier {
 
 struct CartoonSessionOptions {
-  std::string save_folder = ".";  // where "save" puts tarsier-0001.png, tarsier-0002.png ..
-  bool overlay = true;  // status, banners and help on the shown image; off where nobody looks
-  DebugSink* debug = nullptr;  // also takes each stage (--debug-dir); must outlive the session
-  Timers* timers = nullptr;    // also takes the times; must outlive the session
-  std::stop_token stop;  // ends a frame of Quality::kReference early: on_frame() throws Interrupted
+  std::string save_folder = ".";  // where "save" writes tarsier-0001.png, tarsier-0002.png ..
+  // Draw status, banners and help on the shown image; off if nobody looks.
+  bool overlay = true;
+  DebugSink* debug = nullptr;  // also receives each stage (--debug-dir); must outlive the session
+  Timers* timers = nullptr;    // also receives the times; must outlive the session
+  // Ends a frame of Quality::kReference early: on_frame() then throws Interrupted.
+  std::stop_token stop;
 
   void check() const;  // throws std::invalid_argument
 };
 
-// The cartoonifier as a person drives it.
+// The interactive cartoon program.
 //
 // Actions (key): sketch (s), paint (p), cartoon (c), evil (e; the key again: evil-sketch),
 // evil-sketch, alien (a), smooth (m), none (n), debug (d: all stages side by side), pause (space),
-// save (w), fullscreen (f), steady (t), threshold-up (+), threshold-down (-): of the lines that the
-// mode draws, help (h), quit (Esc, q). Sliders: "sketch-threshold", "evil-threshold", 0..255.
+// save (w), fullscreen (f), steady (t), threshold-up (+) and threshold-down (-) for the lines of
+// the mode, help (h), quit (Esc, q). Sliders: "sketch-threshold", "evil-threshold", 0..255.
 //
-// Switching to alien shows for about two seconds of the frames' time where to put the face (not for
-// stills, not with FaceMode::kAuto).
+// After a switch to alien, an outline shows for about two seconds of frame time where to put the
+// face (not for stills, not with FaceMode::kAuto).
 //
-// View.state: "mode"; "fps" of the frames' times, smoothed; "age_ms" of a live frame when it was
-// shown; "source", see name_of(SourceState); "paused", "debug", "steady", "help": booleans;
-// "faces": [[x,y,w,h]..] px in the frame; "frame": Frame::index, -1 before the first; "ms": what
-// the last image took, without decoding and overlay; "sketch_threshold", "evil_threshold";
-// "saved": the file last saved, if any.
+// View.state: "mode"; "fps" from the frames' times, smoothed; "age_ms", the age of a live frame
+// when it was shown; "source", see name_of(SourceState); "paused", "debug", "steady", "help":
+// booleans; "faces": [[x,y,w,h]..] px in the frame; "frame": Frame::index, -1 before the first;
+// "ms": the processing time of the last image, without decoding and overlay; "sketch_threshold",
+// "evil_threshold"; "saved": the last saved file, if any.
 //
-// View.output is the clean image of each new frame; empty for idle and while paused. For a still
-// image, events that change the image give a new output, too.
+// View.output is the clean image of each new frame; empty when idle or paused. For a still, events
+// that change the image also give a new output.
 class CartoonSession final : public FrameSession {
  public:
-  // The options of `cartoonizer` are those to begin with.
+  // Starts with the options of `cartoonizer`.
   explicit CartoonSession(cartoon::Cartoonizer cartoonizer, CartoonSessionOptions options = {});
 
   [[nodiscard]] std::vector<Slider> sliders() const override;
 
  private:
-  // Keeps the stages of a frame for the debug view, and hands them on.
+  // Keeps the stages of a frame for the debug view and forwards them.
   class Stages final : public DebugSink {
    public:
     explicit Stages(DebugSink* next) : next_(next) {}
     void begin(bool keep);
     void image(std::string_view name, const cv::Mat& image) override;
-    [[nodiscard]] cv::Mat tiled(cv::Size size) const;  // empty where none was kept
+    [[nodiscard]] cv::Mat tiled(cv::Size size) const;  // empty if none was kept
 
    private:
     DebugSink* next_;
@@ -79,9 +81,9 @@ class CartoonSession final : public FrameSession {
   bool act(const std::string& name) override;
   bool slide(const Event& event) override;
 
-  // The latest frame, as the settings are now.
+  // Processes the latest frame with the current settings.
   void draw_cartoon();
-  // A moving image changes with its next frame; one that stands is made again at once.
+  // A setting changed: a still is processed again at once, a video with its next frame.
   bool changed();
   [[nodiscard]] bool has_image() const { return !result_.image.empty(); }
   [[nodiscard]] double fps() const { return interval_s_ > 0 ? 1 / interval_s_ : 0; }
@@ -94,17 +96,17 @@ class CartoonSession final : public FrameSession {
 
   CartoonSessionOptions options_;
   cartoon::Cartoonizer cartoonizer_;
-  cartoon::CartoonOptions settings_;  // as the user changed them
+  cartoon::CartoonOptions settings_;  // with the user's changes
   cartoon::CartoonizerState state_;
   Stages stages_;
-  cartoon::CartoonResult result_;  // of the latest frame; without an image before it
+  cartoon::CartoonResult result_;  // of the latest frame; no image before the first
   cv::Mat debug_view_;
   bool debug_ = false;
   double age_ms_ = 0;
-  std::optional<double> last_time_;      // of the frame before
+  std::optional<double> last_time_;      // of the previous frame
   double interval_s_ = 0;                // smoothed time between frames
   std::optional<double> outline_since_;  // frame time
-  bool outline_wanted_ = false;          // from the next frame on
+  bool outline_wanted_ = false;          // from the next frame
   std::string message_;
   double message_since_ = 0;
   std::string saved_;

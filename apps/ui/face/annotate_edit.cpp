@@ -85,7 +85,7 @@ void AnnotateSession::load() {
   open(current_);
 }
 
-// False: the edit could not be kept, and did not happen.
+// Returns false if the edit could not be stored and was not made.
 bool AnnotateSession::journal(const AnnotateState& before, const std::string& why) {
   try {
     journal_.append(state_.difference(before, why));
@@ -114,7 +114,7 @@ bool AnnotateSession::edit(const std::string& why, Change change, bool undoable)
   if (unsaved_ >= options_.save_every) {
     try {
       save();
-    } catch (const OutputError& error) {  // the journal has it all
+    } catch (const OutputError& error) {  // the journal has all edits
       message_ = fmt::format("Cannot write the set: {}", error.what());
     }
   }
@@ -130,14 +130,14 @@ void AnnotateSession::undo(std::vector<AnnotateState>& from, std::vector<Annotat
   }
   AnnotateState before = state_;
   AnnotateState after = from.back();
-  // Images that came since then stay: their files are there.
+  // Images added later stay, because their files exist.
   for (int k = after.images(); k < before.images(); ++k) after.add_image(before.image(k).path);
   int changed = -1;
   for (int k = 0; k < before.images(); ++k) {
     const AnnotatedImage& a = before.image(k);
     const AnnotatedImage& b = after.image(k);
     if (&a == &b) continue;
-    // A proposal is no edit: it stays where the edit was elsewhere.
+    // A proposal is not an edit: it stays if the edit was in another image.
     if (!a.done && !b.has_points() && a.points.cols() == after.points() && a.points.cols() > 0 &&
         !a.points.hasNaN()) {
       after.set_points(k, a.points);
@@ -207,7 +207,7 @@ void AnnotateSession::open(int image) {
     unreadable_ = error.what();
   }
   find_places();
-  // A proposal that nobody touched gives way to a better one.
+  // A proposal that nobody changed is replaced by a better one.
   const auto learned = learned_from_.find(here.path);
   const bool is_stale =
       !here.done && !here.touched &&
@@ -249,7 +249,7 @@ void AnnotateSession::propose_now() {
   }
   const bool is_guess = points.has_value();
   if (!points) {
-    // Something to drag: where they were in the nearest image, within this one.
+    // A start for dragging: the positions in the nearest finished image, clamped to this one.
     points = state_.image(near).points;
     for (Eigen::Index i = 0; i < points->cols(); ++i) {
       if (points->col(i).hasNaN()) points->col(i) << 0.5 * image_.cols, 0.5 * image_.rows;
@@ -261,7 +261,7 @@ void AnnotateSession::propose_now() {
     if (message_.empty())
       message_ = "Drag the points to their places (shift: all; [ ] < > size and turn)";
   }
-  // What is found outside would be out of reach.
+  // Points outside the image could not be reached.
   points->row(0) = points->row(0).cwiseMax(0).cwiseMin(image_.cols - 1);
   points->row(1) = points->row(1).cwiseMax(0).cwiseMin(image_.rows - 1);
   (void)edit(
@@ -288,7 +288,7 @@ void AnnotateSession::find_places() {
     const Matrix2Xd guess = face::shape::fit_similarity(other, places_)(other);
     for (Eigen::Index i = 0; i < places_.cols(); ++i)
       if (places_.col(i).hasNaN()) places_.col(i) = guess.col(i);
-  } catch (const std::invalid_argument&) {  // too few in common
+  } catch (const std::invalid_argument&) {  // too few points in common
   }
 }
 
@@ -339,7 +339,7 @@ void AnnotateSession::turn_page(int direction) {
   if (state_.images() == 0 || state_.stage() == AnnotateStage::kPick) return;
   const AnnotatedImage& here = state_.image(current_);
   if (state_.stage() == AnnotateStage::kImages && !here.done && here.touched) {
-    // Who has put points right has looked at them.
+    // A person who corrected points has checked them.
     if (!edit("agree", [&](AnnotateState& state) { state.set_done(current_, true); })) return;
   }
   if (state_.stage() != AnnotateStage::kImages) {

@@ -58,12 +58,12 @@ std::vector<json> AnnotateJournal::open() {
   std::size_t good = 0;
   for (std::size_t begin = 0; begin < text.size();) {
     const std::size_t end = text.find('\n', begin);
-    if (end == std::string::npos) break;  // torn: the program was killed within it
+    if (end == std::string::npos) break;  // incomplete: the program was killed while writing it
     const std::string name = fmt::format("{}: line {}", path_, records.size() + 1);
     try {
       records.push_back(parse_json(std::string_view(text).substr(begin, end - begin), name));
     } catch (const Error& error) {
-      // The machine went down within the last line.
+      // The machine went down while writing the last line.
       if (text.find('\n', end + 1) != std::string::npos || end + 1 < text.size())
         throw InputError(path_, fmt::format("line {} is broken; mend it or move the file away",
                                             records.size() + 1));
@@ -96,7 +96,7 @@ void AnnotateJournal::restart(const std::optional<json>& record) {
     lines_ = 0;
     return;
   }
-  // A new file that is locked before it has the name.
+  // A new file, locked before it gets its final name.
   const std::string next = path_ + ".new";
   const int fd =
       ::open(next.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC | O_NOFOLLOW, kMode);

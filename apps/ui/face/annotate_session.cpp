@@ -11,9 +11,9 @@
 namespace tarsier {
 namespace {
 
-constexpr double kZoom = 1.25;                     // of a key or a notch
-constexpr std::size_t kRecentBytes = 150'000'000;  // frames kept for stepping back
-constexpr double kSkip = 1.0;                      // s, of the up arrow
+constexpr double kZoom = 1.25;                     // per key press or notch
+constexpr std::size_t kRecentBytes = 150'000'000;  // bytes of frames kept for stepping back
+constexpr double kSkip = 1.0;                      // s, for the up arrow
 constexpr double kMinNudge = 0.25;                 // px of the image
 
 }  // namespace
@@ -41,7 +41,7 @@ bool AnnotateSession::wants_frame() const {
 View AnnotateSession::on_frame(const Frame& frame, const SourceStatus&) {
   if (state_.stage() != AnnotateStage::kPick) return view();
   if (paused_ && steps_ == 0 && skip_to_ < 0 && !frame_.image.empty())
-    return view();  // the host goes on without being asked
+    return view();  // the host continues by itself
   frame_ = frame;
   frame_.image = frame.image.clone();
   recent_.push_back(frame_);
@@ -98,7 +98,7 @@ View AnnotateSession::on_event(const Event& event) {
     } else if (pressed == '=') {
       name = "nearer";
     } else if (pressed == key::kTab) {
-      // The next point, so that hands may stay on the keys.
+      // Select the next point, so that the hands can stay on the keyboard.
       if (state_.points() > 0) selected_ = (selected_ + 1) % state_.points();
     } else if (is_chosen && (pressed == key::kLeft || pressed == key::kRight)) {
       nudge(pressed == key::kLeft ? -step : step, 0);
@@ -131,7 +131,7 @@ View AnnotateSession::on_event(const Event& event) {
 
 void AnnotateSession::act_on_view(const std::string& name) {
   const cv::Point2d middle(0.5 * options_.canvas.width, 0.5 * options_.canvas.height);
-  // Nearer to what is being worked on.
+  // Zoom towards the point that is being edited.
   cv::Point2d around = mouse_.x >= 0 ? mouse_ : middle;
   if (selected_ >= 0 && selected_ < places_.cols() && !places_.col(selected_).hasNaN())
     around = to_view({places_(0, selected_), places_(1, selected_)});
@@ -187,7 +187,7 @@ void AnnotateSession::on_mouse(const Event& event) {
       on_move(place);
       break;
     case Event::Mouse::kLeftDown:
-    case Event::Mouse::kDouble:  // some toolkits tell the second click of two only so
+    case Event::Mouse::kDouble:  // some toolkits report the second click only like this
       on_left_down(place, event.shift);
       break;
     case Event::Mouse::kLeftUp:
@@ -229,7 +229,7 @@ void AnnotateSession::on_move(cv::Point2d in_view) {
     return;
   }
   if (selected_ < 0) return;
-  // A click that shakes is no drag.
+  // A click with a small movement is not a drag.
   if (cv::norm(by) * scale() < 1.5 && places_.col(selected_) == drag_start_.col(selected_)) return;
   Eigen::Vector2d place = drag_start_.col(selected_) + step;
   place.x() = std::clamp(place.x(), 0.0, std::max(0.0, image_.cols - 1.0));

@@ -21,11 +21,12 @@ namespace tarsier {
 
 struct AnnotateOptions {
   std::string set_path;             // file of type landmark-set; may exist
-  std::vector<std::string> images;  // to annotate, in this order, besides those of the set
-  bool video = false;               // frames come through on_frame; the ones picked become images:
-                                    // PNG files in <set's name without ending>-frames
-  cv::Size canvas{1024, 700};       // px, of the view
-  int save_every = 50;              // edits from one writing of the set to the next
+  std::vector<std::string> images;  // to annotate, in this order, in addition to those of the set
+  // Frames come through on_frame(). Picked frames become images: PNG files in the folder <set's
+  // name without ending>-frames.
+  bool video = false;
+  cv::Size canvas{1024, 700};  // px, of the view
+  int save_every = 50;         // edits between two writes of the set
 
   [[nodiscard]] OptionFields fields() {
     return {{"canvas.width", canvas.width, range(320, 4096)},
@@ -35,23 +36,24 @@ struct AnnotateOptions {
   void check() const;
 };
 
-// Where the points of an image may be (2 x n, px, all finite), or nothing: face::Annotator's.
+// Proposes the points of an image (2 x n, px, all finite), or nullopt; see face::Annotator.
 using Propose =
     std::function<std::optional<Eigen::Matrix2Xd>(const face::ProposalRequest& request)>;
 
-// Marks points on images: pick frames (video), click the points on the first image, lines
-// between them, which are mirror images of each other, then put them on all other images, where
-// they are proposed by what was learned so far.
+// Annotates points on images. The steps: pick frames (video); click the points on the first image;
+// lines between points; pairs of mirrored points; then place the points on all other images, where
+// the model trained on the finished images proposes them.
 //
-// Each edit is on the disk (the journal, <set>.journal) before it is seen; a new session goes on
-// where one that was killed stopped. The set itself is written every few edits and by finish().
-// State: {"stage", "image", "images", "done", "points", "shown", "places": [[x, y] px of the
-// image, or null where a point is hidden or not placed], "selected", "agreed", "learning", "path", "zoom", "view": [x, y of the image's first pixel, view pixels to one of
-// its], "frame", "paused", "help", "message"}.
+// Each edit is on the disk (the journal, <set>.journal) before it is shown; a new session continues
+// where a killed one stopped. The set itself is written every few edits and by finish(). State:
+// {"stage", "image", "images", "done", "points", "shown", "places": [[x, y] px of the image, or
+// null if a point is hidden or not placed], "selected", "agreed", "learning", "path", "zoom",
+// "view": [x, y of the first visible pixel of the image, view pixels per image pixel], "frame",
+// "paused", "help", "message"}.
 class AnnotateSession final : public Session {
  public:
-  // `propose` may be empty. Throws InputError where set or journal are broken or another program
-  // has the set, OutputError where nothing can be written beside it.
+  // `propose` may be empty. Throws InputError if the set or the journal is corrupt or another
+  // program has the set open, OutputError if the set's folder is not writable.
   AnnotateSession(const AnnotateOptions& options, Propose propose);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
@@ -60,23 +62,23 @@ class AnnotateSession final : public Session {
   [[nodiscard]] std::vector<Action> actions() const override;
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
-  // What there is to see now, without anything done.
+  // The current view.
   View look() { return view(); }
 
-  // The host is asked for the video's next frame; `at_once`: without keeping to its speed.
+  // Whether the host should pass the video's next frame; `at_once`: ignoring the video's speed.
   [[nodiscard]] bool wants_frame() const;
   [[nodiscard]] bool at_once() const { return steps_ > 0 || skip_to_ >= 0; }
-  // No more frames.
+  // Tells the session that there are no more frames.
   void video_ended();
-  // A proposal is about to be made, which may take seconds: by the next on_idle or on_event.
+  // The next on_idle() or on_event() will compute a proposal, which may take seconds.
   [[nodiscard]] bool is_learning() const { return is_learning_; }
 
-  // Writes the set; what it cannot hold stays in the journal. Throws OutputError.
+  // Writes the set; data that it cannot hold stays in the journal. Throws OutputError.
   void finish();
 
   [[nodiscard]] const AnnotateState& state() const { return state_; }
   [[nodiscard]] int current() const { return current_; }
-  // From an image's pixel to the view's.
+  // Converts a pixel of the image to a pixel of the view.
   [[nodiscard]] cv::Point2d to_view(cv::Point2d in_image) const;
 
  private:
@@ -110,12 +112,12 @@ class AnnotateSession final : public Session {
   void propose_now();
   [[nodiscard]] std::optional<Eigen::Matrix2Xd> proposal();
   [[nodiscard]] int nearest_done(int image) const;  // -1: none
-  [[nodiscard]] int reference() const;              // where points are defined; -1: none
-  void find_places();                               // of points without one, in the current image
+  [[nodiscard]] int reference() const;              // image in which points are defined; -1: none
+  void find_places();                               // for points without one, in the current image
   [[nodiscard]] std::string frames_folder() const;
   // annotate_view.cpp
   [[nodiscard]] const cv::Mat& shown_image() const;
-  [[nodiscard]] double scale() const;  // view pixels to a pixel of the image
+  [[nodiscard]] double scale() const;  // view pixels per image pixel
   [[nodiscard]] cv::Point2d to_image(cv::Point2d in_view) const;
   [[nodiscard]] int point_near(cv::Point2d in_view) const;  // -1: none
   void zoom(double factor, cv::Point2d around);
@@ -136,10 +138,11 @@ class AnnotateSession final : public Session {
   int unsaved_ = 0;
 
   int current_ = 0;
-  cv::Mat image_;                            // current, BGR; empty: cannot be read
-  std::string unreadable_;                   // why
-  Eigen::Matrix2Xd places_;                  // of the current image, with guesses for hidden points
-  std::map<std::string, int> learned_from_;  // by path: images done when it was proposed
+  cv::Mat image_;            // current, BGR; empty: cannot be read
+  std::string unreadable_;   // the reason
+  Eigen::Matrix2Xd places_;  // of the current image, with guesses for hidden points
+  // by path: number of images done at the time of the proposal
+  std::map<std::string, int> learned_from_;
   bool is_learning_ = false;
   bool is_proposing_ = true;
   int selected_ = -1;
@@ -159,9 +162,9 @@ class AnnotateSession final : public Session {
   cv::Point2d center_from_;
   cv::Point2d mouse_{-1, -1};  // view px
 
-  double zoom_ = 1;     // 1: all of the image
-  cv::Point2d center_;  // image px in the middle of the view
-  cv::Size fitted_;     // image that center_ was made for
+  double zoom_ = 1;     // 1: the whole image is visible
+  cv::Point2d center_;  // image px at the centre of the view
+  cv::Size fitted_;     // image for which center_ was computed
   bool numbers_ = true;
   bool lines_ = true;
   bool mirrored_ = false;
@@ -170,7 +173,7 @@ class AnnotateSession final : public Session {
   std::string message_;  // shown until the next event
   int bar_ = 0;          // px, height of the bar with the status
   cv::Mat reduced_from_;
-  cv::Mat reduced_;  // what is drawn where the view is smaller than the image
+  cv::Mat reduced_;  // the reduced image, if the view is smaller than the image
   int reduced_by_ = 0;
   cv::Mat shown_;
 };

@@ -62,7 +62,7 @@ json json_of(const AnnotatedImage& image) {
   return value;
 }
 
-// Parts of a record. They throw InputError(path).
+// Typed access to parts of a record. They throw InputError(path).
 const json& part(const json& object, const char* name, json::value_t type,
                  const std::string& path) {
   const auto found = object.find(name);
@@ -318,7 +318,7 @@ json AnnotateState::difference(const AnnotateState& before, const std::string& w
   for (int k = 0; k < images(); ++k) {
     const bool is_new = k >= before.images();
     if (!is_new && before.images_[at(k)] == images_[at(k)]) continue;
-    // An image that only got longer needs no words: "points" says it.
+    // An image that only got more points needs no entry: "points" is enough.
     if (!images_[at(k)]->has_points() && !is_new && !before.images_[at(k)]->has_points()) continue;
     changed.push_back(json_of(*images_[at(k)]));
   }
@@ -335,7 +335,7 @@ json AnnotateState::unfinished() const {
   if (is_half) record["mirror"] = mirror_;
   json& rest = record["images"] = json::array();
   for (const auto& image : images_) {
-    bool has_places = false;  // of hidden points
+    bool has_places = false;  // for hidden points
     for (int i = 0; i < points_; ++i)
       has_places = has_places || (image->is_hidden[at(i)] != 0 && !image->points.col(i).hasNaN());
     if (image->done ? has_places : image->touched) rest.push_back(json_of(*image));
@@ -387,8 +387,8 @@ void AnnotateState::apply(const json& record, const std::string& path, std::set<
   }
   for (int k = 0; k < next.images(); ++k) {
     if (next.image(k).points.cols() == count) continue;
-    // When a point comes or goes, each image that has points is in the record, or only got
-    // longer.
+    // If the number of points changes, each image with points is in the record, or only got more
+    // points.
     const bool is_longer = next.image(k).has_points() && next.image(k).points.cols() > count;
     if (is_longer && cut != nullptr) {
       cut->insert(k);
@@ -412,7 +412,7 @@ void AnnotateState::apply(const json& record, const std::string& path, std::set<
         mirror.push_back(index_of(value, -1, count, path));
       next.set_mirror(std::move(mirror));
     } else if (is_other_count) {
-      next.set_mirror(next.mirror_);  // throws where it points behind the end
+      next.set_mirror(next.mirror_);  // throws for an index out of range
     }
     if (record.contains("connections")) {
       std::vector<std::array<int, 2>> connections;

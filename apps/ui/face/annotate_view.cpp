@@ -24,12 +24,12 @@ const cv::Scalar kLeft{60, 140, 255};
 const cv::Scalar kRight{255, 190, 60};
 const cv::Scalar kAxis{240, 240, 240};
 const cv::Scalar kUnsaid{200, 60, 220};
-constexpr double kNearPx = 14;         // of the view: a click so near to a point means it
-constexpr double kRoomForNumber = 15;  // px, to the next point
-constexpr double kMargin = 6;          // px around an image that is seen whole
+constexpr double kNearPx = 14;         // of the view: maximum distance of a click from its point
+constexpr double kRoomForNumber = 15;  // px, minimum distance to the next point
+constexpr double kMargin = 6;          // px around a fully visible image
 constexpr double kMaxZoom = 64;
 constexpr int kMagnified = 176;       // px, side of the magnifier
-constexpr double kMagnification = 3;  // times the view's scale, at least 6 px to a pixel
+constexpr double kMagnification = 3;  // times the view's scale, at least 6 px per image pixel
 
 cv::Point fixed(cv::Point2d p) {
   constexpr double kFar = 1e5;
@@ -94,7 +94,7 @@ std::string AnnotateSession::where() const {
   return fmt::format("image {}/{}, {} done  ?: help", current_ + 1, state_.images(), state_.done());
 }
 
-// All points, with some room around.
+// Zooms to all points, with some margin.
 void AnnotateSession::zoom_to_points() {
   cv::Point2d least(1e9, 1e9);
   cv::Point2d most(-1e9, -1e9);
@@ -111,7 +111,7 @@ void AnnotateSession::zoom_to_points() {
   center_ = 0.5 * (least + most);
 }
 
-// One line, in plain words.
+// The instruction, in one line.
 std::string AnnotateSession::what_to_do() const {
   if (!message_.empty()) return message_;
   if (is_learning_)
@@ -167,7 +167,7 @@ void AnnotateSession::draw_points() {
   const auto is_seen = [&](int i) {
     return i < count && here.is_shown(i) && !places_.col(i).hasNaN();
   };
-  // How near the next point is: dots and numbers must leave each other room.
+  // Distance to the nearest point: dots and numbers need space.
   std::vector<double> room(static_cast<std::size_t>(count), 1e9);
   for (int i = 0; i < count && count <= 500; ++i) {
     for (int k = 0; k < i; ++k) {
@@ -223,7 +223,7 @@ void AnnotateSession::draw_points() {
   }
 }
 
-// What is under the pointer (or the chosen point while arrows move it), larger.
+// Enlarges the area below the pointer (or around the selected point while arrows move it).
 void AnnotateSession::draw_magnifier() {
   const cv::Mat& image = shown_image();
   cv::Point2d middle = to_image(mouse_);
@@ -250,7 +250,7 @@ void AnnotateSession::draw_magnifier() {
     if (at.x < 0 || at.y < 0 || at.x >= kMagnified || at.y >= kMagnified) continue;
     cv::circle(large, fixed(at), 3 * 16, i == selected_ ? kChosen : kProposed, 1, cv::LINE_AA, 4);
   }
-  // A cross that leaves its middle free.
+  // A cross with a free centre.
   for (const double side : {-1.0, 1.0}) {
     for (const bool upright : {false, true}) {
       const cv::Point2d from(half + (upright ? 0 : side * 5), half + (upright ? side * 5 : 0));
@@ -278,7 +278,7 @@ void AnnotateSession::draw() {
       center_ = {0.5 * (image.cols - 1), 0.5 * (image.rows - 1)};
     }
     const double s = scale();
-    // Where pixels become fewer they are averaged first, k x k at a time.
+    // If the view is smaller, k x k pixels are averaged first.
     const int k = std::clamp(static_cast<int>(1 / s), 1, std::min(image.cols, image.rows));
     if (k != reduced_by_ || image.data != reduced_from_.data) {
       reduced_from_ = image;
@@ -307,7 +307,7 @@ void AnnotateSession::draw() {
                          : std::string();
   if (mirrored_) name += " (mirrored)";
   if (!name.empty()) image::draw::put_text(shown_, name, {8, 8}, title);
-  // The bar stands on its own ground: nothing of the image is behind it.
+  // The bar has its own background, without image content behind it.
   shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kGround);
   image::draw::status_bar(shown_, what_to_do(), where());
   if (!controls_.help() || !draws_status()) return;

@@ -22,7 +22,7 @@ constexpr NameTable<AppearanceSession::Drawn, 4> kDrawn{
       {AppearanceSession::Drawn::kPoints, "points"},
       {AppearanceSession::Drawn::kNothing, "nothing"}}}};
 
-constexpr double kErrorShare = 0.5;  // of the image's width that the error image may take
+constexpr double kErrorShare = 0.5;  // maximum share of the image's width for the error image
 
 double width_of(const Eigen::Matrix2Xd& points) {
   return points.row(0).maxCoeff() - points.row(0).minCoeff();

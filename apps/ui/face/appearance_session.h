@@ -12,21 +12,21 @@
 
 namespace tarsier {
 
-// Shows what a face::AppearanceTracker fits: objects of a still are found again; those of a video
-// or camera are followed. Keys: v what is drawn (mesh, the model's face over the image,
-// points, nothing), e the error image, d looks for objects again, space pauses, h help, q or Esc
-// ends. State: {"faces": number, "ids": [..], "error", "drawn", "paused"}.
+// Shows the fits of a face::AppearanceTracker. Objects of a still are detected again; those of a
+// video or camera are tracked. Keys: v what is drawn (mesh, the model's face over the image,
+// points, nothing), e the error image, d re-detects, space pauses, h help, q or Esc quits. State:
+// {"faces": number, "ids": [..], "error", "drawn", "paused"}.
 class AppearanceSession final : public FrameSession {
  public:
   enum class Drawn { kMesh, kFace, kPoints, kNothing };
 
-  // `debug`, which may be null and must outlive the session, takes the meshes, the model's faces over
-  // the image, and of each object its texture, the model's and the difference.
-  // `state` may know other starts than the tracker's.
+  // `debug` may be null and must outlive the session. It receives the meshes, the model's faces
+  // over the image, and for each object its texture, the model's texture and their difference.
+  // `state` may have other start methods than the tracker's.
   AppearanceSession(face::AppearanceTracker tracker, Drawn drawn, DebugSink* debug = nullptr,
                     face::AppearanceState state = {});
 
-  // Of the latest frame.
+  // The objects of the latest frame.
   [[nodiscard]] const std::vector<face::appearance::TrackedObject>& objects() const {
     return objects_;
   }
@@ -44,7 +44,7 @@ class AppearanceSession final : public FrameSession {
 
   face::AppearanceTracker tracker_;
   DebugSink* debug_;
-  std::optional<face::appearance::Synthesis> synthesis_;  // where the model can be drawn
+  std::optional<face::appearance::Synthesis> synthesis_;  // if the model can be drawn
   face::AppearanceState state_;
   std::vector<face::appearance::TrackedObject> objects_;
   Drawn drawn_ = Drawn::kMesh;

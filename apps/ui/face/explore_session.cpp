@@ -19,15 +19,15 @@ namespace {
 
 constexpr double kMaxSigmas = 3;
 constexpr double kStep = 0.1;      // of a slider
-constexpr double kKeyStep = 0.25;  // of a key
-constexpr int kSliders = 4;        // of the shape, and of the look, where they lie below the image
+constexpr double kKeyStep = 0.25;  // per key press
+constexpr int kSliders = 4;        // for shape and for look, if the sliders are below the image
 constexpr double kRandomSpread = 0.7;
 const cv::Size kPortrait(560, 560);
-constexpr int kLongest = 900;  // px, larger images are shown reduced
+constexpr int kLongest = 900;  // px, larger images are reduced
 constexpr int kBarRoom = 40;   // px, for the status
 const cv::Scalar kGround(38, 34, 30);
 
-// With room below for the status.
+// Adds space for the status below.
 cv::Mat framed(const cv::Mat& image) {
   cv::Mat whole(image.rows + kBarRoom, image.cols, CV_8UC3, kGround);
   image.copyTo(whole(cv::Rect(0, 0, image.cols, image.rows)));
@@ -222,7 +222,7 @@ std::vector<Slider> ShapePlayground::sliders() const {
 cv::Mat ShapePlayground::image() const {
   const cv::Size size(760, 560);
   cv::Mat image(size, CV_8UC3, kGround);
-  // The shapes to the left, their places in the plane of the two modes to the right.
+  // The shapes at the left, their coordinates in the plane of the two modes at the right.
   const double left = 540;
   Eigen::Array2d low = model_.mean.rowwise().minCoeff().array();
   Eigen::Array2d high = model_.mean.rowwise().maxCoeff().array();

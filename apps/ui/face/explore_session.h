@@ -16,22 +16,22 @@
 
 namespace tarsier {
 
-// An image that a face is drawn over: its points and what the model makes of them.
+// An image over which a face is drawn: its points, to which the model is fitted.
 struct ExploredImage {
   cv::Mat image;            // CV_8UC3
   Eigen::Matrix2Xd points;  // 2 x n, px
 };
 
-// Plays with an appearance model: a slider for each of the first modes of its shape and of its
-// look, in standard deviations; the face that they make, by itself or over an image.
-// Sliders "shape 1" .., "look 1" ..: the first four of each in a window, all of them where the host has room for them
-// (draw_status(false)); keys: 0 the mean, r a random face, f the face of the image,
-// o over the image or by itself, m mesh; n and p choose a mode, + and - move it, also those
-// without a slider; h help, q or Esc ends.
-// State: {"shape": [..], "look": [..] (deviations), "mode", "over", "mesh"}.
+// Explores an appearance model with sliders for the first modes of shape and of appearance
+// ("look"), in standard deviations. Shows the resulting face, alone or over an image. Sliders:
+// "shape 1" .., "look 1" ..: the first four of each in a window, all of them if the host has room
+// for them (draw_status(false)). Keys: 0 the mean, r a random face, f the face of the image, o over
+// the image or alone, m mesh; n and p choose a mode, + and - move it, also modes without a slider;
+// h help, q or Esc quits. State: {"shape": [..], "look": [..] (deviations), "mode", "over",
+// "mesh"}.
 class ExploreSession final : public Session {
  public:
-  // The model must outlive the session; it must be one that can be drawn (see Synthesis).
+  // The model must outlive the session and must be drawable (see Synthesis).
   ExploreSession(const face::appearance::AppearanceModel& model, std::optional<ExploredImage> image,
                  std::uint64_t seed);
 
@@ -41,7 +41,7 @@ class ExploreSession final : public Session {
   [[nodiscard]] std::vector<Action> actions() const override;
   [[nodiscard]] std::vector<Slider> sliders() const override;
 
-  // The face as it is, without bars and help: what `-o` writes.
+  // The face without bars and help, as written by `-o`.
   [[nodiscard]] cv::Mat image() const;
 
  private:
@@ -53,23 +53,23 @@ class ExploreSession final : public Session {
   const face::appearance::AppearanceModel& model_;
   face::appearance::Synthesis synthesis_;
   std::optional<ExploredImage> base_;
-  face::shape::ShapeFit placed_;      // of the image's points
+  face::shape::ShapeFit placed_;      // the fit to the image's points
   face::appearance::Explained seen_;  // of the image
   Eigen::VectorXd shape_;             // b / deviation
   Eigen::VectorXd look_;              // c / deviation
   std::uint64_t seed_;
-  int mode_ = 0;  // that + and - move: those of the shape, then those of the look
+  int mode_ = 0;  // moved by + and -: modes of the shape, then modes of the look
   bool over_ = false;
   bool mesh_ = false;
   SessionControls controls_;
   cv::Mat shown_;
 };
 
-// The two first modes of a shape model and two sliders: the shape they make among the shapes that
-// were learnt from. State: {"values": [a, b], "training"}.
+// Two sliders for the first two modes of a shape model. Shows the resulting shape among the
+// training shapes. State: {"values": [a, b], "training"}.
 class ShapePlayground final : public Session {
  public:
-  // `shapes`: what the model was learnt from.
+  // `shapes` are the training shapes of the model.
   ShapePlayground(face::shape::ShapeModel model, const std::vector<Eigen::Matrix2Xd>& shapes);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }

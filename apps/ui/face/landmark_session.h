@@ -9,15 +9,15 @@
 
 namespace tarsier {
 
-// Shows what a face::LandmarkTracker finds.
-// Keys: d looks for faces again, n numbers, s smoothing, space pauses, h help, q or Esc ends.
+// Shows the landmarks that a face::LandmarkTracker finds.
+// Keys: d re-detects faces, n numbers, s smoothing, space pauses, h help, q or Esc quits.
 // State: {"faces": number, "ids": [..], "smoothing", "paused"}.
 class LandmarkSession final : public FrameSession {
  public:
-  // `debug`, which may be null and must outlive the session, takes each stage.
+  // `debug` may be null and must outlive the session. It receives each stage.
   explicit LandmarkSession(face::LandmarkTracker tracker, DebugSink* debug = nullptr);
 
-  // Of the latest frame.
+  // The result of the latest frame.
   [[nodiscard]] const face::LandmarkResult& result() const { return result_; }
 
  private:

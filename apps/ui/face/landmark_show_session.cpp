@@ -18,8 +18,8 @@
 namespace tarsier {
 namespace {
 
-constexpr int kLongest = 1000;  // px, larger images are shown reduced
-constexpr int kSmallest = 600;  // px, smaller ones enlarged
+constexpr int kLongest = 1000;  // px, larger images are reduced
+constexpr int kSmallest = 600;  // px, smaller images are enlarged
 constexpr int kPhases = 60;     // steps of a mode's animation
 constexpr int kMaxSliders = 6;
 constexpr double kMaxSigmas = 3;
@@ -75,11 +75,11 @@ View SetSession::view() {
   face::shape::LandmarkSample sample = set_.samples[static_cast<std::size_t>(current_)];
   cv::Mat source = image_;
   if (mirrored_) {
-    // Without a symmetry the points keep their numbers.
+    // Without a symmetry the points keep their indices.
     std::vector<int> same(static_cast<std::size_t>(sample.points.cols()));
     for (std::size_t i = 0; i < same.size(); ++i) same[i] = static_cast<int>(i);
     sample = face::shape::mirrored(sample, set_.mirror.empty() ? same : set_.mirror, image_.cols);
-    cv::Mat turned;  // never into image_
+    cv::Mat turned;  // does not change image_
     cv::flip(image_, turned, 1);
     source = turned;
   }
@@ -187,7 +187,7 @@ View ShapeModelSession::view() {
                                 ? std::string("no modes")
                                 : fmt::format("mode {} of {}: {:+.2f} deviations", mode_ + 1,
                                               model_.mode_count(), sigmas_[mode_]);
-  // The drawing has a bar of its own below: the status goes under it.
+  // The drawing has a bar at its bottom; the status is drawn below it.
   const cv::Mat drawing = face::shape::draw_shape(model_, b, kModelView, title);
   const int room = draws_status() ? kStatusRoom : 0;
   shown_.create(kModelView.height + room, kModelView.width, CV_8UC3);

@@ -15,7 +15,7 @@
 
 namespace tarsier {
 
-// Looks through a set, image by image.
+// Shows the images of a set one by one.
 // State: {"image", "images", "path", "missing", "mirrored", "numbers", "symmetry", "lines",
 // "help"}.
 class SetSession final : public Session {
@@ -45,9 +45,9 @@ class SetSession final : public Session {
   cv::Mat shown_;
 };
 
-// A shape model: one slider for each of its first modes, in standard deviations, and an animation
-// of one mode after the other (each on_idle is a step of it). State: {"mode", "modes", "values",
-// "animated", "help"}.
+// Shows a shape model with one slider for each of its first modes, in standard deviations, and an
+// animation of one mode after the other (each on_idle is one step). State: {"mode", "modes",
+// "values", "animated", "help"}.
 class ShapeModelSession final : public Session {
  public:
   explicit ShapeModelSession(face::shape::ShapeModel model);

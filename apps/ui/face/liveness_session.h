@@ -10,13 +10,13 @@
 
 namespace tarsier {
 
-// Asks the largest face of a video to blink and to turn (face/head/liveness.h), and says whether it
-// did. Once a face is asked, it alone is looked at.
-// Keys: n begins again with another order, space pauses, h help, q or Esc ends.
+// Asks the largest face of a video to blink and to turn (face/head/liveness.h), and reports whether
+// it did. After the first request it watches only that face.
+// Keys: n restarts with another order, space pauses, h help, q or Esc quits.
 // State: {"state", "task" (or null), "done", "tasks", "reason" (or null), "paused"}.
 class LivenessSession final : public FrameSession {
  public:
-  // A tracker of 68 points. Throws std::invalid_argument for bad options and other points.
+  // `tracker` has 68 points. Throws std::invalid_argument for invalid options or other points.
   LivenessSession(face::PoseTracker tracker, std::uint64_t seed,
                   const face::head::LivenessOptions& options);
 
@@ -39,7 +39,7 @@ class LivenessSession final : public FrameSession {
   std::uint64_t seed_;
   face::head::LivenessOptions options_;
   face::head::Liveness liveness_;
-  int asked_ = 0;  // id of the face; 0: none yet
+  int asked_ = 0;  // id of the face that was asked; 0: none yet
 };
 
 }  // namespace tarsier

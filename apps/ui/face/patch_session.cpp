@@ -43,7 +43,7 @@ PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::Shap
   TARSIER_REQUIRE(shape_.points() == model_.points(), "{} patches, a shape of {} points",
                   model_.points(), shape_.points());
   respond();
-  (void)view();  // clicks are read by what was drawn
+  (void)view();  // clicks refer to the last drawn view
 }
 
 void PatchSession::respond() {

@@ -15,20 +15,20 @@
 
 namespace tarsier {
 
-// An image on which patches are tried.
+// An image on which patches are tested.
 struct PatchImage {
   std::string name;
   cv::Mat gray;             // CV_8UC1
-  Eigen::Matrix2Xd points;  // px, where the patches are tried
+  Eigen::Matrix2Xd points;  // px, where the patches are tested
 };
 
-// Looks through the patches of a model, one after the other: where it lies on the mean face, its
-// weights and their gradient and, given an image, what it sees there and how it responds. A click
-// on the mean face takes the patch that is nearest. State: {"patch", "patches", "image",
-// "search", "response", "peak": [dx, dy] of the patches' px from the point, or null, "help"}.
+// Shows the patches of a model one by one: the position on the mean face, the weights and their
+// gradient and, if there is an image, the search window and the response there. A click on the mean
+// face selects the nearest patch. State: {"patch", "patches", "image", "search", "response",
+// "peak": [dx, dy] from the point in px of the patches, or null, "help"}.
 class PatchSession final : public Session {
  public:
-  // Throws std::invalid_argument where patches, shape and points disagree.
+  // Throws std::invalid_argument if patches, shape and points do not fit together.
   PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
                std::optional<PatchImage> image);
 
@@ -54,8 +54,8 @@ class PatchSession final : public Session {
   int current_ = 0;
   int search_ = 21;
   SessionControls controls_;
-  cv::Rect face_;          // of the view, the mean face
-  double face_scale_ = 1;  // px of the view to a px of the patches' frame
+  cv::Rect face_;          // the mean face in the view
+  double face_scale_ = 1;  // px of the view per px of the patches' frame
   cv::Mat shown_;
 };
 

@@ -23,7 +23,7 @@ const cv::Scalar kRed{60, 60, 235};
 const cv::Scalar kGrey{170, 170, 170};
 constexpr int kStrip = 96;  // px, width of the strip at the right
 constexpr int kThumb = 72;  // px, a face in it
-constexpr int kCell = 98;   // px, from one face to the next
+constexpr int kCell = 98;   // px, distance of the faces
 constexpr int kBar = 28;    // px, height of the status bar below
 constexpr int kButtonWidth = 104;
 constexpr int kButtonHeight = 30;
@@ -71,7 +71,7 @@ cv::Rect PeopleSession::button_box(std::string_view name) const {
 
 cv::Rect PeopleSession::strip_box(std::size_t person) const {
   const cv::Size size = image_size();
-  // The newest are seen where there is no room for all.
+  // If there is no space for all, the newest are shown.
   const auto room = static_cast<std::size_t>(std::max(1, size.height / kCell));
   const std::size_t first = people_.size() > room ? people_.size() - room : 0;
   if (person < first || person >= people_.size()) return {};
@@ -79,7 +79,7 @@ cv::Rect PeopleSession::strip_box(std::size_t person) const {
           kThumb};
 }
 
-// Right of the buttons, above the prompts.
+// At the right of the buttons, above the prompts.
 cv::Rect PeopleSession::panel_area() const {
   const cv::Size size = image_size();
   const int left = 10 + kButtonWidth + 10;
@@ -111,7 +111,7 @@ std::string PeopleSession::help_line() const {
   return "Click a face at the right to add more of it, or Add Person";
 }
 
-// "3 groups, 2 unknown faces wait   ": nothing where there are none.
+// "3 groups, 2 unknown faces wait   "; empty if there are none.
 std::string PeopleSession::unknown_words() const {
   if (group_count_ == 0 && waiting_ == 0) return "";
   std::string out = counted(static_cast<std::size_t>(group_count_), "group");
@@ -164,7 +164,7 @@ void PeopleSession::draw_buttons() {
   image::draw::button(shown_, button_box("cancel"), "Keep", true);
 }
 
-// The largest face as the recogniser sees it, at the top centre.
+// Shows the crop of the largest face as the recogniser sees it, at the top centre.
 void PeopleSession::draw_preprocessed() {
   if (faces_.empty()) return;
   const cv::Mat& crop = faces_.front().face.crop;
@@ -181,7 +181,7 @@ void PeopleSession::draw_preprocessed() {
   put(shown_, seen, at);
 }
 
-// How sure it is of the largest face, with the threshold as a line.
+// Shows the confidence for the largest face, with the threshold as a line.
 void PeopleSession::draw_confidence() {
   if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty())
     return;
@@ -192,7 +192,7 @@ void PeopleSession::draw_confidence() {
   const int filled = cvRound(std::clamp(name.confidence, 0.0, 1.0) * box.height);
   cv::rectangle(shown_, cv::Rect(box.x, box.br().y - filled, box.width, filled),
                 name.known ? kGreen : kGrey, cv::FILLED);
-  const int line = box.br().y - box.height / 2;  // where the score is the threshold
+  const int line = box.br().y - box.height / 2;  // the threshold's position
   cv::line(shown_, {box.x - 5, line}, {box.br().x + 5, line}, cv::Scalar(255, 255, 255), 2);
   image::draw::put_text(shown_, fmt::format("{:.0f}%", 100 * name.confidence),
                         {box.br().x + 6, box.y - 4}, {.height_px = 10},
@@ -275,7 +275,7 @@ View PeopleSession::view(bool fresh) {
       const auto group = [&](std::size_t i) { return i < groups_.size() ? groups_[i] : 0; };
       for (std::size_t i = 0; i < faces_.size(); ++i) draw_named_face(output_, faces_[i], group(i));
       if (mode_ != PeopleMode::kRecognize) {
-        frame_.copyTo(output_);  // nobody is named yet: boxes and eyes only
+        frame_.copyTo(output_);  // no names yet: only boxes and eyes
         for (std::size_t i = 0; i < faces_.size(); ++i) {
           const face::NamedFace& face = faces_[i];
           if (group(i) > 0) {

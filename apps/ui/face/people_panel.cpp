@@ -16,8 +16,8 @@ namespace {
 
 using face::people::Sighting;
 
-constexpr std::size_t kMaxTyped = 80;  // bytes of a name that is typed
-constexpr std::size_t kBestFaces = 8;  // of a row
+constexpr std::size_t kMaxTyped = 80;  // bytes of a typed name
+constexpr std::size_t kBestFaces = 8;  // per row
 constexpr std::int64_t kMaxCorrections = 100;
 constexpr std::size_t kMaxStateRows = 100;
 
@@ -94,7 +94,7 @@ void PeoplePanel::shut() {
   refresh();
 }
 
-// Another list: nothing of the one before stays chosen.
+// Resets the selection for another list.
 void PeoplePanel::show_from_start() {
   rows_.clear();
   chosen_ = first_ = 0;
@@ -103,7 +103,7 @@ void PeoplePanel::show_from_start() {
 }
 
 void PeoplePanel::open(List list) {
-  list_ = list_ == list ? List::kNone : list;  // once more: shut
+  list_ = list_ == list ? List::kNone : list;  // the same key again closes it
   from_ = List::kNone;
   typed_.reset();
   asking_ = false;
@@ -283,7 +283,7 @@ bool PeoplePanel::press(const Event& event) {
     if (event.key == key::kBackspace) {
       if (!typed_->empty()) typed_->pop_back();
     } else if (event.key >= ' ' && event.key < 127 && typed_->size() < kMaxTyped) {
-      // The first letter takes the place of what was proposed.
+      // The first typed letter replaces the proposal.
       if (proposal_ < proposals_.size() && *typed_ == proposals_[proposal_]) typed_->clear();
       typed_->push_back(static_cast<char>(event.key));
       proposal_ = proposals_.size();
@@ -358,7 +358,7 @@ void PeoplePanel::ask_who() {
 void PeoplePanel::correct(const std::function<void()>& work) {
   try {
     work();
-  } catch (const InputError& error) {  // gone meanwhile, or changed by somebody else
+  } catch (const InputError& error) {  // deleted meanwhile, or changed by another program
     message_ = error.what();
   } catch (const UsageError& error) {  // an invalid name
     message_ = error.what();
@@ -372,7 +372,7 @@ void PeoplePanel::done(std::int64_t correction, std::string message) {
   changed_ = true;
 }
 
-// What was typed is the name: of the group, or of those whose the faces are.
+// The typed text becomes the name of the group, or of the person of the faces.
 void PeoplePanel::end_typing() {
   const std::string name = *std::exchange(typed_, std::nullopt);
   correct([&] {

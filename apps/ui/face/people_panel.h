@@ -20,54 +20,55 @@
 
 namespace tarsier {
 
-// Lists over the image of `people live`, and what can be corrected in them: the groups of unknown
-// faces, the people, the faces of one of these, and the corrections that were made. A row is
-// chosen, others may be marked; what is done is done to the marked rows, or to the chosen one
-// where none is marked. Names are typed. Everything goes through the gallery at once, so a crash
-// loses nothing, and each correction can be undone.
+// Lists over the image of `people live`, with corrections: the groups of unknown faces, the people,
+// the faces of a group or person, and the corrections made so far. One row is selected and others
+// may be marked. An action applies to the marked rows, or to the selected row if none is marked.
+// Names are typed. All changes go to the gallery at once, so a crash loses nothing, and each
+// correction can be undone.
 class PeoplePanel {
  public:
   enum class List { kNone, kGroups, kPeople, kFacesOfGroup, kFacesOfPerson, kCorrections };
 
   struct Options {
-    std::function<face::people::CorrectionStamp()> stamp;  // who corrects, and when; empty: nobody
-    std::string note;                                      // of consent, for those who are named
-    std::vector<std::string> names;                        // that are proposed first
-    std::int64_t max_faces = 20;                           // of a group that are enrolled
+    std::function<face::people::CorrectionStamp()> stamp;  // who corrects, and when; empty: unknown
+    std::string note;                // note of consent, for the people who get a name
+    std::vector<std::string> names;  // suggested first
+    std::int64_t max_faces = 20;     // enrolled from a group
   };
 
-  // The gallery must outlive it.
+  // The gallery must outlive the panel.
   PeoplePanel(face::people::Gallery& gallery, Options options);
 
-  // What it adds to a session's actions.
+  // The actions that it adds to a session.
   [[nodiscard]] static std::vector<Action> actions();
 
   [[nodiscard]] List list() const { return list_; }
   [[nodiscard]] bool is_open() const { return list_ != List::kNone || typed_.has_value(); }
   [[nodiscard]] bool is_typing() const { return typed_.has_value(); }
-  // Does the action of this name; false where it is not one of a panel, or of one that is shut.
+  // Performs the action of this name; false if it is not one of the panel, or the panel is closed.
   bool act(std::string_view action);
-  // A key while a name is typed, or one that moves in a list or leaves it; false for all others.
+  // Handles a key while a name is typed, or a key that moves in a list or leaves it; else returns
+  // false.
   bool press(const Event& event);
-  // A click in it chooses a row, and marks one that is chosen already. False: it was beside it.
+  // A click in the panel selects a row, or marks the selected one. False: it was outside the panel.
   bool click(cv::Point at);
-  // Asks who a group is, without its list.
+  // Asks for the name of a group without showing its list.
   void name_group(std::int64_t group);
   void shut();
-  // The gallery changed: reads the list again.
+  // Reads the list again after a change of the gallery.
   void refresh();
 
-  // Over `area` of the image.
+  // Draws the panel over `area` of the image.
   void draw(cv::Mat& image, const cv::Rect& area);
-  // Where a row was drawn last, px; empty: it is not in view.
+  // Where a row was last drawn, px; empty: not visible.
   [[nodiscard]] cv::Rect row_box(std::size_t row) const;
-  // null where it is shut, else {"list", "of", "rows": [{"id", "title", "marked"}], "chosen",
-  // "typing": text or null, "asking"}: at most 100 rows.
+  // null if the panel is closed, else {"list", "of", "rows": [{"id", "title", "marked"}], "chosen",
+  // "typing": text or null, "asking"}, with at most 100 rows.
   [[nodiscard]] nlohmann::json state() const;
 
-  // What was done or why not, since the last call; empty: nothing.
+  // What was done, or why not, since the last call; empty: nothing.
   [[nodiscard]] std::string take_message();
-  // Numbers of the corrections that were made since the last call.
+  // Numbers of the corrections made since the last call.
   [[nodiscard]] std::vector<std::int64_t> take_corrections();
   // Whether people, groups or faces changed since the last call.
   [[nodiscard]] bool take_changed();
@@ -77,7 +78,7 @@ class PeoplePanel {
     std::int64_t id = 0;
     std::string title;
     std::string detail;
-    std::string name;  // of a person, as it is enrolled
+    std::string name;  // of a person, as enrolled
   };
   struct Cell {
     std::size_t row = 0;
@@ -97,11 +98,11 @@ class PeoplePanel {
   void not_these();
   void undo();
   void forget();
-  // Calls `work`, and says what cannot be done.
+  // Calls `work` and reports an error as a message.
   void correct(const std::function<void()>& work);
   void done(std::int64_t correction, std::string message);
   [[nodiscard]] const Row* chosen() const;
-  [[nodiscard]] std::vector<const Row*> touched() const;  // the marked ones, or the chosen one
+  [[nodiscard]] std::vector<const Row*> touched() const;  // the marked rows, or the selected one
   [[nodiscard]] std::vector<std::int64_t> touched_ids() const;
   [[nodiscard]] face::people::CorrectionStamp stamp() const;
   [[nodiscard]] std::vector<std::string> proposals() const;
@@ -116,17 +117,17 @@ class PeoplePanel {
   face::people::Gallery& gallery_;
   Options options_;
   List list_ = List::kNone;
-  List from_ = List::kNone;  // of a list of faces: the list that it was opened from
-  std::int64_t group_ = 0;   // whose faces are shown, or who is named
+  List from_ = List::kNone;  // for a list of faces: the list from which it was opened
+  std::int64_t group_ = 0;   // whose faces are shown, or which is being named
   std::string person_;       // whose faces are shown
   std::vector<Row> rows_;
   std::size_t chosen_ = 0;
-  std::size_t first_ = 0;  // row in view
+  std::size_t first_ = 0;  // first visible row
   std::set<std::int64_t> marked_;
   std::optional<std::string> typed_;
   std::vector<std::string> proposals_;
   std::size_t proposal_ = 0;
-  bool asking_ = false;  // whether to forget the chosen row
+  bool asking_ = false;  // asks whether to forget the selected row
   std::string message_;
   std::vector<std::int64_t> corrections_;
   bool changed_ = false;
@@ -137,7 +138,7 @@ class PeoplePanel {
 
 [[nodiscard]] std::string_view name_of(PeoplePanel::List list);  // "groups", "people" .., "none"
 
-// A face of a gallery as CV_8UC3 of `side` x `side` px.
+// A face of a gallery as CV_8UC3 with `side` x `side` px.
 [[nodiscard]] cv::Mat face_thumbnail(const cv::Mat& crop, int side);
 
 }  // namespace tarsier

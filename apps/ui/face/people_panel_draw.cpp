@@ -33,7 +33,7 @@ void write(cv::Mat& image, std::string_view text, cv::Point at, double height,
       {.height_px = height, .color = color, .backing = image::draw::Backing::kNone});
 }
 
-// `text`, cut to `width` px.
+// Truncates `text` to `width` px.
 std::string fitted(std::string text, double height, int width) {
   while (text.size() > 3 && image::draw::text_size(text, height).width > width)
     text = text.substr(0, text.size() - 3) + "..";
@@ -177,7 +177,7 @@ void PeoplePanel::draw(cv::Mat& image, const cv::Rect& wanted) {
     } else {
       try {
         shows_faces() ? draw_faces(image, inner) : draw_rows(image, inner);
-      } catch (const InputError& error) {  // a face that is damaged
+      } catch (const InputError& error) {  // a damaged face
         message_ = error.what();
       }
     }

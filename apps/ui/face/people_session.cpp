@@ -27,8 +27,8 @@ constexpr NameTable<PeopleMode, 5> kModes{"mode",
                                             {PeopleMode::kRecognize, "recognize"}}}};
 
 constexpr int kFlashFrames = 3;
-// What is learned in one frame, in the units of GalleryTraining::work(): while there is nobody to
-// name yet, and beside naming.
+// Training work per frame, in the units of GalleryTraining::work(): before there is a first model,
+// and during recognition.
 constexpr double kFirstWork = 300;
 constexpr double kWork = 60;
 
@@ -105,7 +105,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   return view(true);
 }
 
-// The face is stored at once: a crash loses nothing that flashed.
+// The face is stored at once, so a crash loses no collected face.
 void PeopleSession::collect() {
   Enrolled& person = people_[static_cast<std::size_t>(collecting_)];
   const face::people::Face& face = faces_.front().face;
@@ -119,14 +119,14 @@ void PeopleSession::collect() {
   if (collector_.taken() >= options_.max_faces) end_collecting();
 }
 
-// Begins to learn. Whoever can be named already is named meanwhile.
+// Starts training. An existing model is used meanwhile.
 void PeopleSession::train() {
   training_.emplace(gallery_, identity_.background(), true, face::people::Learn::kWhenDue,
                     face::people::Searching::kByIndex);
   mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
 }
 
-// A piece of what is to be learned: a frame never waits for all of it.
+// Does a part of the training: a frame never waits for all of it.
 void PeopleSession::learn() {
   NoProgress progress;
   const bool first = identity_.recognizer() == nullptr;
@@ -138,7 +138,7 @@ void PeopleSession::learn() {
       break;
     }
   } catch (const std::invalid_argument& error) {
-    // "Fisherfaces needs faces of at least two people, there is one": said, and one goes on.
+    // "Fisherfaces needs faces of at least two people, there is one": report it and continue.
     training_.reset();
     identity_.replace(std::nullopt);
     message_ = error.what();
@@ -147,7 +147,7 @@ void PeopleSession::learn() {
   mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
 }
 
-// Who was enrolled here or anywhere, and who was forgotten.
+// Follows changes of the gallery, here or by other programs.
 void PeopleSession::follow() {
   if (identity_.recognizer() == nullptr || !identity_.follow()) return;
   if (people_changed()) reload_people();
@@ -157,7 +157,7 @@ void PeopleSession::follow() {
     mode_ = PeopleMode::kRecognize;
 }
 
-// Whether people came or went, by whatever program.
+// Whether people were added or removed, by any program.
 bool PeopleSession::people_changed() const {
   std::set<std::string> there;
   for (const face::people::Person& person : gallery_.people()) there.insert(person.name);
@@ -167,7 +167,7 @@ bool PeopleSession::people_changed() const {
   return there != shown;
 }
 
-// Others may have gone: what is collected stays with its person.
+// Other people may be removed: collecting stays with its person.
 void PeopleSession::reload_people() {
   const std::string collecting =
       collecting_ >= 0 ? people_[static_cast<std::size_t>(collecting_)].name : "";
@@ -227,7 +227,7 @@ void PeopleSession::act(const std::string& name) {
   controls_.act(name);
 }
 
-// The largest face that is named, or would be, is not that person.
+// The largest named face, or the one that would be named, is not that person.
 void PeopleSession::not_this_person() {
   if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty()) {
     message_ = "nobody is named: there is nothing to correct";
@@ -257,14 +257,14 @@ void PeopleSession::undo() {
   try {
     (void)gallery_.undo(id, stamp());
     message_ = fmt::format("Correction {} is undone", id);
-  } catch (const InputError& error) {  // by another program, or its person was forgotten
+  } catch (const InputError& error) {  // undone by another program, or the person was forgotten
     message_ = error.what();
   }
   corrected();
 }
 
 void PeopleSession::click(cv::Point at) {
-  if (asking_) {  // the question is answered by its own buttons
+  if (asking_) {  // only its own buttons answer the question
     if (button_box("confirm").contains(at)) return act("confirm");
     return act("cancel");
   }
@@ -278,7 +278,7 @@ void PeopleSession::click(cv::Point at) {
 }
 
 void PeopleSession::add_person() {
-  // At most one person without faces: the same one again.
+  // At most one person without faces: use it again.
   if (pending_.empty()) {
     std::set<std::string> taken;
     for (const Enrolled& person : people_) taken.insert(person.name);

@@ -32,14 +32,14 @@ enum class PeopleMode { kStart, kDetect, kCollect, kTrain, kRecognize };
 [[nodiscard]] std::string_view name_of(PeopleMode mode);  // "start", "detect", "collect" ..
 
 struct PeopleSessionOptions {
-  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody
+  double false_accepts = 0.01;  // false accept rate for unknown people
   face::people::CollectOptions collect;
-  int max_faces = 30;                 // of a person, collected at a time
-  std::vector<std::string> names;     // of people who are added, in turn; then "Person 1" ..
-  std::string note;                   // of consent, for those who are added
-  int max_pooled = 10;                // frames of a followed face that count together
+  int max_faces = 30;                 // per person, collected at a time
+  std::vector<std::string> names;     // names of people to add, in turn; then "Person 1" ..
+  std::string note;                   // note of consent, for added people
+  int max_pooled = 10;                // frames of a tracked face that are pooled
   std::function<std::int64_t()> now;  // ms since 1970-01-01 UTC; empty: 0
-  std::string actor;                  // who corrects, for the gallery's log
+  std::string actor;                  // who corrects; for the gallery's log
 
   [[nodiscard]] OptionFields fields() {
     return {{"false_accepts", false_accepts, inside(0, 1), "--far",
@@ -51,23 +51,23 @@ struct PeopleSessionOptions {
   void check() const;  // throws std::invalid_argument, UsageError for names
 };
 
-// Enrols and recognises people live. Five modes: start; detect (nobody is enrolled); collect (the
-// faces of one person are taken); train (until there is a first model); recognise. Once there is a
-// model new faces are known by it at once; what is to be learned of them is learned a little in
-// each frame, meanwhile. Mouse: the buttons at the left; a face of the strip at the right collects
-// more of that person; a click elsewhere ends collecting and trains. Keys: a adds a person, d
-// deletes all (y confirms), b debug view, t trains, x says that the largest face is not whom it is
-// named, u undoes the last correction, space pauses, h help, q or Esc ends. g, p and l open the
-// lists of a PeoplePanel: groups of unknown faces (those that wait are placed, some in each frame),
-// people, corrections; w says who the group of the largest face is. An unknown face shows the group
-// that its sighting is in, or that it is like enough to join. State:
-// {"mode", "people": [{"name", "faces"}], "collecting": name or null, "recognized":
-// [{"label", "known", "confidence", "group": number or null}], "unknown": {"groups", "waiting"},
-// "panel": PeoplePanel::state(), "asking", "debug", "flash", "message", "prompt", "paused"}.
+// Enrols and recognises people live. Five modes: start; detect (nobody is enrolled); collect
+// (collects faces of one person); train (until there is a first model); recognise. Once there is a
+// model, it knows new faces at once; retraining is spread over the following frames. Mouse: the
+// buttons at the left; a face of the strip at the right collects more faces of that person; a click
+// elsewhere ends collecting and trains. Keys: a adds a person, d deletes all (y confirms), b debug
+// view, t trains, x says that the name of the largest face is wrong, u undoes the last correction,
+// space pauses, h help, q or Esc quits. g, p and l open the lists of a PeoplePanel: groups of
+// unknown faces (pending sightings are grouped, some in each frame), people, corrections; w names
+// the group of the largest face. An unknown face shows the group of its sighting, or the group that
+// it is similar enough to join. State: {"mode", "people": [{"name", "faces"}], "collecting": name
+// or null, "recognized": [{"label", "known", "confidence", "group": number or null}], "unknown":
+// {"groups", "waiting"}, "panel": PeoplePanel::state(), "asking", "debug", "flash", "message",
+// "prompt", "paused"}.
 class PeopleSession final : public Session {
  public:
-  // Of a gallery: what Identifier::open() gives with `enroll`. `debug`, which may be null and must
-  // outlive the session, takes the stages of each frame's largest face. Throws
+  // `state` belongs to a gallery: the result of Identifier::open() with `enroll`. `debug` may be
+  // null and must outlive the session. It receives the stages of each frame's largest face. Throws
   // std::invalid_argument for the state of a recogniser.
   PeopleSession(face::IdentifierState state, PeopleSessionOptions options,
                 DebugSink* debug = nullptr);
@@ -83,15 +83,15 @@ class PeopleSession final : public Session {
   [[nodiscard]] PeopleMode mode() const { return mode_; }
   [[nodiscard]] face::people::Gallery& gallery() const { return gallery_; }
   [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return faces_; }
-  // The group of each of these while it is unknown; 0: in none.
+  // The group of each of faces() while it is unknown; 0: none.
   [[nodiscard]] const std::vector<std::int64_t>& groups() const { return groups_; }
   [[nodiscard]] const PeoplePanel& panel() const { return panel_; }
-  // The host has stored a followed face of the latest frame as this sighting.
+  // The host has stored a tracked face of the latest frame as this sighting.
   void stored(int face, std::int64_t sighting);
-  // Sightings were stored: how many wait, and in how many groups the others are.
+  // Counts pending sightings and groups after sightings were stored.
   void count_unknown();
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
-  // Where controls are in the view, px: for tests and hosts.
+  // Positions of controls in the view, px: for tests and hosts.
   [[nodiscard]] cv::Rect button_box(std::string_view name) const;  // "add", "delete", "debug"
   [[nodiscard]] cv::Rect strip_box(std::size_t person) const;
 
@@ -147,32 +147,32 @@ class PeopleSession final : public Session {
   DebugSink* debug_sink_;
   face::Enroller enroller_;
   face::Identifier identifier_;
-  std::optional<face::people::GalleryTraining> training_;  // of a model, on its way
+  std::optional<face::people::GalleryTraining> training_;  // running training of a model
   face::people::Collector collector_;
   PeopleMode mode_ = PeopleMode::kStart;
   std::vector<Enrolled> people_;
   std::vector<face::NamedFace> faces_;
   int collecting_ = -1;  // index into people_
-  std::string pending_;  // name of a person who has no face yet; the last of people_ then
+  std::string pending_;  // name of a person without a face; then the last of people_
   std::string message_;
   std::string source_;
   std::string source_name_;
-  std::string collected_from_;  // source_of() the latest frame
+  std::string collected_from_;  // source_of() of the latest frame
   FrameTimer timer_;
-  int flash_ = 0;  // frames it still lasts
+  int flash_ = 0;  // remaining frames
   bool asking_ = false;
-  std::vector<std::int64_t> corrections_;  // of this window, those that hold
+  std::vector<std::int64_t> corrections_;  // made in this window and still in effect
   PeoplePanel panel_;
-  std::optional<face::people::SightingGrouping> grouping_;  // on its way
-  std::optional<face::people::GroupFinder> finder_;         // of groups; made when first needed
-  std::int64_t finder_generation_ = -1;                     // of the gallery when it was read
-  std::vector<std::int64_t> groups_;                        // of faces_
+  std::optional<face::people::SightingGrouping> grouping_;  // running
+  std::optional<face::people::GroupFinder> finder_;         // created when first needed
+  std::int64_t finder_generation_ = -1;  // generation of the gallery when the finder read it
+  std::vector<std::int64_t> groups_;     // of faces_
   struct Followed {
     std::int64_t sighting = 0;  // 0: not stored yet
     std::int64_t group = 0;
-    int looked = 0;  // frames since the group was looked for
+    int looked = 0;  // frames since the last search for the group
   };
-  std::map<int, Followed> followed_;  // unknown faces, by their id
+  std::map<int, Followed> followed_;  // unknown faces by id
   std::int64_t group_count_ = 0;
   std::int64_t waiting_ = 0;  // sightings in no group
   bool debug_ = false;

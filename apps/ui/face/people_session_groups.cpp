@@ -9,13 +9,13 @@
 #include <algorithm>
 #include <utility>
 
-// Unknown faces of `people live`: their groups, and what is corrected in the lists.
+// Unknown faces of `people live`: their groups, and corrections in the lists.
 namespace tarsier {
 namespace {
 
-// Sightings that are placed in one frame: a deep template takes some 10 ms.
+// Sightings grouped per frame: a deep template takes about 10 ms.
 constexpr int kPlaced = 4;
-// Frames until the group of a followed face that is in none is looked for once more.
+// Frames until the group of a tracked face without a group is searched again.
 constexpr int kLookAgain = 25;
 
 }  // namespace
@@ -36,7 +36,7 @@ void PeopleSession::stored(int face, std::int64_t sighting) {
   count_unknown();
 }
 
-// Begins to place what waits; frames do the rest.
+// Starts grouping pending sightings; the following frames continue it.
 void PeopleSession::place_unknown() {
   if (grouping_ || gallery_.ungrouped_count() == 0) return;
   const face::recognition::Background* background = identity_.background();
@@ -63,7 +63,7 @@ void PeopleSession::place_more() {
   panel_.refresh();
 }
 
-// The group of each unknown face: that of its sighting, else the one that it is like.
+// The group of each unknown face: that of its sighting, else the one that it resembles.
 void PeopleSession::find_groups() {
   groups_.assign(faces_.size(), 0);
   std::map<int, Followed> still_there;
@@ -118,7 +118,7 @@ bool PeopleSession::act_in_panel(const std::function<bool()>& work) {
   return done;
 }
 
-// Something was corrected here: it holds from now on.
+// A correction was made here: it takes effect now.
 void PeopleSession::corrected() {
   grouping_.reset();  // it sees by itself what changed, but may place what is somebody's now
   follow();

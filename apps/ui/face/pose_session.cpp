@@ -110,7 +110,7 @@ void PoseSession::draw(cv::Mat& image) {
   if (synthesis_) {
     for (const face::PosedFace& face : faces()) edit_face(image, face);
   }
-  // The farthest first, so that a nearer head's object lies over it.
+  // The farthest head first, so that the object of a nearer head covers it.
   std::vector<const face::PosedFace*> order;
   for (const face::PosedFace& face : faces()) {
     if (face.pose) order.push_back(&face);

@@ -17,12 +17,12 @@ namespace tarsier {
 
 enum class PoseOverlay { kNone, kAxes, kBox, kHead, kObject };
 
-// What is drawn.
+// What the session draws.
 struct PoseSessionOptions {
   PoseOverlay overlay = PoseOverlay::kAxes;
-  // Of kObject: in the head's frame, mm; a head hides what is behind it.
+  // For kObject: in the head's frame, mm; a head occludes what is behind it.
   std::shared_ptr<const render::Mesh> object;
-  // What is done to the faces, through an appearance model of 68 points that can be drawn.
+  // Edits of the faces, through a drawable appearance model of 68 points.
   std::vector<face::appearance::FaceEdit> edits;
   std::shared_ptr<const face::appearance::AppearanceModel> appearance;
   double edit_amount = 1;
@@ -31,17 +31,17 @@ struct PoseSessionOptions {
   void check() const;  // throws std::invalid_argument
 };
 
-// Shows the poses of heads that a face::PoseTracker finds. on_frame() throws InputError where the
-// camera is that of images of another shape.
-// Keys: d looks for faces again, v what is drawn, space pauses, h help, q or Esc ends.
+// Shows the head poses that a face::PoseTracker finds. on_frame() throws InputError if the camera
+// was calibrated for images of another aspect ratio.
+// Keys: d re-detects faces, v what is drawn, space pauses, h help, q or Esc quits.
 // State: {"faces": number, "ids": [..], "yaw": [..], "draw", "paused"}.
 class PoseSession final : public FrameSession {
  public:
-  // `debug`, which may be null and must outlive the session, takes the stages of each frame.
-  // Throws std::invalid_argument for bad options, and an appearance model of other points.
+  // `debug` may be null and must outlive the session. It receives the stages of each frame. Throws
+  // std::invalid_argument for invalid options, and for an appearance model with other points.
   PoseSession(face::PoseTracker tracker, PoseSessionOptions options, DebugSink* debug = nullptr);
 
-  // Of the latest frame.
+  // The result of the latest frame.
   [[nodiscard]] const face::PoseResult& result() const { return result_; }
   [[nodiscard]] const std::vector<face::PosedFace>& faces() const { return result_.faces; }
   [[nodiscard]] const geometry::Camera& camera() const { return result_.camera; }
@@ -60,7 +60,7 @@ class PoseSession final : public FrameSession {
   face::PoseTracker tracker_;
   PoseSessionOptions options_;
   DebugSink* debug_;
-  std::optional<face::appearance::Synthesis> synthesis_;  // where faces are edited
+  std::optional<face::appearance::Synthesis> synthesis_;  // if faces are edited
   face::PoseState state_;
   face::PoseResult result_;
 };

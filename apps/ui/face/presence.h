@@ -10,27 +10,27 @@
 
 namespace tarsier {
 
-// Something that came into sight, or went out of it.
+// An object that appeared or was lost.
 struct PresenceChange {
   std::int64_t id = 0;
   bool appeared = true;  // else lost
   std::string source;
-  double first_time = 0;  // s, of the frames
+  double first_time = 0;  // s, time of the frames
   double last_time = 0;   // when it was last seen
 };
 
-// Turns what is seen in each frame into what appears and what is lost. One that is missed for a
-// moment is not lost: only after `lost_after` seconds without it.
+// Converts the objects seen in each frame to appearances and losses. An object is lost only after
+// `lost_after` seconds without it.
 class Presence {
  public:
-  // Throws std::invalid_argument for a time that is negative or not finite.
+  // Throws std::invalid_argument for a negative or infinite time.
   explicit Presence(double lost_after = 1);
 
-  // One more frame; ids may come twice. Where the source changes, or its time steps back, all of
-  // before is lost.
+  // Processes one frame; ids may repeat. If the source changes or its time decreases, all earlier
+  // objects are lost.
   [[nodiscard]] std::vector<PresenceChange> step(const std::string& source, double time,
                                                  const std::vector<std::int64_t>& ids);
-  // No more frames: all is lost.
+  // No more frames: all objects are lost.
   [[nodiscard]] std::vector<PresenceChange> finish();
 
  private:

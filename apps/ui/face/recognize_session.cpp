@@ -60,7 +60,7 @@ void RecognizeSession::process(const Frame& frame) {
 }
 
 bool RecognizeSession::idle() {
-  // Nor does the last frame of a source that stalls go on naming who was forgotten.
+  // The last frame of a stalled source must not show the name of a forgotten person either.
   if (!state_.follow()) return false;
   for (face::NamedFace& face : result_.faces)
     if (!state_.knows(face.name.label)) face.name = {};

@@ -13,15 +13,15 @@
 namespace tarsier {
 
 // Shows the names that a face::Identifier finds.
-// Keys: space pauses, h help, q or Esc ends. State: {"faces", "known", "paused"}.
+// Keys: space pauses, h help, q or Esc quits. State: {"faces", "known", "paused"}.
 class RecognizeSession final : public FrameSession {
  public:
-  // `debug`, which may be null and must outlive the session, takes the stages of each frame's
+  // `debug` may be null and must outlive the session. It receives the stages of each frame's
   // largest face.
   RecognizeSession(face::Identifier identifier, face::IdentifierState state,
                    DebugSink* debug = nullptr);
 
-  // Of the latest frame.
+  // The result of the latest frame.
   [[nodiscard]] const face::IdentifierResult& result() const { return result_; }
   [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return result_.faces; }
   [[nodiscard]] face::people::Gallery* gallery() const { return state_.gallery(); }
@@ -32,7 +32,7 @@ class RecognizeSession final : public FrameSession {
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::string status() const override;
   bool idle() override;
-  [[nodiscard]] std::ptrdiff_t known() const;  // faces
+  [[nodiscard]] std::ptrdiff_t known() const;  // number of known faces
 
   face::Identifier identifier_;
   face::IdentifierState state_;
@@ -40,8 +40,9 @@ class RecognizeSession final : public FrameSession {
   face::IdentifierResult result_;
 };
 
-// A frame round a face and its name: green and "Ann 97 %" for who is known, grey and "unknown (Ann
-// 12 %)" else, or "group 3 (Ann 12 %)" where it is in a group of unknown faces (0: in none).
+// Draws a box around a face and its name: green and "Ann 97 %" for a known person; else grey and
+// "unknown (Ann 12 %)", or "group 3 (Ann 12 %)" if the face is in a group of unknown faces (0:
+// none).
 void draw_named_face(cv::Mat& image, const face::NamedFace& face, std::int64_t group = 0);
 
 }  // namespace tarsier

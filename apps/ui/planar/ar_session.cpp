@@ -28,7 +28,7 @@ const cv::Scalar kFirstCorner(40, 40, 240);
 constexpr double kMessage_s = 3;
 constexpr int kMaxListed = 12;
 
-// What the key goes through.
+// The families that the key cycles through.
 const std::vector<std::string>& common_families() {
   static const std::vector<std::string> names{"36h11",    "aruco-original", "4x4_1000", "5x5_1000",
                                               "6x6_1000", "7x7_1000",       "25h9"};
@@ -41,7 +41,7 @@ double distance_of(const TrackedMarker& marker) {
   return marker.pose->camera_from_marker.translation.norm();
 }
 
-// Degrees between the sheet's normal and the line of sight.
+// Angle in degrees between the sheet's normal and the line of sight.
 double tilt_of(const TrackedMarker& marker) {
   const geometry::Rigid3& pose = marker.pose->camera_from_marker;
   const Eigen::Vector3d normal = pose.rotation * Eigen::Vector3d(0, 0, 1);
@@ -123,7 +123,7 @@ void ArSession::save() {
   try {
     saved_ = save_numbered(options_.save_folder, drawing());
     message_ = "saved " + saved_;
-  } catch (const OutputError& error) {  // no reason to end a live image
+  } catch (const OutputError& error) {  // a live session continues
     log_warning("cannot save: {}", error.what());
     message_ = "cannot save: see the log";
   }
@@ -153,14 +153,14 @@ void ArSession::draw_outlines(cv::Mat& image) const {
 
 void ArSession::draw(cv::Mat& image) {
   std::vector<planar::augment::Sheet> sheets;
-  std::map<int, int> seen;  // of two markers with one id each has a key of its own
+  std::map<int, int> seen;  // count per id: two markers of one id get different keys
   for (const TrackedMarker& posed : result_.markers) {
     if (!posed.pose) continue;
     const int copy = seen[posed.marker.id]++;
     sheets.push_back(
         {posed.marker.id + 100000 * copy, posed.pose->camera_from_marker, tracker_.options().side});
   }
-  // Under the objects, which would be hard to see behind the letters.
+  // Below the objects, because letters over them would hide them.
   if (options_.outlines) draw_outlines(image);
   planar::augment::augment(image, result_.camera, sheets, options_.augment, augment_);
 }

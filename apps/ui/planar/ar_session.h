@@ -12,25 +12,26 @@
 namespace tarsier {
 
 struct ArSessionOptions {
-  planar::augment::AugmentOptions augment;  // `mesh` may be set whatever is drawn first
-  bool outlines = true;                     // frames and ids of the markers
+  // `mesh` may be set even if something else is drawn first
+  planar::augment::AugmentOptions augment;
+  bool outlines = true;  // outlines and ids of the markers
   std::string save_folder = ".";
-  DebugSink* debug = nullptr;  // takes each stage of the tracker; must outlive the session
+  DebugSink* debug = nullptr;  // receives each stage of the tracker; must outlive the session
   void check() const;          // throws std::invalid_argument
 };
 
-// Draws objects on the markers that a planar::MarkerTracker finds.
+// Draws objects on the markers found by a planar::MarkerTracker.
 // Keys: a axes, c cube, m the mesh, n nothing; i outlines and ids; e shadows; s smoothing; l the
-// list of markers with their distances; f the next family; w saves the image; space pauses, also
-// to look at one image with other objects on it; h help; q or Esc ends.
+// list of markers with their distances; f the next family; w saves the image; space pauses, for
+// example to try other objects on one image; h help; q or Esc quits.
 // State: {"markers": number, "ids": [..], "distance_m": [..], "draw", "outlines", "shadow",
 // "smooth", "list", "family", "saved", "paused"}.
 class ArSession final : public FrameSession {
  public:
-  // on_frame() throws InputError where the camera is that of images of another shape.
+  // on_frame() throws InputError if the camera was calibrated for images of another aspect ratio.
   explicit ArSession(planar::MarkerTracker tracker, ArSessionOptions options = {});
 
-  // Of the latest frame.
+  // The result of the latest frame.
   [[nodiscard]] const planar::MarkerResult& result() const { return result_; }
 
  private:
@@ -44,7 +45,7 @@ class ArSession final : public FrameSession {
   bool act(const std::string& name) override;
   void draw_outlines(cv::Mat& image) const;
   void save();
-  // The tracker with other options; with `again` what was known is forgotten.
+  // Changes the tracker's options; `again` drops the tracker's state.
   void change(const planar::MarkerTrackerOptions& options, bool again);
   void next_family();
   [[nodiscard]] std::string families() const;

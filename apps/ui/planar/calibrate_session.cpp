@@ -20,7 +20,7 @@ namespace {
 
 using planar::calibration::Verdict;
 
-constexpr int kFlash = 8;  // frames that show that a view was taken
+constexpr int kFlash = 8;  // frames that show that a view was accepted
 constexpr double kCoverageTint = 0.22;
 const cv::Scalar kGood(90, 220, 90);
 const cv::Scalar kWait(60, 200, 255);
@@ -103,7 +103,7 @@ std::vector<Action> CalibrateSession::own_actions() const {
           {"straight", "the straightened image", 'u'}, {"coverage", "what is covered", 'm'}};
 }
 
-// What to do next, in a line.
+// The next thing to do, in one line.
 std::string CalibrateSession::advice() const {
   if (coverage() == nullptr) return "";
   const std::vector<std::string> missing = coverage()->missing();
@@ -119,7 +119,7 @@ void CalibrateSession::draw(cv::Mat& image) {
         straightener_.emplace(from, geometry::undistorted_camera(from));
       }
       image = (*straightener_)(frame());
-    } catch (const Error&) {  // a distortion that cannot be undone at the border
+    } catch (const Error&) {  // a distortion that cannot be inverted at the border
       straight_ = false;
       verdict_ = "cannot be straightened";
     }
@@ -156,7 +156,7 @@ void CalibrateSession::draw_shown(cv::Mat& image) {
   image::draw::put_text(image, advice(), {margin, box.y + box.height + margin / 2}, style);
 }
 
-// Short: the bar gives its right half at most.
+// Short, because the bar has space for it only in its right half.
 std::string CalibrateSession::note() const {
   const planar::calibration::Calibration* const now = found();
   if (now == nullptr) return state_.views.empty() ? "" : "not yet calibrated";

@@ -13,21 +13,21 @@
 
 namespace tarsier {
 
-// Calibrates a camera while a person moves a board in front of it: shows what a live
-// planar::Calibrator takes and where the board was not yet seen, and computes the camera again with
-// every view.
-// Keys: space takes the view now, whatever it is; z forgets the last one, x all; c calibrates now;
-// u shows the straightened image; m what is covered; p pauses; h help; q or Esc ends. State:
-// {"views", "coverage", "verdict", "missing": [..], "cells": views that touch each cell, rows of
-// columns, "per_view": [{"points", "rms" px, "tilt" degrees; these two of the latest calibration}],
-// "calibrated", "rms", "fx", "refusal", "straight", "paused"}.
+// Calibrates a camera while a person moves a board in front of it. Shows which views a live
+// planar::Calibrator accepts and where the board was not yet seen, and recalibrates with every
+// view.
+// Keys: space takes the current view in any case; z drops the last view, x all; c calibrates now; u
+// shows the undistorted image; m the coverage; p pauses; h help; q or Esc quits. State: {"views",
+// "coverage", "verdict", "missing": [..], "cells": number of views that touch each cell, rows of
+// columns, "per_view": [{"points", "rms" px, "tilt" degrees; the latter two from the latest
+// calibration}], "calibrated", "rms", "fx", "refusal", "straight", "paused"}.
 class CalibrateSession final : public FrameSession {
  public:
   // Throws std::invalid_argument unless the calibrator is a live one.
   explicit CalibrateSession(planar::Calibrator calibrator);
 
-  // What was seen so far; the views that were taken are seen().images. Frames of another size than the
-  // first one are shown and not used.
+  // The state of the calibrator; seen().images has the accepted views. Frames of another size than
+  // the first one are shown but not used.
   [[nodiscard]] const planar::CalibratorState& seen() const { return state_; }
   [[nodiscard]] const std::optional<planar::CalibrationResult>& result() const { return result_; }
   [[nodiscard]] std::string verdict() const { return verdict_; }
@@ -45,7 +45,7 @@ class CalibrateSession final : public FrameSession {
   void apply(const planar::CalibratorAnswer& answer);
   void forget(bool all);
   void calibrate_now();
-  // The camera that was found; null: none.
+  // The calibrated camera; null if there is none.
   [[nodiscard]] const planar::calibration::Calibration* found() const {
     return result_ && result_->ok() ? &result_->calibration : nullptr;
   }
@@ -57,7 +57,7 @@ class CalibrateSession final : public FrameSession {
   std::optional<planar::CalibrationResult> result_;
   std::string verdict_ = "no board";
   std::optional<geometry::Straightener> straightener_;  // of the latest calibration
-  int flash_ = 0;                                       // frames that still tell of a view taken
+  int flash_ = 0;  // remaining frames that show that a view was accepted
   bool straight_ = false;
   bool shows_coverage_ = true;
 };

@@ -16,7 +16,7 @@
 namespace tarsier {
 namespace {
 
-constexpr int kMinSide = 48;  // px of a rectangle that is trained
+constexpr int kMinSide = 48;  // px of a rectangle for training
 constexpr int kShift = 4;     // fractional bits of drawn coordinates
 
 const std::array<cv::Scalar, 6> kColors = {cv::Scalar{90, 220, 90},  cv::Scalar{60, 180, 255},
@@ -33,7 +33,7 @@ std::string_view name_of(TargetOverlay overlay) { return kOverlays.name(overlay)
 
 void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::Scalar& color,
           int width) {
-  // What lies far outside would overflow the fixed point numbers.
+  // Points far outside would overflow the fixed-point coordinates.
   const auto inside = [&](const cv::Point2d& p) {
     return std::abs(p.x) < 20'000 && std::abs(p.y) < 20'000;
   };

@@ -15,24 +15,25 @@ namespace tarsier {
 enum class TargetOverlay { kOutline, kAxes, kBox, kNone };
 
 struct TargetSessionOptions {
-  planar::image_targets::TrainOptions train;    // of images framed on the spot
-  TargetOverlay overlay = TargetOverlay::kBox;  // axes and box need a camera: else the outline
-  DebugSink* debug = nullptr;                   // takes each stage; must outlive the session
-  void check() const;                           // throws std::invalid_argument
+  planar::image_targets::TrainOptions train;  // for targets trained in the session
+  // Axes and box need a camera; else the outline is drawn.
+  TargetOverlay overlay = TargetOverlay::kBox;
+  DebugSink* debug = nullptr;  // receives each stage; must outlive the session
+  void check() const;          // throws std::invalid_argument
 };
 
-// Shows the targets that a planar::TargetTracker finds.
-// With the left button a rectangle is drawn over a print that stands squarely in the image: what
-// is inside is trained on the spot and followed from then on. Keys: t trains the middle half of the
-// image, d looks for all again, c forgets what was trained on the spot, v what is drawn, space
-// pauses, h help, q or Esc ends.
+// Shows the targets found by a planar::TargetTracker.
+// The left button draws a rectangle over a print that faces the camera; its content is trained at
+// once and tracked from then on. Keys: t trains the middle half of the image, d re-detects all
+// targets, c removes the targets trained in the session, v what is drawn, space pauses, h help, q
+// or Esc quits.
 // State: {"targets": [{"id", "name", "corners"}], "trained": number, "message", "draw", "paused"}.
 class TargetSession final : public FrameSession {
  public:
-  // on_frame() throws InputError where the camera is that of images of another shape.
+  // on_frame() throws InputError if the camera was calibrated for images of another aspect ratio.
   explicit TargetSession(planar::TargetTracker tracker, TargetSessionOptions options = {});
 
-  // Of the latest frame.
+  // The result of the latest frame.
   [[nodiscard]] const planar::TargetResult& result() const { return result_; }
 
  private:
@@ -44,18 +45,18 @@ class TargetSession final : public FrameSession {
   [[nodiscard]] std::vector<Action> own_actions() const override;
   bool act(const std::string& name) override;
   bool mouse(const Event& event) override;
-  // False where nothing can be trained on what is in the box.
+  // Returns false if the content of the box cannot be trained.
   bool train(cv::Rect box);
-  // Goes on with other targets, which are searched in the next frame.
+  // Continues with other targets, which are detected in the next frame.
   void change(std::vector<planar::image_targets::Target> targets);
   void draw_target(cv::Mat& image, const planar::image_targets::TrackedTarget& seen) const;
 
   planar::TargetTracker tracker_;
-  std::size_t given_;  // the first so many were not trained here
+  std::size_t given_;  // number of targets that were not trained here; they come first
   TargetSessionOptions options_;
   planar::TargetState state_;
   planar::TargetResult result_;
-  std::optional<cv::Point> drag_;  // where the rectangle began
+  std::optional<cv::Point> drag_;  // first corner of the rectangle
   cv::Point mouse_;
   std::string message_;
 };

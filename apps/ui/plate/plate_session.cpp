@@ -52,7 +52,7 @@ PlateSession::PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf
       debug_(debug) {}
 
 void PlateSession::process(const Frame& frame) {
-  // Before the clock begins with another source.
+  // Before the clock starts for another source.
   if (!plate::VideoReader::continues(frame, state_)) finish();
   const plate::FrameMoment seen =
       moment_of_ && !frame.still ? moment_of_(frame) : plate::FrameMoment{};

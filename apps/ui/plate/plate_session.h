@@ -12,33 +12,33 @@
 
 namespace tarsier {
 
-// Shows what a plate::VideoReader reads. A still stands for itself; in the frames of a video or
-// camera each vehicle gives events: opened when it is certain to be one, updated while it stays,
-// closed when it has gone; or withdrawn. Where another video or camera begins, the vehicles of the
-// last one have gone. (The images of a folder that are shown in sequence are one video.)
-// Keys: space pauses, c boxes around characters, h help, q or Esc ends.
-// State: {"plates": number, "events": number of closed ones so far, "paused"}.
+// Shows the plates that a plate::VideoReader reads. Each still is independent. In a video or camera
+// each vehicle gives events: opened when it is certainly a vehicle, updated while it is visible,
+// and closed when it has left; or withdrawn. When another video or camera starts, all vehicles have
+// left. (Images of a folder that are shown in sequence are one video.) Keys: space pauses, c
+// character boxes, h help, q or Esc quits.
+// State: {"plates": number, "events": number of closed events so far, "paused"}.
 class PlateSession final : public FrameSession {
  public:
   using OnPlate = std::function<void(const plate::PlateEvent& event)>;
   using MomentOf = std::function<plate::FrameMoment(const Frame& frame)>;
 
-  // Both functions are called from on_frame, the first also from finish(). The second gives the
-  // wall clock of frames of videos and cameras; empty: events have no such times. `debug` takes
-  // each stage; it may be null, and must outlive the session.
+  // Both functions are called from on_frame(), `on_plate` also from finish(). `moment_of` gives the
+  // wall clock for frames of videos and cameras; if it is empty, events have no such times. `debug`
+  // receives each stage; it may be null and must outlive the session.
   PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf moment_of = {},
                DebugSink* debug = nullptr);
 
-  // No more frames: the events of vehicles that are still in sight.
+  // No more frames: reports the events of vehicles that are still visible.
   void finish();
 
-  // The wall clock was set forward by so much; see shift_unsynchronized() of tracker.h.
+  // The wall clock was set forward by `by`; see shift_unsynchronized() of tracker.h.
   void shift_unsynchronized(std::chrono::milliseconds by);
 
-  // Of the latest frame.
+  // The result of the latest frame.
   [[nodiscard]] const plate::VideoReaderResult& result() const { return result_; }
   [[nodiscard]] const std::vector<plate::Reading>& readings() const { return result_.plates; }
-  // Vehicles in sight; empty for stills.
+  // Visible vehicles; empty for stills.
   [[nodiscard]] const std::vector<plate::LiveTrack>& tracks() const { return result_.tracks; }
 
  private:

@@ -17,12 +17,12 @@ namespace {
 const cv::Scalar kGreen{60, 210, 60};
 const cv::Scalar kRim{0, 40, 0};
 const cv::Scalar kInk{70, 60, 50};
-constexpr double kWidest = 1680;   // px, of both panels
-constexpr double kTurnDeg = 10;    // of an arrow key
-constexpr double kDragDeg = 0.35;  // of a pixel
-constexpr double kZoom = 1.2;      // of a key or a notch
+constexpr double kWidest = 1680;   // px, of both panels together
+constexpr double kTurnDeg = 10;    // per press of an arrow key
+constexpr double kDragDeg = 0.35;  // per pixel
+constexpr double kZoom = 1.2;      // per key press or notch
 
-// Height of both panels: the frame's own where there is room; even, as videos need it.
+// Height of both panels: the frame's own if it fits; even, because videos need it.
 int panel_height(cv::Size frame) {
   const double aspect = static_cast<double>(frame.width) / frame.height;
   const double most = std::min(720.0, kWidest / (aspect + 4.0 / 3));

@@ -14,22 +14,22 @@
 
 namespace tarsier {
 
-// A model that grows while its video is shown: at the left the frame, with the points of the model
-// that are seen in it; at the right the cloud and its cameras. While the model grows, the host
-// waits.
-// Keys: space pauses, arrows or a dragged mouse turn the cloud, + - and the wheel zoom, 0 is the
-// first view again, r adjusts all of the model, h help, q or Esc ends.
+// Shows a reconstruction that grows with its video. At the left: the frame, with the points of the
+// model that are seen in it. At the right: the point cloud and its cameras. While the model grows,
+// the host waits.
+// Keys: space pauses, arrows or dragging with the mouse rotate the cloud, + - and the wheel zoom, 0
+// resets the view, r runs bundle adjustment over the whole model, h help, q or Esc quits.
 // State: {"key_frames", "registered", "points", "followed": points of the model in the frame,
 // "paused"}.
 class SfmSession final : public FrameSession {
  public:
-  // `online` must outlive the session. When `stop` fires, growing ends early. on_frame throws what
-  // OnlineReconstructor::process() throws. `debug`, which may be null and must outlive the session,
-  // takes the stages of each frame.
+  // `online` must outlive the session. If `stop` is triggered, growing ends early. on_frame()
+  // throws what OnlineReconstructor::process() throws. `debug` may be null and must outlive the
+  // session. It receives the stages of each frame.
   explicit SfmSession(sfm::OnlineReconstructor& online, std::stop_token stop = {},
                       DebugSink* debug = nullptr);
 
-  // No more frames: the video's last key frame; the model grows by what is waiting.
+  // No more frames: adds the video's last key frame and the pending images.
   View finish();
 
  private:
@@ -51,13 +51,13 @@ class SfmSession final : public FrameSession {
   std::stop_token stop_;
   DebugSink* debug_;
   sfm::OnlineResult result_;  // of the latest call
-  cv::Mat image_;             // the latest frame, as the model has it
+  cv::Mat image_;             // the latest frame, as used by the model
   cv::Mat cloud_;
   bool cloud_is_old_ = true;
   double yaw_ = 0;
   double pitch_ = 15;
   double zoom_ = 1;
-  std::optional<cv::Point2d> drag_;  // where the mouse was
+  std::optional<cv::Point2d> drag_;  // last position of the mouse
 };
 
 }  // namespace tarsier

@@ -16,16 +16,16 @@ class Workspace;
 struct AboutOptions {
   std::string version;
   bool tls = false;
-  std::vector<MetricsSource> metrics;  // beside those of the process and the workspace
+  std::vector<MetricsSource> metrics;  // in addition to those of the process and the workspace
   std::chrono::steady_clock::time_point started = std::chrono::steady_clock::now();
 };
 
-// GET /healthz, /metrics, /api/info, /api/help, /api/openapi.json, /api/audit. To be called last:
-// the description tells of the routes that the table has when it is asked.
+// Adds GET /healthz, /metrics, /api/info, /api/help, /api/openapi.json, /api/audit. The OpenAPI
+// description lists the routes that the router has when it is requested.
 void bind_about(Router& router, const VerbTable& verbs, const Workspace& workspace,
                 const AuditLog& audit, AboutOptions options);
 
-// The text of `program help --json`. Throws InputError where it does not answer within 20 s.
+// Runs `program help --json` and returns its output. Throws InputError if it takes more than 20 s.
 [[nodiscard]] std::string ask_for_help(const std::string& program);
 
 }  // namespace tarsier::web

@@ -41,7 +41,7 @@ constexpr auto kTypes = std::to_array<std::pair<std::string_view, std::string_vi
     {".csv", "text/csv; charset=utf-8"},
 });
 
-// Of a page's own name with a hash in it: "app-1A2B3C4D.js". Its bytes never change.
+// Whether a file name contains a hash: "app-1A2B3C4D.js". The content of such a file never changes.
 bool has_hash(std::string_view path) {
   const std::size_t slash = path.find_last_of('/');
   const std::string_view name = path.substr(slash == std::string_view::npos ? 0 : slash + 1);
@@ -150,7 +150,7 @@ void add_asset_routes(Router& router, const std::string& folder) {
     const std::size_t slash = path.find_last_of('/');
     const std::string_view name =
         std::string_view(path).substr(slash == std::string::npos ? 0 : slash + 1);
-    // The pages have paths of their own, which the client knows.
+    // Pages have other paths, which only the client knows.
     if (path.starts_with("assets/") || name.find('.') != std::string_view::npos)
       throw HttpError(404, "there is no such file");
     path = "index.html";

@@ -48,7 +48,7 @@ void AuditLog::write(std::string_view event, std::string_view address,
     (void)std::rename(path_.c_str(), (path_ + ".1").c_str());
   const int fd =
       ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-  // One write: lines of two programs do not mix.
+  // A single write(), so that lines of two programs do not mix.
   const bool done =
       fd >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size());
   const int error = errno;

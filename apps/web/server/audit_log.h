@@ -9,13 +9,13 @@
 
 namespace tarsier::web {
 
-// Who did what: a JSON line for each event ({"time","event","address",..}) in .studio/audit.log
-// (mode 0600). No images, no templates of faces, no secrets. At 4 MB the file becomes audit.log.1.
-// Thread-safe; trouble with the disk is warned of, never thrown.
+// Records who did what: one JSON line per event ({"time","event","address",..}) in
+// .studio/audit.log (mode 0600). It has no images, no face templates and no secrets. At 4 MB the
+// file is renamed to audit.log.1. Thread-safe. Disk errors are logged as warnings, never thrown.
 class AuditLog {
  public:
   explicit AuditLog(std::string path);
-  // `details` is an object; its strings are cut at 300 bytes.
+  // `details` is an object; its strings are truncated to 300 bytes.
   void write(std::string_view event, std::string_view address,
              const nlohmann::json& details = nlohmann::json::object());
   [[nodiscard]] std::vector<nlohmann::json> last(std::size_t count) const;

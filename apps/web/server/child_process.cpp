@@ -25,7 +25,7 @@
 #include <thread>
 #include <unistd.h>
 
-// The environment of this process (POSIX; not in any header without extensions).
+// The environment of this process (POSIX; no header declares it without extensions).
 extern char** environ;  // NOLINT(readability-redundant-declaration)
 
 namespace tarsier::web {
@@ -34,7 +34,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-// What the child's own children wrote before they were killed is still read, for so long.
+// How long output of the child's own children is still read after they were killed.
 constexpr milliseconds kLastWords{200};
 constexpr int kFirstFd = 3;
 constexpr int kLastFd = 9;
@@ -61,7 +61,7 @@ class Fd {
   int fd_ = -1;
 };
 
-// Lines of a stream, in bounded memory.
+// Splits a stream into lines, with bounded memory.
 class LineReader {
  public:
   LineReader(std::size_t max_line, std::function<void(std::string_view)> on_line)
@@ -98,16 +98,16 @@ class LineReader {
   bool open_ = false;
 };
 
-// What the forked child needs, made before: between fork and exec nothing may allocate.
+// Data for the forked child, prepared before fork: nothing may be allocated between fork and exec.
 struct Plan {
   std::vector<char*> arguments;
   std::vector<char*> environment;
   const char* folder = nullptr;
-  std::array<int, kLastFd + 1> fds{};  // by the child's numbers; -1: none
+  std::array<int, kLastFd + 1> fds{};  // by the child's descriptor number; -1: none
   rlim_t max_memory = RLIM_INFINITY;
   int niceness = 0;
   pid_t parent = 0;
-  int report = -1;  // errno of a failed start goes here
+  int report = -1;  // receives errno of a failed start
 };
 
 [[noreturn]] void become(const Plan& plan) {
@@ -118,7 +118,7 @@ struct Plan {
   };
   ::setpgid(0, 0);
   ::prctl(PR_SET_PDEATHSIG, SIGTERM);
-  if (::getppid() != plan.parent) ::_exit(127);  // it died before that
+  if (::getppid() != plan.parent) ::_exit(127);  // our process ended before that
   for (const int number :
        {SIGINT, SIGTERM, SIGPIPE, SIGHUP, SIGCHLD, SIGXFSZ, SIGUSR1, SIGUSR2, SIGQUIT})
     ::signal(number, SIG_DFL);
@@ -128,7 +128,7 @@ struct Plan {
     if (::setrlimit(RLIMIT_AS, &limit) != 0) fail();
   }
   if (plan.niceness > 0) (void)!::nice(plan.niceness);
-  // All that is ours closes at exec; dup2 takes that mark off those that the child gets.
+  // All our descriptors close at exec; dup2 clears this flag for those that the child gets.
   if (::close_range(kFirstFd, ~0U, CLOSE_RANGE_CLOEXEC) != 0) {
     const long most = std::min(::sysconf(_SC_OPEN_MAX), 65536L);
     for (int fd = kFirstFd; fd < most; ++fd) ::fcntl(fd, F_SETFD, FD_CLOEXEC);
@@ -156,7 +156,7 @@ int open_pidfd(pid_t pid) {
 #endif
 }
 
-// Copies of `fd` that no number of the child's overwrites.
+// A copy of `fd` with a number that the child's descriptors cannot overwrite.
 int lifted(int fd) { return ::fcntl(fd, F_DUPFD_CLOEXEC, 64); }
 
 }  // namespace
@@ -177,15 +177,15 @@ struct ChildProcess::Impl {
   ChildOptions options;
   std::function<void(const ChildEnd&)> on_end;
 
-  mutable std::mutex mutex;  // of what follows
+  mutable std::mutex mutex;  // protects the following members
   std::condition_variable changed;
-  pid_t child = -1;  // until it was waited for
+  pid_t child = -1;  // until it was reaped
   std::optional<Clock::time_point> kill_at;
   std::optional<ChildEnd> end;  // after on_end
 
-  std::atomic<pid_t> pid = -1;  // stays
+  std::atomic<pid_t> pid = -1;  // never reset
   Fd wake;
-  std::promise<std::string> started;  // why it could not be, or nothing
+  std::promise<std::string> started;  // the reason of a failed start, or empty
   std::thread thread;
 
   void signal_group(int number) {
@@ -198,7 +198,7 @@ struct ChildProcess::Impl {
     (void)!::write(wake.get(), &one, sizeof one);
   }
 
-  // The thread that forks must live as long as the child: its death is signalled to it.
+  // The thread that forks must live as long as the child, because its end sends the death signal.
   void run() {
     Fd output;
     Fd messages;
@@ -257,7 +257,7 @@ struct ChildProcess::Impl {
       plan.fds[static_cast<std::size_t>(pipe.child_fd)] = copies.back()->get();
     }
 
-    // No signal may run a handler of ours in the child.
+    // No signal may run one of our handlers in the child.
     sigset_t all;
     sigset_t before;
     sigfillset(&all);
@@ -267,7 +267,7 @@ struct ChildProcess::Impl {
     const int fork_error = errno;
     ::pthread_sigmask(SIG_SETMASK, &before, nullptr);
     if (process < 0) return fmt::format("no process: {}", error_text(fork_error));
-    ::setpgid(process, process);  // both sides: whoever comes first
+    ::setpgid(process, process);  // in parent and child, whichever runs first
     report_end.close();
     output_end.close();
     messages_end.close();
@@ -287,7 +287,7 @@ struct ChildProcess::Impl {
     return {};
   }
 
-  // Reads both streams until the process has ended and they are at their ends.
+  // Reads both streams until the process has ended and both are at their ends.
   void follow(Fd& output, Fd& messages) {
     const Fd ended(open_pidfd(pid));
     LineReader lines(options.max_line, options.on_output);
@@ -345,11 +345,11 @@ struct ChildProcess::Impl {
     kill_at.reset();
   }
 
-  // How the process ended, if it has. What it started and left behind is killed.
+  // How the process ended, if it has. Its remaining process group is killed.
   std::optional<ChildEnd> collect() {
     const std::lock_guard lock(mutex);
     siginfo_t info{};
-    // It stays a zombie until its group was killed: its number cannot be another's meanwhile.
+    // It stays a zombie until its group was killed, so that its process id is not reused meanwhile.
     if (::waitid(P_PID, static_cast<id_t>(child), &info, WEXITED | WNOHANG | WNOWAIT) != 0 ||
         info.si_pid == 0)
       return std::nullopt;
@@ -371,7 +371,7 @@ struct ChildProcess::Impl {
 
   static void drain(Fd& fd, LineReader& lines) {
     std::array<char, 16384> buffer;
-    // So much at a time, that a flood on one stream does not shut out the other.
+    // A limited amount per turn, so that a flood on one stream does not block the other.
     for (int i = 0; i < 16 && fd.get() >= 0; ++i) {
       const ssize_t count = ::read(fd.get(), buffer.data(), buffer.size());
       if (count < 0 && errno == EINTR) continue;
@@ -437,7 +437,7 @@ ChildProcess::Use ChildProcess::use() const {
   const Fd file(::open(fmt::format("/proc/{}/stat", impl_->child).c_str(), O_RDONLY | O_CLOEXEC));
   std::array<char, 1024> text{};
   if (file.get() < 0 || ::read(file.get(), text.data(), text.size() - 1) <= 0) return result;
-  const char* rest = std::strrchr(text.data(), ')');  // the name before may hold anything
+  const char* rest = std::strrchr(text.data(), ')');  // the name before it may contain anything
   if (rest == nullptr) return result;
   unsigned long user = 0;
   unsigned long system = 0;

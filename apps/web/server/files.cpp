@@ -34,13 +34,13 @@ std::string percent_encoded(const std::string& text) {
   return encoded;
 }
 
-// The last segment of what a browser calls a file: some send whole paths.
+// The last segment of a browser's file name: some browsers send whole paths.
 std::string last_segment(const std::string& path) {
   const std::size_t slash = path.find_last_of("/\\");
   return slash == std::string::npos ? path : path.substr(slash + 1);
 }
 
-// A file that is removed again unless it was moved away.
+// A file that is removed unless it was moved away.
 class Upload {
  public:
   explicit Upload(const Workspace& workspace) : path_(workspace.uploads_folder() + "/part-XXXXXX") {
@@ -78,7 +78,7 @@ Json store_form(Workspace& workspace, const std::string& set, const Request& req
   Json files = Json::array();
   std::unique_ptr<Upload> upload;
   std::string name;
-  // Nothing may be thrown through the parser: it is kept, and thrown afterwards.
+  // No exception may pass through the parser: it is stored and thrown afterwards.
   std::exception_ptr trouble;
   const auto guarded = [&](const auto& work) {
     if (trouble) return;
@@ -165,7 +165,7 @@ void bind_set_files(Router& router, Workspace& workspace, AuditLog& audit,
              [&](const Request& request) {
                std::string path = request.body_file;
                std::unique_ptr<Upload> upload;
-               if (path.empty()) {  // small enough to stay in memory
+               if (path.empty()) {  // small bodies stay in memory
                  upload = std::make_unique<Upload>(workspace);
                  upload->add(request.body);
                  upload->close();
@@ -204,7 +204,7 @@ void bind_state(Router& router, Workspace& workspace, AuditLog& audit) {
   router.add("GET", "/api/state/{name}", [&](const Request& request) {
     const std::string& name = request.param("name");
     const std::string path = workspace.state_path(name);
-    // The templates of faces and the log of plates.
+    // Face templates and the plate log.
     if (name == "gallery" || name == "plates.db")
       audit.write("export", request.address, {{"what", name}});
     return file_response(path, name);

@@ -18,12 +18,12 @@
 namespace tarsier::web {
 namespace {
 
-// Nothing on a page comes from elsewhere, and nothing that stands in it is run.
+// Pages load nothing from elsewhere and run no inline scripts.
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
     "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'self'; "
     "frame-ancestors 'none'";
-// A file of the user, opened by itself, is no page of ours.
+// A user's file, opened directly, is not a page of the studio.
 constexpr const char* kDataPolicy =
     "default-src 'none'; script-src 'none'; style-src 'self'; img-src 'self' blob:; "
     "connect-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; sandbox";
@@ -52,7 +52,7 @@ ssize_t read_stream(void* cls, std::uint64_t, char* buffer, std::size_t most) {
 
 void end_stream(void* cls) { delete static_cast<Streaming*>(cls); }
 
-// Null where it is no regular file (any more): `response` is then a 404.
+// Null if it is not a regular file (any more): `response` is then a 404.
 MHD_Response* of_file(Response& response, std::string_view range_text, std::uint64_t& size) {
   const int fd = ::open(response.file.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
   struct stat state {};
@@ -88,7 +88,7 @@ MHD_Response* of_file(Response& response, std::string_view range_text, std::uint
 
 void add_headers(MHD_Response* body, const Response& response) {
   const auto header = [&](const char* name, const std::string& value) {
-    // A line end in a value would begin another field: libmicrohttpd refuses it.
+    // A line end in a value would start another header: libmicrohttpd refuses it.
     (void)MHD_add_response_header(body, name, value.c_str());
   };
   const auto has = [&](std::string_view name) {
@@ -124,7 +124,7 @@ HttpAnswer make_answer(Response& response, std::string_view range, int socket,
     answer.body = MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, kBlock, &read_stream,
                                                     streaming.get(), &end_stream);
     if (answer.body == nullptr) return answer;
-    (void)streaming.release();  // end_stream's
+    (void)streaming.release();  // end_stream owns it
     if (is_plain)
       (void)MHD_set_response_options(answer.body, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
     answer.is_stream = true;

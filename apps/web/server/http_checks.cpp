@@ -34,7 +34,8 @@ OriginRules::Head head_of(const Request& request) {
   return head;
 }
 
-// The client that the proxy saw: the last word of X-Forwarded-For, the only one it vouches for.
+// The client as seen by the proxy: the last word of X-Forwarded-For, the only one that it
+// guarantees.
 std::string forwarded(const Request& request) {
   const std::string_view all = request.header("x-forwarded-for");
   const std::string last(trimmed(all.substr(all.find_last_of(',') + 1)));

@@ -10,13 +10,13 @@
 
 namespace tarsier::web {
 
-// One request on its way.
+// A request that is being received.
 struct Pending {
-  std::string target;  // as it stands in the request line
+  std::string target;  // as in the request line
   bool has_begun = false;
   Request request;
   const Router::Route* route = nullptr;
-  std::optional<Response> refusal;  // once the body was read
+  std::optional<Response> refusal;  // sent after the body was read
   std::uint64_t expected = 0;       // bytes of the body
   int spool = -1;
   std::string spool_path;
@@ -30,14 +30,14 @@ struct Pending {
   }
 };
 
-// What is decided by the head of a request, in the order that http_server.h tells. Thread-safe.
+// The checks of a request's head, in the order given in http_server.h. Thread-safe.
 class HttpChecks {
  public:
   HttpChecks(const HttpServerOptions& options, const Router& router, SignIns& sign_ins,
              AuditLog& audit)
       : options_(options), router_(router), sign_ins_(sign_ins), audit_(audit) {}
 
-  // Why the request is refused, or nothing; fills `pending`.
+  // The reason why the request is refused, or nullopt; fills `pending`.
   [[nodiscard]] std::optional<Response> refusal(Pending& pending);
 
  private:

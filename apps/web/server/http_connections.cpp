@@ -51,7 +51,7 @@ void HttpConnections::enter(Connection* connection, Phase phase, double patience
 void HttpConnections::begin_head(Connection* connection) {
   if (connection == nullptr) return;
   const std::lock_guard lock(mutex_);
-  // Of the first request the deadline stays: it is that of the connection.
+  // The first request keeps the deadline of the connection.
   if (connection->phase == Phase::kIdle)
     connection->deadline = Clock::now() + seconds(options_.head_s);
   connection->phase = Phase::kHead;
@@ -69,7 +69,8 @@ void HttpConnections::end(Connection& connection) {
   (void)::shutdown(connection.socket, SHUT_RDWR);
 }
 
-// The oldest that may be closed, of `address` (all: nullptr); with the mutex held.
+// The oldest connection that may be closed, of `address` (nullptr: any). Call it with the mutex
+// held.
 Connection* HttpConnections::to_evict(const std::string* address, const Connection* except) {
   Connection* found = nullptr;
   for (Connection* connection : connections_) {
@@ -133,7 +134,7 @@ void HttpConnections::remove(Connection* connection) {
   changed_.notify_all();
 }
 
-// Closes connections whose time is over.
+// Closes connections whose time limit has passed.
 void HttpConnections::keep() {
   std::unique_lock lock(mutex_);
   while (!closing_) {

@@ -22,11 +22,11 @@ struct Connection {
   std::chrono::steady_clock::time_point since;
   std::chrono::steady_clock::time_point deadline;
   bool signed_in = false;
-  bool is_ended = false;  // shut down by us
+  bool is_ended = false;  // we shut it down
 };
 
-// The open connections: each has so much time for what it is doing, and where there are too many,
-// one makes room. Thread-safe.
+// The open connections. Each phase of a connection has a time limit. If there are too many
+// connections, one is closed for a new one. Thread-safe.
 class HttpConnections {
  public:
   HttpConnections(const HttpServerOptions& options, HttpCounters& counters)
@@ -35,25 +35,26 @@ class HttpConnections {
   HttpConnections(const HttpConnections&) = delete;
   HttpConnections& operator=(const HttpConnections&) = delete;
 
-  void start();  // the thread that closes those whose time is over
-  // One that was accepted; it may be closed at once. remove() takes it back.
+  void start();  // starts the thread that closes connections after their time limit
+  // Adds an accepted connection, which may be closed at once. remove() deletes it.
   [[nodiscard]] Connection* add(int socket, const sockaddr* from);
   void remove(Connection* connection);
-  // What it does now, and how long it may; 0: for ever. Null is passed over.
+  // Sets the phase and its time limit; 0: no limit. A null connection is ignored.
   void enter(Connection* connection, Phase phase, double patience_s);
-  // A request line is here: its head has head_s from now, of the first request from the beginning.
+  // A request line arrived: its head must be complete head_s from now; for the first request head_s
+  // counts from the beginning.
   void begin_head(Connection* connection);
   void set_signed_in(Connection& connection, bool signed_in);
 
-  // From now on every connection is closed as it comes.
+  // From now on every new connection is closed at once.
   void close();
   [[nodiscard]] bool is_closing() const;
-  // Closes all, and waits until they are gone, `patience` at most.
+  // Closes all connections and waits until they are gone, at most `patience`.
   void end_all(std::chrono::milliseconds patience);
 
  private:
   using Clock = std::chrono::steady_clock;
-  // With the mutex held.
+  // Call these with the mutex held.
   void end(Connection& connection);
   Connection* to_evict(const std::string* address, const Connection* except);
   void make_room(Connection& fresh);

@@ -24,12 +24,12 @@
 namespace tarsier::web {
 namespace {
 
-constexpr std::size_t kHeadBytes = 32768;         // of a request, with its own copies
-constexpr std::size_t kThreadStack = 512 << 10;   // as the parsers of small JSON need
+constexpr std::size_t kHeadBytes = 32768;         // of a request, including copies
+constexpr std::size_t kThreadStack = 512 << 10;   // needed by the parsers for small JSON
 constexpr unsigned kHandlerSeconds = 600;         // libmicrohttpd counts a handler's time, too
-constexpr unsigned kStreamStallSeconds = 330;     // of a stream; see BodyStream
-constexpr std::uint64_t kDrained = 64 << 10;      // a refused body of that size is read first
-constexpr double kSlowestBytesPerSecond = 16384;  // of a body; an answer may take twice as long
+constexpr unsigned kStreamStallSeconds = 330;     // for a stream; see BodyStream
+constexpr std::uint64_t kDrained = 64 << 10;      // a refused body up to this size is read first
+constexpr double kSlowestBytesPerSecond = 16384;  // of a body; a response may take twice as long
 
 }  // namespace
 
@@ -54,7 +54,7 @@ struct HttpServer::Impl {
     return info == nullptr ? nullptr : static_cast<Connection*>(info->socket_context);
   }
 
-  // Runs in the thread of the connection, at the end before the socket closes.
+  // Runs in the thread of the connection, finally before the socket closes.
   static void note_connection(void* cls, MHD_Connection* handle, void** context,
                               MHD_ConnectionNotificationCode what) {
     auto& server = *static_cast<Impl*>(cls);
@@ -73,14 +73,14 @@ struct HttpServer::Impl {
 
   // --- a request ---
 
-  // The request line is here; its header fields are not yet.
+  // The request line has arrived; the header fields have not.
   static void* note_target(void* cls, const char* uri, MHD_Connection* handle) {
     auto& server = *static_cast<Impl*>(cls);
     server.connections.begin_head(connection_of(handle));
     try {
       auto pending = std::make_unique<Pending>();
       pending->target = uri;
-      return pending.release();  // note_completed's
+      return pending.release();  // note_completed owns it
     } catch (const std::bad_alloc&) {
       return nullptr;
     }
@@ -127,7 +127,7 @@ struct HttpServer::Impl {
     server.connections.enter(connection_of(handle), Phase::kIdle, server.options.idle_s);
   }
 
-  // The head is here: all that can be decided by it is.
+  // The head has arrived: make all checks that need only the head.
   MHD_Result begin(MHD_Connection* handle, Connection& connection, Pending& pending,
                    const char* method) {
     ++counters.requests;
@@ -145,7 +145,7 @@ struct HttpServer::Impl {
     const bool has_body =
         (!length.empty() && length != "0") || !request.header("transfer-encoding").empty();
     if (refusal) {
-      // A client that is still sending would not read the answer: a small body is read first.
+      // A client that is still sending would not read the response: a small body is read first.
       if (!has_body || pending.expected == 0 || pending.expected > kDrained)
         return send(handle, connection, std::move(*refusal), "GET");
       pending.refusal = std::move(refusal);
@@ -156,7 +156,7 @@ struct HttpServer::Impl {
     return MHD_YES;
   }
 
-  // A piece of the body; false ends the connection.
+  // Takes a piece of the body; false ends the connection.
   static bool take(Pending& pending, std::string_view bytes) {
     pending.request.body_bytes += bytes.size();
     if (pending.request.body_bytes > pending.expected) return false;
@@ -269,7 +269,7 @@ struct HttpServer::Impl {
           this, MHD_OPTION_NOTIFY_COMPLETED, &Impl::note_completed, this,
           MHD_OPTION_URI_LOG_CALLBACK, &Impl::note_target, this, MHD_OPTION_UNESCAPE_CALLBACK,
           &Impl::keep_escapes, nullptr,
-          // Room beside ours, in which a new connection waits for an old one to end.
+          // More than our limit: a new connection waits here until an old one ends.
           MHD_OPTION_CONNECTION_LIMIT, options.max_connections + 64U, MHD_OPTION_CONNECTION_TIMEOUT,
           options.stall_s, MHD_OPTION_CONNECTION_MEMORY_LIMIT, kHeadBytes,
           MHD_OPTION_THREAD_STACK_SIZE, kThreadStack, MHD_OPTION_STRICT_FOR_CLIENT, 1,
@@ -289,9 +289,9 @@ struct HttpServer::Impl {
 
   void stop() {
     connections.close();
-    // libmicrohttpd 0.9.75 reads through a null pointer when it refuses a malformed request while
-    // it is being stopped. So every connection ends before: no new ones, and those that are open
-    // meet the end of their input.
+    // libmicrohttpd 0.9.75 dereferences a null pointer when it refuses a malformed request while it
+    // is being stopped. So every connection is ended first: no new ones are accepted, and the input
+    // of open ones is shut down.
     for (MHD_Daemon* daemon : daemons) {
       const MHD_socket listening = MHD_quiesce_daemon(daemon);
       if (listening != MHD_INVALID_SOCKET) ::close(listening);

@@ -9,7 +9,7 @@
 #include <optional>
 #include <string>
 
-// One job in memory: for jobs.cpp, which keeps them, and job_runner.cpp, which runs them.
+// One job in memory: shared by jobs.cpp, which stores jobs, and job_runner.cpp, which runs them.
 namespace tarsier::web {
 
 struct Jobs::Job {
@@ -28,10 +28,10 @@ struct Jobs::Job {
   std::unique_ptr<ChildProcess> child;
   std::optional<ChildEnd> end;
   bool cancelled = false;
-  std::string stopped_because;  // by the server itself
+  std::string stopped_because;  // reason, if the server stopped it
   std::string last_error;
   BoundedFile output, log;
-  bool is_new = true;  // something to publish
+  bool is_new = true;  // has a change to publish
   std::chrono::steady_clock::time_point published{};
   std::chrono::steady_clock::time_point measured{};
   std::string measured_stage;
@@ -41,7 +41,7 @@ inline bool is_over(JobState state) {
   return state != JobState::kQueued && state != JobState::kRunning;
 }
 
-// Since 1970.
+// Seconds since 1970.
 inline double now_seconds() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
 }

@@ -11,7 +11,7 @@ void JobFeed::publish(const std::string& id, std::string json) {
     const std::lock_guard lock(mutex_);
     entries_[id] = Entry{++newest_, std::move(json)};
     wake = wake_;
-    // Those that were deleted long ago are forgotten, so that ids do not pile up.
+    // Jobs that were deleted long ago are dropped, so that ids do not accumulate.
     if (entries_.size() > 4096) {
       const auto oldest = std::min_element(
           entries_.begin(), entries_.end(),

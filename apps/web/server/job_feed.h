@@ -11,17 +11,17 @@
 
 namespace tarsier::web {
 
-// The newest state of every job, for those who watch: a job that changes faster than a viewer reads
-// is seen in fewer steps. Thread-safe.
+// The newest state of every job, for viewers. A viewer that reads slowly skips intermediate states.
+// Thread-safe.
 class JobFeed {
  public:
-  // `json`: the Job as the API tells it; of a job that was deleted {"id","state":"deleted"}.
+  // `json` is the Job as in the API; for a deleted job {"id","state":"deleted"}.
   void publish(const std::string& id, std::string json);
-  // What was published after `last`, oldest first, at most `most`; moves `last` on.
+  // The states published after `last`, oldest first, at most `most`; advances `last`.
   [[nodiscard]] std::vector<std::pair<std::string, std::string>> since(std::uint64_t& last,
                                                                        std::size_t most = 64) const;
   [[nodiscard]] std::uint64_t newest() const;
-  // Called after each publish(), in its thread (live.cpp wakes its viewers).
+  // `wake` is called after each publish(), in its thread (live.cpp wakes its viewers).
   void on_publish(std::function<void()> wake);
 
  private:

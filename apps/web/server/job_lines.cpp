@@ -64,7 +64,7 @@ std::deque<std::string> tail_of(const std::string& path, std::size_t lines) {
   std::size_t at = from > 0 ? std::min(text.find('\n'), text.size() - 1) + 1 : 0;
   while (at < text.size()) {
     const std::size_t end = text.find('\n', at);
-    if (end == std::string::npos) break;  // cut short by a kill
+    if (end == std::string::npos) break;  // truncated by a kill
     tail.push_back(text.substr(at, end - at));
     if (tail.size() > lines) tail.pop_front();
     at = end + 1;

@@ -7,11 +7,11 @@
 #include <string>
 #include <string_view>
 
-// The lines that jobs print, as they are kept.
+// Storage of the lines that jobs print.
 namespace tarsier::web {
 
-// Appends lines to a file up to a limit; what is more is left out, and a line says so. A disk that
-// is full is warned of once.
+// Appends lines to a file up to a size limit. Further lines are dropped, and a last line says so. A
+// full disk gives one warning.
 class BoundedFile {
  public:
   BoundedFile() = default;
@@ -31,8 +31,8 @@ class BoundedFile {
 // The last lines of a file.
 [[nodiscard]] std::deque<std::string> tail_of(const std::string& path, std::size_t lines);
 
-// A line whose long lists (all files that were searched) are cut, with their lengths beside them:
-// lines.jsonl has it whole.
+// A line whose long lists (such as all searched files) are truncated, with their lengths added.
+// lines.jsonl has the full line.
 [[nodiscard]] std::string shortened(const std::string& line);
 
 }  // namespace tarsier::web

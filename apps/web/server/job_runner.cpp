@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// How Jobs runs its jobs: the thread of schedule(), and what the children print.
+// How Jobs runs jobs: the thread of schedule(), and the children's output.
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 
@@ -41,8 +41,8 @@ void Jobs::take_message(Job& job, std::string_view line) {
     const Lock lock(mutex_);
     job.progress = std::move(*progress);
     job.is_new = true;
-    // What is measured makes a curve: these lines are kept, too; of each stage the first and the
-    // last, and some between.
+    // Measures are drawn as a curve, so these lines are kept: for each stage the first, the last,
+    // and some between.
     const auto stage = job.progress["label"].get<std::string>();
     const bool is_due = stage != job.measured_stage ||
                         job.progress["done"] == job.progress["total"] ||
@@ -82,7 +82,7 @@ void Jobs::begin(const std::shared_ptr<Job>& job, Lock& lock) {
     job->output.open(folder + "/lines.jsonl", options_.line_bytes, true);
     job->log.open(folder + "/log.txt", options_.log_bytes, true);
     ChildOptions options = host_.child(job->command, folder + "/files");
-    options.niceness = 10;  // live sessions go first
+    options.niceness = 10;  // live sessions have priority
     options.max_line = 16U << 20U;
     Job* const raw = job.get();
     options.on_output = [this, raw](std::string_view line) { take_output(*raw, line); };
@@ -103,7 +103,7 @@ void Jobs::begin(const std::shared_ptr<Job>& job, Lock& lock) {
     if (!child) return fail(trouble);
     job->child = std::move(child);
     if (job->cancelled || ending_) job->child->interrupt(options_.patience);
-  } catch (const std::exception& error) {  // a set that is gone meanwhile, a full disk
+  } catch (const std::exception& error) {  // a set that was deleted meanwhile, a full disk
     if (!lock.owns_lock()) lock.lock();
     fail(error.what());
   }
@@ -190,7 +190,7 @@ void Jobs::schedule() {
       }
       if (ending_ && running == 0) return;
       if (starts) continue;
-    } catch (const std::exception& error) {  // a full disk: the state in memory goes on
+    } catch (const std::exception& error) {  // a full disk: the state in memory is kept
       log_warning("jobs: {}", error.what());
       if (!lock.owns_lock()) lock.lock();
       if (ending_) return;

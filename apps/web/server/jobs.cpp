@@ -36,11 +36,11 @@ constexpr NameTable<JobState, 6> kStates{"state",
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr std::size_t kMaxShown = 64U << 10U;  // bytes of lines in one answer
+constexpr std::size_t kMaxShown = 64U << 10U;  // bytes of lines in one response
 constexpr std::size_t kMaxStored = 1U << 20U;
 constexpr std::string_view kForgotten = "(forgotten)";
 
-// Sorts by time, also within a millisecond and where the clock is set back; nobody guesses the next.
+// Sorted by time, also within a millisecond and after the clock was set back; not predictable.
 std::string new_id() {
   using std::chrono::milliseconds;
   static std::mutex mutex;
@@ -89,7 +89,7 @@ void Jobs::stop() {
   scheduler_.join();
   for (const auto& job : running) {
     if (job->child) (void)job->child->wait(std::chrono::seconds(5));
-    job->child.reset();  // kills what is left
+    job->child.reset();  // kills remaining processes
     if (job->state == JobState::kRunning) {
       job->state = JobState::kInterrupted;
       job->error = "the studio was stopped while it ran";
@@ -99,7 +99,7 @@ void Jobs::stop() {
   }
 }
 
-// What is stored of a job.
+// The stored form of a job.
 Json Jobs::stored(const Job& job) {
   return {{"id", job.id},
           {"verb", job.request.verb},
@@ -149,7 +149,7 @@ void Jobs::load() {
         save(*job);
       }
       jobs_[job->id] = std::move(job);
-    } catch (const std::exception& trouble) {  // not ours, or broken: it is left alone
+    } catch (const std::exception& trouble) {  // not a job, or corrupt: it is left unchanged
       log_warning("{}: no job: {}", folder, trouble.what());
     }
   }
@@ -254,7 +254,7 @@ void Jobs::remove(const std::string& id) {
   const auto job = find(id);
   if (!is_over(job->state)) throw HttpError(409, "the job is not over; cancel it first");
   const std::string folder = host_.workspace.job_folder(id);
-  ::unlink((folder + "/job.json").c_str());  // first: what is left of a kill here is no job
+  ::unlink((folder + "/job.json").c_str());  // first: after a kill the rest is not taken for a job
   host_.workspace.forget_thumbnails(folder);
   std::error_code error;
   fs::remove_all(folder, error);

@@ -27,14 +27,14 @@ void bind_jobs(Router& router, Jobs& jobs, Workspace& workspace, AuditLog& audit
   router.add("POST", "/api/jobs/{id}/again", [&](const Request& request) {
     return json_response(jobs.again(request.param("id"), request.address), 201);
   });
-  // Text: what the verb said, and its JSON lines.
+  // Text: the verb's log, and its JSON lines.
   const auto add_text = [&](const std::string& pattern, const std::string& file) {
     router.add("GET", pattern, [&jobs, &workspace, file](const Request& request) {
       (void)jobs.get(request.param("id"));
       const std::string path = workspace.job_folder(request.param("id")) + '/' + file;
       Response response;
       response.type = "text/plain; charset=utf-8";
-      if (::access(path.c_str(), R_OK) == 0) response.file = path;  // else it has not begun
+      if (::access(path.c_str(), R_OK) == 0) response.file = path;  // else it has not started
       return response;
     });
   };

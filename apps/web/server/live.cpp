@@ -21,9 +21,9 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kMaxWatched = 16;  // sessions in one stream
 constexpr std::size_t kMaxEvents = 64;   // in one POST
-constexpr milliseconds kHandled{1000};   // for a session to handle them
+constexpr milliseconds kHandled{1000};   // time for a session to handle them
 
-// What is drawn by the program itself, for those without a camera.
+// Synthetic sources, for users without a camera.
 struct Drawn {
   const char* id;
   const char* name;
@@ -39,7 +39,7 @@ constexpr Drawn kDrawn[] = {
     {"synth:clock?live=1", "Synthetic clock"},
 };
 
-// "ID" or "ID:WIDTH", the px that the viewer shows it in; 0: as it is.
+// Parses "ID" or "ID:WIDTH", the width in px at which the viewer shows it; 0: full size.
 std::pair<std::string, int> watched_word(std::string_view word) {
   const std::size_t colon = word.find(':');
   if (colon == std::string_view::npos) return {std::string(word), 0};
@@ -84,7 +84,7 @@ void Live::stop() {
   changed_.notify_all();
   if (keeper_.joinable()) keeper_.join();
   jobs_.on_publish({});
-  // All at once: each has as long as one.
+  // All at once: together they take as long as one.
   for (const auto& session : sessions) session->close();
   sessions.clear();
 }
@@ -191,7 +191,7 @@ Response Live::start(const Request& request) {
     if (running >= options_.max_sessions)
       throw HttpError(
           409, fmt::format("{} sessions are the limit: end one first", options_.max_sessions));
-    // Those that ended long ago make room.
+    // Sessions that ended long ago are dropped.
     for (std::size_t ended = sessions_.size() - running; ended >= options_.max_ended; --ended)
       sessions_.erase(std::find_if(sessions_.begin(), sessions_.end(),
                                    [](const auto& other) { return !other->is_running(); }));
@@ -222,7 +222,7 @@ Response Live::take_events(const Request& request) {
   if (!events.is_array() || events.size() > kMaxEvents)
     throw HttpError(400, fmt::format("the body must be a list of at most {} events", kMaxEvents));
   std::string lines;
-  bool is_move = true;  // of the mouse alone: nothing waits for it
+  bool is_move = true;  // only mouse moves: nobody waits for these
   for (const auto& event : events) {
     const auto text = event_line(event);
     if (!text)
@@ -236,7 +236,7 @@ Response Live::take_events(const Request& request) {
   const auto number = session->send(lines);
   if (!number)
     throw HttpError(409, "this session takes no events now: it is ending, or busy for long");
-  // 204: the session has handled them, and a click of an annotation is in its journal.
+  // 204: the session has handled them, so a click of an annotation is in its journal.
   if (is_move || session->wait_until_handled(*number, kHandled)) return no_content();
   if (!session->is_running()) throw HttpError(409, "this session ended before it handled them");
   return json_response({{"handled", false}}, 202);
@@ -245,11 +245,11 @@ Response Live::take_events(const Request& request) {
 Response Live::send_snapshot(const Request& request) {
   const auto session = session_of(request);
   const auto waker = std::make_shared<Waker>();
-  // In its full size: others may watch a small one.
+  // A snapshot has full size, even if other viewers show a small image.
   session->add_viewer(waker);
   const std::uint64_t before = session->image().number;
   const std::uint64_t wanted = std::max(before + 1, session->fitting());
-  // Of a session that is paused no newer one comes.
+  // A paused session delivers no newer image.
   const bool is_full = before > 0 && session->fitting() <= before;
   const Clock::time_point until = Clock::now() + milliseconds(is_full ? 500 : 5000);
   while (session->image().number < wanted && session->is_running() && Clock::now() < until) {
@@ -302,7 +302,7 @@ Response Live::send_live(const Request& request) {
   response.type = "application/octet-stream";
   response.stream = make_live_stream(std::move(slot), std::move(waker), std::move(unknown),
                                      sessions, with_jobs ? &jobs_ : nullptr);
-  // Proxies that hold answers back would turn it into a slide show.
+  // Proxies that buffer responses would delay the images.
   response.headers.emplace_back("X-Accel-Buffering", "no");
   return response;
 }

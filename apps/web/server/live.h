@@ -29,18 +29,18 @@ struct LiveOptions {
   std::string program;  // the path of tarsier
   const VerbTable* verbs = nullptr;
   References references;
-  std::vector<std::pair<std::string, std::string>> environment;  // of the children
-  // --allow-source: the name and what it stands for, which may hold a password.
+  std::vector<std::pair<std::string, std::string>> environment;  // variables for the children
+  // --allow-source: the name and its source, which may contain a password.
   std::vector<std::pair<std::string, std::string>> allowed;
-  std::size_t max_sessions = 9;  // that run
-  std::size_t max_ended = 20;    // that are remembered
+  std::size_t max_sessions = 9;  // running at the same time
+  std::size_t max_ended = 20;    // ended sessions that are kept
   std::size_t max_streams = 32;  // /api/live and stream.mjpg together
   std::uint64_t max_memory_bytes = 0;
   // More entries for GET /api/sources (sets of the workspace).
   std::function<nlohmann::json()> more_sources;
 };
 
-// The sessions that run, and who watches them.
+// The running sessions and their viewers.
 class Live {
  public:
   Live(LiveOptions options, JobFeed& jobs, AuditLog& audit);
@@ -48,13 +48,12 @@ class Live {
   Live(const Live&) = delete;
   Live& operator=(const Live&) = delete;
 
-  // /api/sources, /api/viewer-cameras.., /api/sessions.., /api/live
+  // Adds /api/sources, /api/viewer-cameras.., /api/sessions.., /api/live.
   void add_routes(Router& router);
   // Ends all sessions and streams; returns within about 0.4 s.
   void stop();
 
-  // The word for a source's reference: synth:, camera:N, allowed:NAME, viewer:ID. Throws
-  // UsageError.
+  // Converts a reference to a source: synth:, camera:N, allowed:NAME, viewer:ID. Throws UsageError.
   [[nodiscard]] std::string source_word(const std::string& reference) const;
 
   [[nodiscard]] std::shared_ptr<LiveSession> find(const std::string& id) const;  // or null

@@ -16,7 +16,7 @@ void put_u32(std::string& out, std::uint32_t value) {
     out += static_cast<char>(value >> static_cast<unsigned>(shift));
 }
 
-// A finite number within the limits, or nothing.
+// A finite number within the limits, or nullopt.
 std::optional<double> number_in(const nlohmann::json& value, double low, double high) {
   if (!value.is_number()) return std::nullopt;
   const double number = value.get<double>();
@@ -103,7 +103,7 @@ std::optional<std::string> event_line(const nlohmann::json& event) {
         return std::nullopt;
       line[name] = *found;
     }
-    // Of the image that was clicked on: another size may be on its way.
+    // Refers to the image that was clicked on: another size may be in transit.
     if (const auto width = event.find("width"); width != event.end()) {
       if (!width->is_number_integer() || !number_in(*width, 1, 16384)) return std::nullopt;
       line["width"] = *width;

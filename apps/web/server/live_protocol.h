@@ -8,18 +8,18 @@
 #include <string>
 #include <string_view>
 
-// What goes between a pipe window, the server and its viewers (docs/studio.md).
+// The protocol between a pipe window, the server and its viewers (docs/studio.md).
 namespace tarsier::web {
 
-// Reads the records that a pipe window writes: u32 length, u8 kind, payload. In pieces of any size;
-// a record of more than 64 MB, or none at all, breaks the stream.
+// Parses the records of a pipe window: u32 length, u8 kind, payload. Bytes may arrive in pieces of
+// any size. A record that is empty or has more than 64 MB breaks the stream.
 class WindowRecords {
  public:
   struct Record {
     char kind = 0;
     std::string payload;
   };
-  // False once the stream is broken.
+  // Returns false once the stream is broken.
   bool feed(std::string_view bytes);
   [[nodiscard]] std::optional<Record> take();
   [[nodiscard]] bool is_broken() const { return broken_; }
@@ -35,12 +35,12 @@ class WindowRecords {
 // Four bytes, big-endian.
 [[nodiscard]] std::uint32_t read_u32(const char* bytes);
 
-// One event of POST /api/sessions/ID/events as the line that the pipe window reads; nothing for
-// anything that is no key, mouse, action or slider event, or has values out of range.
+// Converts one event of POST /api/sessions/ID/events to a line for the pipe window; nullopt if it
+// is not a key, mouse, action or slider event, or has values out of range.
 [[nodiscard]] std::optional<std::string> event_line(const nlohmann::json& event);
 
-// One record of /api/live: u32 length of what follows, u8 kind, u8 length of the id, id, payload.
-// All numbers big-endian. The id has at most 255 bytes.
+// Appends one record of /api/live: u32 length of the rest, u8 kind, u8 length of the id, id,
+// payload. All numbers are big-endian. The id has at most 255 bytes.
 enum class LiveRecord : std::uint8_t {
   kImage = 1,
   kState = 2,

@@ -26,9 +26,9 @@ constexpr std::size_t kLogLines = 200;
 constexpr std::size_t kLogLine = 4096;
 constexpr std::size_t kMaxOutbox = 256 << 10;
 constexpr milliseconds kRateWindow{2000};
-constexpr milliseconds kPatience{300};  // between being asked to end and being killed
+constexpr milliseconds kPatience{300};  // between the request to end and the kill
 
-// Of what a child says; -1 for anything else.
+// An integer member of a child's record; -1 if there is none.
 std::int64_t whole_number(const nlohmann::json& object, const char* name) {
   const auto found = object.find(name);
   return found != object.end() && found->is_number_integer() ? found->get<std::int64_t>() : -1;

@@ -21,11 +21,11 @@
 
 namespace tarsier::web {
 
-// Wakes one viewer, whatever happened to any of the sessions it watches.
+// Wakes one viewer after a change in any of its sessions.
 class Waker {
  public:
   void wake();
-  // Waits until wake() was called since the last time, or `patience` is over.
+  // Waits until wake() was called since the last wait, or until `patience` has passed.
   void wait(std::chrono::milliseconds patience);
 
  private:
@@ -35,7 +35,7 @@ class Waker {
 };
 
 // A verb with a window, run as a child process whose window is a pair of pipes (TARSIER_WINDOW).
-// Keeps the newest image and state; whatever a viewer missed in between is gone. Thread-safe.
+// Keeps only the newest image and state; viewers skip intermediate ones. Thread-safe.
 class LiveSession {
  public:
   using Clock = std::chrono::steady_clock;
@@ -44,37 +44,38 @@ class LiveSession {
     std::string id;
     std::string verb;                                          // "cartoon run"
     std::string name;                                          // for people
-    std::vector<std::string> inputs;                           // as they were asked for
-    nlohmann::json flags = nlohmann::json::object();           // the same
+    std::vector<std::string> inputs;                           // as requested
+    nlohmann::json flags = nlohmann::json::object();           // as requested
     std::string shown;                                         // the command, for people
     std::vector<std::string> arguments;                        // the program's path first
-    std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all that it shows
-    // Added to that of the server.
+    std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all shown text
+    // Added to the server's environment.
     std::vector<std::pair<std::string, std::string>> environment;
-    bool has_camera = false;       // a viewer's camera is its input: frames by offer_frame()
-    std::function<void()> on_end;  // in a thread of the session
+    bool has_camera = false;       // the input is a viewer's camera: frames by offer_frame()
+    std::function<void()> on_end;  // called in a thread of the session
   };
 
-  // An image as the child sent it. `number` counts those of this session.
+  // An image as sent by the child. `number` counts the images of this session.
   struct Image {
     std::uint64_t number = 0;
     std::uint32_t frame = 0;
-    std::uint32_t age_ms = 0;  // when it was received
+    std::uint32_t age_ms = 0;  // at the time of reception
     Clock::time_point received;
     std::shared_ptr<const std::string> jpeg;
 
     [[nodiscard]] std::uint32_t age_now() const;
   };
 
-  // What a viewer has not seen: everything whose number is greater than what it saw.
+  // A versioned message: a viewer gets it if its number is greater than the last one that the
+  // viewer saw.
   struct News {
     std::uint64_t number = 0;
     std::shared_ptr<const std::string> json;
   };
 
-  // Throws InputError where the program cannot be started.
+  // Throws InputError if the program cannot be started.
   explicit LiveSession(Options options);
-  ~LiveSession();  // ends the child: SIGINT, 0.3 s later SIGKILL
+  ~LiveSession();  // ends the child: SIGINT, after 0.3 s SIGKILL
   LiveSession(const LiveSession&) = delete;
   LiveSession& operator=(const LiveSession&) = delete;
 
@@ -85,45 +86,45 @@ class LiveSession {
   void close();
   [[nodiscard]] nlohmann::json describe() const;
 
-  // The lines of events, to the child. The number of all events so far, for wait_until_handled();
-  // nothing where it does not take them.
+  // Sends lines of events to the child. Returns the number of all events so far, for
+  // wait_until_handled(); nullopt if the child does not accept them.
   std::optional<std::int64_t> send(std::string_view lines);
-  // Until the session has handled so many events: what it keeps of them is on the disk then. False
-  // where it did not within `patience`, or ended by an error before.
+  // Waits until the session has handled `events` events; their stored data is then on the disk.
+  // Returns false if that took longer than `patience`, or the session ended with an error.
   bool wait_until_handled(std::int64_t events, std::chrono::milliseconds patience);
 
   [[nodiscard]] Image image() const;  // the newest; number 0: none yet
-  // Asks the child for an image that is newer than the newest one here.
+  // Requests from the child an image that is newer than the newest one here.
   void want_image();
 
-  // The images of the stages of a frame: record D of pipe_window.h.
+  // The stage images of a frame: record D of pipe_window.h.
   struct Stages {
     std::uint64_t number = 0;  // 0: none yet
     std::shared_ptr<const std::string> record;
   };
   [[nodiscard]] Stages stages() const;
-  // Asks the child for those of its next frame. False where it gives none.
+  // Requests the stages of the child's next frame. Returns false if it has none.
   bool want_stages();
   [[nodiscard]] News hello() const;
   [[nodiscard]] News state() const;
-  [[nodiscard]] News ended() const;  // json null while it runs
+  [[nodiscard]] News ended() const;  // json is null while the session runs
 
-  // `max_width`: as wide as the viewer shows images, px; 0: as they are; kNoImages. The child
-  // sends them as the viewer wants them that wants most.
+  // `max_width` is the width at which the viewer shows images, px; 0: full size; or kNoImages. The
+  // child sends images in the largest requested size.
   static constexpr int kNoImages = -1;
   void add_viewer(const std::shared_ptr<Waker>& viewer, int max_width = 0);
   void remove_viewer(const std::shared_ptr<Waker>& viewer);
-  // The JPEG quality that the viewer's line carries (ViewerPace); the child sends images as the
-  // viewer wants them that can take most. One that was added has ViewerPace::kBest at first.
+  // Sets the JPEG quality of the viewer (ViewerPace). The child sends images in the highest
+  // requested quality. A new viewer starts with ViewerPace::kBest.
   void set_quality(const std::shared_ptr<Waker>& viewer, int quality);
-  // What the child was asked for.
+  // The quality that was requested from the child.
   [[nodiscard]] int quality() const;
-  // The number of the first image that surely has the size and the quality that viewers want now.
+  // The number of the first image that certainly has the size and quality that viewers now request.
   [[nodiscard]] std::uint64_t fitting() const;
 
-  // The newest frame of the viewer's camera; replaces one that has not been written yet.
+  // The newest frame of the viewer's camera; replaces a frame that has not been written yet.
   void offer_frame(std::shared_ptr<const std::string> jpeg);
-  void end_camera();  // the source ends
+  void end_camera();  // ends the source
 
   [[nodiscard]] ChildProcess::Use use() const;
 
@@ -132,8 +133,8 @@ class LiveSession {
   void take_record(char kind, std::string payload);
   void note_line(std::deque<std::string>& lines, std::string_view line);
   void note_end(const ChildEnd& end);
-  void wake_viewers();  // with the mutex held
-  void fit_viewers();   // likewise
+  void wake_viewers();  // call it with the mutex held
+  void fit_viewers();   // call it with the mutex held
   [[nodiscard]] std::string without_secrets(std::string text) const;
   void nudge() const;
   void write_events();
@@ -142,14 +143,14 @@ class LiveSession {
   const Options options_;
   const Clock::time_point started_ = Clock::now();
 
-  mutable std::mutex mutex_;  // of what follows
+  mutable std::mutex mutex_;  // protects the following members
   News hello_;
   News state_;
   News ended_;
   nlohmann::json hello_json_ = nlohmann::json::object();
   nlohmann::json state_json_ = nlohmann::json::object();
   Image image_;
-  bool is_wanted_ = false;  // an image was asked for and has not come
+  bool is_wanted_ = false;  // an image was requested and has not arrived
   bool is_closing_ = false;
   bool is_over_ = false;
   std::optional<ChildEnd> end_;
@@ -165,19 +166,19 @@ class LiveSession {
     int quality = ViewerPace::kBest;
   };
   std::vector<Viewer> viewers_;
-  int max_width_ = 0;  // what the child was asked for
+  int max_width_ = 0;  // requested from the child
   int quality_ = ViewerPace::kBest;
   std::uint64_t fitting_ = 1;  // see fitting()
   Stages stages_;
   bool are_stages_wanted_ = false;
-  std::string outbox_;  // for the child's window, not written yet
+  std::string outbox_;  // lines for the child's window that are not written yet
   std::int64_t events_sent_ = 0;
   std::int64_t events_handled_ = 0;
   std::condition_variable handled_;
   std::shared_ptr<const std::string> camera_next_;
   bool is_camera_over_ = false;
 
-  // Of work() alone.
+  // Used only by work().
   int records_fd_ = -1;
   int events_fd_ = -1;
   int camera_fd_ = -1;

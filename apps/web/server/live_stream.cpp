@@ -20,14 +20,14 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPing{2000};
-constexpr milliseconds kWait{400};      // of a stream without news, before it looks around
-constexpr milliseconds kDeaf{300'000};  // a viewer that takes nothing for so long is let go
-constexpr milliseconds kFresh{60};      // an older image is not sent before a newer was asked for
+constexpr milliseconds kWait{400};      // interval of checks of a stream without news
+constexpr milliseconds kDeaf{300'000};  // a viewer that reads nothing for this time is disconnected
+constexpr milliseconds kFresh{60};  // an older image is not sent before a newer one was requested
 constexpr milliseconds kFreshWait{50};
-constexpr int kUnsent = 16 << 10;  // bytes that may wait in the socket when more is written
+constexpr int kUnsent = 16 << 10;  // bytes that may be unsent in the socket when more is written
 
-// Waits until the client has nearly all that was written: an image that is made later is newer.
-// False where it has not within `patience`.
+// Waits until the client has read nearly everything, so that the next image is made late and is
+// new. Returns false if it has not within `patience`.
 bool wait_until_taken(int socket, milliseconds patience) {
   pollfd item{socket, POLLOUT, 0};
   return ::poll(&item, 1, static_cast<int>(patience.count())) > 0;
@@ -43,13 +43,13 @@ void prepare(int socket) {
   (void)::setsockopt(socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof unsent);
 }
 
-// Gives a viewer images that are new when they leave: it asks the child only when the client has
-// taken what went before.
+// Gives a viewer images that are new when they are sent: it requests one from the child only when
+// the client has read the previous data.
 class ImageFollower {
  public:
   explicit ImageFollower(std::shared_ptr<LiveSession> session) : session_(std::move(session)) {}
 
-  // The next image; nothing if it has to be waited for.
+  // The next image; nullopt if the caller must wait.
   std::optional<LiveSession::Image> next() {
     LiveSession::Image image = session_->image();
     const Clock::time_point now = Clock::now();
@@ -60,7 +60,7 @@ class ImageFollower {
     }
     const bool is_fresh = now - image.received <= kFresh;
     if (!is_fresh && session_->is_running()) {
-      // An old one that nobody took: the child may have a newer one at once.
+      // An old image that nobody took: the child may have a newer one immediately.
       if (!asked_) {
         asked_ = now;
         session_->want_image();
@@ -72,7 +72,7 @@ class ImageFollower {
     last_ = image.number;
     return image;
   }
-  // How long next() wants to be left alone at most.
+  // The maximum time until next() must be called again.
   [[nodiscard]] milliseconds patience() const { return asked_ ? kFreshWait : kWait; }
   [[nodiscard]] LiveSession& session() const { return *session_; }
 
@@ -82,7 +82,7 @@ class ImageFollower {
   std::optional<Clock::time_point> asked_;
 };
 
-// Bytes that are handed out in pieces.
+// Bytes that are sent in pieces.
 class Outgoing {
  public:
   [[nodiscard]] bool is_empty() const { return sent_ == text_.size(); }
@@ -162,7 +162,7 @@ class LiveStream final : public BodyStream {
     append_record(out, kind, id, *news.json);
   }
 
-  // The viewer has what was handed out: how long it took says how good the next images may be.
+  // The viewer has read the data: the time it took determines the quality of the next images.
   void measure() {
     if (image_quality_ == 0) return;
     const std::chrono::duration<double> spent = now_() - composed_;
@@ -170,7 +170,7 @@ class LiveStream final : public BodyStream {
     for (Watched& watched : watched_) watched.images.session().set_quality(waker_, pace_.quality());
   }
 
-  // All that is new, and one image. False where nothing is.
+  // Composes all news and one image. Returns false if there are none.
   bool compose() {
     std::string& out = out_.fresh();
     const Clock::time_point now = now_();
@@ -187,7 +187,7 @@ class LiveStream final : public BodyStream {
       for (const auto& [id, json] : jobs_->since(jobs_seen_))
         append_record(out, LiveRecord::kJob, id, json);
     }
-    // Sessions take turns, so that a fast one does not shut out the others.
+    // Sessions take turns, so that a fast one does not block the others.
     for (std::size_t i = 0; i < watched_.size(); ++i) {
       Watched& watched = watched_[(turn_ + i) % watched_.size()];
       const auto image = watched.images.next();
@@ -220,11 +220,12 @@ class LiveStream final : public BodyStream {
   Outgoing out_;
   bool is_prepared_ = false;
   ViewerPace pace_;
-  int image_quality_ = 0;       // of the image in out_; 0: it has none, or was measured
-  Clock::time_point composed_;  // when out_ was
+  int image_quality_ = 0;       // of the image in out_; 0: there is none, or it was measured
+  Clock::time_point composed_;  // when out_ was composed
   const Clock::time_point begun_ = now_();
   Clock::time_point taken_ = begun_;
-  Clock::time_point pinged_;  // something was sent; long ago at first: the first ping is at once
+  // Time of the last sent data. Initially long ago, so that the first ping is immediate.
+  Clock::time_point pinged_;
 };
 
 // GET /api/sessions/ID/stream.mjpg
@@ -255,7 +256,7 @@ class MjpegStream final : public BodyStream {
       image = images_.next();
     }
     if (!image) return 0;
-    // The boundary follows its part at once: browsers show an image only when they have seen it.
+    // The boundary follows its part at once: browsers show an image only after it.
     out_.fresh() = fmt::format(
         "Content-Type: image/jpeg\r\nContent-Length: {}\r\n\r\n{}\r\n--tarsier-frame\r\n",
         image->jpeg->size(), *image->jpeg);

@@ -16,11 +16,11 @@
 
 namespace tarsier::web {
 
-// Who has how many live streams. Thread-safe.
+// Counts the live streams of each viewer. Thread-safe.
 //
-// A browser opens six connections to a server, for all its tabs. A stream keeps one busy: six of
-// them, in six windows side by side, would leave none for anything else. So the streams of a
-// browser that has more than kAtOnce take turns: each ends after kTurn, and the page asks again.
+// A browser opens at most six connections to a server for all its tabs, and a stream occupies one.
+// Six streams in six windows would leave no connection for other requests. So the streams of a
+// browser with more than kAtOnce take turns: each ends after kTurn, and the page requests it again.
 class StreamSlots {
  public:
   static constexpr std::size_t kAtOnce = 4;
@@ -35,7 +35,7 @@ class StreamSlots {
     ~Slot();
     Slot(const Slot&) = delete;
     Slot& operator=(const Slot&) = delete;
-    // Whether the viewer's streams have to take turns.
+    // Whether the viewer's streams must take turns.
     [[nodiscard]] bool takes_turns() const;
 
    private:
@@ -43,8 +43,8 @@ class StreamSlots {
     const std::string viewer_;
   };
 
-  // `viewer`: the sign-in of a browser; "" is a program, whose streams take no turns. HttpError 503
-  // where there are too many.
+  // `viewer` is the sign-in of a browser, or "" for a program, whose streams take no turns.
+  // HttpError 503 if there are too many.
   [[nodiscard]] std::shared_ptr<Slot> take(const std::string& viewer);
   [[nodiscard]] std::size_t count() const;
 
@@ -55,11 +55,10 @@ class StreamSlots {
   std::map<std::string, std::size_t> of_viewer_;
 };
 
-// GET /api/live: hello, states and images of `sessions` (each with the width that the viewer shows
-// it in, px; 0: as it is), the end of each, "there is no such
-// session" for `unknown`, and the news of `jobs` (null: none). `waker` is woken by all of them.
-// A viewer that takes its images slowly gets them of a lower JPEG quality (ViewerPace), where no
-// other one can take more. `now`: the clock.
+// GET /api/live: hello, states and images of `sessions` (each with the width at which the viewer
+// shows it, px; 0: full size), the end of each, "there is no such session" for `unknown`, and the
+// news of `jobs` (null: none). All of them wake `waker`. A viewer that reads its images slowly gets
+// a lower JPEG quality (ViewerPace), unless another viewer can read more. `now` is the clock.
 using ClockTime = std::chrono::steady_clock::time_point;
 [[nodiscard]] std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,

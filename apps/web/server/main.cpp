@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// tarsier-serve: what `tarsier serve` starts.
+// tarsier-serve: the program that `tarsier serve` starts.
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/core/stop_signal.h"

@@ -12,7 +12,7 @@ constexpr std::size_t kMaxParts = 1000;
 constexpr std::size_t kMaxHead = 8192;
 constexpr std::size_t kMaxName = 1024;
 
-// The value of `; key=value` or `; key="value"`; nothing if it is absent or malformed.
+// The value of `; key=value` or `; key="value"`; nullopt if it is absent or malformed.
 std::optional<std::string> parameter_of(std::string_view text, std::string_view key) {
   std::size_t at = text.find(';');
   while (at != std::string_view::npos) {
@@ -30,7 +30,7 @@ std::optional<std::string> parameter_of(std::string_view text, std::string_view 
     std::size_t end = 0;
     if (!rest.empty() && rest.front() == '"') {
       for (end = 1; end < rest.size() && rest[end] != '"'; ++end) {
-        // Browsers escape the quotation mark alone, as %22; others by a backslash.
+        // Browsers escape only the quotation mark, as %22; other clients use a backslash.
         if (rest[end] == '\\' && end + 1 < rest.size() &&
             (rest[end + 1] == '"' || rest[end + 1] == '\\'))
           ++end;
@@ -77,7 +77,7 @@ bool MultipartParser::fail(std::string why) {
 
 bool MultipartParser::feed(std::string_view bytes) {
   while (state_ != State::kBroken && state_ != State::kDone && !bytes.empty()) {
-    // In pieces, so that what is kept stays small.
+    // In pieces, so that the buffer stays small.
     const std::size_t count = std::min<std::size_t>(bytes.size(), 65536);
     pending_.append(bytes.substr(0, count));
     bytes.remove_prefix(count);
@@ -89,14 +89,14 @@ bool MultipartParser::feed(std::string_view bytes) {
   return state_ != State::kBroken;
 }
 
-// One piece of the body, as far as it is there; `more`: whether another call could go on.
+// Parses one part of the buffered body; `more`: whether another call can continue.
 bool MultipartParser::step(bool& more) {
   more = false;
   switch (state_) {
     case State::kPreamble:
     case State::kContent: {
       const std::size_t at = pending_.find(delimiter_);
-      // Without one, the end of what is there may be the beginning of one.
+      // Without a delimiter, the end of the buffer may be the start of one.
       const std::size_t safe =
           at != std::string::npos
               ? at
@@ -125,7 +125,7 @@ bool MultipartParser::step(bool& more) {
       if (end == std::string::npos)
         return pending_.size() > kMaxHead ? fail("a boundary line is too long") : true;
       if (++parts_ > kMaxParts) return fail("more than 1000 parts");
-      // The line end stays: a head without fields is an empty line.
+      // The line end stays: an empty head is an empty line.
       pending_.erase(0, end);
       state_ = State::kHead;
       more = true;

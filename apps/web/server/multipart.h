@@ -10,20 +10,21 @@
 
 namespace tarsier::web {
 
-// The boundary of "multipart/form-data; boundary=..." (RFC 7578, RFC 2046); nothing for any other
-// content type, or a boundary that is empty, longer than 70 characters or has others than allowed.
+// The boundary of "multipart/form-data; boundary=..." (RFC 7578, RFC 2046). nullopt for any other
+// content type, or a boundary that is empty, longer than 70 characters or has invalid characters.
 [[nodiscard]] std::optional<std::string> multipart_boundary(std::string_view content_type);
 
-// One part's head.
+// The head of one part.
 struct MultipartPart {
-  std::string name;          // of the field
-  std::string file_name;     // as the client states it: untrusted, may be a path; empty: no file
+  std::string name;  // of the field
+  // As stated by the client: untrusted, may be a path; empty: not a file.
+  std::string file_name;
   std::string content_type;  // lower case, without parameters; "" if absent
 };
 
-// Reads a body of type multipart/form-data in pieces of any size, in constant memory. Calls:
-// on_part for each head, then on_bytes for its content, then on_end. Limits: 1000 parts, 8 kB of
-// head.
+// Parses a body of type multipart/form-data in pieces of any size, with constant memory. For each
+// part it calls on_part for the head, on_bytes for the content, then on_end. Limits: 1000 parts, 8
+// kB per head.
 class MultipartParser {
  public:
   struct Events {
@@ -32,9 +33,9 @@ class MultipartParser {
     std::function<void()> on_end;
   };
   MultipartParser(const std::string& boundary, Events events);
-  // False once the body is malformed: trouble() says why; nothing more is called.
+  // Returns false if the body is malformed: trouble() has the reason, and there are no more calls.
   bool feed(std::string_view bytes);
-  // Whether the last boundary has come.
+  // Whether the last boundary was received.
   [[nodiscard]] bool is_complete() const { return state_ == State::kDone; }
   [[nodiscard]] const std::string& trouble() const { return trouble_; }
 

@@ -15,15 +15,15 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// What a route is for. `curl` follows "curl -sS --fail-with-body $AUTH": its path is made of names
-// of examples: the set holiday, the file photo.jpg, the job $JOB, the session $SESSION.
+// The description of a route. `curl` follows "curl -sS --fail-with-body $AUTH". Its path uses
+// example names: the set holiday, the file photo.jpg, the job $JOB, the session $SESSION.
 struct RouteText {
   std::string_view route;
   std::string_view tag;
   std::string_view summary;
   std::string_view curl;
   std::string_view body;    // schema of the request's JSON
-  std::string_view answer;  // schema of the answer; "" for none, "text", "binary"
+  std::string_view answer;  // schema of the response; "" for none, "text", "binary"
   int status = 200;
 };
 
@@ -128,7 +128,7 @@ constexpr auto kRoutes = std::to_array<RouteText>({
      "-o drawn.png $TARSIER_URL/api/jobs/$JOB/files/drawn.png", "", "binary"},
 });
 
-// "/api/jobs/{id}/files/{path...}" as OpenAPI writes it.
+// "/api/jobs/{id}/files/{path...}" in the notation of OpenAPI.
 std::string openapi_path(std::string_view pattern) {
   std::string path(pattern);
   if (const std::size_t dots = path.find("...}"); dots != std::string::npos) path.erase(dots, 3);
@@ -214,7 +214,7 @@ Json object_of(Json properties, std::vector<std::string> required = {}) {
   if (!required.empty()) object["required"] = required;
   return object;
 }
-// A line of a verb: about an image or a frame.
+// A line of a verb's output, about an image or a frame.
 Json line_of(const char* what, Json item) {
   return object_of({{"image", text()},
                     {"frame", {{"type", "integer"}}},
@@ -358,7 +358,7 @@ Json flag_schema(const nlohmann::json& flag) {
   return schema;
 }
 
-// What a verb's example needs beside its image.
+// The query that a verb's example needs in addition to its image.
 std::string_view example_query(std::string_view verb) {
   if (verb == "calibrate") return "?board=chess:9x6&square=25mm";
   if (verb == "people enroll") return "?NAME=Ann&note=agreed&any-quality=true";
@@ -368,7 +368,8 @@ std::string_view example_query(std::string_view verb) {
   return "";
 }
 
-// A file of the example: calibration wants several of a board, targets an image of theirs.
+// The files of the example: calibration needs several of a board, targets need an image of the
+// target.
 std::string_view example_body(std::string_view verb) {
   if (verb == "calibrate")
     return "-F file=@board1.jpg -F file=@board2.jpg -F file=@board3.jpg -F file=@board4.jpg";

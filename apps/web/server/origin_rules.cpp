@@ -73,7 +73,7 @@ bool OriginRules::is_own_host(std::string_view text) const {
   if (is_direct_host(text)) return true;
   const auto host = parse_host(text);
   if (!host || proxy_origin.empty()) return false;
-  // A proxy passes on either its own name or ours.
+  // A proxy forwards either its own host name or ours.
   for (const std::string_view scheme : {"https://", "http://"}) {
     if (!proxy_origin.starts_with(scheme)) continue;
     const auto own = parse_host(std::string_view(proxy_origin).substr(scheme.size()));
@@ -89,7 +89,7 @@ bool OriginRules::is_own_origin(std::string_view text) const {
   try {
     origin = normal_origin(text);
   } catch (const UsageError&) {
-    return false;  // "null" among them
+    return false;  // includes "null"
   }
   if (!proxy_origin.empty() && origin == proxy_origin) return true;
   const std::string_view scheme = tls ? "https://" : "http://";
@@ -104,8 +104,8 @@ std::optional<OriginRules::Refusal> OriginRules::refusal(const Head& head) const
   if (!head.origin.empty() && !is_own_origin(head.origin))
     return Refusal{403, "requests from other sites are refused"};
   const bool is_api = head.path.starts_with("/api/") || head.path == "/metrics";
-  // A link on another page may lead to the pages, which hold no data; nothing else may come from
-  // there.
+  // A link on another page may lead to our pages, which contain no data. Everything else from there
+  // is refused.
   const bool is_link = head.method == "GET" && !is_api && head.fetch_mode == "navigate" &&
                        head.fetch_dest == "document";
   if (!head.fetch_site.empty() && head.fetch_site != "same-origin" && head.fetch_site != "none" &&

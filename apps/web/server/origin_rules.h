@@ -9,19 +9,19 @@
 
 namespace tarsier::web {
 
-// What keeps pages of other sites away from a server on this machine: their requests carry another
-// Host (a name of theirs that points here: DNS rebinding), another Origin, or a Sec-Fetch-Site that
-// tells of them.
+// Rules that keep pages of other sites away from a server on this machine. Their requests have a
+// foreign Host (a foreign name that points to this machine: DNS rebinding), a foreign Origin, or a
+// Sec-Fetch-Site that reveals them.
 struct OriginRules {
   bool tls = false;
   std::uint16_t port = 0;
-  // Lower case, without port: "localhost", "127.0.0.1", "[::1]", with --listen-all also the names
+  // Lower case, without port: "localhost", "127.0.0.1", "[::1]"; with --listen-all also the names
   // and addresses of this machine.
   std::set<std::string> hosts;
   // "https://studio.example" of --behind-proxy, lower case, without a default port; or empty.
   std::string proxy_origin;
 
-  // The facts of a request's head; "" is an absent header.
+  // The relevant parts of a request's head; "" for an absent header.
   struct Head {
     std::string_view method;
     std::string_view path;
@@ -36,7 +36,7 @@ struct OriginRules {
     int status = 403;
     std::string message;
   };
-  // Why the request is refused, or nothing.
+  // The reason why the request is refused, or nullopt.
   [[nodiscard]] std::optional<Refusal> refusal(const Head& head) const;
 
  private:
@@ -45,11 +45,11 @@ struct OriginRules {
   [[nodiscard]] bool is_own_origin(std::string_view origin) const;
 };
 
-// "HTTPS://Studio.Example:443" as "https://studio.example". Throws UsageError for anything but a
-// scheme (http or https), a host and perhaps a port.
+// Converts "HTTPS://Studio.Example:443" to "https://studio.example". Throws UsageError unless the
+// text is a scheme (http or https), a host and an optional port.
 [[nodiscard]] std::string normal_origin(std::string_view text);
 
-// "name", "name:80", "[::1]:80" in lower case, split; nothing where it is malformed. Port 0: none.
+// Splits "name", "name:80", "[::1]:80" in lower case; nullopt if malformed. Port 0: no port given.
 struct HostAndPort {
   std::string host;
   std::uint16_t port = 0;

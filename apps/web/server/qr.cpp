@@ -12,8 +12,8 @@ namespace tarsier::web {
 namespace {
 
 struct Version {
-  int data = 0;  // codewords, all blocks together
-  int ec = 0;    // codewords of error correction of each block
+  int data = 0;  // codewords of all blocks
+  int ec = 0;    // error correction codewords per block
   int blocks = 0;
   std::array<int, 3> alignment{};  // centres of alignment patterns; 0: none
 };
@@ -31,7 +31,7 @@ constexpr std::array<Version, 10> kVersions{{{19, 7, 1, {}},
 
 using Bytes = std::vector<std::uint8_t>;
 
-// In the field of 256 elements with x^8 + x^4 + x^3 + x^2 + 1.
+// Multiplication in GF(256) with x^8 + x^4 + x^3 + x^2 + 1.
 std::uint8_t times(std::uint8_t a, std::uint8_t b) {
   unsigned product = 0;
   for (int bit = 7; bit >= 0; --bit) {
@@ -60,11 +60,11 @@ class Bits {
   std::vector<bool> bits_;
 };
 
-// The data with padding, then blocks and their error correction, interleaved.
+// The padded data in blocks with their error correction, interleaved.
 Bytes codewords_of(std::string_view text, int number) {
   const Version& version = kVersions[static_cast<std::size_t>(number - 1)];
   Bits bits;
-  bits.put(4, 4);  // bytes
+  bits.put(4, 4);  // byte mode
   bits.put(static_cast<unsigned>(text.size()), number < 10 ? 8 : 16);
   for (const char c : text) bits.put(static_cast<unsigned char>(c), 8);
   const auto room = static_cast<std::size_t>(version.data) * 8;
@@ -73,7 +73,7 @@ Bytes codewords_of(std::string_view text, int number) {
   for (unsigned pad = 0xec; bits.size() < room; pad ^= 0xecU ^ 0x11U) bits.put(pad, 8);
   const Bytes data = bits.bytes();
 
-  // The later blocks have one codeword more where the number cannot be shared out.
+  // If the data cannot be divided evenly, the later blocks have one more codeword.
   const int shortest = version.data / version.blocks;
   const int longer = version.data % version.blocks;
   std::vector<Bytes> blocks;
@@ -131,7 +131,7 @@ class Drawing {
   void put_data(const Bytes& codewords) {
     std::size_t bit = 0;
     bool upwards = true;
-    // Two columns at a time from the right; the timing column is left out.
+    // Two columns at a time from the right; the timing column is skipped.
     for (int right = code_.size - 1; right > 0; right -= 2) {
       if (right == 6) right = 5;
       for (int i = 0; i < code_.size; ++i) {
@@ -196,7 +196,7 @@ class Drawing {
         }
       }
     }
-    put_format(0);  // keeps the place
+    put_format(0);  // reserves the place
     if (number_ >= 7) {
       const unsigned bits = qr_version_bits(number_);
       for (int i = 0; i < 18; ++i) {
@@ -225,7 +225,7 @@ class Drawing {
   std::vector<bool> is_function_;
 };
 
-// The four rules of the standard.
+// The four penalty rules of the standard.
 int penalty_of(const QrCode& code) {
   int penalty = 0;
   int dark = 0;
@@ -267,7 +267,7 @@ int penalty_of(const QrCode& code) {
 }  // namespace
 
 std::vector<std::uint8_t> qr_error_correction(const std::vector<std::uint8_t>& data, int count) {
-  // The generator: (x - 1)(x - 2)(x - 4) .., its leading 1 left out.
+  // The generator (x - 1)(x - 2)(x - 4) .. without its leading 1.
   Bytes generator(static_cast<std::size_t>(count), 0);
   generator.back() = 1;
   std::uint8_t root = 1;
@@ -335,7 +335,7 @@ std::string draw_qr_code(const QrCode& code) {
     return !inside || !code.at(row, column);
   };
   for (int row = -kQuiet; row < code.size + kQuiet; row += 2) {
-    // White on black, whatever the terminal's colours are.
+    // White on black, independent of the terminal's colours.
     text += "\x1b[37;40m";
     for (int column = -kQuiet; column < code.size + kQuiet; ++column) {
       const bool upper = is_light(row, column);

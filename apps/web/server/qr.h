@@ -8,10 +8,10 @@
 
 namespace tarsier::web {
 
-// A QR code (ISO/IEC 18004, model 2) of bytes, error correction level L: versions 1 to 10, up to
-// 271 bytes; the mask with the lowest penalty.
+// A QR code (ISO/IEC 18004, model 2) of bytes, error correction level L, versions 1 to 10, up to
+// 271 bytes; the mask has the lowest penalty.
 struct QrCode {
-  int size = 0;               // modules a side, 21 + 4 (version - 1)
+  int size = 0;               // modules per side, 21 + 4 (version - 1)
   std::vector<bool> is_dark;  // row by row
   [[nodiscard]] bool at(int row, int column) const {
     return is_dark[static_cast<std::size_t>(row * size + column)];
@@ -21,12 +21,12 @@ struct QrCode {
 // Throws std::invalid_argument for more than 271 bytes.
 [[nodiscard]] QrCode make_qr_code(std::string_view bytes);
 
-// Two rows of modules in one line of half blocks, light on dark with a quiet zone of two modules,
-// as terminals and phones both read it.
+// Draws two rows of modules per line as half blocks, light on dark with a quiet zone of two
+// modules. Both terminals and phones can read it.
 [[nodiscard]] std::string draw_qr_code(const QrCode& code);
 
-// Its parts: the codewords of error correction behind `data`, and the bits that tell of level and
-// mask, and of the version.
+// Parts of the code: the error correction codewords for `data`, the bits that encode level and
+// mask, and the bits that encode the version.
 [[nodiscard]] std::vector<std::uint8_t> qr_error_correction(const std::vector<std::uint8_t>& data,
                                                             int count);
 [[nodiscard]] unsigned qr_format_bits(int mask);

@@ -8,16 +8,17 @@
 
 namespace tarsier::web {
 
-// A path as it stands in the request ("/a%20b?x=1"), decoded and checked: nothing for "..", ".",
-// empty segments, encoded '/', backslashes, control characters and broken escapes.
+// The path of a request ("/a%20b?x=1"), decoded and checked. nullopt for "..", ".", empty segments,
+// encoded '/', backslashes, control characters and invalid escapes.
 struct Target {
   std::string path;
-  std::string query;  // as it stands
+  std::string query;  // not decoded
 };
 [[nodiscard]] std::optional<Target> parse_target(std::string_view text);
 
-// "bytes=0-99", "bytes=100-" or "bytes=-5" of a file of `size` bytes as [first, last]; nothing for
-// several ranges or nonsense, which are answered with the whole file. `unsatisfiable`: 416.
+// Parses "bytes=0-99", "bytes=100-" or "bytes=-5" for a file of `size` bytes to [first, last].
+// nullopt for several ranges or invalid text; then the whole file is sent. `unsatisfiable`: status
+// 416.
 struct ByteRange {
   std::uint64_t first = 0;
   std::uint64_t last = 0;

@@ -54,7 +54,7 @@ bool matches(std::string_view pattern, std::string_view path,
   return wanted.size() == given.size();
 }
 
-// The more literal pattern is the greater.
+// The more literal pattern compares greater.
 bool is_more_literal(std::string_view a, std::string_view b) {
   const auto of_a = segments_of(a);
   const auto of_b = segments_of(b);
@@ -99,7 +99,7 @@ const std::string& Request::param(const std::string& name) const {
 nlohmann::json Request::json() const {
   if (content_type != "application/json")
     throw HttpError(415, "the body must be JSON: send Content-Type: application/json");
-  // Nested deeper than anything of ours: the parser's own recursion is bounded by this.
+  // Deeper nesting than any of our requests is refused: this bounds the parser's recursion.
   int depth = 0;
   bool too_deep = false;
   const nlohmann::json::parser_callback_t watch = [&](int at, nlohmann::json::parse_event_t event,

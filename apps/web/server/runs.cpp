@@ -35,7 +35,7 @@ constexpr std::string_view kErrorMark = "tarsier: error: ";
 
 struct ImageVerb {
   std::string_view verb;
-  bool draws;  // -o takes an image
+  bool draws;  // -o writes an image
 };
 constexpr auto kImageVerbs = std::to_array<ImageVerb>({
     {"aam fit", true},
@@ -72,12 +72,12 @@ Json lines_json(const std::vector<std::string>& lines) {
   return list;
 }
 
-// A flag of the address, "--mode=sketch" or "mode=sketch", as JSON of its type.
+// Converts a flag of the URL, "--mode=sketch" or "mode=sketch", to JSON of its type.
 Json flag_value(const Json& flag, const std::string& text) {
   if (flag.at("type") != "switch") return text;
   if (text.empty() || text == "true" || text == "1" || text == "on") return true;
   if (text == "false" || text == "0" || text == "off") return false;
-  return text;  // refused by its type
+  return text;  // the type check refuses it
 }
 
 std::string image_ending(const std::string& head) {
@@ -101,7 +101,7 @@ std::string image_ending(const std::string& head) {
   return {};
 }
 
-// The images of a request, checked as uploads are, in files of the folder.
+// The images of a request, checked like uploads, as files in the folder.
 class ImagesOfRequest {
  public:
   ImagesOfRequest(const Request& request, const Workspace& workspace, const std::string& folder)
@@ -341,7 +341,8 @@ Runs::Result Runs::run_on(const std::string& verb, const std::vector<Image>& ima
   if (!drawing.empty()) request.flags["--output"] = "out:" + drawing;
   CommandLine command = command_line(host_.verbs, request, Use::kRun,
                                      {[&](const std::string& reference, bool must_exist) {
-                                        // The images lie in a folder of ours, which no reference of a page leads to.
+                                        // The images are in a private folder, which no reference of
+                                        // a page can name.
                                         for (const Image& image : images) {
                                           if (reference == "set:" + image.path) return image.path;
                                         }

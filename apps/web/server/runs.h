@@ -20,20 +20,20 @@ struct Request;
 struct Response;
 
 struct RunOptions {
-  int parallel = 2;                          // children at a time
-  std::chrono::milliseconds wait{15'000};    // for one of these places; then 429
+  int parallel = 2;                          // children at the same time
+  std::chrono::milliseconds wait{15'000};    // for a free place; then 429
   std::chrono::milliseconds limit{60'000};   // of a run; then it is killed, 504
   std::size_t output_bytes = 32U << 20U;     // of stdout; then it is killed, 413
   std::uint64_t memory_bytes = 8ULL << 30U;  // address space of a child
-  std::uint64_t file_bytes = 16ULL << 20U;   // of all files that are answered
+  std::uint64_t file_bytes = 16ULL << 20U;   // of all files in the response
 };
 
-// Verbs that answer at once.
+// Runs verbs that answer quickly.
 class Runs {
  public:
   Runs(const VerbHost& host, RunOptions options = {}) : host_(host), options_(options) {}
 
-  // Ends those that are under way, which then answer 503, and starts no others; returns at once.
+  // Ends the active runs, which then answer 503, and starts no more; returns at once.
   void stop();
 
   struct Result {
@@ -44,9 +44,9 @@ class Runs {
     std::string command;
     std::vector<std::pair<std::string, std::string>> files;  // name, bytes: of out:NAME
   };
-  // Throws UsageError for what may not be started; HttpError 429, 504, 413 (see RunOptions).
+  // Throws UsageError if the verb must not be started; HttpError 429, 504, 413 (see RunOptions).
   [[nodiscard]] Result run(const nlohmann::json& request, const std::string& address);
-  // A verb on images that came with the request: their files, and the names they are called by.
+  // A verb on images of the request: their files and names.
   struct Image {
     std::string path;
     std::string name;
@@ -55,7 +55,7 @@ class Runs {
                               const std::vector<std::pair<std::string, std::string>>& query,
                               const std::string& drawing, const std::string& address);
 
-  // A folder of its own for a run; removed with the object.
+  // The folder of a run; removed with the object.
   class Folder {
    public:
     explicit Folder(const Workspace& workspace);
@@ -79,14 +79,14 @@ class Runs {
   bool is_stopping_ = false;
 };
 
-// The HTTP status of a verb's exit status: 0, 1 -> 200; 2 -> 400; 3, 4 -> 422; 5 -> 500; 6 -> 507;
+// The HTTP status for a verb's exit status: 0, 1 -> 200; 2 -> 400; 3, 4 -> 422; 5 -> 500; 6 -> 507;
 // all else -> 500.
 [[nodiscard]] int http_status_of(int exit);
 
-// Verbs of /api/v1/AREA/VERB: those that take images and answer soon.
+// The verbs of /api/v1/AREA/VERB: verbs that take images and answer quickly.
 [[nodiscard]] std::vector<std::string> image_verbs();
 
-// POST /api/run, POST /api/v1/{area}/{verb}
+// Adds POST /api/run, POST /api/v1/{area}/{verb}.
 void bind_runs(Router& router, Runs& runs, Workspace& workspace);
 
 }  // namespace tarsier::web

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// GET, POST and DELETE /api/session: who is signed in, signing in and out.
+// GET, POST and DELETE /api/session: sign-in state, sign-in and sign-out.
 #include <fmt/format.h>
 
 #include "http_server.h"

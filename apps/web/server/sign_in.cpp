@@ -33,7 +33,7 @@ std::int64_t seconds_of(WallClock::time_point time) {
   return std::chrono::duration_cast<std::chrono::seconds>(time.time_since_epoch()).count();
 }
 
-// A file of mode 0600 from its first byte on. Throws OutputError.
+// Writes a file that has mode 0600 from the start. Throws OutputError.
 void write_secret_file(const std::string& path, std::string_view text) {
   const std::string temporary = path + ".new";
   (void)::unlink(temporary.c_str());
@@ -59,7 +59,7 @@ void make_private_folder(const std::string& path) {
     throw OutputError(path, std::generic_category().message(errno));
 }
 
-// "1764000000" of a small file; nothing where it holds something else.
+// Reads "1764000000" from a small file; nullopt if it contains something else.
 std::optional<WallClock::time_point> read_time(const std::filesystem::path& path) {
   std::ifstream file(path);
   std::string text;
@@ -69,7 +69,7 @@ std::optional<WallClock::time_point> read_time(const std::filesystem::path& path
   return WallClock::time_point(std::chrono::seconds(*seconds));
 }
 
-// What follows the time in the file of a sign-in, an object; earlier versions wrote none.
+// The object after the time in the file of a sign-in; empty in files of older versions.
 nlohmann::json read_details(const std::filesystem::path& path) {
   std::ifstream file(path);
   std::string text;
@@ -85,7 +85,7 @@ std::string text_of(const nlohmann::json& object, const char* name) {
   return found != object.end() && found->is_string() ? found->get<std::string>() : std::string();
 }
 
-// One line of at most 200 bytes of what a browser calls itself.
+// One line of at most 200 bytes of a browser's user agent.
 std::string plain_line(std::string_view text) {
   std::string line(text.substr(0, 200));
   std::replace_if(
@@ -100,7 +100,7 @@ std::string read_text(const std::string& path) {
   return text;
 }
 
-// The name under which an address is counted.
+// The key under which an address is counted.
 std::string counted_as(std::string_view address) {
   in6_addr six{};
   const std::string text(address);
@@ -134,7 +134,7 @@ std::string make_link_token(const std::string& folder) {
   const std::string token = new_secret();
   const std::string path = folder + "/links/" + hash_of(token);
   write_secret_file(path, std::to_string(seconds_of(WallClock::now())) + "\n");
-  // A link that root makes for a service's own user must be that user's.
+  // A link that root creates for a service user must belong to that user.
   struct stat state {};
   if (::geteuid() == 0 && ::stat(folder.c_str(), &state) == 0 && state.st_uid != 0)
     (void)!::chown(path.c_str(), state.st_uid, state.st_gid);
@@ -204,7 +204,7 @@ std::optional<std::string> SignIns::exchange(std::string_view token, std::string
   const std::lock_guard lock(mutex_);
   const std::string link = folder_ + "/links/" + hash_of(token);
   const auto made = read_time(link);
-  // Whoever takes the file away has used the token: that happens once, also for two at a time.
+  // Removing the file uses the token: this succeeds only once, also for two simultaneous requests.
   if (::unlink(link.c_str()) != 0) return std::nullopt;
   const WallClock::time_point now = now_();
   if (!made || now - *made > kLinkLife) return std::nullopt;
@@ -241,7 +241,7 @@ bool SignIns::is_signed_in(std::string_view cookie, std::string_view address) {
     try {
       write(hash, kept);
     } catch (const OutputError& error) {
-      kept.written = kept.used;  // the next try comes later
+      kept.written = kept.used;  // so that the next try is later
       log_warning("{}", error.what());
     }
   }
@@ -312,7 +312,7 @@ void SignIns::sign_out(std::string_view cookie) {
 }
 
 void SignIns::forget(const std::string& hash) {
-  const std::string gone = hash;  // may be the key itself
+  const std::string gone = hash;  // a copy, because `hash` may be the key itself
   (void)::unlink((folder_ + "/sign-ins/" + gone).c_str());
   cookies_.erase(gone);
 }

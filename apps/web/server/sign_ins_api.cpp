@@ -71,7 +71,7 @@ class Guarded final : public BodyStream {
 }  // namespace
 
 std::string short_agent(std::string_view agent) {
-  // The most special word first: each browser calls itself by the names of those before it.
+  // The most specific word first: the text of a browser also contains words of later entries.
   constexpr std::array<std::pair<std::string_view, std::string_view>, 8> kBrowsers{
       {{"Edg", "Edge"},
        {"OPR/", "Opera"},
@@ -116,7 +116,7 @@ void bind_sign_ins(Router& router, SignIns& sign_ins, AuditLog& audit) {
     return json_response({{"revoked", count}});
   });
   router.add("POST", "/api/api-token", [&sign_ins, &audit](const Request& request) {
-    // A program that has the token of today shall not lock out the others.
+    // A program with the current token must not be able to lock out others.
     if (request.by_api_token) throw HttpError(403, "a browser that is signed in does this");
     const std::string token = sign_ins.renew_api_token();
     audit.write("api token renewed", request.address);

@@ -12,16 +12,16 @@ namespace tarsier::web {
 
 class AuditLog;
 
-// GET /api/sign-ins: who is signed in. DELETE /api/sign-ins/{id}: one no longer; DELETE
-// /api/sign-ins: nobody but who asks. POST /api/api-token: a new token for programs. All of them
-// are in the audit log.
+// Adds GET /api/sign-ins: list; DELETE /api/sign-ins/{id}: ends one; DELETE /api/sign-ins: ends all
+// except that of the request; POST /api/api-token: a new token for programs. All are recorded in
+// the audit log.
 void bind_sign_ins(Router& router, SignIns& sign_ins, AuditLog& audit);
 
-// "Firefox on Linux" of what a browser calls itself; its first word where it is no known browser,
-// "" where it says nothing.
+// Shortens a browser's user agent to "Firefox on Linux"; to its first word for unknown browsers; ""
+// if it is empty.
 [[nodiscard]] std::string short_agent(std::string_view agent);
 
-// The same stream, which ends soon after the sign-in of the request does: it is looked at each
+// Wraps a stream so that it ends soon after the sign-in of the request ends; checked every
 // `interval`.
 [[nodiscard]] std::unique_ptr<BodyStream> while_signed_in(
     std::unique_ptr<BodyStream> stream, SignIns& sign_ins, const Request& request,

@@ -169,9 +169,9 @@ struct Studio::Impl {
 
   ~Impl() {
     (void)::unlink(server_file(options.workspace).c_str());
-    // Children first: handlers that wait for them come to their end.
+    // Children first, so that handlers that wait for them return.
     runs->stop();
-    // Both take their time to end well, side by side.
+    // Both need time to end; they do so in parallel.
     std::thread sessions([this] { live->stop(); });
     jobs->stop();
     sessions.join();
@@ -207,7 +207,7 @@ struct Studio::Impl {
       for (const std::string& address : own_addresses()) {
         http.rules.hosts.insert(is_ipv6(address) ? "[" + address + "]" : address);
         names.push_back(address);
-        // What phones in the same network can open.
+        // An address that phones in the same network can open.
         if (options.host_names.empty() && !is_ipv6(address) && !address.starts_with("127."))
           shown = address;
       }
@@ -221,7 +221,7 @@ struct Studio::Impl {
       fingerprint = fingerprint_of(files.certificate);
     }
     open_sockets();
-    // A burst of clients shall not have to knock twice.
+    // A burst of clients must not have to retry.
     for (const int socket : http.sockets) (void)::listen(socket, 128);
     const std::string scheme = tls ? "https" : "http";
     url = http.rules.proxy_origin.empty()
@@ -239,7 +239,7 @@ struct Studio::Impl {
         http.sockets.push_back(listen_on(text("[::]", options.port), both));
         http.rules.port = both.port;
       } catch (const OutputError&) {
-        // A system without IPv6; a port that is taken fails again.
+        // A system without IPv6; if the port is in use this fails again.
         ListenAddress four = parse_listen_address(text("0.0.0.0", options.port));
         http.sockets.push_back(listen_on(text("0.0.0.0", options.port), four));
         http.rules.port = four.port;
@@ -250,7 +250,7 @@ struct Studio::Impl {
     http.sockets.push_back(listen_on(text("127.0.0.1", options.port), four));
     http.rules.port = four.port;
     try {
-      // Another program there would get what browsers send to "localhost".
+      // Otherwise another program on that address would get requests to "localhost".
       ListenAddress six = parse_listen_address(text("[::1]", four.port));
       http.sockets.push_back(listen_on(text("[::1]", four.port), six));
     } catch (const OutputError& error) {
@@ -379,7 +379,7 @@ std::string new_link(const std::string& workspace) {
 
 std::string qr_text(const std::string& link, bool is_terminal) {
   if (!is_terminal || link.size() > 250) return {};
-  // Another device could not open it.
+  // Another device could not open such a link.
   for (const std::string_view own : {"127.", "localhost", "[::1]"}) {
     if (link.find(fmt::format("://{}", own)) != std::string::npos) return {};
   }

@@ -13,9 +13,9 @@ namespace tarsier::web {
 
 struct StudioOptions {
   std::string workspace;                       // absolute path
-  int port = 8765;                             // 0: any that is free
+  int port = 8765;                             // 0: any free port
   std::uint64_t quota_bytes = 20'000'000'000;  // of the workspace
-  int jobs = 1;                                // at a time, 1..16
+  int jobs = 1;                                // at the same time, 1..16
   bool listen_all = false;
   std::vector<std::string> host_names;
   std::string tls_certificate;
@@ -28,19 +28,20 @@ struct StudioOptions {
   std::string version;
 };
 
-// "NAME=SOURCE" each: names of letters, digits, '-', '_', '.', 1..64, once. Throws UsageError.
+// Parses "NAME=SOURCE" words: names of letters, digits, '-', '_', '.', 1..64, unique. Throws
+// UsageError.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> parse_allowed_sources(
     const std::vector<std::string>& words);
 
-// Throws UsageError where other machines could come in without TLS or a proxy, or where flags
-// exclude each other.
+// Throws UsageError if other machines could connect without TLS or a proxy, or if flags exclude
+// each other.
 void check_listening(const StudioOptions& options);
 
-// The server of `tarsier serve` with all of its parts.
+// The server of `tarsier serve`.
 class Studio {
  public:
-  // Listens when this returns. Throws OutputError (the workspace is another server's, or cannot be
-  // written; the port is taken), InputError (certificates, the program).
+  // It listens when this returns. Throws OutputError (another server uses the workspace, it is not
+  // writable, the port is in use) and InputError (certificates, the program).
   Studio(const StudioOptions& options, std::stop_token stop);
   ~Studio();  // ends all children
   Studio(const Studio&) = delete;
@@ -49,7 +50,7 @@ class Studio {
   [[nodiscard]] const std::string& url() const;  // "http://127.0.0.1:8765/"
   [[nodiscard]] std::string new_link() const;
   [[nodiscard]] const std::string& fingerprint() const;  // of the certificate; "" without TLS
-  // Returns when the token fires, all children ended.
+  // Returns when the stop token is triggered and all children have ended.
   void run();
 
  private:
@@ -57,14 +58,14 @@ class Studio {
   std::unique_ptr<Impl> impl_;
 };
 
-// A link for the server that runs in this workspace. Throws InputError where none does.
+// A link to the server that runs in this workspace. Throws InputError if none runs.
 [[nodiscard]] std::string new_link(const std::string& workspace);
-// The link as a QR code of block characters, for phones; "" where `is_terminal` is not set, and for
-// a link that this machine alone can open.
+// The link as a QR code of block characters, for phones; "" if `is_terminal` is false or if only
+// this machine can open the link.
 [[nodiscard]] std::string qr_text(const std::string& link, bool is_terminal);
-// Starts xdg-open, if it is there, without waiting for it.
+// Starts xdg-open, if it exists, without waiting for it.
 void open_browser(const std::string& link);
-// What tarsier-serve is started for by itself (thumbnails); nothing for all other command lines.
+// Handles command lines by which tarsier-serve starts itself (thumbnails); nullopt for all others.
 [[nodiscard]] std::optional<int> run_helper(int argc, const char* const* argv);
 
 }  // namespace tarsier::web

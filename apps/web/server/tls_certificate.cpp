@@ -66,7 +66,7 @@ Certificate parse_certificate(const std::string& pem) {
   return certificate;
 }
 
-// Bytes of an IP address: 4, 16, or none.
+// Bytes of an IP address: 4 or 16; none if it is not an address.
 std::string address_bytes(const std::string& name) {
   std::array<char, 16> bytes{};
   if (::inet_pton(AF_INET, name.c_str(), bytes.data()) == 1) return {bytes.data(), 4};
@@ -78,7 +78,7 @@ bool serves(const Certificate& certificate, const std::vector<std::string>& name
   const std::time_t end = gnutls_x509_crt_get_expiration_time(certificate.get());
   if (end < std::time(nullptr) + 30 * kDay) return false;
   for (const std::string& name : names) {
-    // Checks addresses by their bytes, too.
+    // This compares IP addresses, too.
     if (gnutls_x509_crt_check_hostname(certificate.get(), name.c_str()) == 0) return false;
   }
   return true;
@@ -154,7 +154,7 @@ TlsFiles self_signed_certificate(const std::string& folder, const std::vector<st
     if (serves(parse_certificate(files.certificate), names)) return files;
     log_info("the certificate of this server is made anew");
   } catch (const InputError&) {
-    // None yet.
+    // No certificate yet.
   }
   TlsFiles files = make_certificate(names);
   (void)::unlink(key_path.c_str());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What is taken as an upload, and as what it is answered.
+// Which uploads are accepted, and the type that is reported.
 #include "tarsier/core/name_table.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/image_probe.h"
@@ -23,7 +23,7 @@ constexpr NameTable<FileType, 3> kFileTypes{
 
 constexpr auto kVideoEndings =
     std::to_array<std::string_view>({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"});
-// What verbs read beside images and videos.
+// Other files that verbs read, besides images and videos.
 constexpr auto kDataEndings =
     std::to_array<std::string_view>({".txt", ".csv", ".json", ".jsonl", ".yaml", ".yml", ".xml",
                                      ".pts", ".asf", ".obj", ".ply", ".tri"});
@@ -44,8 +44,8 @@ bool is_video_head(std::string_view bytes) {
   return is_mp4 || is_avi || is_matroska;
 }
 
-// Verbs follow the names of files in lists and sets; none of them may lead out of their folder.
-// Words longer than a path can be are numbers and encoded bytes.
+// Verbs open the files named in lists and sets; none may be outside their folder. Words longer than
+// any path are numbers and encoded bytes.
 bool names_foreign_files(std::string_view text) {
   constexpr std::size_t kLongestPath = 4096;
   const auto is_break = [](char c) {

@@ -40,7 +40,7 @@ ChildOptions VerbHost::child(const CommandLine& line, const std::string& folder)
   ChildOptions options;
   options.arguments.push_back(program);
   options.arguments.insert(options.arguments.end(), line.words.begin(), line.words.end());
-  // No window on the desktop of the server's machine.
+  // No window on the desktop of the server.
   options.environment = {{"DISPLAY", ""},
                          {"WAYLAND_DISPLAY", ""},
                          {"TARSIER_STUDIO", "1"},

@@ -19,7 +19,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr std::size_t kMaxInputs = 1000;
-constexpr std::size_t kMaxValues = 200;      // of a flag that takes several
+constexpr std::size_t kMaxValues = 200;      // of a flag with several values
 constexpr std::size_t kMaxText = 1000;       // bytes of a value
 constexpr std::size_t kMaxReference = 1000;  // bytes
 
@@ -39,7 +39,7 @@ bool begins_with_reference(std::string_view text) {
   return false;
 }
 
-// A word that no verb can take for a path, an address or a list.
+// A word that no verb can interpret as a path, an address or a list.
 std::string checked_word(std::string_view flag, const std::string& text) {
   if (text.empty()) refuse("{} is empty: leave it out, or give a value", flag);
   if (!is_one_line(text, kMaxText)) {
@@ -76,7 +76,7 @@ std::string number_text(const Json& value) {
   return fmt::format("{}", value.get<double>());
 }
 
-// A JSON value as the text of the command line; switches are not among them.
+// A JSON value as command-line text; not for switches.
 std::string value_text(std::string_view name, const Json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (value.is_number()) return number_text(value);
@@ -298,7 +298,7 @@ class Builder {
       if (!has_window(verb_)) refuse("'{}' has no live form; start it as a job", request_.verb);
       add("--window");
     }
-    // Without a place for its images such a verb opens a window.
+    // Without an output for its images such a verb would open a window.
     const Json* output = VerbTable::find_flag(verb_, "--output");
     if (use_ != Use::kLive && output != nullptr && !has("--output") &&
         output->at("help").get_ref<const std::string&>().find("none; without it: the window") !=
@@ -307,7 +307,7 @@ class Builder {
     }
     if (takes("--json")) add("--json");
     if (use_ == Use::kJob && takes("--progress")) add("--progress=json");
-    if (takes("--yes")) add("--yes");  // the page has asked
+    if (takes("--yes")) add("--yes");  // the page has asked the user
   }
 
   void add_inputs() {
@@ -330,7 +330,7 @@ class Builder {
       refuse("'{}' takes {} input{}, not {}", request_.verb, next, next == 1 ? "" : "s",
              given.size());
     }
-    if (given.empty()) {  // no lonely "--"
+    if (given.empty()) {  // no "--" without inputs
       line_.words.pop_back();
       shown_.pop_back();
     }
@@ -503,7 +503,7 @@ bool is_one_line(std::string_view text, std::size_t max_bytes) {
     constexpr std::array<std::uint32_t, 5> kLeast = {0, 0, 0x80, 0x800, 0x10000};
     if (code < kLeast[length] || code > 0x10ffff || (code >= 0xd800 && code < 0xe000)) return false;
     if (code >= 0x80 && code < 0xa0) return false;  // control characters, too
-    // Line separators, and what turns the direction of the text around it.
+    // Line separators, and characters that change the direction of text.
     if (code == 0x2028 || code == 0x2029 || (code >= 0x202a && code <= 0x202e) ||
         (code >= 0x2066 && code <= 0x2069)) {
       return false;

@@ -8,28 +8,30 @@
 #include <utility>
 #include <vector>
 
-// What a page may start. A request names a verb, its inputs and its flags; what comes out is the
-// words of a command line, which no shell ever sees. Nothing is passed on that is not in the tables
-// of verb_tables.h: a verb, flag or input that nobody has classified is refused.
+// Decides what a page may start. A request names a verb, its inputs and its flags; the result is
+// the words of a command line, which never passes through a shell. Only entries of verb_tables.h
+// are accepted: an unclassified verb, flag or input is refused.
 namespace tarsier::web {
 
-// What the value of a flag means to a page.
+// The meaning of a flag's value for a page.
 enum class FlagKind {
-  kUnknown,      // in no table: refused
-  kValue,        // a number, a switch, one of the choices, a word; never a path
-  kFreeText,     // any text of one line: names, notes, what is searched
-  kInput,        // a file or folder that is there: set:, job:, ws:, model:
-  kWordOrInput,  // a word ("auto", "none", "500,500,320,240"), or such a file
-  kOutput,       // a file or folder that is made: out:NAME, or ws:NAME
-  kState,        // a file of the workspace that stays: ws:gallery
-  kServer,       // set by the server itself; from a page it is taken and left out
-  kRefused,      // never from a page: runs programs, opens the network, reads any file
+  kUnknown,   // in no table: refused
+  kValue,     // a number, a switch, a choice, a word; never a path
+  kFreeText,  // any text of one line: names, notes, search text
+  kInput,     // an existing file or folder: set:, job:, ws:, model:
+  // A word ("auto", "none", "500,500,320,240"), or an existing file.
+  kWordOrInput,
+  kOutput,  // a new file or folder: out:NAME, or ws:NAME
+  kState,   // a permanent file of the workspace: ws:gallery
+  kServer,  // set by the server itself; ignored from a page
+  // Never from a page: runs programs, opens the network, reads any file.
+  kRefused,
 };
 
-// What an input without a flag's name means to a page.
+// The meaning of a positional input for a page.
 enum class InputKind { kUnknown, kSource, kFile, kState, kValue, kFreeText };
 
-// Verbs that no page may start at all.
+// Verbs that no page may start.
 [[nodiscard]] bool is_refused_verb(std::string_view verb);
 
 [[nodiscard]] FlagKind flag_kind(std::string_view verb, std::string_view flag);
@@ -37,16 +39,17 @@ enum class InputKind { kUnknown, kSource, kFile, kState, kValue, kFreeText };
 
 // How a verb is started.
 enum class Use {
-  kLive,  // a session with a window in the browser; makes no files but those of the workspace
-  kJob,   // long work; files go below its folder
-  kRun,   // a quick question; as a job
+  // A session with a window in the browser; writes only files of the workspace.
+  kLive,
+  kJob,  // long work; its files are in the job's folder
+  kRun,  // a quick request; otherwise as a job
 };
 
 // The object of `tarsier help --json`, indexed.
 class VerbTable {
  public:
   VerbTable() = default;
-  // Throws InputError where the text is not that object.
+  // Throws InputError if the text is not such an object.
   explicit VerbTable(const std::string& help_json);
   // The entry of "plate read", or nullptr.
   [[nodiscard]] const nlohmann::json* find(std::string_view verb) const;
@@ -61,17 +64,17 @@ class VerbTable {
   std::string text_;
 };
 
-// Whether the verb has a live form: a flag --window that is a switch.
+// Whether the verb can run live: it has a switch --window.
 [[nodiscard]] bool has_window(const nlohmann::json& verb);
 
-// What references stand for. Both throw UsageError in plain words.
+// Resolves references. Both functions throw UsageError in plain words.
 struct References {
-  // The path of "set:NAME", "set:NAME/FILE", "job:ID/PATH", "ws:NAME", "model:NAME". Where
-  // `must_exist` is false it may be new ("ws:" only).
+  // The path of "set:NAME", "set:NAME/FILE", "job:ID/PATH", "ws:NAME", "model:NAME". If
+  // `must_exist` is false it may be new (only "ws:").
   std::function<std::string(const std::string& reference, bool must_exist)> file;
-  // The word for "camera:0", "allowed:NAME", "viewer:ID"; synth: is checked here.
+  // The source for "camera:0", "allowed:NAME", "viewer:ID"; synth: is checked here.
   std::function<std::string(const std::string& reference)> source;
-  // Where out:NAME goes; empty: nothing may be made.
+  // Folder for out:NAME; empty: no output is allowed.
   std::string output_folder;
 };
 
@@ -80,30 +83,30 @@ struct VerbRequest {
   std::vector<std::string> inputs;                  // in the verb's order
   nlohmann::json flags = nlohmann::json::object();  // {"--mode": "sketch", "--steady": true}
 };
-// From {"verb","inputs","flags"}. Throws UsageError.
+// Parses {"verb","inputs","flags"}. Throws UsageError.
 [[nodiscard]] VerbRequest verb_request(const nlohmann::json& object);
 
 struct CommandLine {
-  std::vector<std::string> words;    // behind the program's path
-  std::string shown;                 // for people: quoted for a shell, sources of other machines
-                                     // by their names alone
-  std::vector<std::string> outputs;  // names of out:NAME, in their order
-  // Texts that must not be seen (URLs with their passwords), and what stands for each.
+  std::vector<std::string> words;  // after the program's path
+  // For people: quoted for a shell; sources on other machines only by name.
+  std::string shown;
+  std::vector<std::string> outputs;  // names of out:NAME, in order
+  // Texts that must not be shown (URLs with passwords), and the replacement of each.
   std::vector<std::pair<std::string, std::string>> secrets;
-  // What the audit log tells of it, or "": "enrol", "forget", "export", "delete".
+  // The audit event, or "": "enrol", "forget", "export", "delete".
   std::string audit;
 };
 
-// Throws UsageError, one plain line: no such verb or flag, a value of the wrong type, outside its
-// range, not among the choices; a path where a reference belongs; an output in a live session.
+// Throws UsageError, one plain line: unknown verb or flag; a value of the wrong type, out of range
+// or not among the choices; a path instead of a reference; an output in a live session.
 [[nodiscard]] CommandLine command_line(const VerbTable& verbs, const VerbRequest& request, Use use,
                                        const References& references);
 
-// One word for a POSIX shell.
+// Quotes one word for a POSIX shell.
 [[nodiscard]] std::string shell_quoted(std::string_view word);
 
-// Names of sets, files and outputs: UTF-8 of 1..120 bytes, no '/', '\', control characters or
-// characters of globs (* ? [ ]), not '.' at its beginning, no space at either end.
+// Names of sets, files and outputs: UTF-8 of 1..120 bytes, without '/', '\', control characters or
+// glob characters (* ? [ ]), without a leading '.', without spaces at the ends.
 [[nodiscard]] bool is_good_name(std::string_view name);
 // Valid UTF-8 without control characters, at most `max_bytes`.
 [[nodiscard]] bool is_one_line(std::string_view text, std::size_t max_bytes);

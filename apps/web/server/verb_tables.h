@@ -5,12 +5,12 @@
 #include <array>
 #include <string_view>
 
-// What the flags and inputs of the program's verbs mean to a page: the tables of verb_policy.cpp.
-// A flag is looked for among the exceptions of its verb, then by its name. What is in neither is
-// refused. A new flag fails verb_policy_test until it stands here.
+// The meaning of the verbs' flags and inputs for a page: the tables of verb_policy.cpp. A flag is
+// searched first among the exceptions of its verb, then by its name. An unlisted flag is refused,
+// and verb_policy_test fails for it.
 namespace tarsier::web {
 
-// Numbers, switches, choices, words that the verb never takes for a path.
+// Numbers, switches, choices, and words that the verb never uses as a path.
 inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--algorithm",
     "--aligner-steps",
@@ -311,7 +311,7 @@ inline constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--yaw",
 });
 
-// Names and notes, and what is compared with what was logged.
+// Names, notes, and text that is compared with logged text.
 inline constexpr auto kFreeTextFlags =
     std::to_array<std::string_view>({"--distance-between", "--author", "--label", "--name",
                                      "--names", "--note", "--source", "--terms", "--text"});
@@ -340,20 +340,20 @@ inline constexpr auto kServerFlags = std::to_array<std::string_view>(
 
 inline constexpr auto kRefusedFlags = std::to_array<std::string_view>({
     "--actions",    // reads stdin
-    "--ca-file",    // whom sources trust is decided where they are allowed
+    "--ca-file",    // trust is decided where the source is allowed
     "--config",     // may hold any flag
     "--crops",      // opens the network
-    "--crops-dir",  // of that
+    "--crops-dir",  // see --crops
     "--max-crops",
     "--insecure",    // as --ca-file
     "--listen-all",  // opens the network
     "--models-dir",  // any folder
-    "--camera-roi",  // of several cameras, which no page reads
+    "--camera-roi",  // for several cameras, which no page reads
     "--camera-fps",
     "--idle",
     "--motion",
     "--motion-hold",
-    "--mqtt-ca-file",  // of --publish
+    "--mqtt-ca-file",  // see --publish
     "--mqtt-cert",
     "--mqtt-key",
     "--mqtt-password-file",
@@ -361,27 +361,27 @@ inline constexpr auto kRefusedFlags = std::to_array<std::string_view>({
     "--homeassistant",
     "--outbox",
     "--outbox-events",
-    "--publish",           // speaks to other machines
+    "--publish",           // connects to other machines
     "--own-dir",           // as --models-dir
     "--on-event",          // runs a program
-    "--on-event-timeout",  // of that
-    "--on-watch",          // of that
-    "--token",             // of a server that is not started
+    "--on-event-timeout",  // see --on-event
+    "--on-watch",          // see --on-event
+    "--token",             // for a server that is not started
     "--token-file",        // any file
 });
 
-// Verbs that no page starts, whatever their flags.
+// Verbs that no page may start, whatever their flags.
 inline constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
     "serve",     // this server
-    "merge",     // of runs that no page starts
-    "hub",       // speaks to other machines
-    "demo",      // its page is made of files that a browser would run
-    "sfm plan",  // of runs that no page starts, as the next four
+    "merge",     // for runs that no page starts
+    "hub",       // connects to other machines
+    "demo",      // its page consists of files that a browser would run
+    "sfm plan",  // for runs that no page starts, like the next four
     "sfm features", "sfm match", "sfm map", "sfm merge",
-    "models import",  // writes where all programs of this user look for models
+    "models import",  // writes to the folder where all programs of this user search for models
 });
 
-// What the same name means elsewhere.
+// Verbs for which a flag has another meaning.
 struct FlagException {
   std::string_view verb;
   std::string_view flag;
@@ -392,7 +392,7 @@ inline constexpr auto kFlagExceptions = std::to_array<FlagException>({
     {"people groups", "--draw", FlagKind::kOutput},
     {"people list", "--faces", FlagKind::kFreeText},
     {"people list", "--draw", FlagKind::kOutput},
-    {"plate log", "--crops", FlagKind::kOutput},  // elsewhere a port that serves them
+    {"plate log", "--crops", FlagKind::kOutput},  // for other verbs a port that serves them
     {"ar target-train", "--draw", FlagKind::kOutput},
     {"pose track", "--draw", FlagKind::kWordOrInput},  // glasses, or an .obj file
     {"aam explore", "--mesh", FlagKind::kValue},
@@ -463,21 +463,21 @@ inline constexpr auto kInputExceptions = std::to_array<InputException>({
 inline constexpr auto kFileInputs = std::to_array<std::string_view>(
     {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "DENSE", "truth", "image"});
 
-// Added where a page leaves them out: their own default lies outside the workspace.
+// Added if a page omits them, because their default is outside the workspace.
 struct DefaultState {
   std::string_view flag;
   std::string_view reference;
 };
 inline constexpr auto kDefaultStates = std::to_array<DefaultState>({{"--gallery", "ws:gallery"}});
 
-// Files that several verbs go on with: no output may take their place.
+// Files that several verbs extend: no output may replace them.
 inline constexpr auto kSharedState =
     std::to_array<std::string_view>({"gallery", "plates.db", "watch.csv"});
 
-// What the audit log tells.
+// Verbs that are recorded in the audit log.
 struct Audited {
   std::string_view verb;
-  std::string_view flag;  // only with this one, if any
+  std::string_view flag;  // only with this flag, if not empty
   std::string_view event;
 };
 inline constexpr auto kAudited = std::to_array<Audited>({

@@ -12,17 +12,17 @@
 
 namespace tarsier::web {
 
-// A camera of somebody's browser, which sends its images one by one (POST
-// /api/viewer-cameras/ID/frame). Sessions that have it as their input get the newest. Thread-safe.
+// Cameras of viewers' browsers, which send their images one by one (POST
+// /api/viewer-cameras/ID/frame). Sessions with such an input get the newest image. Thread-safe.
 class ViewerCameras {
  public:
   static constexpr std::size_t kMost = 16;
   static constexpr std::uint64_t kMaxFrame = 16 << 20;  // bytes of a JPEG
-  static constexpr std::chrono::seconds kSilence{60};   // then it is forgotten
+  static constexpr std::chrono::seconds kSilence{60};   // without images; then it is removed
 
-  // "ab12.." of a new one. HttpError 409 where there are too many.
+  // Returns the id "ab12.." of a new camera. HttpError 409 if there are too many.
   [[nodiscard]] std::string add();
-  // HttpError 404; 415 where it is no JPEG or has more than 100 MP.
+  // HttpError 404; 415 if it is not a JPEG or has more than 100 MP.
   void put(const std::string& id, std::string jpeg);
   void remove(const std::string& id);  // HttpError 404
   [[nodiscard]] bool has(const std::string& id) const;

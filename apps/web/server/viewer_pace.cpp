@@ -8,12 +8,12 @@
 namespace tarsier::web {
 namespace {
 
-constexpr double kSlow_s = 0.15;    // an image may take so long
-constexpr double kQuick_s = 0.1;    // a better one
-constexpr double kForgotten = 0.7;  // weight of an image when the next one is there
+constexpr double kSlow_s = 0.15;    // maximum time for an image
+constexpr double kQuick_s = 0.1;    // maximum time for one of better quality
+constexpr double kForgotten = 0.7;  // factor on the weight of earlier images for each new one
 
-// Bytes of an image by its quality, against kBest: the mean of the drawings of six verbs (cartoon,
-// sketch, pose, plates, markers); each alone is within 25 % of it.
+// Size of an image by its quality, relative to kBest: the mean over the drawings of six verbs
+// (cartoon, sketch, pose, plates, markers); each is within 25 % of it.
 struct Step {
   int quality;
   double size;
@@ -37,7 +37,7 @@ void ViewerPace::took(std::size_t bytes, double seconds, int of_quality) {
   seconds_ = kForgotten * seconds_ + std::max(0.0, seconds);
   images_ = kForgotten * images_ + 1;
   if (sent_bytes_ <= 0) return;
-  // Of an image of the best quality.
+  // Time for an image of the best quality.
   const double best_s = bytes_ / images_ * seconds_ / sent_bytes_;
   for (const Step& step : kSteps) {
     const double allowed = step.quality > quality_ ? kQuick_s : kSlow_s;

@@ -26,10 +26,10 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t kHeadBytes = 512U << 10U;  // of an image, to know its size
+constexpr std::size_t kHeadBytes = 512U << 10U;  // bytes of an image that are read to get its size
 constexpr auto kMeasureEvery = std::chrono::seconds(10);
 
-// Bytes of all files below; links are not followed.
+// Bytes of all files below the folder; links are not followed.
 std::uint64_t bytes_below(const std::string& folder) {
   std::uint64_t sum = 0;
   std::error_code error;
@@ -73,7 +73,7 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
                       "another server has this workspace; stop it, or give another "
                       "--workspace");
   }
-  // What a server that was killed was receiving, or asking, nobody counts on.
+  // Uploads and runs of a killed server are useless.
   for (const char* part : {"/uploads", "/runs"}) {
     for (const auto& entry : fs::directory_iterator(studio_folder() + part, error)) {
       fs::remove_all(entry.path(), error);
@@ -133,7 +133,7 @@ void Workspace::remove_set(const std::string& name) {
   forget_thumbnails(path);
   const std::lock_guard lock(mutex_);
   std::error_code error;
-  fs::remove_all(path, error);  // removes links, never what they lead to
+  fs::remove_all(path, error);  // removes links, but not their targets
   measured_.reset();
   if (error) throw HttpError(500, fmt::format("the set cannot be deleted: {}", error.message()));
 }
@@ -304,7 +304,7 @@ std::string Workspace::state_path(const std::string& name) const {
 
 void Workspace::remove_state(const std::string& name) {
   const std::string path = state_path(name);
-  // Beside an SQLite file lie its journals, beside a set of annotations its own.
+  // An SQLite file has journals beside it, and so has a set of annotations.
   for (const char* ending : {"-journal", "-wal", "-shm", ".journal"}) {
     ::unlink((path + ending).c_str());
   }
@@ -321,7 +321,7 @@ Workspace::Space Workspace::space() const {
   {
     const std::lock_guard lock(mutex_);
     if (!measured_ || Clock::now() - *measured_ > kMeasureEvery) {
-      // Uploads on their way are counted when they are stored.
+      // Uploads in progress are counted when they are stored.
       const std::uint64_t all = bytes_below(folder_);
       used_ = all - std::min(all, bytes_below(uploads_folder()));
       measured_ = Clock::now();

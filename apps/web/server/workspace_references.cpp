@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// set:NAME/FILE, job:ID/PATH, ws:NAME, model:NAME, and the paths behind them.
+// set:NAME/FILE, job:ID/PATH, ws:NAME, model:NAME, and their paths.
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
@@ -69,7 +69,7 @@ std::vector<FileInfo> Workspace::job_files(const std::string& id) const {
     if (!is_file(path)) continue;
     try {
       files.push_back(look_at(path, path.substr(folder.size() + 1)));
-    } catch (const HttpError&) {  // gone meanwhile: a temporary file of its writer
+    } catch (const HttpError&) {  // a temporary file that was deleted meanwhile
     }
   }
   std::sort(files.begin(), files.end(),
@@ -98,7 +98,7 @@ std::string Workspace::resolve(const std::string& reference, bool must_exist) co
       if (is_folder_name(rest) || is_link(path)) {
         throw HttpError(400, fmt::format("ws:{} is no file", rest));
       }
-      // gallery and plates.db are made by the verbs that use them.
+      // Verbs create gallery and plates.db when they use them.
       if (must_exist && !is_file(path) && !is_folder(path)) {
         throw HttpError(404, fmt::format("no file '{}' in the workspace", rest));
       }

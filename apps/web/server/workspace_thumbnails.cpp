@@ -30,7 +30,7 @@ std::string sum_of(std::string_view text) {
   return sum.hex();
 }
 
-// By which all thumbnails of a file are known.
+// The common prefix of all thumbnails of a file.
 std::string thumbnail_mark(const std::string& path) { return sum_of(path).substr(0, 24); }
 
 }  // namespace
@@ -59,7 +59,7 @@ std::string Workspace::thumbnail(const std::string& path, int width, const std::
       sum_of(fmt::format("{}\n{}", info.bytes, info.modified)).substr(0, 16);
   const std::string out = fmt::format("{}/thumbnails/{}-{}-{}.jpg", studio_folder(),
                                       thumbnail_mark(path), version, width);
-  const std::lock_guard lock(thumbnails_);  // one at a time: a decoder may take 300 MB
+  const std::lock_guard lock(thumbnails_);  // one at a time: a decoder may need 300 MB
   if (is_file(out)) return out;
   check_space(100'000);
   if (++thumbnail_count_ > kMaxThumbnails) {

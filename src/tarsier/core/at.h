@@ -6,7 +6,7 @@
 
 namespace tarsier {
 
-// A number that is not negative as the index of a standard container: images[at(k)].
+// Converts a non-negative number to an index of a standard container: images[at(k)].
 [[nodiscard]] constexpr std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 
 }  // namespace tarsier

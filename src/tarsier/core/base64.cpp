@@ -51,7 +51,7 @@ bool from_base64(std::string_view text, std::span<std::uint8_t> bytes) {
     return int{kTable[static_cast<unsigned char>(text[i])]};
   };
   const std::size_t whole = bytes.size() / 3;
-  int invalid = 0;  // negative once a letter was
+  int invalid = 0;  // negative after an invalid letter
   for (std::size_t i = 0; i < whole; ++i) {
     const int a = value(4 * i), b = value(4 * i + 1), c = value(4 * i + 2), d = value(4 * i + 3);
     invalid |= a | b | c | d;

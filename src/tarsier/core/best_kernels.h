@@ -5,9 +5,9 @@
 
 namespace tarsier {
 
-// Of kernels that are compiled for several instruction sets, those of the best one that
-// simd_level() allows. Each function gives null where the build has no code for its set; the
-// baseline is always there.
+// Chooses among kernels compiled for several instruction sets: the best one that simd_level()
+// allows. Each function returns null where the build has no code for its instruction set. The
+// baseline always exists.
 template <class Kernels>
 [[nodiscard]] const Kernels& best_kernels(const Kernels* (*baseline)(), const Kernels* (*avx2)(),
                                           const Kernels* (*avx512)(),

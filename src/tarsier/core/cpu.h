@@ -5,24 +5,25 @@
 
 namespace tarsier {
 
-// Instruction sets that the hot kernels are compiled for, from one source; which one runs is chosen
-// at run time.
+// Instruction sets for which the hot kernels are compiled, from one source. The program chooses one
+// of them at run time.
 enum class SimdLevel {
-  kBaseline,  // what the compiler's target guarantees (SSE2 on x86-64, NEON on arm64), or plain C++
+  // What the compiler's target guarantees (SSE2 on x86-64, NEON on arm64), or plain C++.
+  kBaseline,
   kSse41,
   kAvx2,
   kAvx512,  // F, BW, VL and VBMI (Ice Lake and later, Zen 4 and later)
 };
 
 // The best level that this processor and the environment variable TARSIER_SIMD (baseline, sse4.1,
-// avx2, avx512) allow. Read once.
+// avx2, avx512) allow. The variable is read once.
 [[nodiscard]] SimdLevel simd_level();
 
-// The best level of this processor alone.
+// The best level that this processor supports, whatever the environment says.
 [[nodiscard]] SimdLevel hardware_simd_level();
 
-// Caps simd_level() from now on (tests, benchmarks). Never above the hardware. Not for use while
-// kernels run.
+// Limits simd_level() for the rest of the run (tests, benchmarks). It never exceeds the hardware.
+// Must not be called while kernels run.
 void limit_simd_level(SimdLevel level);
 
 [[nodiscard]] std::string_view name_of(SimdLevel level);  // "baseline" is "NEON" on arm64

@@ -26,7 +26,7 @@ bool looks_like_formula(std::string_view text) {
 std::optional<std::vector<std::string>> csv_fields(std::string_view line) {
   std::vector<std::string> fields(1);
   bool quoted = false;
-  bool closed = false;  // the field was quoted and has ended
+  bool closed = false;  // the field was quoted and its quote is closed
   for (std::size_t at = 0; at < line.size(); ++at) {
     const char c = line[at];
     if (quoted) {

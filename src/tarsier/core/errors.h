@@ -6,20 +6,22 @@
 
 namespace tarsier {
 
-// What an error is about. A program decides by it what to do: `tarsier` what it exits with
-// (apps/tarsier/framework/exit_status.h).
+// The cause of an error. A program decides by it what to do; `tarsier` derives its exit status from
+// it (apps/tarsier/framework/exit_status.h).
 enum class ErrorKind {
-  kUsage,       // what was asked for fits no rule
-  kInput,       // a file, image or device that cannot be used; also a source that never opens
-  kSourceLost,  // a source that ended after its first frame, when it should not have
-  kModel,       // a model that is missing or broken
-  kOutput,      // what cannot be written
+  kUsage,  // the request fits no rule
+  // A file, image or device cannot be used, or a source never opens.
+  kInput,
+  // A source ended unexpectedly after its first frame.
+  kSourceLost,
+  kModel,       // a model is missing or broken
+  kOutput,      // an output cannot be written
   kInterrupted  // a stop was requested
 };
 
-// Base of all errors that are not a caller's mistake (those are std::invalid_argument, see
-// require.h). what() is one line that names what, where, and where it helps what to do. It names an
-// option as "option 'ca_file'", by the field that sets it, and knows no flags of a command line.
+// Base of all errors that are not a mistake of the caller (those are std::invalid_argument, see
+// require.h). what() is one line: what failed, where and, if that helps, what to do. It names an
+// option by its field, "option 'ca_file'", because the library knows no command-line flags.
 class Error : public std::runtime_error {
  public:
   Error(ErrorKind kind, const std::string& message) : std::runtime_error(message), kind_(kind) {}
@@ -29,7 +31,7 @@ class Error : public std::runtime_error {
   ErrorKind kind_;
 };
 
-// Trouble with a file, device or address. what() is "<path>: <reason>".
+// An error of a file, device or address. what() is "<path>: <reason>".
 class IoError : public Error {
  public:
   IoError(ErrorKind kind, std::string path, const std::string& reason)
@@ -44,10 +46,10 @@ struct InputError : IoError {
   InputError(std::string path, const std::string& reason)
       : IoError(ErrorKind::kInput, std::move(path), reason) {}
 };
-// A file or database has no such entry.
+// A file or database does not have the requested entry.
 class MissingEntryError : public InputError {
  public:
-  // `entry`: "face", "person" ..: what kind of entries the file has. A program says by it how they
+  // `entry` is the kind of entry: "face", "person" ... A program derives from it how the entries
   // are listed.
   MissingEntryError(std::string path, std::string entry, const std::string& reason)
       : InputError(std::move(path), reason), entry_(std::move(entry)) {}
@@ -68,11 +70,11 @@ struct OutputError : IoError {
   OutputError(std::string path, const std::string& reason)
       : IoError(ErrorKind::kOutput, std::move(path), reason) {}
 };
-// Words, of a command line or of an option, that fit no verb, value or rule.
+// Words of a command line or an option that fit no verb, value or rule.
 struct UsageError : Error {
   explicit UsageError(const std::string& message) : Error(ErrorKind::kUsage, message) {}
 };
-// Thrown by long work when its stop token fires.
+// Thrown by long work after its stop token was triggered.
 struct Interrupted : Error {
   Interrupted() : Error(ErrorKind::kInterrupted, "interrupted") {}
 };

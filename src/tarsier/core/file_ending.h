@@ -6,8 +6,8 @@
 
 namespace tarsier {
 
-// The ending of a path's file name in small letters: ".jpg" of "a.b/IMG_1.JPG"; empty where it has
-// none, as of ".hidden". Only A..Z change, whatever the locale.
+// The extension of a path's file name in lower case: ".jpg" for "a.b/IMG_1.JPG". It is empty where
+// there is none, as in ".hidden". Only A..Z are changed, whatever the locale.
 [[nodiscard]] std::string lower_ending(std::string_view path);
 
 }  // namespace tarsier

@@ -18,8 +18,8 @@ enum class LogLevel { kDebug, kInfo, kWarning, kError, kOff };
 void set_log_level(LogLevel level);
 [[nodiscard]] LogLevel log_level();
 
-// Writes one line to stderr, "tarsier: [warning: ]<message>"; control characters are escaped, so
-// that a hostile file name cannot drive the terminal. Thread-safe.
+// Writes one line to stderr, "tarsier: [warning: ]<message>". Control characters are escaped, so
+// that a hostile file name cannot control the terminal. Thread-safe.
 void log_line(LogLevel level, std::string_view message);
 
 template <typename... Args>

@@ -6,8 +6,8 @@
 
 namespace tarsier {
 
-// `text` as it is written in HTML, XML and SVG, between tags or in quoted attributes: & < > " ' as
-// entities; control characters but tab and line ends, which XML cannot hold, are left out.
+// Escapes `text` for HTML, XML and SVG, between tags or in quoted attributes: & < > " ' become
+// entities. Control characters that XML cannot contain (all but tab and line ends) are dropped.
 [[nodiscard]] std::string escaped_markup(std::string_view text);
 
 }  // namespace tarsier

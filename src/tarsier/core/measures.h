@@ -7,16 +7,16 @@
 
 namespace tarsier {
 
-// Progress that shows what a stage measures as it goes, e.g. its loss. That of make_progress() is of
-// this kind.
+// Progress that also shows values that a stage measures, for example its loss. make_progress()
+// returns this kind.
 class MeasuredProgress : public Progress {
  public:
-  // Shown with the next advance(), however soon that comes: in JSON lines as one more number,
-  // "loss":0.31. `name` is a plain word; a value that is not finite is left out.
+  // The value is shown with the next advance(), however soon. In JSON lines it is one more number,
+  // "loss":0.31. `name` is a plain word. A value that is not finite is dropped.
   virtual void measure(std::string_view name, double value) = 0;
 };
 
-// The same for progress of any kind: of others nothing comes of it.
+// Passes the value to `progress` if that is a MeasuredProgress; else does nothing.
 inline void tell_measure(Progress& progress, std::string_view name, double value) {
   if (auto* measured = dynamic_cast<MeasuredProgress*>(&progress)) measured->measure(name, value);
 }

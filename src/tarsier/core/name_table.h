@@ -17,14 +17,14 @@ namespace tarsier {
 [[nodiscard]] std::string unknown_name(std::string_view what, std::string_view text,
                                        const std::vector<std::string>& known);
 
-// The names of an enumeration's values, in the order in which help texts list them. One table serves
-// name_of(), parse_..() and the choices of a flag, so that the three cannot disagree:
+// The names of an enumeration's values, in the order in which help texts list them. One table
+// serves name_of(), parse_..() and the choices of a flag, so the three always agree:
 //
 //   constexpr NameTable<Mode, 2> kModes{"mode", {{{Mode::kSketch, "sketch"}, {Mode::kPaint, "paint"}}}};
 //   kModes.parse("paint");  // Mode::kPaint
 template <typename Value, std::size_t N>
 struct NameTable {
-  std::string_view what;  // of what these are names; for messages
+  std::string_view what;  // what the names are names of; for messages
   std::array<std::pair<Value, std::string_view>, N> names;
 
   // "" for a value without a name.

@@ -9,7 +9,8 @@
 #include <variant>
 #include <vector>
 
-// What the options of an algorithm may be, stated once. A struct of options lists its fields:
+// Declares the allowed values of an algorithm's options in one place. A struct of options lists its
+// fields:
 //
 //   struct MatchOptions {
 //     // Distance of the best match divided by that of the second best, at most.
@@ -21,19 +22,19 @@
 //     void check() const { check_fields(*this); }
 //   };
 //
-// check(), the flags of the program (apps/tarsier/framework/bind.h), their help, the manual pages and
-// `tarsier help --json` are made of this list. Rules between fields stay in check().
+// check(), the flags of the program (apps/tarsier/framework/bind.h), their help, the manual pages
+// and `tarsier help --json` are generated from this list. Rules between fields belong into check().
 
 namespace tarsier {
 
-// The numbers that a field may have. Infinite numbers and NaN are never among them.
+// The numbers that a field may have. Infinity and NaN are never allowed.
 struct Range {
   double min = -std::numeric_limits<double>::infinity();
   double max = std::numeric_limits<double>::infinity();
-  // Whether `min` or `max` itself is outside.
+  // Whether `min` or `max` itself is excluded.
   bool above_min = false;
   bool below_max = false;
-  // Only odd numbers.
+  // Only odd numbers are allowed.
   bool odd = false;
 
   [[nodiscard]] bool contains(double value) const;
@@ -56,13 +57,13 @@ constexpr Range above(double min, double max = std::numeric_limits<double>::infi
 // min <= value
 constexpr Range at_least(double min) { return {min}; }
 
-// A field of a struct of options. Of a list, each value must be in `range`.
+// A field of a struct of options. For a list, each value must be in `range`.
 struct OptionField {
   using Value = std::variant<bool*, int*, unsigned*, std::int64_t*, std::uint64_t*, float*, double*,
                              std::string*, std::optional<int>*, std::optional<double>*,
                              std::vector<int>*, std::vector<double>*>;
 
-  // A number. A field without flag and help is none of the command line's.
+  // A number. A field without flag and help is not available on the command line.
   template <class T>
   OptionField(std::string_view its_name, T& its_value, const Range& its_range,
               std::string_view its_flag = {}, std::string_view its_help = {})
@@ -76,7 +77,7 @@ struct OptionField {
   std::string_view name;
   Value value;
   Range range = {};
-  // "--ratio"; empty if it has none.
+  // "--ratio"; empty if the field has no flag.
   std::string_view flag;
   // Begins with the unit, if the number has one: "px, of the shortest side".
   std::string_view help;
@@ -86,13 +87,13 @@ using OptionFields = std::vector<OptionField>;
 // The unit that a help text begins with: "px", "degrees", "s"; empty if there is none.
 [[nodiscard]] std::string_view unit_of(std::string_view help);
 
-// Throws std::invalid_argument for the first value out of its range: "ratio 2: expected 0.1..1".
+// Throws std::invalid_argument for the first value outside its range: "ratio 2: expected 0.1..1".
 void check_fields(const OptionFields& fields);
 
-// Of a struct with `fields()`.
+// Checks a struct that has `fields()`.
 template <class Options>
 void check_fields(const Options& options) {
-  check_fields(const_cast<Options&>(options).fields());  // which are only read
+  check_fields(const_cast<Options&>(options).fields());  // the fields are only read
 }
 
 }  // namespace tarsier

@@ -10,18 +10,18 @@
 
 namespace tarsier {
 
-// How long work tells how far it is. Begin a stage, advance, end it; stages follow each other.
-// Calls may come from any thread; drawing happens at most ten times a second.
+// Reports the progress of long work. Begin a stage, advance it, end it; stages follow each other.
+// Calls may come from any thread. The display is updated at most ten times a second.
 class Progress {
  public:
   virtual ~Progress() = default;
-  // `total` 0: unknown. `unit` is what is counted, in the plural ("images").
+  // `total` 0 means unknown. `unit` is what is counted, in the plural ("images").
   virtual void begin(std::string_view stage, std::int64_t total, std::string_view unit) = 0;
   virtual void advance(std::int64_t count = 1) = 0;
   virtual void end() = 0;
 };
 
-// Says nothing.
+// Reports nothing.
 class NoProgress final : public Progress {
  public:
   void begin(std::string_view, std::int64_t, std::string_view) override {}

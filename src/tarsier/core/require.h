@@ -17,8 +17,8 @@ namespace tarsier::detail {
 
 }  // namespace tarsier::detail
 
-// Throws std::invalid_argument naming the expression; the message is only formatted on failure.
-// For caller mistakes, never for "nothing was found".
+// Throws std::invalid_argument that names the expression. The message is formatted only on failure.
+// For mistakes of the caller, never for "nothing was found".
 #define TARSIER_REQUIRE(expression, ...)                                           \
   do {                                                                             \
     if (!(expression)) {                                                           \

@@ -63,7 +63,7 @@ double Rng::normal(double mean, double sigma) { return mean + sigma * normal(); 
 int Rng::integer(int low, int high) {
   TARSIER_REQUIRE(low <= high, "got [{}, {}]", low, high);
   const auto range = static_cast<std::uint64_t>(static_cast<std::int64_t>(high) - low) + 1;
-  const std::uint64_t limit = max() - max() % range;  // refuse the uneven tail
+  const std::uint64_t limit = max() - max() % range;  // reject the incomplete last range
   std::uint64_t x = (*this)();
   while (x >= limit) x = (*this)();
   return static_cast<int>(low + static_cast<std::int64_t>(x % range));

@@ -5,10 +5,10 @@
 
 namespace tarsier {
 
-// Seeded pseudo-random numbers, the same on every machine and standard library: xoshiro256**
+// Seeded pseudo-random numbers, identical on every machine and standard library: xoshiro256**
 // (Blackman and Vigna, "Scrambled linear pseudorandom number generators", ACM TOMS 2021), seeded
-// through splitmix64. Not for secrets. A value type: copy it to replay, fork() it to give each item
-// of parallel work its own.
+// through splitmix64. Not for secrets. A value type: copy it to replay the sequence; fork() it to
+// give each item of parallel work its own generator.
 class Rng {
  public:
   using result_type = std::uint64_t;
@@ -25,8 +25,8 @@ class Rng {
   double normal(double mean, double sigma);
   int integer(int low, int high);  // in [low, high], both ends included; requires low <= high
 
-  // An independent generator that depends on the seed of this one and on `stream` only, not on how
-  // many numbers were drawn.
+  // An independent generator. It depends only on the seed of this one and on `stream`, not on the
+  // count of numbers drawn.
   [[nodiscard]] Rng fork(std::uint64_t stream) const;
 
  private:

@@ -10,7 +10,7 @@
 namespace tarsier {
 namespace {
 
-// z with P(|standard normal| <= z) = confidence, by halving.
+// z with P(|standard normal| <= z) = confidence, by bisection.
 double two_sided_quantile(double confidence) {
   double low = 0;
   double high = 40;
@@ -50,7 +50,7 @@ Interval wilson_interval_of_rate(double rate, double trials, double confidence) 
   const double middle = (rate + share / 2) / (1 + share);
   const double half =
       z * std::sqrt(rate * (1 - rate) / trials + share / (4 * trials)) / (1 + share);
-  // Exact at the ends, where rounding would leave a trace.
+  // Exact at the ends, where rounding would leave a small error.
   return {rate == 0 ? 0 : std::max(0.0, middle - half),
           rate == 1 ? 1 : std::min(1.0, middle + half)};
 }

@@ -15,7 +15,8 @@
 namespace tarsier {
 
 namespace detail {
-// Indices into `count` >= 1 ascending values; throw std::invalid_argument for a share outside 0..1.
+// Indices into `count` >= 1 ascending values. They throw std::invalid_argument for a share outside
+// 0..1.
 [[nodiscard]] inline double checked_share(double share) {
   TARSIER_REQUIRE(share >= 0 && share <= 1, "{}: a share is 0 to 1", share);
   return share;
@@ -40,12 +41,11 @@ template <class T>
 }
 }  // namespace detail
 
-// Quantiles that are one of the n values, which are put into another order; 0 for no values. They
-// differ in the index that they take of the ascending values, with `share` in 0..1 (else
-// std::invalid_argument):
-//   upper    floor(share n), n - 1 at most: of an even number the upper median
-//   lower    floor(share (n - 1)): of an even number the lower median
-//   nearest  share (n - 1), rounded, halves up: of an even number the upper median
+// Quantiles that are one of the n values; 0 for no values. The values are reordered. The functions
+// differ in the index into the ascending values. `share` is in 0..1 (else std::invalid_argument):
+//   upper    floor(share n), n - 1 at most: the upper median for an even n
+//   lower    floor(share (n - 1)): the lower median for an even n
+//   nearest  share (n - 1), rounded, halves up: the upper median for an even n
 template <class T>
 [[nodiscard]] T upper_quantile(std::vector<T>& values, double share) {
   if (values.empty()) return T{};
@@ -62,7 +62,7 @@ template <class T>
   return detail::value_at_rank(values, detail::nearest_rank(share, values.size()));
 }
 
-// The median; of an even number of values the upper one of the two in the middle. 0 for no values.
+// The median; for an even number of values the upper one of the two in the middle. 0 for no values.
 template <class T>
 [[nodiscard]] T upper_median(std::vector<T> values) {
   return upper_quantile(values, 0.5);
@@ -81,25 +81,26 @@ struct Interval {
   double high = 1;
 };
 
-// The interval in which the true rate of an event lies with the chance `confidence`, after it was
-// seen `successes` times in `trials` independent trials (E. B. Wilson, "Probable inference, the law
-// of succession, and statistical inference", JASA 22, 1927):
+// The confidence interval of the true rate of an event that occurred `successes` times in `trials`
+// independent trials, at the level `confidence` (E. B. Wilson, "Probable inference, the law of
+// succession, and statistical inference", JASA 22, 1927):
 //   (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n),  p = successes / n, n = trials,
-// with z the two-sided normal quantile. Within 0..1, never of no width; 0..1 where nothing was
-// tried. Throws std::invalid_argument unless 0 <= successes <= trials and 0 < confidence < 1.
+// with z the two-sided normal quantile. The interval is within 0..1 and its width is never 0. It is
+// 0..1 for no trials. Throws std::invalid_argument unless 0 <= successes <= trials and 0 <
+// confidence < 1.
 [[nodiscard]] Interval wilson_interval(long successes, long trials, double confidence = 0.95);
 
-// The same for a rate in 0..1 that is the mean over several counts of the same cases, such as
-// random draws from one set of images: `trials` >= 0 are then those of one count, as repeating it
-// on the same cases adds little.
+// The same for a rate in 0..1 that is the mean of several counts over the same cases, such as
+// random draws from one set of images. `trials` >= 0 is then the number of trials of one count,
+// because repeated counts over the same cases add little information.
 [[nodiscard]] Interval wilson_interval_of_rate(double rate, double trials,
                                                double confidence = 0.95);
 
-// ln(p / (1 - p)), with p kept `margin` (> 0, < 0.5) from 0 and from 1.
+// ln(p / (1 - p)), with p clamped to margin..1 - margin (0 < margin < 0.5).
 [[nodiscard]] double log_odds(double p, double margin = 1e-4);
 
-// The logistic function 1 / (1 + exp(-x)), inverse of the log odds. Exact to a few roundings for every
-// x: where exp(-x) overflows the result is 0, and nothing is subtracted from 1.
+// The logistic function 1 / (1 + exp(-x)), inverse of the log odds. Exact to a few roundings for
+// every x: where exp(-x) overflows the result is 0, and nothing is subtracted from 1.
 template <std::floating_point T>
 [[nodiscard]] T logistic(T x) {
   return 1 / (1 + std::exp(-x));

@@ -22,7 +22,7 @@ void wait_for_signals(std::stop_source source, sigset_t signals) {
   while (sigwait(&signals, &signal_number) == 0) {
     int none = 0;
     first_signal.compare_exchange_strong(none, signal_number);
-    if (ends_at_once > 0 || !source.request_stop()) _exit(128 + SIGINT);  // as shells say it
+    if (ends_at_once > 0 || !source.request_stop()) _exit(128 + SIGINT);  // as shells do
   }
 }
 

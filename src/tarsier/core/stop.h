@@ -6,13 +6,13 @@
 
 namespace tarsier {
 
-// The token of SIGINT and SIGTERM. The first call blocks both signals in the calling thread and
-// starts a thread that waits for them, so call it from main before any other thread starts; later
-// calls return the same token. A second signal ends the process at once with status 130.
+// The token that SIGINT and SIGTERM trigger. The first call blocks both signals in the calling
+// thread and starts a thread that waits for them: call it from main before any other thread starts.
+// Later calls return the same token. A second signal ends the process at once with status 130.
 [[nodiscard]] std::stop_token stop_on_signals();
 
-// While one lives, the first signal, too, ends the process at once with status 130: for work that
-// writes nothing and has no token to look at.
+// While an object of this class lives, the first signal also ends the process at once with status
+// 130. For work that writes nothing and checks no token.
 class EndOnSignals {
  public:
   EndOnSignals();
@@ -21,10 +21,10 @@ class EndOnSignals {
   EndOnSignals& operator=(const EndOnSignals&) = delete;
 };
 
-// Throws Interrupted if `stop` has fired.
+// Throws Interrupted if `stop` was triggered.
 void throw_if_stopped(const std::stop_token& stop);
 
-// Sleeps for `duration` or until `stop` fires; returns false if it fired.
+// Sleeps for `duration` or until `stop` is triggered; returns false if it was triggered.
 bool sleep_unless_stopped(std::chrono::milliseconds duration, const std::stop_token& stop);
 
 }  // namespace tarsier

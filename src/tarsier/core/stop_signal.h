@@ -3,7 +3,8 @@
 
 namespace tarsier {
 
-// The signal that fired the token of stop_on_signals() (stop.h): SIGINT or SIGTERM; 0: none yet.
+// The signal that triggered the token of stop_on_signals() (stop.h): SIGINT or SIGTERM; 0 before
+// the first one.
 [[nodiscard]] int stop_signal();
 
 }  // namespace tarsier

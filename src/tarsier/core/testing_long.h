@@ -5,6 +5,6 @@
 
 #include <cstdlib>
 
-// First in a test that takes long: it is left out unless `./test --all` runs.
+// The first line of a long test: the test is skipped unless `./test --all` runs.
 #define TARSIER_LONG_TEST() \
   if (std::getenv("TARSIER_TEST_ALL") == nullptr) GTEST_SKIP() << "long: ./test --all runs it"

@@ -10,7 +10,7 @@
 
 namespace tarsier {
 
-// What one named timer saw, in milliseconds.
+// Statistics of one named timer, in milliseconds.
 struct TimerStats {
   std::string name;
   std::int64_t runs = 0;
@@ -23,13 +23,13 @@ struct TimerStats {
   }
 };
 
-// Named timers over repeated runs, in the order of their first use. Thread-safe.
-//   const auto scope = timers.time("median");   // until the end of the block
+// Named timers over repeated runs, in the order of their first use. Thread-safe. Usage:
+//   const auto scope = timers.time("median");   // measures until the end of the block
 class Timers {
  public:
   class Scope {
    public:
-    // Without timers it measures nothing.
+    // If `timers` is null nothing is measured.
     Scope(Timers* timers, std::string_view name)
         : timers_(timers), name_(name), start_(std::chrono::steady_clock::now()) {}
     ~Scope() {
@@ -51,7 +51,7 @@ class Timers {
   void add(std::string_view name, double ms);
 
   [[nodiscard]] std::vector<TimerStats> stats() const;
-  // A table: name, runs, last, average, min, max in ms.
+  // A table with the columns name, runs, last, average, min, max (ms).
   [[nodiscard]] std::string report() const;
 
  private:

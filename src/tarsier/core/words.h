@@ -9,8 +9,8 @@
 #include <string_view>
 #include <system_error>
 
-// Words and numbers of a line of text, for readers of untrusted files. Never reads outside the text
-// and does not depend on the locale.
+// Parses words and numbers of a line of text, for readers of untrusted files. Never reads outside
+// the text. Independent of the locale.
 namespace tarsier {
 
 [[nodiscard]] inline bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
@@ -21,7 +21,7 @@ namespace tarsier {
   return text;
 }
 
-// Cuts the first word off `rest`; empty at its end.
+// Removes the first word from `rest` and returns it; empty at the end.
 inline std::string_view next_word(std::string_view& rest) {
   while (!rest.empty() && is_blank(rest.front())) rest.remove_prefix(1);
   std::size_t end = 0;
@@ -31,7 +31,7 @@ inline std::string_view next_word(std::string_view& rest) {
   return word;
 }
 
-// Cuts the first line off `rest`, without its end.
+// Removes the first line from `rest` and returns it without its line end.
 inline std::string_view next_line(std::string_view& rest) {
   const std::size_t end = rest.find('\n');
   const std::string_view line = rest.substr(0, end);
@@ -39,7 +39,7 @@ inline std::string_view next_line(std::string_view& rest) {
   return line;
 }
 
-// The whole word as a finite number.
+// The whole word as a finite number, else nullopt.
 [[nodiscard]] inline std::optional<double> to_number(std::string_view word) {
   if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);
   double value = 0;
@@ -49,7 +49,7 @@ inline std::string_view next_line(std::string_view& rest) {
   return value;
 }
 
-// The whole word as an integer in [low, high].
+// The whole word as an integer in [low, high], else nullopt.
 [[nodiscard]] inline std::optional<std::int64_t> to_integer(std::string_view word, std::int64_t low,
                                                             std::int64_t high) {
   std::int64_t value = 0;
@@ -59,7 +59,7 @@ inline std::string_view next_line(std::string_view& rest) {
   return value;
 }
 
-// The text with A..Z as a..z; all other bytes stay.
+// The text with A..Z converted to a..z; all other bytes are unchanged.
 [[nodiscard]] inline std::string lower_case(std::string_view text) {
   std::string result(text);
   for (char& c : result) {

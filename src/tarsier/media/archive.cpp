@@ -27,7 +27,7 @@ namespace {
 
 using nlohmann::json;
 
-// Length of the UTF-8 character at `at`, 0 if it is none (RFC 3629: no overlong forms, no
+// Length of the UTF-8 character at `at`, 0 if it is invalid (RFC 3629: no overlong forms, no
 // surrogates).
 std::size_t utf8_length(std::string_view text, std::size_t at) {
   const auto byte = [&](std::size_t i) {
@@ -61,14 +61,14 @@ std::string place_of(std::string_view text, std::size_t at) {
   return fmt::format("line {}, column {}", line, column);
 }
 
-// Whether a byte stands for itself in a text of JSON: ASCII that can be printed, but no quote and no
-// backslash. Without branches and in one byte, which lets compilers take many at once.
+// Whether a byte represents itself in a JSON text: printable ASCII except quote and backslash. It
+// has no branches and uses one byte, so that compilers can vectorise it.
 constexpr bool is_plain(char c) {
   const auto byte = static_cast<signed char>(c);  // beyond ASCII: negative
   return !((byte < 0x20) | (byte == '"') | (byte == '\\'));
 }
 
-// The first place from `at` on that is not plain.
+// The first position from `at` that is not plain.
 std::size_t end_of_plain(std::string_view text, std::size_t at) {
   constexpr std::size_t kBlock = 64;
   for (; at + kBlock <= text.size(); at += kBlock) {
@@ -82,10 +82,10 @@ std::size_t end_of_plain(std::string_view text, std::size_t at) {
   return at;
 }
 
-// A long value of nothing but plain bytes, such as packed numbers: it stands there as it is meant,
-// and the parser, which is slow at texts, need not see it.
+// A long text of only plain bytes, such as packed numbers. It needs no decoding, so the parser,
+// which is slow for texts, need not see it.
 struct LongText {
-  std::size_t number;  // of the texts of the file, in their order, names included
+  std::size_t number;  // index among all texts of the file, names included
   std::size_t begin;   // between the quotes
   std::size_t end;
 };
@@ -97,7 +97,8 @@ bool is_name(std::string_view text, std::size_t end) {
   return next != std::string_view::npos && text[next] == ':';
 }
 
-// What a parser must not be given; empty if nothing. One pass, no recursion. Lists the long texts.
+// What makes a text dangerous for a parser; empty if nothing. One pass, no recursion. Lists the
+// long texts.
 std::string find_danger(std::string_view text, const ArchiveLimits& limits,
                         std::vector<LongText>& long_texts) {
   if (static_cast<std::uint64_t>(text.size()) > static_cast<std::uint64_t>(limits.max_bytes)) {
@@ -113,7 +114,7 @@ std::string find_danger(std::string_view text, const ArchiveLimits& limits,
     const char c = text[at];
     if (in_text) {
       if (c == '\\' && at + 1 < text.size()) {
-        // What is escaped is one byte of ASCII in any valid text; the parser refuses the rest.
+        // In a valid text an escaped character is one ASCII byte; the parser refuses all others.
         at += 1 + std::max<std::size_t>(1, utf8_length(text, at + 1));
         continue;
       }
@@ -143,7 +144,7 @@ std::string find_danger(std::string_view text, const ArchiveLimits& limits,
   return {};
 }
 
-// The text with nothing between the quotes of the long texts.
+// The text with the contents of the long texts removed.
 std::string without_long_texts(std::string_view text, const std::vector<LongText>& long_texts) {
   std::string rest;
   std::size_t from = 0;
@@ -154,7 +155,7 @@ std::string without_long_texts(std::string_view text, const std::vector<LongText
   return rest += text.substr(from);
 }
 
-// Where a place of that text is in the whole one.
+// Converts a position in that text to a position in the whole text.
 std::size_t place_in_whole(std::size_t at, const std::vector<LongText>& long_texts) {
   for (const LongText& part : long_texts) {
     if (at < part.begin) break;
@@ -163,7 +164,7 @@ std::size_t place_in_whole(std::size_t at, const std::vector<LongText>& long_tex
   return at;
 }
 
-// The parser's answer for `rest`, with the long texts of the whole `text` back in their places.
+// Parses `rest` and puts the long texts of the whole `text` back.
 json with_long_texts(std::string_view rest, std::string_view text,
                      const std::vector<LongText>& long_texts) {
   if (long_texts.empty()) return json::parse(rest);
@@ -183,7 +184,7 @@ json with_long_texts(std::string_view rest, std::string_view text,
   return json::parse(rest, put_back);
 }
 
-// The parsed text, or why not.
+// The parsed text, or the error.
 std::pair<json, std::string> parse(std::string_view text, const ArchiveLimits& limits) {
   TARSIER_REQUIRE(limits.max_bytes >= 1 && limits.max_depth >= 1 && limits.max_values >= 1,
                   "limits of {} bytes, depth {}, {} values", limits.max_bytes, limits.max_depth,
@@ -208,7 +209,7 @@ std::pair<json, std::string> parse(std::string_view text, const ArchiveLimits& l
   }
 }
 
-// Where in `value` a number is not finite or a text not UTF-8; nothing if all can be written.
+// Where in `value` a number is not finite or a text is not UTF-8; nullopt if all can be written.
 std::optional<std::string> find_unwritable(const json& value, const std::string& where) {
   if (value.is_number_float() && !std::isfinite(value.get<double>()))
     return where + " is not a finite number";
@@ -246,7 +247,7 @@ constexpr std::string_view dtype_of() {
   if constexpr (std::is_same_v<T, std::uint8_t>) return "u1";
 }
 
-// Little-endian in the file on every machine.
+// Files are little-endian on every machine.
 void swap_bytes_if_big_endian(std::span<std::uint8_t> bytes, std::size_t size) {
   if constexpr (std::endian::native == std::endian::big) {
     for (std::size_t i = 0; i + size <= bytes.size(); i += size) {
@@ -265,8 +266,8 @@ bool all_finite(const std::vector<T>& values) {
   return true;
 }
 
-// The number of values; nothing if a size is negative or the array larger than any file that is
-// read. Sizes of 0 do not make the others free: each fits an int, also those of an empty array.
+// The number of values; nullopt if a size is negative or the array is larger than any readable
+// file. Each size must fit an int, also in an array that has a size of 0.
 std::optional<std::uint64_t> product_of(std::span<const std::int64_t> shape) {
   constexpr std::uint64_t kMost = std::numeric_limits<std::int32_t>::max();
   std::uint64_t product = 1;
@@ -299,7 +300,7 @@ void write_archive(const std::string& path, const Archive& archive) {
   }
   std::string text;
   try {
-    // By hand, so that what people look for comes first.
+    // Formatted here, so that the members that people look for come first.
     text = fmt::format(
         "{{\n\"type\": {},\n\"version\": {},\n\"provenance\": {},\n\"payload\": {}\n}}\n",
         json(archive.type).dump(), archive.version, provenance.dump(1), archive.payload.dump(1));
@@ -399,7 +400,7 @@ PackedArray<T> unpack_as(const json& value, const std::string& path, std::string
   PackedArray<T> array;
   for (const json& size : value["shape"]) {
     if (!size.is_number_integer() || array.shape.size() >= 8) fail("the shape makes no sense");
-    // Unsigned numbers beyond int64 become negative, and are refused as such.
+    // Unsigned numbers beyond int64 become negative and are therefore refused.
     array.shape.push_back(size.get<std::int64_t>());
   }
   const auto count = product_of(array.shape);

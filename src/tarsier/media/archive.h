@@ -15,68 +15,71 @@
 namespace tarsier {
 
 // Model files are JSON: {"type": .., "version": .., "provenance": {..}, "payload": {..}}. Numbers
-// are written so that reading gives the same double back. Larger arrays are packed (see
+// are written so that they are read back as the same doubles. Larger arrays are packed (see
 // pack/unpack).
 
 struct ArchiveLimits {
   std::int64_t max_bytes = 256'000'000;
-  int max_depth = 64;  // of brackets in brackets
-  // Numbers, texts, lists and objects together: bounds the memory.
+  int max_depth = 64;  // nesting of brackets
+  // Numbers, texts, lists and objects together. This limits the memory.
   std::int64_t max_values = 5'000'000;
 };
 
 struct Archive {
-  std::string type;           // "plate-reader", "shape-model" ..
-  int version = 1;            // of the payload's layout
-  nlohmann::json provenance;  // object: data, terms, program version, seed, date, measured accuracy
-  nlohmann::json payload;     // object
+  std::string type;  // "plate-reader", "shape-model" ..
+  int version = 1;   // of the payload's layout
+  // Object: data, terms, program version, seed, date, measured accuracy.
+  nlohmann::json provenance;
+  nlohmann::json payload;  // object
 };
 
-// Writes atomically, the same bytes for the same content. Throws OutputError, also for numbers that
-// are not finite and text that is not UTF-8 (naming their place); std::invalid_argument for an
-// empty type, a version below 1, or a payload or provenance that is no object.
+// Writes atomically; the same content gives the same bytes. Throws OutputError, also for numbers
+// that are not finite and text that is not UTF-8 (the message names the place). Throws
+// std::invalid_argument for an empty type, a version below 1, or a payload or provenance that is
+// not an object.
 void write_archive(const std::string& path, const Archive& archive);
 
-// Size, nesting depth, number of values and UTF-8 are checked before parsing; then type and version
-// (1..newest_version). Throws ModelError naming path and reason.
+// Checks size, nesting depth, number of values and UTF-8 before it parses; then type and version
+// (1..newest_version). Throws ModelError that names path and reason.
 [[nodiscard]] Archive read_archive(const std::string& path, std::string_view type,
                                    int newest_version, const ArchiveLimits& limits = {});
 
-// Reads whatever type and version it has (models list).
+// Reads an archive of any type and version (`tarsier models list`).
 [[nodiscard]] Archive read_any_archive(const std::string& path, const ArchiveLimits& limits = {});
 
-// Parses untrusted JSON text of at most `limits`; throws InputError naming `name` and the place.
+// Parses untrusted JSON text within `limits`. Throws InputError that names `name` and the place.
 [[nodiscard]] nlohmann::json parse_json(std::string_view text, const std::string& name,
                                         const ArchiveLimits& limits = {});
 
-// A dense array of numbers, last index fastest. T: double ("f8"), float ("f4"), std::int32_t
-// ("i4"), std::uint8_t ("u1").
+// A dense array of numbers, last index fastest. T is double ("f8"), float ("f4"), std::int32_t
+// ("i4") or std::uint8_t ("u1").
 template <typename T>
 struct PackedArray {
-  std::vector<std::int64_t> shape;  // the product is values.size(); empty for a single number
+  // The product is values.size(); empty for a single number.
+  std::vector<std::int64_t> shape;
   std::vector<T> values;
 };
 
-// As {"dtype": "f8", "shape": [2, 3], "data": base64 of the little-endian bytes}. Throws
-// std::invalid_argument when shape and number of values disagree, or a value is not finite.
+// Encodes as {"dtype": "f8", "shape": [2, 3], "data": base64 of the little-endian bytes}. Throws
+// std::invalid_argument if the shape does not fit the number of values or a value is not finite.
 template <typename T>
 [[nodiscard]] nlohmann::json pack(const PackedArray<T>& array);
 
-// The same in half precision ("f2"): 11 bits of each number are kept, up to 65504 and down to 6e-8. Throws
-// std::invalid_argument for larger numbers too.
+// The same in half precision ("f2"): 11 significant bits per number, magnitudes from 6e-8 to 65504.
+// Throws std::invalid_argument also for larger numbers.
 [[nodiscard]] nlohmann::json pack_half(const PackedArray<float>& array);
-// The nearest number of half precision.
+// Rounds to the nearest half-precision number.
 [[nodiscard]] float rounded_to_half(float value);
 
-// The reverse for untrusted JSON: type, shape, size and finiteness are checked. `shape` is what is
-// expected, -1 where any size will do; "f2" is read as float. Throws ModelError(path) that names `what`.
+// The inverse, for untrusted JSON: checks type, shape, size and finiteness. `shape` is the expected
+// shape; -1 accepts any size. "f2" is read as float. Throws ModelError(path) that names `what`.
 template <typename T>
 [[nodiscard]] PackedArray<T> unpack(const nlohmann::json& value, const std::string& path,
                                     std::string_view what,
                                     std::initializer_list<std::int64_t> shape);
 
-// Members of untrusted JSON objects. They throw ModelError(path) naming the member: missing, of
-// another type, or outside low..high.
+// Members of untrusted JSON objects. They throw ModelError(path) that names the member if it is
+// missing, of another type, or outside low..high.
 [[nodiscard]] const nlohmann::json& member(const nlohmann::json& object, const std::string& name,
                                            const std::string& path);
 [[nodiscard]] double number_member(const nlohmann::json& object, const std::string& name,
@@ -89,7 +92,7 @@ template <typename T>
 [[nodiscard]] std::string text_member(const nlohmann::json& object, const std::string& name,
                                       const std::string& path, std::size_t max_bytes = 4096);
 
-// What was read, once its check() has passed: what that throws becomes ModelError(path).
+// Returns `model` if its check() passes. Converts the exception of check() to ModelError(path).
 template <typename Model>
 [[nodiscard]] Model checked(Model model, const std::string& path) {
   try {

@@ -38,7 +38,7 @@ class Descriptor {
   Descriptor(const Descriptor&) = delete;
   Descriptor& operator=(const Descriptor&) = delete;
   [[nodiscard]] int get() const { return fd_; }
-  // Network file systems report a full disk only here.
+  // Network file systems report a full disk only at close().
   [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)); }
   [[nodiscard]] int release() { return std::exchange(fd_, -1); }
 
@@ -57,9 +57,9 @@ fs::path folder_of(const std::string& path) {
 
 constexpr std::string_view kMark = ".tarsier-";
 constexpr std::size_t kDigits = 6;
-constexpr std::uintmax_t kMaxRemoved = 10'000'000;  // bytes that are removed without a word
+constexpr std::uintmax_t kMaxRemoved = 10'000'000;  // bytes that are removed without a warning
 
-// ".STEM.tarsier-012abc.ENDING": as make_temporary() names them.
+// ".STEM.tarsier-012abc.ENDING": the names of make_temporary().
 bool is_temporary_name(std::string_view name) {
   const std::size_t mark = name.rfind(kMark);
   if (!name.starts_with('.') || mark == std::string_view::npos || mark < 2) return false;
@@ -69,7 +69,7 @@ bool is_temporary_name(std::string_view name) {
          (rest.size() == kDigits || rest[kDigits] == '.');
 }
 
-// Bytes of a file, or of all in a folder.
+// Bytes of a file, or of all files in a folder.
 std::uintmax_t size_of(const fs::path& path, const struct ::stat& info) {
   if (S_ISREG(info.st_mode)) return static_cast<std::uintmax_t>(info.st_size);
   std::uintmax_t sum = 0;
@@ -82,10 +82,9 @@ std::uintmax_t size_of(const fs::path& path, const struct ::stat& info) {
   return sum;
 }
 
-// Removes the temporary files and folders of programs that were killed: nobody locks them, and they
-// are ours. Large ones may be hours of work and are left to the user. Each folder is looked through
-// once in the life of a program: one that fills a folder with thousands of images is not slowed
-// down.
+// Removes this user's temporary files and folders of killed programs: nobody locks them. Large ones
+// may be hours of work and are left to the user. Each folder is searched only once per process, so
+// that writing thousands of images to a folder is not slowed down.
 void remove_abandoned(const fs::path& folder) {
   static std::mutex mutex;
   static std::set<std::string> seen;
@@ -116,8 +115,8 @@ void remove_abandoned(const fs::path& folder) {
   }
 }
 
-// Locks a new temporary file. False: another program has just taken it for an abandoned one. Where
-// the file system knows no locks it stays without, and nobody removes it.
+// Locks a new temporary file. Returns false if another program has just taken it for an abandoned
+// one. If the file system has no locks the file stays unlocked, and nobody removes it.
 bool take(int fd) {
   if (::flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return false;
   struct ::stat info {};
@@ -138,8 +137,8 @@ std::string temporary_name(const std::string& target, std::random_device& random
   return (folder_of(target) / name).string();
 }
 
-// Creates a new empty file beside `target`, readable as the umask says, or as `target` itself if it
-// exists.
+// Creates a new empty file beside `target`, with the mode of the umask, or with the mode of
+// `target` if that exists.
 Temporary make_temporary(const std::string& target, const struct ::stat* existing) {
   remove_abandoned(folder_of(target));
   std::random_device random;
@@ -187,11 +186,11 @@ AtomicFile::AtomicFile(std::string target) : target_(std::move(target)) {
   if (!exists && target_.back() == '/') throw OutputError(target_, "names a folder, not a file");
   if (exists && ::access(target_.c_str(), W_OK) != 0) fail(target_, "cannot write", errno);
   if (exists && !S_ISREG(info.st_mode)) {
-    temporary_ = target_;  // a device or pipe: there is nothing to rename over
+    temporary_ = target_;  // a device or pipe: rename is impossible
     return;
   }
   if (exists) {
-    // A symbolic link stays a link: what it points to is replaced.
+    // A symbolic link stays a link: its target is replaced.
     std::error_code error;
     const fs::path real = fs::canonical(target_, error);
     if (!error) target_ = real.string();
@@ -245,7 +244,7 @@ AtomicFolder::AtomicFolder(std::string target) : target_(std::move(target)) {
   if (target_.empty()) throw OutputError("\"\"", "no folder name given");
   std::error_code error;
   if (fs::exists(fs::symlink_status(target_, error))) {
-    make_folder(target_);  // or says that it is none
+    make_folder(target_);  // or reports that it is not a folder
     if (!fs::is_empty(target_, error)) throw OutputError(target_, "is there already and not empty");
     fs::permissions(target_, fs::perms::owner_all, error);
     temporary_ = target_;

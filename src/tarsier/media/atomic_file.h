@@ -8,21 +8,22 @@
 
 namespace tarsier {
 
-// Writes a file whole or not at all: a temporary file in the same folder, fsync, rename, fsync of
-// the folder. Throws OutputError; the old file, if any, is then untouched and the temporary one
-// gone. A path that exists and is no regular file (/dev/full, a pipe) is written to directly.
-// Of a program that was killed the temporary file stays; it is locked (flock) only while its writer
-// lives, and the next program that writes into the folder removes what is not locked: up to 10 MB
-// of it; what is larger stays, with a warning that names it.
+// Writes a file completely or not at all: a temporary file in the same folder, fsync, rename, fsync
+// of the folder. Throws OutputError; the old file, if any, is then unchanged and the temporary file
+// is removed. A path that exists and is not a regular file (/dev/full, a pipe) is written to
+// directly.
+// If the program is killed, the temporary file stays. It is locked (flock) only while its writer
+// lives. The next program that writes into the folder removes temporary files that are not locked
+// and have up to 10 MB; it warns of larger ones, which stay.
 void write_file_atomically(const std::string& path, std::string_view bytes);
 void write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
 
-// For writers that want a path of their own (videos): give path() to the writer, then commit().
-// Without commit() the temporary file is removed. The temporary name keeps the file ending.
+// For writers that need a path (videos): give path() to the writer, then call commit(). Without
+// commit() the temporary file is removed. The temporary name keeps the file extension.
 class AtomicFile {
  public:
-  explicit AtomicFile(
-      std::string target);  // throws OutputError if the folder is missing or not writable
+  // Throws OutputError if the folder is missing or not writable.
+  explicit AtomicFile(std::string target);
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
@@ -32,16 +33,17 @@ class AtomicFile {
  private:
   std::string target_;
   std::string temporary_;
-  int lock_ = -1;  // the temporary file, open and locked
+  int lock_ = -1;  // the descriptor of the open and locked temporary file
   bool committed_ = false;
 };
 
-// The same for a folder of files that belong together: fill path(), then commit(). Until then
-// nothing is at `target`, and without commit() nothing will be. A `target` that is an empty folder
-// already (a disk that is mounted there, say) is filled in place; what a kill leaves there stays.
+// The same for a folder of files that belong together: fill path(), then call commit(). Before
+// commit() nothing is at `target`, and without commit() nothing appears there. If `target` is an
+// existing empty folder (for example a mounted disk) it is filled in place; if the program is
+// killed, its files stay there.
 class AtomicFolder {
  public:
-  // Makes missing parents. Only the owner may look into the new folder. Throws OutputError if
+  // Creates missing parents. The new folder is readable by its owner only. Throws OutputError if
   // `target` exists and is not an empty folder.
   explicit AtomicFolder(std::string target);
   ~AtomicFolder();
@@ -57,9 +59,9 @@ class AtomicFolder {
   bool committed_ = false;
 };
 
-// All of `bytes` to an open file, with signals in between. Throws OutputError(path, ..).
+// Writes all of `bytes` to an open file; continues after signals. Throws OutputError(path, ..).
 void write_all(int fd, std::string_view bytes, const std::string& path);
-// A new or renamed file is only safe once its folder is on the disk, too.
+// Syncs the folder of a file. A new or renamed file survives a power cut only after this.
 void sync_folder(const std::string& path_of_file);
 
 // Creates `path` and its missing parents. Throws OutputError.

@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMaxModes = 256;  // against drivers whose enumeration never ends
+constexpr std::size_t kMaxModes = 256;  // limit for drivers whose enumeration never ends
 
 class Device {
  public:
@@ -217,7 +217,7 @@ std::string find_program_on_path(std::string_view name) {
     const std::size_t colon = std::min(folders.find(':'), folders.size());
     const std::string_view folder = folders.substr(0, colon);
     folders.remove_prefix(std::min(colon + 1, folders.size()));
-    if (folder.empty()) continue;  // the present folder: never
+    if (folder.empty()) continue;  // the current folder: never
     const std::string path = fmt::format("{}/{}", folder, name);
     struct stat status {};
     if (::stat(path.c_str(), &status) == 0 && S_ISREG(status.st_mode) &&

@@ -8,29 +8,32 @@
 namespace tarsier {
 
 struct CameraMode {
-  std::string format;  // four characters of V4L2: "MJPG", "YUYV"
-  int width = 0;       // px; of a camera that takes any size: the largest
+  std::string format;  // V4L2 code of four characters: "MJPG", "YUYV"
+  // px; the largest size, for a camera that takes any size.
+  int width = 0;
   int height = 0;
-  std::vector<double> fps;  // frame rates, highest first; empty: the driver does not say
+  // Frame rates, highest first; empty if the driver does not report them.
+  std::vector<double> fps;
 };
 
 // A V4L2 device that captures video.
 struct CameraInfo {
-  std::string path;                // "/dev/video0"
-  std::vector<std::string> links;  // "/dev/v4l/by-id/..", which stay when numbers move
-  std::string card;                // its name, as the driver states it
-  std::string driver;              // "uvcvideo"
-  std::string bus;                 // "usb-0000:00:14.0-1"
-  std::vector<CameraMode> modes;   // at most 256
-  std::string trouble;             // not empty: why it could not be asked (no permission)
+  std::string path;  // "/dev/video0"
+  // "/dev/v4l/by-id/..": these paths stay the same when device numbers change.
+  std::vector<std::string> links;
+  std::string card;               // name that the driver reports
+  std::string driver;             // "uvcvideo"
+  std::string bus;                // "usb-0000:00:14.0-1"
+  std::vector<CameraMode> modes;  // at most 256
+  std::string trouble;            // why it could not be queried (no permission); empty: no error
 };
 
-// All cameras, in the order of their numbers. Opens each device without starting it. Never throws
+// All cameras, in the order of their numbers. Opens each device without starting it. Does not throw
 // for a device that misbehaves.
 [[nodiscard]] std::vector<CameraInfo> list_cameras();
 
-// Why `path` cannot be a camera now ("no such device (/dev/video9); ..", no permission, does not
-// capture), with what to do; empty if it looks like one.
+// Why `path` cannot be used as a camera now ("no such device (/dev/video9); ..", no permission,
+// does not capture), and what to do. Empty if it looks like a camera.
 [[nodiscard]] std::string camera_trouble(const std::string& path);
 
 // The path of an executable called `name` in one of the folders of $PATH; empty if there is none.

@@ -14,12 +14,12 @@
 namespace tarsier {
 
 // What `tarsier-capture` writes to its standard output: records of a header and `length` bytes.
-// Both ends are the same program on the same machine, so numbers are in its byte order.
+// Both ends are the same program on the same machine, so numbers are in the machine's byte order.
 struct CaptureRecord {
   enum class Kind : std::uint32_t {
     kFrame = 1,  // rows of CV_8UC3
     kInfo = 2,   // text for people: what was opened
-    kError = 3,  // text: why it ends; the last record
+    kError = 3,  // text: why the stream ends; the last record
   };
   static constexpr std::uint32_t kMagic = 0x31504354;  // "TCP1"
   static constexpr std::int64_t kMaxPixels = 100'000'000;
@@ -30,18 +30,18 @@ struct CaptureRecord {
   std::int32_t width = 0;    // px
   std::int32_t height = 0;   // px
   std::int32_t type = 0;     // CV_8UC3
-  std::uint32_t frames = 0;  // frames that were captured since the last record, this one included
-  std::int64_t time_ns = 0;  // of capture, CLOCK_MONOTONIC
-  double fps = 0;            // kInfo: as the device states it
-  std::uint64_t length = 0;  // of what follows, bytes
+  std::uint32_t frames = 0;  // frames captured since the last record, including this one
+  std::int64_t time_ns = 0;  // capture time, CLOCK_MONOTONIC
+  double fps = 0;            // kInfo: the rate that the device reports
+  std::uint64_t length = 0;  // bytes that follow
 };
 static_assert(sizeof(CaptureRecord) == 48);
 
-// Reads records as they come, trusting nothing. Only the newest frame is kept. Pure.
+// Parses records as they arrive. It trusts no input and keeps only the newest frame. No I/O.
 class CaptureParser {
  public:
-  // Takes the next bytes; returns how many frames are newly known of (dropped ones included). After
-  // a bad record is_broken() and bytes are ignored.
+  // Takes the next bytes. Returns how many new frames they announce (dropped ones included). After
+  // an invalid record is_broken() is true and bytes are ignored.
   std::int64_t feed(std::span<const std::uint8_t> bytes);
 
   [[nodiscard]] bool is_broken() const { return broken_; }

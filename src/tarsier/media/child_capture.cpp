@@ -24,7 +24,7 @@
 #include <unistd.h>
 #include <utility>
 
-// The environment of this process (POSIX; not in any header without extensions).
+// The environment of this process (POSIX; no header declares it without extensions).
 extern char** environ;  // NOLINT(readability-redundant-declaration)
 
 namespace tarsier {
@@ -34,12 +34,13 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr int kPipeBytes = 1 << 20;
-constexpr double kCameraStartup_s = 10;  // slow USB cameras, RTSP streams that wait for a key frame
+// For slow USB cameras, and RTSP streams that wait for a key frame.
+constexpr double kCameraStartup_s = 10;
 
 std::string error_text(int number) { return std::generic_category().message(number); }
 
-// Children that were killed but sit in an uninterruptible system call (a USB driver). They are
-// collected when they get out of it.
+// Killed children that are still in an uninterruptible system call (a USB driver). They are reaped
+// when that call returns.
 class Unreaped {
  public:
   void add(pid_t child) {
@@ -142,7 +143,7 @@ std::optional<LiveFailure> ChildBackend::spawn() {
   messages_.reset(messages[0]);
   Descriptor messages_end;
   messages_end.reset(messages[1]);
-  ::fcntl(output_.get(), F_SETPIPE_SZ, kPipeBytes);  // a smaller pipe works too
+  ::fcntl(output_.get(), F_SETPIPE_SZ, kPipeBytes);  // a smaller pipe works, too
   ::fcntl(output_.get(), F_SETFL, O_NONBLOCK);
   ::fcntl(messages_.get(), F_SETFL, O_NONBLOCK);
 
@@ -196,7 +197,7 @@ std::optional<LiveFailure> ChildBackend::spawn() {
   return std::nullopt;
 }
 
-// Reads for 50 ms at most. False at the end of the stream.
+// Reads for at most 50 ms. Returns false at the end of the stream.
 bool ChildBackend::drain_output(LiveRead& result) {
   const Clock::time_point end = Clock::now() + milliseconds(50);
   bool is_open = true;
@@ -221,8 +222,7 @@ bool ChildBackend::drain_output(LiveRead& result) {
   } else if (records_.has_frame()) {
     result.kind = LiveRead::Kind::kFrame;
     result.image.image = records_.take();
-    // The child notes when it got the frame from the driver; the clock is the same for all
-    // processes.
+    // The child records when the driver delivered the frame; all processes share this clock.
     const Clock::time_point captured{std::chrono::nanoseconds(records_.time_ns())};
     const bool is_plausible = captured <= now && now - captured < std::chrono::seconds(60);
     result.image.arrived = is_plausible ? captured : now;
@@ -254,7 +254,7 @@ LiveRead ChildBackend::read(milliseconds patience, const std::stop_token& stop) 
     const int ready = ::poll(items, 2, static_cast<int>(slice.count()));
     if (ready > 0 && items[1].revents != 0) {
       drain_messages();
-      items[1].fd = messages_.get();  // -1, which poll() passes over, once it is closed
+      items[1].fd = messages_.get();  // -1 once it is closed; poll() ignores it
     }
     if (ready > 0 && items[0].revents != 0) {
       const bool is_open = drain_output(result);
@@ -292,19 +292,19 @@ LiveFailure ChildBackend::how_it_ended() {
     if (!tail.empty()) failure.reason += fmt::format(": {}", tail.substr(0, 300));
     failure.definite = WIFEXITED(status) && WEXITSTATUS(status) != 0;
   }
-  // Whether the device is there at all decides if waiting means probing for it.
+  // If the device does not exist at all, waiting means probing for it.
   failure.unreachable = command_.reachable && !command_.reachable(milliseconds(100), {});
   return failure;
 }
 
-// Kills the child and what it started; returns its wait status, 0 if it is not known.
+// Kills the child and its process group; returns the wait status, 0 if unknown.
 int ChildBackend::end_child() {
   output_.close();
   messages_.close();
   if (child_ < 0) return 0;
   const pid_t child = std::exchange(child_, -1);
   int status = 0;
-  // One that ended by itself keeps its own status.
+  // A child that ended by itself keeps its own status.
   if (::waitpid(child, &status, WNOHANG) == child) {
     ::kill(-child, SIGKILL);
     return status;
@@ -388,11 +388,11 @@ ChildCommand ffmpeg_command(const std::string& url, const SourceOptions& options
   }
   const HttpUrl parts = parse_url(url, scheme, port);
   ChildCommand command;
-  // Words of their own, not a line for a shell; and not in the environment, where an older value
-  // could stand in for a missing one.
+  // Separate arguments, not a line for a shell. Not in the environment, where an older value could
+  // replace a missing one.
   command.arguments = {find_capture_program(options), "ffmpeg",
                        options.security.insecure ? "insecure" : "verify", options.security.ca_file};
-  // In the environment, which other users cannot read: the address may hold a password.
+  // In the environment, which other users cannot read: the address may contain a password.
   command.environment = {{"TARSIER_CAPTURE_URL", url}};
   command.detail = scheme + " stream";
   command.is_network = true;

@@ -31,7 +31,7 @@ bool is_hash(std::string_view text) {
          });
 }
 
-// Of the images that are there, oldest first.
+// The hashes of the existing images, oldest first.
 std::deque<std::string> hashes_in(const std::string& folder) {
   std::vector<std::pair<fs::file_time_type, std::string>> files;
   std::error_code error;

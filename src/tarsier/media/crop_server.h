@@ -14,9 +14,10 @@
 namespace tarsier {
 
 struct CropServerOptions {
-  std::string url;     // "http://127.0.0.1:8090/"
-  HttpAccess access;   // as of HttpService
-  std::string folder;  // where the images are kept; made, for its owner's eyes only
+  std::string url;  // "http://127.0.0.1:8090/"
+  HttpAccess access;
+  // Folder of the images; created so that only its owner can read it.
+  std::string folder;
   int max_crops = 5000;
 
   [[nodiscard]] OptionFields fields() {
@@ -26,15 +27,15 @@ struct CropServerOptions {
   void check() const { check_fields(*this); }
 };
 
-// Small images that whoever has their hash may fetch, while messages carry the hash alone:
-//   GET /crop/SHA256.jpg      the JPEG of that SHA-256, 64 hexadecimal digits
-// They are files of that name, so that they outlive the program.
+// Serves small images to clients that know their hash; messages carry only the hash:
+//   GET /crop/SHA256.jpg      the JPEG with that SHA-256, 64 hexadecimal digits
+// The images are files with these names, so they outlive the program.
 class CropServer {
  public:
-  // Throws as HttpService; OutputError for the folder.
+  // Throws as HttpService does, and OutputError for the folder.
   explicit CropServer(const CropServerOptions& options);
 
-  // Keeps an image (CV_8UC3 or CV_8UC1) and returns its hash. Throws OutputError.
+  // Stores an image (CV_8UC3 or CV_8UC1) and returns its hash. Throws OutputError.
   [[nodiscard]] std::string add(const cv::Mat& image);
   [[nodiscard]] std::string url_of(const std::string& hash) const;
 
@@ -44,7 +45,7 @@ class CropServer {
   CropServerOptions options_;
   std::mutex mutex_;
   std::deque<std::string> hashes_;       // oldest first
-  std::unique_ptr<HttpService> server_;  // last: its threads use what is above
+  std::unique_ptr<HttpService> server_;  // last: its threads use the members above
 };
 
 }  // namespace tarsier

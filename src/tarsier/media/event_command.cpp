@@ -23,7 +23,7 @@
 #include <unistd.h>
 #include <utility>
 
-// The environment of this process (POSIX; not in any header without extensions).
+// The environment of this process (POSIX; no header declares it without extensions).
 extern char** environ;  // NOLINT(readability-redundant-declaration)
 
 namespace tarsier {
@@ -32,9 +32,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-// A running command is looked at so often; each event costs at most that much more.
+// Interval of checks of a running command; each event is delayed by at most this time.
 constexpr milliseconds kGlance{10};
-// After SIGKILL; what sits in the kernel for longer is left to it.
+// Wait after SIGKILL; a process that stays in the kernel for longer is left to it.
 constexpr milliseconds kDying{500};
 
 Clock::duration seconds(double s) {
@@ -60,9 +60,9 @@ std::optional<Child> start(const std::string& command) {
   ::posix_spawnattr_init(&attributes);
   ::posix_spawn_file_actions_adddup2(&actions, ends[0], STDIN_FILENO);
   ::posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
-  // Libraries open files without close-on-exec, too.
+  // Libraries also open files without close-on-exec.
   ::posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  // Our own threads block the signals that end programs, and SIGPIPE; the command must not.
+  // Our threads block the signals that end programs, and SIGPIPE; the command must not.
   sigset_t none;
   sigemptyset(&none);
   sigset_t defaults;
@@ -89,7 +89,7 @@ std::optional<Child> start(const std::string& command) {
   return std::nullopt;
 }
 
-// Writes what fits; closes when all is written or nobody reads.
+// Writes as much as possible; closes when all is written or nobody reads.
 void feed(Child& child, std::string_view& rest) {
   while (child.input >= 0 && !rest.empty()) {
     const ssize_t written = ::write(child.input, rest.data(), rest.size());
@@ -98,7 +98,7 @@ void feed(Child& child, std::string_view& rest) {
     } else if (errno == EAGAIN || errno == EWOULDBLOCK) {
       return;
     } else if (errno != EINTR) {
-      break;  // EPIPE: it does not want it
+      break;  // EPIPE: the command does not read it
     }
   }
   close_input(child);
@@ -161,7 +161,7 @@ class EventCommand::Runner {
     changed_.notify_all();
   }
 
-  // At the first event and whenever there are twice as many: no flood of warnings.
+  // Warns at the first event and whenever the count has doubled, to avoid a flood of warnings.
   void drop() {
     ++counts_.dropped;
     if ((counts_.dropped & (counts_.dropped - 1)) != 0) return;
@@ -172,7 +172,7 @@ class EventCommand::Runner {
   [[nodiscard]] bool is_over() const { return end_ && Clock::now() >= *end_; }
 
   void work() {
-    // A command that does not read its stdin is no reason to end: write() says so.
+    // A command that does not read its stdin must not end this program: write() reports EPIPE.
     sigset_t pipe;
     sigemptyset(&pipe);
     sigaddset(&pipe, SIGPIPE);
@@ -183,7 +183,7 @@ class EventCommand::Runner {
         std::unique_lock lock(mutex_);
         changed_.wait(lock, [&] { return is_finishing_ || !waiting_.empty(); });
         if (waiting_.empty()) return;
-        // After an interruption events may still come, until finish(): the end of what was seen.
+        // After an interruption the last events may still arrive until finish().
         if (is_over()) {
           counts_.dropped += static_cast<std::int64_t>(waiting_.size());
           waiting_.clear();
@@ -238,7 +238,8 @@ class EventCommand::Runner {
     return is_over();
   }
 
-  // Until its input takes more, or the next glance; soon at first, as most commands are short.
+  // Waits until the input accepts more, or for the next check. Checks early, because most commands
+  // are short.
   static void wait(const Child& child, Clock::duration running) {
     if (child.input >= 0) {
       pollfd input{child.input, POLLOUT, 0};
@@ -275,10 +276,11 @@ class EventCommand::Runner {
   std::deque<std::string> waiting_;
   Counts counts_;
   bool is_finishing_ = false;
-  std::optional<Clock::time_point> end_;  // when a command is killed, whatever its own timeout
+  // when a command is killed, independent of its own timeout
+  std::optional<Clock::time_point> end_;
   std::stop_token stop_;
   std::stop_callback<std::function<void()>> on_stop_;
-  std::jthread thread_;  // last: ends before the rest
+  std::jthread thread_;  // last: ends before the other members
 };
 
 EventCommand::EventCommand(std::string command, const EventCommandOptions& options,

@@ -13,12 +13,12 @@
 namespace tarsier {
 
 struct EventCommandOptions {
-  double timeout_s = 10;          // of one run of the command
-  std::size_t max_waiting = 100;  // events; where more come, the oldest are dropped
-  // finish() gives the events that wait so long in all; after an interruption, `interrupted_s`.
+  double timeout_s = 10;          // s, of one run of the command
+  std::size_t max_waiting = 100;  // events; beyond that the oldest are dropped
+  // s. finish() gives all waiting events together this time; after an interruption `interrupted_s`.
   double finish_s = 10;
   double interrupted_s = 1;
-  std::string name = "event command";  // how warnings call it
+  std::string name = "event command";  // name in warnings
 
   [[nodiscard]] OptionFields fields() {
     return {{"timeout_s", timeout_s, range(0.01, 3600), "--on-event-timeout",
@@ -30,34 +30,33 @@ struct EventCommandOptions {
   void check() const { check_fields(*this); }
 };
 
-// Runs a command for each event, one after the other, beside what else the program does. The
-// command is run by /bin/sh, with the event and a line break on its stdin, its output on our
-// stderr, in a process group of its own, without any other file of ours. Nothing of an event is
-// part of the command, so no name can break out of it. A run that takes longer than the timeout is
-// killed with all that it started (but what left its group). post() never waits. Failures are
-// warned of.
+// Runs a command for each event, one after the other, in parallel with the program. /bin/sh runs
+// the command in a process group of its own. Its stdin is the event and a line break, its output
+// goes to our stderr, and it inherits no other file. No part of an event enters the command line,
+// so no name can inject shell code. A run that exceeds the timeout is killed with all processes of
+// its group. post() never waits. Failures are reported as warnings.
 class EventCommand {
  public:
   struct Counts {
-    std::int64_t ended = 0;    // by themselves, with status 0 ..
-    std::int64_t failed = 0;   // .. or another one, or not started
-    std::int64_t killed = 0;   // at the timeout, or at the end
-    std::int64_t dropped = 0;  // events that no command was run for
+    std::int64_t ended = 0;    // ended by themselves with status 0
+    std::int64_t failed = 0;   // ended with another status, or not started
+    std::int64_t killed = 0;   // killed at the timeout or at the end
+    std::int64_t dropped = 0;  // events for which no command was run
   };
 
-  // When `stop` fires, what waits gets `interrupted_s`. Throws std::invalid_argument for an empty
-  // command or bad options.
+  // When `stop` is triggered, waiting events get `interrupted_s`. Throws std::invalid_argument for
+  // an empty command or invalid options.
   EventCommand(std::string command, const EventCommandOptions& options, std::stop_token stop = {});
-  ~EventCommand();  // as finish()
+  ~EventCommand();  // calls finish()
   EventCommand(const EventCommand&) = delete;
   EventCommand& operator=(const EventCommand&) = delete;
 
-  // An event: one line, without its line break. Thread-safe.
+  // Adds an event: one line, without its line break. Thread-safe.
   void post(std::string event);
 
-  // No more events: waits for those that are there, `finish_s` (after an interruption
-  // `interrupted_s`) and the moment that killing takes; then the running command is killed and the
-  // rest dropped with a warning.
+  // Accepts no more events. Waits for the waiting ones for `finish_s` (after an interruption
+  // `interrupted_s`) plus the time that a kill takes. Then kills the running command and drops the
+  // rest with a warning.
   void finish();
 
   [[nodiscard]] Counts counts() const;

@@ -12,15 +12,17 @@ namespace tarsier {
 // One image of a source.
 struct Frame {
   cv::Mat image;  // CV_8UC3, BGR
-  // 0, 1, 2 ... as the source counted them: a live source that drops frames skips numbers.
+  // 0, 1, 2 ... as the source counts; a live source that drops frames skips numbers.
   std::int64_t index = 0;
-  // Seconds since the source's first frame; video files: presentation time; stills: 0.
+  // Seconds since the source's first frame; the presentation time in a video file; 0 for stills.
   double time = 0;
-  std::string name;    // a still: its path exactly as given or found; else the source's text,
-                       // passwords masked
-  bool still = false;  // an image of its own (image, folder, glob, list), not a moment of a video
-  std::string truth;   // JSON object with what is known exactly of a synthetic frame, else empty
-  // When its last byte was in this machine (age = now - captured).
+  // For a still: its path exactly as given or found. Else the source's text with passwords masked.
+  std::string name;
+  // An image of its own (image, folder, glob, list), not a frame of a video.
+  bool still = false;
+  // JSON object with the ground truth of a synthetic frame, else empty.
+  std::string truth;
+  // When the last byte of the frame arrived in this machine (age = now - captured).
   std::chrono::steady_clock::time_point captured;
 };
 

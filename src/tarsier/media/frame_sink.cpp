@@ -60,7 +60,7 @@ class ImageSink final : public FrameSink {
       throw UsageError(
           path_ + ": is one image, and more are to come: name a folder instead (ending in '/')");
     }
-    // Found out now, not after the work.
+    // Detects an error now, not after the work.
     const AtomicFile probe(path_);
   }
 
@@ -70,7 +70,7 @@ class ImageSink final : public FrameSink {
       throw UsageError(
           path_ + ": is one image, and a second has come: name a folder instead (ending in '/')");
     }
-    // A device or pipe has no ending that could name a format.
+    // A device or pipe has no extension that could name a format.
     const std::string ending = is_image_path(path_) ? lower_ending(path_) : ".png";
     const std::vector<std::uint8_t> bytes =
         encode_image(ending, image, path_, options_.jpeg_quality);
@@ -115,7 +115,7 @@ class FolderSink final : public FrameSink {
   }
 
  private:
-  // The source's base name; a number is added where two sources share one.
+  // The source's base name; a number is added if two sources have the same name.
   std::string free_name(const Frame& source) {
     std::string stem;
     std::string ending = options_.folder_extension;
@@ -140,7 +140,7 @@ class FolderSink final : public FrameSink {
   std::int64_t count_ = 0;
 };
 
-// `image` as BGR in `size`, aspect kept, the rest black.
+// `image` as BGR in `size`, with its aspect ratio kept and black borders.
 cv::Mat fitted(const cv::Mat& image, cv::Size size) {
   cv::Mat color = image;
   if (image.channels() == 1) cv::cvtColor(image, color, cv::COLOR_GRAY2BGR);
@@ -157,7 +157,7 @@ cv::Mat fitted(const cv::Mat& image, cv::Size size) {
   return result;
 }
 
-// The k-th file of a video that is cut into segments.
+// The k-th file of a video in segments.
 std::string segment_name(const std::string& path, int number) {
   const fs::path file(path);
   return (file.parent_path() /
@@ -165,8 +165,8 @@ std::string segment_name(const std::string& path, int number) {
       .string();
 }
 
-// One more than the highest number of a segment that is there, finished or not: nothing of an
-// earlier run is written over.
+// One more than the highest number of an existing segment, finished or not, so that no file of an
+// earlier run is overwritten.
 int first_free_segment(const std::string& path) {
   const fs::path file(path);
   const std::string stem = file.stem().string() + "-";
@@ -193,14 +193,14 @@ class VideoSink final : public FrameSink {
       segment_ = first_free_segment(path_);
       segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));
     }
-    begin_file();  // found out now, not after the work
+    begin_file();  // detects an error now, not after the work
   }
 
   ~VideoSink() override {
-    if (!part_ || written_ == 0) return;  // an atomic file is thrown away
+    if (!part_ || written_ == 0) return;  // an atomic file is discarded
     try {
       if (encoder_) encoder_->finish();
-    } catch (const Error&) {  // it plays up to there
+    } catch (const Error&) {  // it can be played up to there
     }
     log_warning("{}: what was recorded is kept in {}", target_, part_->path());
   }
@@ -277,7 +277,7 @@ class VideoSink final : public FrameSink {
                                               coded_, options);
   }
 
-  // Early, so that hours of work are not spent on a video that cannot be kept.
+  // Checked early, so that hours of work are not spent on a video that cannot be stored.
   void check_disk() const {
     constexpr std::uint64_t kLeast = 1 << 20U;
     struct ::statvfs disk {};
@@ -287,18 +287,18 @@ class VideoSink final : public FrameSink {
       throw OutputError(path_, "the disk is full");
   }
 
-  std::string path_;  // as it was given
+  std::string path_;  // as given
   std::string ending_;
   SinkOptions options_;
-  std::string target_;              // of the present file
-  std::optional<AtomicFile> file_;  // of what can be made again,
-  std::optional<PartFile> part_;    // or of a recording
+  std::string target_;              // of the current file
+  std::optional<AtomicFile> file_;  // for a video that can be made again
+  std::optional<PartFile> part_;    // for a recording
   std::unique_ptr<VideoEncoder> encoder_;
   int segment_ = 0;
   std::int64_t segment_frames_ = 0;  // 0: one file
   cv::Size image_;                   // of the first frame
-  cv::Size coded_;                   // the same, made even
-  std::int64_t written_ = 0;         // into the present file
+  cv::Size coded_;                   // rounded up to even numbers
+  std::int64_t written_ = 0;         // into the current file
   std::int64_t count_ = 0;
   bool finished_ = false;
 };

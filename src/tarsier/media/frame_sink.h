@@ -11,17 +11,17 @@
 
 namespace tarsier {
 
-// Where finished images go. Not thread-safe: one producer.
+// Destination of output images. Not thread-safe: one producer.
 class FrameSink {
  public:
-  // An unfinished sink leaves no half-written file behind, but for recordings (SinkOptions).
+  // An unfinished sink leaves no partial file, except for recordings (SinkOptions).
   virtual ~FrameSink() = default;
 
-  // Takes `image` (CV_8UC3 or CV_8UC1), made from `source`. Returns what was written for this frame
-  // (a path), or an empty string where a frame has no file of its own. Throws OutputError.
+  // Writes `image` (CV_8UC3 or CV_8UC1), made from `source`. Returns the path written for this
+  // frame, or an empty string if the frame has no file of its own. Throws OutputError.
   virtual std::string write(const cv::Mat& image, const Frame& source) = 0;
 
-  // Completes the output (a video gets its name here). Throws OutputError. write() may not follow.
+  // Completes the output (a video gets its final name). Throws OutputError. No write() may follow.
   virtual void finish() = 0;
 
   // One line for people: "http://127.0.0.1:8080/ (2 viewers)".
@@ -31,21 +31,25 @@ class FrameSink {
 enum class SinkKind { kNone, kImage, kFolder, kVideo, kHttp };
 
 struct SinkOptions {
-  double fps = 25;               // of a video file
-  int jpeg_quality = 90;         // of JPEG files and MJPEG streams
-  std::string folder_extension;  // images in folders: ".png", ".jpg" ..; empty: that of the
-                                 // source, .png for video frames
-  // More than one image is to come: an image path is then refused (UsageError).
+  double fps = 25;        // of a video file
+  int jpeg_quality = 90;  // of JPEG files and MJPEG streams
+  // Extension of images in folders: ".png", ".jpg" ..; empty: that of the source, .png for video
+  // frames.
+  std::string folder_extension;
+  // More than one image will follow: a path of a single image is then refused (UsageError).
   bool many = false;
-  bool listen_all = false;  // MJPEG: listen on every interface, not on loopback only; needs a token
-  std::string token;        // MJPEG: viewers must give it (?token=.. or Authorization: Bearer ..);
-                            // 16 characters or more
-  int max_viewers = 8;      // of MJPEG
-  // A video that cannot be made a second time (of a camera): what was written until a crash or a
-  // power cut plays, and is never removed (see part_file.h). A second of video may be missing.
+  // MJPEG: listen on all interfaces, not only on loopback; needs a token.
+  bool listen_all = false;
+  // MJPEG: viewers must send it (?token=.. or Authorization: Bearer ..); 16 characters or more.
+  std::string token;
+  int max_viewers = 8;  // of MJPEG
+  // The video cannot be recorded again (it comes from a camera). The data written before a crash or
+  // a power cut can be played and is never removed (see part_file.h). The last second may be
+  // missing.
   bool recording = false;
-  double segment_s = 0;  // a video is cut into files of so many seconds: v-0001.mp4,
-                         // v-0002.mp4 ..; numbers go on after those that are there; 0: one file
+  // s. Length of the files that a video is cut into: v-0001.mp4, v-0002.mp4 .. Numbers continue
+  // after existing files. 0: one file.
+  double segment_s = 0;
 
   [[nodiscard]] OptionFields fields() {
     return {{"fps", fps, above(0, 1000)},
@@ -60,15 +64,15 @@ struct SinkOptions {
   void check() const;
 };
 
-//   none                       nothing
+//   none                       no output
 //   file.png .jpg .webp .bmp   one image
 //   file.mp4 .avi .mkv         a video
 //   http://127.0.0.1:8080/     MJPEG over HTTP for browsers and other programs
-//   anything else              a folder (made if missing); ending in '/' or without an extension
+//   anything else              a folder (created if missing); ends in '/' or has no extension
 [[nodiscard]] SinkKind classify_sink(const std::string& text);
 
-// Opens `text` for writing. Throws OutputError (unwritable, port taken), UsageError (an unknown
-// file ending, a non-loopback address without listen_all and token).
+// Opens `text` for writing. Throws OutputError (not writable, port in use) and UsageError (unknown
+// file extension, a non-loopback address without listen_all and token).
 [[nodiscard]] std::unique_ptr<FrameSink> open_sink(const std::string& text,
                                                    const SinkOptions& options = {});
 

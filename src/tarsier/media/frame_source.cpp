@@ -46,7 +46,7 @@ constexpr std::string_view kExpected =
     "expected an image, folder, glob, @list.txt, video, camera number, picam:, http://, https://, "
     "rtsp://, rtsps://";
 
-// "http" of "HTTP://.."; empty if the text does not begin with a word and a colon.
+// "http" for "HTTP://.."; empty if the text does not begin with a word and a colon.
 std::string scheme_of(std::string_view text) {
   const std::size_t colon = text.find(':');
   if (colon == std::string_view::npos || colon == 0 || colon > 32) return {};
@@ -85,8 +85,8 @@ bool has_video_ending(const std::string& path) {
   return std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end();
 }
 
-// What a regular file is, by its first bytes; its name only decides where these leave it open, and
-// what the error says.
+// The kind of a regular file, by its first bytes. Its name decides only if these are ambiguous, and
+// in error messages.
 SourceKind classify_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file)
@@ -99,8 +99,7 @@ SourceKind classify_file(const std::string& path) {
   const bool is_mjpeg = lower_ending(path).starts_with(".mjp");
   if (!is_mjpeg && (probe_image(head) || has_image_ending(path))) return SourceKind::kImage;
   if (looks_like_video(head)) {
-    // A JPEG whose header is longer than what was read (large thumbnails) is an image all the
-    // same.
+    // A JPEG whose header is longer than the bytes read (a large thumbnail) is also an image.
     const bool is_jpeg = head.size() > 2 && head[0] == 0xff && head[1] == 0xd8;
     return is_jpeg && !is_mjpeg && !has_video_ending(path) ? SourceKind::kImage
                                                            : SourceKind::kVideo;
@@ -120,7 +119,7 @@ SourceKind classify_on_disk(const std::string& path, const fs::file_status& stat
   }
 }
 
-// Reads several sources in turn. Those that fail to open or give nothing are skipped like
+// Reads several sources in turn. Sources that cannot be opened or give no frame are skipped like
 // unreadable images.
 class ChainSource final : public FrameSource {
  public:
@@ -141,7 +140,7 @@ class ChainSource final : public FrameSource {
         frame = current_->next(patience, stop);
       } catch (const InputError& error) {
         if (current_ && current_->is_live()) throw;
-        if (!current_ || current_->skipped().empty()) {  // else it was said for each image
+        if (!current_ || current_->skipped().empty()) {  // else each image was reported
           log_warning("{}; skipped", error.what());
           skipped_.emplace_back(error.what());
         }
@@ -238,7 +237,7 @@ int pi_camera_index(const std::string& text) {
   return *index;
 }
 
-// Files of a glob or list: images in one run become one source, so that unreadable ones are
+// Files of a glob or list: consecutive images become one source, so that unreadable ones are
 // skipped.
 std::vector<ChainSource::Part> parts_of_files(const std::vector<std::string>& paths,
                                               const SourceOptions& options) {
@@ -257,7 +256,7 @@ std::vector<ChainSource::Part> parts_of_files(const std::vector<std::string>& pa
     if (!has_image_ending(path) && fs::is_regular_file(path, ignored)) {
       try {
         is_video = classify_file(path) == SourceKind::kVideo;
-      } catch (const InputError&) {  // said when its turn comes
+      } catch (const InputError&) {  // reported when it is opened
       }
     }
     if (!is_video) {
@@ -328,7 +327,8 @@ SourceKind classify_source(const std::string& text, const std::vector<Scheme>& s
   std::error_code error;
   const fs::file_status status = fs::status(text, error);
   if (fs::exists(status)) return classify_on_disk(text, status);
-  if (status.type() != fs::file_type::not_found) {  // it may be there: no permission, name too long
+  // It may exist: no permission, name too long.
+  if (status.type() != fs::file_type::not_found) {
     throw InputError(text, error ? error.message() : "cannot be looked at");
   }
   if (has_slashes) {
@@ -388,7 +388,7 @@ std::unique_ptr<FrameSource> open_sources(const std::vector<std::string>& texts,
     files.clear();
   };
   for (const std::string& text : texts) {
-    // Images named one by one are one run.
+    // Images named one by one are one source.
     if (classify_source(text, schemes) == SourceKind::kImage) {
       files.push_back(text);
       continue;
@@ -409,7 +409,7 @@ std::string masked(std::string_view url) {
   std::size_t end = std::min(text.find_first_of("/?#", begin), text.size());
   std::size_t at = text.rfind('@', end);
   if (end < text.size() && (at == std::string::npos || at < begin)) {
-    // A password with '/', '?' or '#' in it: rather too much is masked than too little.
+    // A password with '/', '?' or '#': mask too much rather than too little.
     const std::size_t later = text.rfind('@');
     const std::size_t colon = text.find(':', begin);
     if (later != std::string::npos && later > end && colon < end &&

@@ -16,7 +16,7 @@
 
 namespace tarsier {
 
-// What a source is doing. Files go kLive -> kEnded; live sources move between the first four.
+// State of a source. Files change from kLive to kEnded; live sources move between the first four.
 enum class SourceState { kConnecting, kLive, kStale, kLost, kEnded };
 [[nodiscard]] std::string_view name_of(
     SourceState state);  // "connecting", "live", "stale", "lost", "ended"
@@ -25,54 +25,56 @@ struct SourceStatus {
   SourceState state = SourceState::kConnecting;
   // One line for people: what was opened ("1280x720 MJPG 30 fps"), or what is wrong.
   std::string detail;
-  double age_s = 0;           // live: seconds since the newest frame arrived; 0 before the first
+  // Live sources: seconds since the newest frame arrived; 0 before the first.
+  double age_s = 0;
   std::int64_t received = 0;  // frames that arrived
-  std::int64_t dropped = 0;   // of these, replaced by a newer one before anyone took them
-  int reopened = 0;           // times a live source was opened again
+  // Received frames that a newer one replaced before anyone took them.
+  std::int64_t dropped = 0;
+  int reopened = 0;  // how often a live source was reopened
 };
 
-// Where frames come from. Not thread-safe: one consumer.
+// Origin of frames. Not thread-safe: one consumer.
 class FrameSource {
  public:
   virtual ~FrameSource() = default;
 
-  // The next frame; for live sources the newest one, never one that was delivered before. Waits at
-  // most `patience`, and returns nothing when no frame came in time, when `stop` fired, or when
-  // there are no more (ended() tells). Still images that cannot be read are logged as warnings,
-  // counted in skipped() and passed over when the source is a folder, glob or list of several; a
-  // single one throws InputError. Throws SourceLostError when a live source gave frames and then
-  // none for SourceOptions::give_up_s.
+  // Returns the next frame; a live source gives the newest one and never the same twice. Waits at
+  // most `patience`. Returns nullopt if no frame came in time, `stop` was triggered, or there are
+  // no more frames (see ended()). In a folder, glob or list of several images, an image that cannot
+  // be read is skipped with a warning and listed in skipped(); a single image throws InputError.
+  // Throws SourceLostError if a live source delivers no frame for SourceOptions::give_up_s after
+  // its first.
   virtual std::optional<Frame> next(std::chrono::milliseconds patience,
                                     const std::stop_token& stop) = 0;
 
   [[nodiscard]] virtual bool ended() const = 0;
   [[nodiscard]] virtual bool is_live() const = 0;
   [[nodiscard]] virtual SourceStatus status() const = 0;
-  // Frames per second as the source states or was asked for; 0 where there is none (stills).
+  // The frame rate that the source states or was requested; 0 where there is none (stills).
   [[nodiscard]] virtual double fps() const = 0;
-  // Number of frames if it is known beforehand, else 0.
+  // Number of frames if known in advance, else 0.
   [[nodiscard]] virtual std::int64_t count() const = 0;
-  // Inputs that could not be read so far, "path: reason" each.
+  // Inputs that could not be read so far, each as "path: reason".
   [[nodiscard]] virtual const std::vector<std::string>& skipped() const = 0;
 };
 
 struct SourceOptions {
-  // Size asked of cameras, px; 0: the camera's own choice. What was given is logged.
+  // Size requested from cameras, px; 0: the camera's choice. The resulting size is logged.
   int width = 0;
   int height = 0;
-  // Frames a second asked of cameras, and of folders played with --sequence; 0: their default.
+  // Frame rate requested from cameras, and of folders with --sequence; 0: their default.
   double fps = 0;
-  // Stills follow each other in time (see Frame::still).
+  // Stills are a sequence in time (see Frame::still).
   bool sequence = false;
-  // s. A live source without a first frame by then throws InputError ...
+  // s. A live source without a first frame after this time throws InputError ...
   double connect_timeout_s = 10;
-  // ... unless this is set: then it is waited for without a limit.
+  // ... unless this is set: then the source is waited for without a limit.
   bool wait = false;
-  // s. A live source without a frame for so long is stale, and reopened.
+  // s. A live source without a frame for this time is stale and is reopened.
   double stall_s = 2.5;
-  // s. A live source without a frame for so long after its first: SourceLostError; 0: never.
+  // s. A live source throws SourceLostError after this time without a frame; 0: never.
   double give_up_s = 60;
-  // Of https:// and rtsps://.
+  // For https:// and rtsps://.
   StreamSecurity security;
   // The helper that holds cameras; empty: `tarsier-capture` beside this program.
   std::string capture_program;
@@ -101,14 +103,15 @@ struct SourceOptions {
 //   picam:  picam:1
 //       Raspberry Pi CSI cameras
 //   http://host/..  https://host/..
-//       MJPEG and JPEG, read by this program; other videos over https through FFmpeg, in a child
+//       MJPEG and JPEG are read by this program; other videos over https by FFmpeg in a child
 //       process
 //   rtsp://..  rtsps://..
 //       through FFmpeg, in a child process
 //   synth:NAME?key=value&..
-//       opened by the caller's `schemes`, as viewer:NAME is
-// https and rtsps are verified (SourceOptions::security) and never redirected to anything else.
-// Anything else is refused. User text never reaches a GStreamer pipeline or an unnamed backend.
+//       opened by the caller's `schemes`, like viewer:NAME
+// Certificates of https and rtsps are verified (SourceOptions::security), and redirects to other
+// schemes are refused. Any other text is refused. User text never reaches a GStreamer pipeline or an
+// unnamed backend.
 enum class SourceKind {
   kImage,
   kFolder,
@@ -122,7 +125,7 @@ enum class SourceKind {
   kScheme
 };
 
-// Opens `text`, the remainder of "scheme:text", e.g. for "synth:".
+// Opens `text`, the part after the colon of "scheme:text", e.g. for "synth:".
 using SchemeOpener =
     std::function<std::unique_ptr<FrameSource>(std::string_view text, const SourceOptions&)>;
 struct Scheme {
@@ -130,23 +133,23 @@ struct Scheme {
   SchemeOpener open;
 };
 
-// Decides by looks, then by what is on the disk (folder, magic bytes). Throws InputError for text
-// that is none of the kinds (missing file, unknown scheme, empty), saying what was expected.
+// Decides by the form of the text, then by the file (folder, magic bytes). Throws InputError for
+// text of no kind (missing file, unknown scheme, empty); the message says what was expected.
 [[nodiscard]] SourceKind classify_source(const std::string& text,
                                          const std::vector<Scheme>& schemes = {});
 
-// Opens one input. Files are looked at before this returns; live sources are not waited for (next()
-// is). Throws InputError (missing, empty folder, not an image or video, no such camera).
+// Opens one input. Files are checked before this returns. It does not wait for live sources; next()
+// does. Throws InputError (missing, empty folder, not an image or video, no such camera).
 [[nodiscard]] std::unique_ptr<FrameSource> open_source(const std::string& text,
                                                        const SourceOptions& options = {},
                                                        const std::vector<Scheme>& schemes = {});
 
-// Several inputs, one after the other, numbered through. A single one is opened as it is.
+// Opens several inputs as one sequence with consecutive numbers. A single input is opened directly.
 [[nodiscard]] std::unique_ptr<FrameSource> open_sources(const std::vector<std::string>& texts,
                                                         const SourceOptions& options = {},
                                                         const std::vector<Scheme>& schemes = {});
 
-// `url` with user name and password replaced by "***".
+// Returns `url` with user name and password replaced by "***".
 [[nodiscard]] std::string masked(std::string_view url);
 
 }  // namespace tarsier

@@ -5,7 +5,7 @@
 
 namespace tarsier {
 
-// `image` itself if it is grey (CV_8UC1), else what its colours (CV_8UC3, BGR) give. Throws
+// Returns `image` itself if it is grey (CV_8UC1), else converts it from BGR (CV_8UC3). Throws
 // std::invalid_argument for an empty image or another type.
 [[nodiscard]] cv::Mat gray_of(const cv::Mat& image);
 

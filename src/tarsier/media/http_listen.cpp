@@ -19,7 +19,7 @@
 namespace tarsier {
 namespace {
 
-// "name:80" or "[::1]:80" without the port; nothing if it is malformed.
+// "name:80" or "[::1]:80" without the port; nullopt if it is malformed.
 std::optional<std::string> host_name(std::string_view host) {
   std::size_t end = 0;
   if (!host.empty() && host.front() == '[') {
@@ -116,7 +116,7 @@ int listen_on(const std::string& url, ListenAddress& address) {
     (void)::setsockopt(fd, level, option, &value, sizeof value);
   };
   set(SOL_SOCKET, SO_REUSEADDR, 1);
-  // Accepted sockets inherit it. What lies in the kernel's buffer is old by the time it arrives.
+  // Accepted sockets inherit it. Images in a large kernel buffer would be old when they arrive.
   set(SOL_SOCKET, SO_SNDBUF, 128 * 1024);
   ::sockaddr_storage storage{};
   ::socklen_t size = 0;

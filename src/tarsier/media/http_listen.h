@@ -6,32 +6,32 @@
 #include <string>
 #include <string_view>
 
-// Where a server listens.
+// The address on which a server listens.
 namespace tarsier {
 
 struct ListenAddress {
   std::string host;  // as written, without brackets
   bool ipv6 = false;
-  bool loopback = false;  // this machine alone can reach it
-  bool any = false;       // every interface
+  bool loopback = false;  // reachable only from this machine
+  bool any = false;       // all interfaces
   ::in_addr v4{};
   ::in6_addr v6{};
   std::uint16_t port = 0;
 
-  // Every interface instead of this machine alone.
+  // Listens on all interfaces instead of this machine only.
   void open_to_all();
-  // Whether a request for that "name:80" or "[::1]:80" is meant for a server here: a page of
-  // another site that has its name point to 127.0.0.1 sends that name. The names by which other
-  // interfaces are known are unknown: there any well-formed one will do.
+  // Whether a request with the header Host "name:80" or "[::1]:80" is meant for this server. A page
+  // of another site whose name points to 127.0.0.1 sends that site's name (DNS rebinding). The
+  // names of other interfaces are not known; for those any well-formed name is accepted.
   [[nodiscard]] bool is_own_host(std::string_view host) const;
 };
 
-// Of "http://127.0.0.1:8080/": localhost or an IP address; port 0: any that is free. Throws
+// Parses "http://127.0.0.1:8080/": localhost or an IP address; port 0 means any free port. Throws
 // UsageError.
 [[nodiscard]] ListenAddress parse_listen_address(const std::string& url);
 
-// A listening socket, its port filled into `address`. Throws OutputError(url, ..), e.g. for a port
-// that is taken.
+// Opens a listening socket and stores its port in `address`. Throws OutputError(url, ..), e.g. for
+// a port in use.
 [[nodiscard]] int listen_on(const std::string& url, ListenAddress& address);
 
 }  // namespace tarsier

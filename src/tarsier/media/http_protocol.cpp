@@ -107,12 +107,13 @@ void HttpResponseParser::feed(std::span<const std::uint8_t> bytes,
   if (state_ == State::kBody) read_body(bytes, body);
 }
 
-// Takes bytes of one header, to its end at most; returns how many.
+// Takes bytes of one header, at most to its end; returns how many.
 std::size_t HttpResponseParser::read_header(std::span<const std::uint8_t> bytes) {
   const std::size_t before = header_.size();
   const std::size_t taken = std::min(kHeaderLimit - before, bytes.size());
   header_.append(reinterpret_cast<const char*>(bytes.data()), taken);
-  // The status line is judged as early as possible: what is not HTTP may never send an empty line.
+  // The status line is checked as early as possible: a server that is not HTTP may never send an
+  // empty line.
   const std::string_view magic = "HTTP/1.";
   const std::size_t compared = std::min(magic.size(), header_.size());
   if (std::string_view(header_).substr(0, compared) != magic.substr(0, compared)) {
@@ -123,7 +124,7 @@ std::size_t HttpResponseParser::read_header(std::span<const std::uint8_t> bytes)
   std::size_t end = header_.find("\r\n\r\n", search_from);
   std::size_t gap = 4;
   if (const std::size_t bare = header_.find("\n\n", search_from); bare < end) {
-    end = bare;  // some small cameras
+    end = bare;  // some small cameras send this
     gap = 2;
   }
   if (end == std::string::npos) {
@@ -134,7 +135,7 @@ std::size_t HttpResponseParser::read_header(std::span<const std::uint8_t> bytes)
   const std::size_t used = end + gap - before;
   if (!parse_header()) return used;
   header_.clear();
-  if (status_ < 200 && status_ != 101) {  // an interim answer; the real one follows
+  if (status_ < 200 && status_ != 101) {  // an interim response; the final one follows
     status_ = 0;
     if (++interim_ > kMaxInterim) break_off("sends interim answers without end");
     return used;
@@ -180,7 +181,7 @@ bool HttpResponseParser::parse_header() {
       if (!has_length_) left_ = 0;
     }
   }
-  // Some cameras state a length for their endless stream.
+  // Some cameras send a length for their endless stream.
   if (lower_case(content_type_).starts_with("multipart/")) has_length_ = false;
   return true;
 }

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-// The addresses and answers of HTTP. Nothing here touches the network.
+// Parsing of HTTP addresses and responses. Nothing here uses the network.
 namespace tarsier {
 
 struct HttpUrl {
@@ -16,31 +16,31 @@ struct HttpUrl {
   std::string target;  // path and query, starts with '/'
   std::string user;    // percent-decoded
   std::string password;
-  // "host", or "host:port" where the port is not the scheme's own.
+  // "host", or "host:port" if the port is not the default of the scheme.
   [[nodiscard]] std::string host_header(std::uint16_t default_port = 80) const;
 };
 
-// Parses "scheme://[user[:password]@]host[:port][/path][?query]" for the given scheme (compared
-// without regard to case). Throws InputError (masked URL) for anything that is not one: spaces,
-// control characters, no host, a port outside 1..65535.
+// Parses "scheme://[user[:password]@]host[:port][/path][?query]" for the given scheme (not case
+// sensitive). Throws InputError with the masked URL if the text is not valid: spaces, control
+// characters, no host, a port outside 1..65535.
 [[nodiscard]] HttpUrl parse_url(std::string_view text, std::string_view scheme,
                                 std::uint16_t default_port);
 
-// Reads an HTTP/1.x answer as it comes: status line, header, and the body freed of chunked coding.
-// Pure.
+// Parses an HTTP/1.x response incrementally: status line, header, and the body with chunked coding
+// removed. No I/O.
 class HttpResponseParser {
  public:
   static constexpr std::size_t kHeaderLimit = 64U << 10U;
-  static constexpr int kMaxInterim = 16;  // answers of status 1xx before the real one
+  static constexpr int kMaxInterim = 16;  // responses of status 1xx before the final one
 
   enum class State { kHeader, kBody, kDone, kBroken };
 
-  // Takes bytes; body bytes are appended to `body`.
+  // Takes bytes; appends bytes of the body to `body`.
   void feed(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
 
   [[nodiscard]] State state() const { return state_; }
-  [[nodiscard]] const std::string& trouble() const { return trouble_; }  // kBroken: why
-  // After the header:
+  [[nodiscard]] const std::string& trouble() const { return trouble_; }  // the reason of kBroken
+  // Valid after the header:
   [[nodiscard]] int status() const { return status_; }
   [[nodiscard]] const std::string& status_text() const { return status_text_; }
   [[nodiscard]] const std::string& content_type() const { return content_type_; }  // as sent
@@ -65,7 +65,7 @@ class HttpResponseParser {
   std::string location_;
   bool chunked_ = false;
   bool has_length_ = false;
-  std::uint64_t left_ = 0;  // of the body (has_length_) or of the chunk
+  std::uint64_t left_ = 0;  // remaining bytes of the body (has_length_) or of the chunk
   Chunk chunk_ = Chunk::kSize;
   std::string line_;
 };

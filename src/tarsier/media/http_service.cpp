@@ -23,9 +23,9 @@ namespace tarsier {
 namespace {
 
 constexpr std::size_t kMinToken = 16;
-constexpr unsigned kRequestSeconds = 5;  // without a byte of a request
+constexpr unsigned kRequestSeconds = 5;  // s without a byte of a request
 
-// An image may hold the stream open for ever, but nothing on the page may come from elsewhere.
+// An open image stream may last for ever, but nothing on the page may come from elsewhere.
 constexpr const char* kPolicy =
     "default-src 'none'; img-src 'self'; style-src 'self'; script-src 'self'; connect-src 'self'; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
@@ -81,9 +81,9 @@ class HttpService::Daemon {
 
   void stop() {
     if (daemon_ == nullptr) return;
-    // libmicrohttpd 0.9.75 reads through a null pointer when it refuses a malformed request while
-    // it is being stopped. So every connection ends before: no new ones, and those that are open
-    // meet the end of their input.
+    // libmicrohttpd 0.9.75 dereferences a null pointer when it refuses a malformed request while it
+    // is being stopped. So every connection is ended first: no new ones are accepted, and the input
+    // of open ones is shut down.
     const MHD_socket listening = MHD_quiesce_daemon(daemon_);
     {
       std::unique_lock lock(mutex_);
@@ -126,7 +126,8 @@ class HttpService::Daemon {
     }
   }
 
-  // Keeps the list of open connections. Runs in their threads, at the end before the socket closes.
+  // Keeps the list of open connections. Runs in the connections' threads, finally before the socket
+  // closes.
   static void note_connection(void* cls, MHD_Connection* connection, void**,
                               MHD_ConnectionNotificationCode what) {
     auto& server = *static_cast<Daemon*>(cls);
@@ -167,11 +168,12 @@ class HttpService::Daemon {
       }
       static char seen = 0;
       if (*request ==
-          nullptr) {  // the headers are here; the answer follows when the whole request is
+          // The headers are complete; the response follows when the whole request has arrived.
+          nullptr) {
         *request = &seen;
         return MHD_YES;
       }
-      if (*upload_size != 0) return MHD_NO;  // a body has no place here
+      if (*upload_size != 0) return MHD_NO;  // a body is not allowed
       return result_of(server.respond(connection, path));
     } catch (const std::exception& error) {
       log_warning("HTTP: {}", error.what());
@@ -184,7 +186,7 @@ class HttpService::Daemon {
     if (!host) return refuse(connection, MHD_HTTP_BAD_REQUEST, "no Host header");
     if (!address_.is_own_host(*host))
       return refuse(connection, MHD_HTTP_MISDIRECTED_REQUEST, "this server has another name");
-    // A script of another site sends its origin.
+    // A script of another site sends its own origin.
     const auto origin = header_of(connection, "Origin");
     if (origin && lower_case(*origin) != "http://" + lower_case(*host)) {
       return refuse(connection, MHD_HTTP_FORBIDDEN, "requests from other sites are refused");
@@ -201,7 +203,7 @@ class HttpService::Daemon {
   const Respond respond_;
   ListenAddress address_;
   MHD_Daemon* daemon_ = nullptr;
-  std::mutex mutex_;  // of all below
+  std::mutex mutex_;  // protects the following members
   std::condition_variable changed_;
   std::set<int> sockets_;  // of the open connections
   bool closing_ = false;

@@ -15,38 +15,40 @@ struct MHD_Response;
 
 namespace tarsier {
 
-// Who may ask a server.
+// Who may send requests to a server.
 struct HttpAccess {
-  bool listen_all = false;  // other machines, too; needs a token
-  std::string token;        // 16 letters, digits or - _ . ~ at least; empty: nobody needs one
+  bool listen_all = false;  // other machines may connect, too; needs a token
+  // At least 16 letters, digits or - _ . ~; empty: no token is needed.
+  std::string token;
 };
 
-// Whether both are equal; the time does not tell how many characters were.
+// Compares two texts in constant time: the time does not reveal how many characters are equal.
 [[nodiscard]] bool equals_in_constant_time(std::string_view given, std::string_view secret);
 
-// What servers of this program have in common: GET and HEAD over HTTP/1.1; this machine alone unless
-// `listen_all`; a token by ?token= or "Authorization: Bearer"; requests with a foreign Host (DNS
-// rebinding) or Origin are refused; headers that keep browsers from reading more into an answer. A
-// thread a connection calls `respond`, which sends an answer by the functions below.
+// Common base of the servers of this program: GET and HEAD over HTTP/1.1; reachable only from this
+// machine unless `listen_all`; a token by ?token= or "Authorization: Bearer". Requests with a
+// foreign Host (DNS rebinding) or Origin are refused. Security headers restrict what browsers do
+// with a response. Each connection has a thread that calls `respond`, which sends a response with
+// the functions below.
 class HttpService {
  public:
   using Respond = std::function<bool(MHD_Connection* connection, std::string_view path)>;
 
-  // `url`: as parse_listen_address() takes it. Throws UsageError for an address or token that breaks
-  // the rules, OutputError where it cannot be listened on.
+  // `url` is in the form of parse_listen_address(). Throws UsageError for an address or token that
+  // breaks the rules, OutputError if the address cannot be listened on.
   HttpService(const std::string& url, const HttpAccess& access, int max_connections,
               int max_connections_of_one, Respond respond);
-  ~HttpService();  // as stop()
+  ~HttpService();  // calls stop()
   HttpService(const HttpService&) = delete;
   HttpService& operator=(const HttpService&) = delete;
 
-  void stop();  // cuts off what is on its way
+  void stop();  // cuts open connections
   [[nodiscard]] bool is_running() const;
-  // "http://HOST:PORT/", as other machines can use it where they may.
+  // "http://HOST:PORT/", in a form for other machines if they may connect.
   [[nodiscard]] std::string url() const;
   [[nodiscard]] bool is_open_to_all() const;
 
-  // Each sends one answer, and gives `response` up. Bodies are copied.
+  // Each sends one response; `send` releases `response`. Bodies are copied.
   static bool send(MHD_Connection* connection, unsigned status, MHD_Response* response);
   static bool send(MHD_Connection* connection, unsigned status, std::string_view body,
                    const char* type);

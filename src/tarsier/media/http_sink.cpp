@@ -44,9 +44,9 @@ class HttpSink final : public FrameSink {
   HttpSink(const std::string& url, const SinkOptions& options)
       : url_(url),
         options_(options),
-        // Room beside the viewers, so that further ones can still be refused with a reason; and room
-        // beside one address, so that nobody shuts the others out. One address may be a proxy for all
-        // viewers.
+        // More connections than viewers, so that further viewers can be refused with a reason; and
+        // more in total than for one address, so that one address cannot block all others. One
+        // address may be a proxy for all viewers.
         server_(url, {options.listen_all, options.token}, options.max_viewers + 16,
                 options.max_viewers + 4, [this](MHD_Connection* connection, std::string_view path) {
                   return respond(connection, path);
@@ -92,7 +92,7 @@ class HttpSink final : public FrameSink {
   }
 
  private:
-  static constexpr unsigned kViewerSeconds = 60;  // a viewer that takes nothing
+  static constexpr unsigned kViewerSeconds = 60;  // s until a viewer that reads nothing is closed
 
   struct Image {
     cv::Mat raw;
@@ -101,11 +101,11 @@ class HttpSink final : public FrameSink {
     std::shared_ptr<const Bytes> jpeg;
   };
 
-  // One stream that is being watched.
+  // One stream with a viewer.
   struct Viewer {
     HttpSink* sink = nullptr;
     int socket = -1;
-    std::int64_t last = 0;  // number of the image that was sent
+    std::int64_t last = 0;  // number of the last sent image
     std::string head;       // of the part
     std::shared_ptr<const Bytes> jpeg;
     std::size_t sent = 0;  // of head, jpeg and tail together
@@ -117,13 +117,13 @@ class HttpSink final : public FrameSink {
       std::unique_lock lock(mutex_);
       closing_ = true;
       changed_.notify_all();
-      // Viewers that keep up get the last image whole; those that do not are cut off.
+      // Viewers that keep up get the whole last image; others are cut off.
       (void)changed_.wait_for(lock, std::chrono::milliseconds(300), [&] { return viewers_ == 0; });
     }
     server_.stop();
   }
 
-  // The newest image that is newer than `last`, encoded; nothing if none came in time or the sink
+  // The newest image that is newer than `last`, encoded; null if none came in time or the sink
   // closes.
   std::shared_ptr<const Bytes> wait_for_image(std::int64_t& last,
                                               std::chrono::milliseconds patience) {
@@ -134,7 +134,7 @@ class HttpSink final : public FrameSink {
     Image* const slot = newest_;
     const std::int64_t number = slot->number;
     if (slot->encoding) {
-      // Somebody else is at it. The image may be replaced meanwhile, and is then not waited for.
+      // Another thread is encoding it. If the image is replaced meanwhile, do not wait for it.
       encoded_.wait(lock, [&] { return slot->number != number || !slot->encoding; });
       if (slot->number != number || slot->jpeg == nullptr) return nullptr;
       last = number;
@@ -165,13 +165,12 @@ class HttpSink final : public FrameSink {
   // may wait.
   static ssize_t read_stream(void* cls, std::uint64_t, char* buffer, std::size_t most) {
     auto& viewer = *static_cast<Viewer*>(cls);
-    // The boundary follows its part at once: browsers show an image only when they have seen the
-    // next boundary.
+    // The boundary follows its part at once: browsers show an image only after the next boundary.
     static const std::string kTail = fmt::format("\r\n--{}\r\n", kBoundary);
     if (viewer.jpeg == nullptr) {
       viewer.jpeg = viewer.sink->wait_for_image(viewer.last, std::chrono::milliseconds(500));
       if (viewer.jpeg == nullptr) {
-        // Without images nothing is sent, and nobody else would notice that the viewer has left.
+        // While no image is sent, this is the only way to notice that the viewer has left.
         ::pollfd state{viewer.socket, POLLRDHUP, 0};
         const bool gone = ::poll(&state, 1, 0) > 0 && state.revents != 0;
         return gone || viewer.sink->is_closing() ? MHD_CONTENT_READER_END_OF_STREAM : 0;
@@ -234,7 +233,7 @@ class HttpSink final : public FrameSink {
     if (!accept || accept->find("text/html") == std::string_view::npos)
       return send_stream(connection);
     std::string page(kViewerHtml);
-    // The token has no character that means anything in HTML (see HttpAccess).
+    // The token has no character that is special in HTML (see HttpAccess).
     const std::string query = options_.token.empty() ? "" : "?token=" + options_.token;
     constexpr std::string_view kMark = "@TOKEN@";
     for (std::size_t at = page.find(kMark); at != std::string::npos; at = page.find(kMark, at))
@@ -266,9 +265,9 @@ class HttpSink final : public FrameSink {
       --viewers_;
       return false;
     }
-    (void)viewer.release();  // end_stream's
+    (void)viewer.release();  // end_stream owns it
     (void)MHD_set_connection_option(connection, MHD_CONNECTION_OPTION_TIMEOUT, kViewerSeconds);
-    // No chunks, and the connection ends with the stream: what the simplest clients understand.
+    // No chunks, and the connection ends with the stream: the simplest clients understand this.
     (void)MHD_set_response_options(response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
     (void)MHD_add_response_header(
         response, "Content-Type",
@@ -277,7 +276,7 @@ class HttpSink final : public FrameSink {
   }
 
   bool send_snapshot(MHD_Connection* connection) {
-    // An image that is replaced while it is encoded for somebody else is tried again.
+    // Retry if an image is replaced while another thread encodes it.
     for (int attempt = 0; attempt < 10; ++attempt) {
       std::int64_t last = 0;
       if (const auto jpeg = wait_for_image(last, std::chrono::milliseconds(0))) {
@@ -301,16 +300,17 @@ class HttpSink final : public FrameSink {
 
   const std::string url_;
   const SinkOptions options_;
-  mutable std::mutex mutex_;         // of all below
-  std::condition_variable changed_;  // a new image, a viewer gone, or closing
+  mutable std::mutex mutex_;         // protects the following members
+  std::condition_variable changed_;  // a new image, a viewer left, or closing
   std::condition_variable encoded_;
-  std::vector<std::unique_ptr<Image>> images_;  // as many as are encoded at the same time, and two
+  // As many as are encoded at the same time, plus two.
+  std::vector<std::unique_ptr<Image>> images_;
   Image* newest_ = nullptr;
   Clock::time_point newest_at_;
   std::int64_t frames_ = 0;
   int viewers_ = 0;
   bool closing_ = false;
-  HttpService server_;  // last: its threads use what is above
+  HttpService server_;  // last: its threads use the members above
 };
 
 }  // namespace

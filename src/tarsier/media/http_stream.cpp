@@ -31,9 +31,10 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr int kMaxRedirects = 3;
-constexpr milliseconds kSlice{50};  // how long anything may last before the stop token is looked at
+// Maximum duration of a step before the stop token is checked.
+constexpr milliseconds kSlice{50};
 
-// An address of either scheme.
+// An http or https address.
 struct Place {
   HttpUrl url;
   bool tls = false;
@@ -47,7 +48,7 @@ Place parse_place(const std::string& text) {
   return {parse_url(text, "http", 80), false};
 }
 
-// What FFmpeg reads and this program does not.
+// Types that FFmpeg reads and this program does not.
 bool is_playlist_type(std::string_view type) {
   static constexpr std::array<std::string_view, 5> kTypes = {
       "application/vnd.apple.mpegurl", "application/x-mpegurl", "audio/mpegurl", "audio/x-mpegurl",
@@ -73,7 +74,7 @@ class HttpBackend final : public LiveBackend {
     if (place_.tls) trust_ = std::make_shared<const TlsTrust>(security_);
   }
 
-  // After read() ended: whether it is another kind of video, and where.
+  // After read() ended: whether the stream is another kind of video, and its address.
   [[nodiscard]] bool is_for_ffmpeg() const { return for_ffmpeg_; }
   [[nodiscard]] std::string address() const;
 
@@ -88,7 +89,7 @@ class HttpBackend final : public LiveBackend {
     return std::nullopt;
   }
 
-  // The connection is kept: a server that accepts just one client must not lose it to a probe.
+  // The connection is kept: a server that accepts only one client must not lose it to a probe.
   bool reachable(milliseconds patience, const std::stop_token& stop) override {
     LiveFailure failure;
     if (!socket_.is_open()) {
@@ -117,29 +118,29 @@ class HttpBackend final : public LiveBackend {
   std::optional<LiveFailure> follow(const std::string& location, const std::stop_token& stop);
 
   const std::string text_;
-  Place place_;        // where we are, after redirects
-  const Place given_;  // the only server that gets the password
+  Place place_;        // the current address, after redirects
+  const Place given_;  // only this server gets the password
   const StreamSecurity security_;
   const Clock::duration snapshot_period_;
   milliseconds patience_{3000};
   TcpSocket socket_;
   std::shared_ptr<const TlsTrust> trust_;
   std::optional<TlsStream> tls_;  // of socket_
-  std::string request_;           // what is left to send
+  std::string request_;           // the unsent part
   HttpResponseParser response_;
   bool judged_ = false;
   bool is_snapshot_ = false;
   bool for_ffmpeg_ = false;
   Clock::time_point next_snapshot_;
   int redirects_ = 0;
-  std::int64_t asked_frames_ = 0;  // that came since the last request
+  std::int64_t asked_frames_ = 0;  // frames since the last request
   std::vector<std::uint8_t> buffer_ = std::vector<std::uint8_t>(256U << 10U);
   std::vector<std::uint8_t> body_;
   MjpegParser parser_;
   std::string detail_ = "HTTP";
 };
 
-// Where it ended up; the name and password only for the server they were given for.
+// The final address; name and password are included only for the server they were given for.
 std::string HttpBackend::address() const {
   if (redirects_ == 0) return text_;
   const std::size_t begin = text_.find("://") + 3;
@@ -153,7 +154,7 @@ std::string HttpBackend::address() const {
                      place_.url.host_header(place_.tls ? 443 : 80), place_.url.target);
 }
 
-// Over the connection that was just made.
+// Sends the request over the new connection.
 void HttpBackend::ask() {
   tls_.reset();
   if (place_.tls) tls_.emplace(trust_, socket_.get(), place_.url.host);
@@ -172,7 +173,7 @@ void HttpBackend::ask() {
   parser_.reset();
 }
 
-// False when the connection is broken.
+// Returns false if the connection is broken.
 bool HttpBackend::send_request() {
   while (!request_.empty()) {
     const ssize_t sent =
@@ -188,8 +189,8 @@ ssize_t HttpBackend::receive_some() {
   return tls_ ? tls_->recv(buffer_) : ::recv(socket_.get(), buffer_.data(), buffer_.size(), 0);
 }
 
-// Takes in everything that is there, for 50 ms at most: a server that sends without pause must not
-// keep us from showing anything. False when the connection is broken.
+// Reads everything that has arrived, for at most 50 ms, because a server that sends without pause
+// must not block the display. Returns false if the connection is broken.
 bool HttpBackend::receive(bool& closed) {
   const Clock::time_point end = Clock::now() + kSlice;
   while (Clock::now() < end) {
@@ -256,7 +257,7 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
   return std::nullopt;
 }
 
-// One step of a redirect: never from https to anything else.
+// Follows one redirect, from https only to https.
 std::optional<LiveFailure> HttpBackend::follow(const std::string& location,
                                                const std::stop_token& stop) {
   if (++redirects_ > kMaxRedirects) {
@@ -368,14 +369,14 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
         return end_with({.reason = judged_ ? "the server ended the stream"
                                            : "the server hung up without an answer"});
       }
-      // Otherwise the frame first; the next read() meets the end again.
+      // Otherwise return the frame first; the next read() sees the end again.
     }
   } while (result.kind == LiveRead::Kind::kNothing && !stop.stop_requested() &&
            Clock::now() < deadline);
   return result;
 }
 
-// An https address: this program's own reader, or FFmpeg once it is known that this is needed.
+// An https address: uses this program's reader, or FFmpeg if that turns out to be needed.
 class HttpsBackend final : public LiveBackend {
  public:
   HttpsBackend(const std::string& url, const SourceOptions& options)
@@ -396,7 +397,7 @@ class HttpsBackend final : public LiveBackend {
       read.failure = {.reason = error.what(), .definite = true};
       return read;
     }
-    http_.reset();  // the connection is closed first: a small camera may have just one
+    http_.reset();  // close the connection first: a small camera may accept only one
     if (auto failure = child_->open(patience, stop)) {
       read.failure = std::move(*failure);
       return read;

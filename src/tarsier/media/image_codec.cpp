@@ -8,15 +8,15 @@
 #include <cstdio>
 #include <cstdlib>
 #include <jpeglib.h>
-// needs jpeglib.h before it
+// must follow jpeglib.h
 #include <jerror.h>
 #include <memory>
 #include <new>
 #include <png.h>
 #include <zlib.h>
 
-// Both libraries report errors by a jump. Functions that it crosses hold nothing that has a
-// destructor: what has one belongs to their callers.
+// Both libraries report errors by longjmp. Functions that it may skip must have no local variable
+// with a destructor; their callers own such objects.
 namespace tarsier {
 namespace {
 
@@ -24,7 +24,7 @@ using Bytes = std::span<const std::uint8_t>;
 
 // --- JPEG ---
 
-#ifdef JCS_EXTENSIONS  // libjpeg-turbo, which has BGR in memory
+#ifdef JCS_EXTENSIONS  // libjpeg-turbo supports BGR in memory
 
 struct JpegErrors {
   jpeg_error_mgr manager{};
@@ -36,7 +36,7 @@ struct JpegErrors {
   std::longjmp(reinterpret_cast<JpegErrors*>(codec->err)->jump, 1);
 }
 
-// Bytes to spare before a marker, which many cameras leave, change no pixel.
+// Spare bytes before a marker, which many cameras write, change no pixel.
 void note(j_common_ptr codec, int level) {
   if (level < 0 && codec->err->msg_code != JWRN_EXTRANEOUS_DATA)
     reinterpret_cast<JpegErrors*>(codec->err)->warned = true;
@@ -51,7 +51,7 @@ void init(JpegErrors& errors) {
   errors.manager.output_message = say_nothing;
 }
 
-// Turns the image, or may: that is left to OpenCV.
+// Whether the image may need rotation, which is left to OpenCV.
 bool has_exif(const jpeg_decompress_struct& codec) {
   for (jpeg_saved_marker_ptr marker = codec.marker_list; marker != nullptr; marker = marker->next) {
     if (marker->marker == JPEG_APP0 + 1) return true;
@@ -59,7 +59,7 @@ bool has_exif(const jpeg_decompress_struct& codec) {
   return false;
 }
 
-// False: not decoded, or with a warning.
+// Returns false if not decoded, or decoded with a warning.
 bool decode_jpeg(Bytes bytes, const ImageHeader& header, bool gray, cv::Mat& image) {
   JpegErrors errors;
   init(errors);
@@ -90,7 +90,7 @@ bool decode_jpeg(Bytes bytes, const ImageHeader& header, bool gray, cv::Mat& ima
   return taken && !errors.warned;
 }
 
-// `buffer` is malloc's, and the caller's to free.
+// `buffer` is allocated with malloc; the caller frees it.
 bool encode_jpeg(const cv::Mat& image, int quality, unsigned char*& buffer, unsigned long& size) {
   JpegErrors errors;
   init(errors);
@@ -174,7 +174,7 @@ bool decode_png(Bytes bytes, const ImageHeader& header, bool gray, cv::Mat& imag
     for (int y = 0; y < image.rows; ++y) png_read_row(codec, image.ptr(y), nullptr);
     png_read_end(codec, info);
   }
-  // eXIf may stand behind the pixels.
+  // eXIf may follow the pixels.
   const bool turned = taken && png_get_valid(codec, info, PNG_INFO_eXIf) != 0;
   png_destroy_read_struct(&codec, &info, nullptr);
   return taken && !turned && !errors.warned;
@@ -197,7 +197,8 @@ void png_give(png_structp codec, png_bytep from, std::size_t count) {
 
 void png_flush_nothing(png_structp) {}
 
-// Speed before size, as OpenCV chooses: left neighbours as prediction, runs, the fastest level.
+// Prefers speed to size, like OpenCV: prediction from the left neighbour, run lengths, the fastest
+// level.
 bool encode_png(const cv::Mat& image, Grown& grown) {
   PngErrors errors;
   png_structp codec = png_create_write_struct(PNG_LIBPNG_VER_STRING, &errors, png_leave, png_note);

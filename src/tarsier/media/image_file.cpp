@@ -193,7 +193,7 @@ void write_image(const std::string& path, const cv::Mat& image, int jpeg_quality
 
 namespace {
 
-// Up to `max_bytes` of a file; `whole`: throws where there are more.
+// Reads up to `max_bytes` of a file; with `whole` throws if there are more.
 std::string read_bytes(const std::string& path, std::int64_t max_bytes, bool whole) {
   TARSIER_REQUIRE(max_bytes >= 1, "limit of {} bytes", max_bytes);
   const auto reason = [](int error) {
@@ -216,8 +216,8 @@ std::string read_bytes(const std::string& path, std::int64_t max_bytes, bool who
   if (whole && regular && info.st_size > max_bytes) throw too_large();
   try {
     std::string bytes;
-    // Pipes, and files of /proc, do not tell their size: they are read to their end.
-    // One more than the file, so that its end is seen without growing.
+    // Pipes and files of /proc do not report their size: they are read to their end. One byte more
+    // than the file's size, so that its end is detected without growing.
     const std::int64_t known = std::min<std::int64_t>(info.st_size, max_bytes);
     bytes.resize(regular && known > 0 ? static_cast<std::size_t>(known) + 1 : 65536);
     std::size_t size = 0;

@@ -12,8 +12,8 @@
 
 namespace tarsier {
 
-// Images are read only through here. The first bytes must be those of an allowed format and the
-// size in the header within the limit before any decoder sees the data.
+// Images are read only through this header. Before a decoder sees the data, the first bytes must be
+// those of an allowed format and the size in the header must be within the limit.
 
 enum class ImageFormat { kJpeg, kPng, kWebp, kBmp, kPnm, kTiff };
 [[nodiscard]] std::string_view name_of(ImageFormat format);
@@ -30,35 +30,35 @@ struct ImageHeader {
   int height = 0;  // px
 };
 
-// Reads format and size from the first bytes of a file; nothing if they are of no known image or
-// cut short. Never reads outside `bytes`.
+// Reads format and size from the first bytes of a file; nullopt if the format is unknown or the
+// header is truncated. Never reads outside `bytes`.
 [[nodiscard]] std::optional<ImageHeader> probe_image(std::span<const std::uint8_t> bytes);
 
-// Decodes to 8-bit BGR (CV_8UC3; EXIF rotation applied). Throws InputError naming `name` and the
-// reason: not an image, too large, truncated or broken data.
+// Decodes to 8-bit BGR (CV_8UC3; EXIF rotation applied). Throws InputError that names `name` and
+// the reason: not an image, too large, truncated or corrupt data.
 [[nodiscard]] cv::Mat decode_image(std::span<const std::uint8_t> bytes, const std::string& name,
                                    const ImageLimits& limits = {});
 [[nodiscard]] cv::Mat read_image(const std::string& path, const ImageLimits& limits = {});
 [[nodiscard]] cv::Mat read_gray_image(const std::string& path,
                                       const ImageLimits& limits = {});  // CV_8UC1
 
-// Encodes by the ending of `path` (.png, .jpg, .jpeg, .webp, .bmp, .ppm, .pgm) and writes
-// atomically. Throws OutputError; UsageError for another ending.
+// Encodes by the extension of `path` (.png, .jpg, .jpeg, .webp, .bmp, .ppm, .pgm) and writes
+// atomically. Throws OutputError; UsageError for another extension.
 void write_image(const std::string& path, const cv::Mat& image, int jpeg_quality = 90);
 
-// The encoded bytes of an image; `ending` with its dot. Throws UsageError for an unknown ending
-// and OutputError(name) where the format cannot hold the image (size).
+// Returns the encoded bytes of an image; `ending` includes the dot. Throws UsageError for an
+// unknown extension and OutputError(name) if the format cannot hold the image (size).
 [[nodiscard]] std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& image,
                                                      const std::string& name,
                                                      int jpeg_quality = 90);
 
-// True for the endings that write_image knows.
+// True for the extensions that write_image() supports.
 [[nodiscard]] bool is_image_path(std::string_view path);
 
-// The first bytes of a file, `most` or fewer. Throws InputError as read_file().
+// Reads the first bytes of a file, at most `most`. Throws InputError as read_file() does.
 [[nodiscard]] std::string read_start(const std::string& path, std::int64_t most);
 
-// The bytes of a whole file. Throws InputError (missing, a folder, larger than `max_bytes`).
+// Reads a whole file. Throws InputError (missing, a folder, larger than `max_bytes`).
 [[nodiscard]] std::string read_file(const std::string& path, std::int64_t max_bytes);
 
 }  // namespace tarsier

@@ -15,13 +15,13 @@ namespace {
                    "is no image: expected images, folders, globs or @lists of images");
 }
 
-// A video among the files of a glob or list.
+// Whether a file of a glob or list is a video.
 bool is_video(const std::string& path) {
   std::error_code ignored;
   if (has_image_ending(path) || !std::filesystem::is_regular_file(path, ignored)) return false;
   try {
     return classify_source(path) == SourceKind::kVideo;
-  } catch (const InputError&) {  // said when it is read
+  } catch (const InputError&) {  // reported when it is read
     return false;
   }
 }

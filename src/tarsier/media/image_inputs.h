@@ -8,9 +8,9 @@
 
 namespace tarsier {
 
-// The paths of all images that inputs name (images, folders, globs, @lists), in the order in which
-// open_sources() reads them. What is in a list is not looked for on the disk. Throws InputError for
-// an input that is missing or no image: a video, a camera, an address, one of `schemes`.
+// The paths of all images that the inputs name (images, folders, globs, @lists), in the order of
+// open_sources(). Entries of a list are not checked on the disk. Throws InputError for an input
+// that is missing or not an image: a video, a camera, an address, one of `schemes`.
 [[nodiscard]] std::vector<std::string> images_of_inputs(const std::vector<std::string>& inputs,
                                                         const std::vector<Scheme>& schemes = {});
 

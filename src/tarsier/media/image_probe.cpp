@@ -16,7 +16,7 @@ namespace {
 
 using Bytes = std::span<const std::uint8_t>;
 
-// Reads at an offset that may lie outside: nothing is then returned, and nothing read.
+// Reads at an offset that may be out of range: then it returns nullopt and reads nothing.
 class Cursor {
  public:
   explicit Cursor(Bytes bytes, std::size_t at = 0) : bytes_(bytes), at_(at) {}
@@ -55,7 +55,7 @@ bool starts_with(Bytes bytes, std::string_view magic, std::size_t at = 0) {
 
 constexpr std::string_view kPngMagic("\x89PNG\r\n\x1a\n", 8);
 
-// A size that int cannot hold is as good as the largest one: both are over every limit.
+// A size that int cannot hold is as good as the largest int: both exceed every limit.
 int clamped(std::uint64_t value) {
   return static_cast<int>(std::min<std::uint64_t>(value, static_cast<std::uint64_t>(INT_MAX)));
 }
@@ -66,22 +66,22 @@ struct JpegWalk {
   int width = 0;
   int height = 0;
   bool has_frame = false;
-  bool complete = false;  // an end-of-image marker follows the data of the scans
+  bool complete = false;  // the data of the scans ends with an end-of-image marker
   std::int64_t scans = 0;
-  std::string broken;  // why the segments make no sense
+  std::string broken;  // why the segments are invalid
 };
 
 constexpr bool is_frame_header(std::uint8_t marker) {
   return marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
 }
 
-// Walks over the segments: to the frame header only, or to the end of the image.
+// Walks over the segments, only to the frame header or to the end of the image.
 JpegWalk walk_jpeg(Bytes bytes, bool whole) {
   JpegWalk walk;
   std::size_t at = 2;
   while (at < bytes.size()) {
     if (bytes[at] != 0xFF) {
-      ++at;  // stray bytes between segments: decoders pass over them too
+      ++at;  // stray bytes between segments: decoders skip them, too
       continue;
     }
     while (at < bytes.size() && bytes[at] == 0xFF) ++at;
@@ -158,9 +158,9 @@ std::uint32_t crc_of(Bytes bytes) {
   return ~c;
 }
 
-// Checks all chunks and copies to `kept` those that the pixels (and their orientation) need: what
-// is left out is where decompression bombs (text, colour profiles) and the decoder's chatter live.
-// Returns what is wrong.
+// Checks all chunks and copies to `kept` those that the pixels (and their orientation) need. The
+// other chunks (text, colour profiles) can hold decompression bombs and cause warnings of the
+// decoder. Returns what is wrong.
 std::string check_png(Bytes bytes, std::vector<std::uint8_t>& kept) {
   kept.reserve(bytes.size());
   kept.assign(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(kPngMagic.size()));
@@ -468,8 +468,8 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
                               std::vector<std::uint8_t>& kept) {
   const auto width = static_cast<std::uint64_t>(header.width);
   const auto height = static_cast<std::uint64_t>(header.height);
-  // OpenCV gives what libwebp or its PNM reader do not take to its other decoders, and the one for
-  // DICOM ends the process for a broken file.
+  // OpenCV tries its other decoders for data that libwebp or its PNM reader refuse, and its DICOM
+  // decoder ends the process for a corrupt file.
   if ((header.format == ImageFormat::kWebp || header.format == ImageFormat::kPnm) &&
       starts_with(bytes, "DICM", 128)) {
     return fmt::format("{} that is a DICOM file as well: refused", name_of(header.format));
@@ -479,7 +479,7 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
       const JpegWalk walk = walk_jpeg(bytes, true);
       if (!walk.broken.empty()) return "broken JPEG: " + walk.broken;
       if (!walk.complete) return "truncated JPEG: the end-of-image marker is missing";
-      // Each scan of a progressive image passes over all of it: a few bytes can buy minutes.
+      // Each scan of a progressive image passes over the whole image: a few bytes can cost minutes.
       constexpr std::int64_t kMaxScans = 500;
       constexpr std::int64_t kMaxScanPixels = 2'000'000'000;
       const auto pixels = static_cast<std::int64_t>(width * height);

@@ -7,9 +7,8 @@
 
 namespace tarsier {
 
-// The value of a whole JSON number within the range of T; beyond it the nearest of the range. Throws
-// nlohmann::json::type_error for any other value: nlohmann's own conversion of 1e300 to an integer is
-// undefined.
+// The value of an integer JSON number, clamped to the range of T. Throws nlohmann::json::type_error
+// for any other value, because nlohmann's own conversion of 1e300 to an integer is undefined.
 template <class T>
 [[nodiscard]] T json_integer(const nlohmann::json& value) {
   constexpr auto kLow = std::numeric_limits<T>::lowest();

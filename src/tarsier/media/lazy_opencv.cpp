@@ -64,7 +64,7 @@ void* objdetect() {
   return kHandle;
 }
 
-// A constructor takes the place to fill as its first argument; the virtual destructor frees it.
+// A constructor gets the memory to fill as its first argument; the virtual destructor frees it.
 template <typename T>
 std::unique_ptr<T> make(void (*constructor)(void*)) {
   void* place = ::operator new(sizeof(T));

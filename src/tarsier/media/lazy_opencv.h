@@ -14,11 +14,12 @@ namespace cv {
 class BaseCascadeClassifier;
 }
 
-// OpenCV's libraries that few commands need, loaded when they are first needed. Those of image files and videos bring
-// some 200 further libraries as packaged (GDAL, GStreamer, ..), whose symbols take 0.1 s to resolve: more than most
-// commands need for all they do, and without use for JPEG and PNG (image_codec.h). Those of optical flow and of cascades
-// bring networks and protobuf: a quarter of the time that the program takes to start.
-// Where OpenCV is no shared library it is linked as usual. Each throws Error if it cannot be loaded.
+// Loads OpenCV libraries that few commands need at their first use. The packaged libraries for
+// image files and videos load about 200 further libraries (GDAL, GStreamer, ..), whose symbols take
+// 0.1 s to resolve. That is longer than most commands run, and JPEG and PNG do not need them
+// (image_codec.h). The libraries for optical flow and cascades load networks and protobuf, which
+// take a quarter of the program's start time. If OpenCV is not a shared library it is linked as
+// usual. Each function throws Error if its library cannot be loaded.
 namespace tarsier::lazy_opencv {
 
 // As cv::imdecode and cv::imencode.
@@ -26,7 +27,7 @@ namespace tarsier::lazy_opencv {
 [[nodiscard]] bool imencode(const std::string& ending, const cv::Mat& image,
                             std::vector<std::uint8_t>& bytes, const std::vector<int>& parameters);
 
-// Neither is open; their member functions are virtual, so that nothing else need be linked.
+// Neither object is open. Their member functions are virtual, so nothing else needs to be linked.
 [[nodiscard]] std::unique_ptr<cv::VideoCapture> make_video_capture();
 [[nodiscard]] std::unique_ptr<cv::VideoWriter> make_video_writer();
 // As cv::videoio_registry::hasBackend.
@@ -40,7 +41,8 @@ void optical_flow_pyr_lk(cv::InputArray from, cv::InputArray to, cv::InputArray 
 int optical_flow_pyramid(cv::InputArray image, cv::OutputArrayOfArrays pyramid, cv::Size window,
                          int max_level);
 
-// The classifier of a cv::CascadeClassifier; null where the file holds none. Its functions are virtual.
+// The classifier of a cv::CascadeClassifier; null if the file contains none. Its functions are
+// virtual.
 [[nodiscard]] cv::Ptr<cv::BaseCascadeClassifier> load_cascade(const std::string& path);
 
 }  // namespace tarsier::lazy_opencv

@@ -18,8 +18,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr std::chrono::seconds kQuiet{1};  // from one warning of a broken image to the next
-constexpr milliseconds kSlice{50};         // how long the supervisor may sit in one call
+constexpr std::chrono::seconds kQuiet{1};  // between two warnings of a corrupt image
+constexpr milliseconds kSlice{50};         // maximum duration of one call of the supervisor
 
 double seconds_between(Clock::time_point from, Clock::time_point to) {
   return std::chrono::duration<double>(to - from).count();
@@ -66,7 +66,7 @@ class LiveSource final : public FrameSource {
   [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
 
  private:
-  // The rest of the class but next() and the accessors runs in the supervising thread.
+  // All other functions except next() and the accessors run in the supervising thread.
   void supervise(const std::stop_token& stop);
   LiveFailure follow(const std::stop_token& stop);
   bool wait_to_reopen(const LiveFailure& failure, const std::stop_token& stop);
@@ -86,9 +86,9 @@ class LiveSource final : public FrameSource {
   const std::vector<std::string> skipped_;
   const Clock::time_point started_ = Clock::now();
 
-  // Of the supervising thread alone.
+  // Used only by the supervising thread.
   std::unique_ptr<LiveBackend> current_;
-  std::unique_ptr<LiveBackend> silent_;  // an older connection that is still open, but says nothing
+  std::unique_ptr<LiveBackend> silent_;  // an older connection that is open but silent
   double backoff_s_;
   int openings_ = 0;
   std::string last_reason_;
@@ -115,7 +115,7 @@ class LiveSource final : public FrameSource {
   bool opens_once_ = false;
   std::optional<Clock::time_point> warned_;
 
-  std::jthread supervisor_;  // last: everything it uses is there before it starts and after it ends
+  std::jthread supervisor_;  // last: stops before the members that it uses are destroyed
 };
 
 std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_token& stop) {
@@ -154,8 +154,8 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
       last_decoded_ = image.arrived;
       return frame;
     }
-    // A camera that sends broken images now and then does not concern the user; what another
-    // program hands over is.
+    // Occasional corrupt images of a camera do not concern the user, but those of another program
+    // do.
     const Clock::time_point now = Clock::now();
     if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {
       warned_ = now;
@@ -214,7 +214,7 @@ void LiveSource::give_up(const std::string& reason) {
   wake_.notify_all();
 }
 
-// Whether the user's patience is over; then the consumer gets a status.
+// Whether the user's time limit has passed; then the consumer gets a status.
 bool LiveSource::out_of_time(const std::string& reason) {
   std::string message;
   {
@@ -237,7 +237,7 @@ bool LiveSource::out_of_time(const std::string& reason) {
   return true;
 }
 
-// Listens to the older connection. If it speaks again it is the current one, and true is returned.
+// Reads the older connection. If it sends again it becomes the current one, and true is returned.
 bool LiveSource::silent_one_woke_up(milliseconds patience, const std::stop_token& stop) {
   LiveRead read = silent_->read(patience, stop);
   if (read.kind == LiveRead::Kind::kEnded) {
@@ -250,7 +250,8 @@ bool LiveSource::silent_one_woke_up(milliseconds patience, const std::stop_token
   return false;
 }
 
-// Reads the current connection until it ends, is given up or the thread is stopped; returns why.
+// Reads the current connection until it ends, is given up or the thread is stopped; returns the
+// reason.
 LiveFailure LiveSource::follow(const std::stop_token& stop) {
   const Clock::time_point opened = Clock::now();
   Clock::time_point live_since = opened;
@@ -267,7 +268,7 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
 
     const Clock::time_point now = Clock::now();
     double quiet_s = seconds_between(opened, now);
-    bool is_good = false;  // frames come on this connection, and they decode
+    bool is_good = false;  // frames of this connection arrive and can be decoded
     {
       const std::lock_guard lock(mutex_);
       if (has_frame && had_frame()) {
@@ -300,8 +301,8 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
     if (quiet_s >= drop_s && !current_->opens_once()) {
       LiveFailure failure;
       failure.reason = fmt::format("no image for {}", in_seconds(quiet_s));
-      // A frozen server that accepts one client only would be lost for good by hanging up on it, so
-      // the old connection stays open until the new one speaks.
+      // A frozen server that accepts only one client would never accept us again after a
+      // disconnect. So the old connection stays open until the new one delivers a frame.
       if (current_->may_wake_up() && !silent_) silent_ = std::move(current_);
       current_.reset();
       return failure;
@@ -311,7 +312,7 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
   return {};
 }
 
-// Waits for the back-off. True when meanwhile the older connection spoke and is the current one
+// Waits for the back-off. Returns true if the older connection recovered meanwhile and is current
 // again.
 bool LiveSource::wait_to_reopen(const LiveFailure& failure, const std::stop_token& stop) {
   double wait_s = backoff_s_;

@@ -19,74 +19,76 @@ namespace tarsier {
 // Why a live source could not be opened, or why it ended.
 struct LiveFailure {
   std::string reason;  // one line
-  // Before the first frame: not worth waiting for (no such device, refused, 404).
+  // Before the first frame: waiting does not help (no such device, refused, 404).
   bool definite = false;
-  bool unreachable = false;  // nothing answers at all: worth a probe each second
-  bool denied = false;       // it answers and says no: not asked more often than the back-off says
+  bool unreachable = false;  // nothing answers: probe once a second
+  bool denied = false;       // it answers with a refusal: retry only at the back-off's pace
 };
 
-// An image as it came in: a JPEG not decoded yet, or (encoded is empty) a decoded one, CV_8UC3.
+// An image as received: either a JPEG that is not decoded yet, or (`encoded` is empty) a decoded
+// one, CV_8UC3.
 struct LiveImage {
   std::vector<std::uint8_t> encoded;
   cv::Mat image;
-  std::chrono::steady_clock::time_point arrived;  // when its last byte did
+  std::chrono::steady_clock::time_point arrived;  // when its last byte arrived
 };
 
 struct LiveRead {
   enum class Kind { kNothing, kFrame, kEnded };
   Kind kind = Kind::kNothing;
-  LiveImage image;          // kFrame: the newest of those that arrived
+  LiveImage image;          // kFrame: the newest of the frames that arrived
   std::int64_t frames = 0;  // kFrame: how many arrived, >= 1
   LiveFailure failure;      // kEnded
 };
 
-// One connection to one camera: opened once, read until it ends, destroyed (which closes it within
-// 0.2 s). All calls come from the supervising thread, and each returns within 0.1 s of its stop
-// token firing.
+// One connection to one camera: opened once, read until it ends, then destroyed (which closes it
+// within 0.2 s). All calls come from the supervising thread. Each returns within 0.1 s after its
+// stop token is triggered.
 class LiveBackend {
  public:
   virtual ~LiveBackend() = default;
 
-  // Begins; the answer of the other side is waited for in read(). Takes at most `patience`.
+  // Starts to open; read() waits for the answer of the other side. Takes at most `patience`.
   virtual std::optional<LiveFailure> open(std::chrono::milliseconds patience,
                                           const std::stop_token& stop) = 0;
-  // Waits at most `patience` for a frame; takes in everything that is there and returns the newest.
+  // Waits at most `patience` for a frame. Reads everything that arrived and returns the newest
+  // frame.
   virtual LiveRead read(std::chrono::milliseconds patience, const std::stop_token& stop) = 0;
   // Before open(): whether something would answer now. Cheap; takes at most `patience`.
   virtual bool reachable(std::chrono::milliseconds patience, const std::stop_token& stop) = 0;
 
   [[nodiscard]] virtual std::string detail() const = 0;  // what was opened, one line
-  [[nodiscard]] virtual double fps() const = 0;          // 0: not known
-  // A silent connection may wake up by itself (network), so it is listened to for longer before it
-  // is opened again; a silent device does not and is closed at once.
+  [[nodiscard]] virtual double fps() const = 0;          // 0: unknown
+  // Whether a silent connection may recover by itself. A network connection may, so the source
+  // waits longer before it reopens it. A device does not, and is closed at once.
   [[nodiscard]] virtual bool may_wake_up() const = 0;
-  // Seconds it may take to its first frame if that is longer than SourceOptions::stall_s, else 0.
+  // Seconds until the first frame if that is longer than SourceOptions::stall_s, else 0.
   [[nodiscard]] virtual double startup_s() const = 0;
-  // There is nothing to open again: a silent one is listened to for as long as it is there, and its
-  // end is the end of the source.
+  // Whether the connection cannot be reopened. A silent one is then kept as long as it exists, and
+  // its end is the end of the source.
   [[nodiscard]] virtual bool opens_once() const { return false; }
 };
 using LiveBackendFactory = std::function<std::unique_ptr<LiveBackend>()>;
 
-// Times that a user does not set. Seconds, > 0.
+// Times that users do not set. Seconds, > 0.
 struct LiveTiming {
-  double backoff_s = 1;       // the first wait before opening again; doubles ..
+  double backoff_s = 1;       // the first wait before a reopen; doubles ..
   double backoff_max_s = 30;  // .. up to this
-  double answering_max_s =
-      2.5;                    // limit of the wait for something that answers, but not with frames
-  double probe_s = 1;         // how often something that did not answer is tried while waiting
-  double healthy_s = 10;      // of frames, after which the back-off starts again
-  double open_attempt_s = 3;  // the longest one open() may take
+  // Limit of the wait for something that answers, but not with frames.
+  double answering_max_s = 2.5;
+  double probe_s = 1;         // interval of probes of something that does not answer
+  double healthy_s = 10;      // time with frames after which the back-off is reset
+  double open_attempt_s = 3;  // limit for one open()
 };
 
-// A live source over `make_backend`: one thread supervises it, keeps only the newest frame, watches
-// for stalls and opens it again. JPEGs are decoded by next(), so that only frames that someone sees
-// cost that time.
+// A live source over `make_backend`. One thread supervises it, keeps only the newest frame, detects
+// stalls and reopens it. next() decodes the JPEGs, so that only frames that are used cost decoding
+// time.
 //   connecting  being opened, no frame from this connection yet
-//   live        frames come
+//   live        frames arrive
 //   stale       open, but no frame for SourceOptions::stall_s
-//   lost        closed; opened again after the back-off, or as soon as it answers
-// `name` goes into Frame::name, `label` into messages and errors (passwords masked in both).
+//   lost        closed; reopened after the back-off, or as soon as it answers
+// `name` is used in Frame::name, `label` in messages and errors (passwords masked in both).
 [[nodiscard]] std::unique_ptr<FrameSource> make_live_source(std::string name, std::string label,
                                                             LiveBackendFactory make_backend,
                                                             const SourceOptions& options,

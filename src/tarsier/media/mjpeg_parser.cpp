@@ -14,8 +14,8 @@ constexpr std::uint8_t kStartOfImage = 0xd8;
 constexpr std::uint8_t kEndOfImage = 0xd9;
 constexpr std::uint8_t kStartOfScan = 0xda;
 constexpr std::size_t kPiece = 256U << 10U;
-// Before the first scan; cameras write about ten. What begins like an image
-// and is none is looked through up to here, and again from each start inside it.
+// Limit before the first scan; cameras write about ten. Data that only looks like an image is
+// examined up to this limit, and again from each start inside it.
 constexpr int kMaxSegments = 32;
 
 bool is_start_of_frame(std::uint8_t marker) {
@@ -42,8 +42,8 @@ int MjpegParser::feed(std::span<const std::uint8_t> bytes) {
   return completed_;
 }
 
-// Forgets the bytes before begin_ when they are at least as many as those behind it: so each byte
-// is moved once on average, however small the pieces are.
+// Drops the bytes before begin_ if they are at least as many as those behind it. So each byte is
+// moved once on average, however small the pieces.
 void MjpegParser::let_go() {
   const std::size_t left = buffer_.size() - begin_;
   if (begin_ == 0 || begin_ < left) return;
@@ -66,8 +66,8 @@ MjpegParser::Step MjpegParser::step() {
   return read_entropy();
 }
 
-// An image that goes on beyond the limit is dropped up to there, whatever follows in the buffer:
-// what is found does not depend on the pieces in which the bytes came.
+// An image beyond the limit is dropped up to the limit, whatever follows in the buffer, so that the
+// result does not depend on how the bytes were split.
 bool MjpegParser::is_too_large() {
   if (place_ == Place::kBetween || buffer_.size() - begin_ <= frame_limit_) return false;
   give_up_from(begin_ + frame_limit_);
@@ -88,7 +88,7 @@ void MjpegParser::reset() {
   place_ = Place::kBetween;
 }
 
-// What began at begin_ is no image; look for the next one from `resume` on.
+// There is no image at begin_; search for the next one from `resume`.
 void MjpegParser::give_up_from(std::size_t resume) {
   skipped_ += resume - begin_;
   begin_ = resume;
@@ -122,7 +122,7 @@ MjpegParser::Step MjpegParser::find_start() {
       at += 2;
       continue;
     }
-    break;  // a start, or the beginning of one, or the end
+    break;  // a start, or its first bytes, or the end
   }
   const bool found = size - at >= 3;
   give_up_from(at);
@@ -135,12 +135,12 @@ MjpegParser::Step MjpegParser::find_start() {
   return Step::kDone;
 }
 
-// At at_ a marker must stand: FF, perhaps more FF as filling, its code, and for most a length and
-// that many bytes. Goes on from segment to segment.
+// Expects a marker at at_: FF, optional FF fill bytes, its code, and for most markers a length and
+// that many bytes. Continues from segment to segment.
 MjpegParser::Step MjpegParser::read_marker() {
   const std::size_t size = in_sight();
   const std::uint8_t* const bytes = buffer_.data();
-  // Where to go on when this is none.
+  // Where to continue if this is not an image.
   const auto give_up = [&](std::size_t at) {
     give_up_from(has_scan_ ? at : begin_ + 2);
     return Step::kDone;
@@ -148,14 +148,14 @@ MjpegParser::Step MjpegParser::read_marker() {
   while (true) {
     ++work_;
     if (at_ < size && bytes[at_] != 0xff) return give_up(at_);
-    while (at_ + 1 < size && bytes[at_ + 1] == 0xff) {  // filling is not looked at a second time
+    while (at_ + 1 < size && bytes[at_ + 1] == 0xff) {  // fill bytes are examined only once
       ++at_;
       ++work_;
     }
     if (at_ + 1 >= size) return Step::kMoreBytes;
     const std::size_t at = at_ + 1;
     const std::uint8_t marker = bytes[at];
-    if (marker == kStartOfImage) {  // a new image: the old one was cut short
+    if (marker == kStartOfImage) {  // a new image: the old one was truncated
       give_up_from(at_);
       return Step::kDone;
     }

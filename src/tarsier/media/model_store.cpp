@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The folder that comes with the program that runs; empty where there is none.
+// The folder that comes with the running program; empty if there is none.
 std::string folder_of_program() {
   const fs::path program = program_folder();
   if (program.empty()) return {};

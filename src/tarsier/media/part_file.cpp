@@ -37,7 +37,7 @@ std::string part_name(const fs::path& target, int number) {
       .string();
 }
 
-// A file that is there already: of a recording that goes on, or of one that was cut off.
+// Warns of an existing file: of a recording in progress, or of one that was cut off.
 void warn_of(const std::string& path) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
   if (fd < 0) return;
@@ -73,7 +73,7 @@ PartFile::PartFile(std::string target) : target_(std::move(target)) {
     warn_of(part_);
   }
   if (fd_ < 0) throw OutputError(target_, "too many recordings that were cut off lie beside it");
-  (void)::flock(fd_, LOCK_EX | LOCK_NB);  // where the file system knows locks
+  (void)::flock(fd_, LOCK_EX | LOCK_NB);  // if the file system has locks
   if (exists) (void)::fchmod(fd_, info.st_mode & 0777);
   syncing_ = std::jthread([this](const std::stop_token& stop) {
     while (sleep_unless_stopped(kSyncInterval, stop)) (void)::fdatasync(fd_);

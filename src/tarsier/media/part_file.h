@@ -6,13 +6,13 @@
 
 namespace tarsier {
 
-// A file that grows for hours and cannot be made a second time. Unlike AtomicFile it has a name
-// that its owner sees: "video.part.mp4" (or "video.part-2.mp4" ..) beside the target "video.mp4",
-// which it replaces at commit(). Without commit() it stays. What is written to it is on the disk 5
-// s later at most; its writer sees to it that every beginning of the file can be used.
+// A file that grows for hours and cannot be produced again. Unlike with AtomicFile its name is
+// visible to the user: "video.part.mp4" (or "video.part-2.mp4" ..) beside the target "video.mp4",
+// which it replaces at commit(). Without commit() it stays. Written data is on the disk at most 5 s
+// later. The writer must make sure that every prefix of the file can be used.
 //
-// What an earlier program left stays, too, with a warning that names it; while a program writes,
-// the file is locked (flock).
+// Part files of earlier programs stay, with a warning that names them. The file is locked (flock)
+// while a program writes it.
 class PartFile {
  public:
   explicit PartFile(std::string target);  // throws OutputError

@@ -26,9 +26,8 @@ constexpr std::int64_t kMaxCopied = std::int64_t{64} * 1024 * 1024;
 
 std::string system_text(int error) { return std::generic_category().message(error); }
 
-// Makes an empty file that nobody else may read; leaves one that is there as it is.
-// An existing file is not opened: closing it would drop the locks that other connections of this
-// process hold on it.
+// Creates an empty file that nobody else may read; an existing file stays as it is. An existing
+// file is not opened, because closing it would drop the locks of other connections of this process.
 int make_private_file(const std::string& path) {
   const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
   if (file < 0) return errno == EEXIST ? 0 : errno;
@@ -36,8 +35,8 @@ int make_private_file(const std::string& path) {
   return 0;
 }
 
-// A database that others may read, made by an older version or copied by hand, is its owner's again
-// before anything more is written to it; one that is only read is left as it is.
+// A database that others may read (made by an older version, or copied by hand) is made private
+// before anything is written to it. If it is only read, it stays as it is.
 void look_at_permissions(const std::string& path, bool writes) {
   constexpr mode_t kOthers = 077;
   struct stat found {};
@@ -52,7 +51,7 @@ void look_at_permissions(const std::string& path, bool writes) {
                 mode, system_text(errno));
     return;
   }
-  // What is made beside it from now on is as it is.
+  // SQLite creates these files later with the mode of the database.
   for (const char* ending : {"-wal", "-shm", "-journal"}) {
     const std::string beside = path + ending;
     if (::chmod(beside.c_str(), 0600) != 0 && errno != ENOENT) {
@@ -103,7 +102,7 @@ Database::Database(std::string path, const DatabaseKind& kind, DatabaseAccess ac
       return;
     }
     identify(kind);
-    look_at_permissions(path_, writes_);  // of a database of ours alone
+    look_at_permissions(path_, writes_);  // only for our own databases
     if (writes_) upgrade(kind);
   } catch (...) {
     sqlite3_close_v2(handle_);
@@ -154,7 +153,7 @@ void Database::open(DatabaseAccess access, int patience_ms) {
   if (access == DatabaseAccess::kCreate) {
     if (const int error = make_private_file(path_); error != 0) refuse(system_text(error));
   }
-  // A leading slash or dot keeps the library from taking the name for one of its special ones.
+  // A leading slash or dot keeps SQLite from interpreting the name as a special one.
   const std::string plain = path_.starts_with('/') ? path_ : "./" + path_;
   const int flags =
       (writes_ ? SQLITE_OPEN_READWRITE : SQLITE_OPEN_READONLY) | SQLITE_OPEN_EXRESCODE;
@@ -179,7 +178,7 @@ void Database::make_foreign(const DatabaseKind& kind) {
   transaction.commit();
 }
 
-// Looks before anything is written: a file of somebody else stays as it is.
+// Checks before anything is written: a file of another program stays unchanged.
 void Database::identify(const DatabaseKind& kind) {
   const std::int64_t application = number("PRAGMA application_id");
   const std::int64_t version = number("PRAGMA user_version");
@@ -196,7 +195,7 @@ void Database::identify(const DatabaseKind& kind) {
   }
   const std::int64_t oldest = kind.oldest_readable > 0 ? kind.oldest_readable : newest;
   if (!writes_ && version < oldest) {
-    // Reading does not change files: the query's own words would not fit an older layout.
+    // Reading must not change the file, and the caller's queries would not fit an older layout.
     refuse(
         fmt::format("is a {} of the older version {}: it is brought up to date when it is "
                     "next written to",
@@ -211,7 +210,7 @@ void Database::upgrade(const DatabaseKind& kind) {
   const auto newest = static_cast<std::int64_t>(kind.versions.size());
   if (number("PRAGMA user_version") == newest) return;
   Transaction transaction(*this);
-  // Another program may have done it meanwhile.
+  // Another program may have upgraded it meanwhile.
   for (std::int64_t version = number("PRAGMA user_version"); version < newest; ++version) {
     run(kind.versions[static_cast<std::size_t>(version)]);
   }
@@ -231,7 +230,7 @@ void Database::run(std::string_view statements) {
 }
 
 void Database::vacuum() {
-  // SQLite makes its copy unlinked and for the owner alone (in SQLITE_TMPDIR, TMPDIR or /var/tmp).
+  // SQLite unlinks its copy and makes it private (in SQLITE_TMPDIR, TMPDIR or /var/tmp).
   const std::int64_t bytes = number("PRAGMA page_count") * number("PRAGMA page_size");
   run(bytes <= kMaxCopied ? "PRAGMA temp_store = MEMORY" : "PRAGMA temp_store = FILE");
   // The copy is attached under a name of its own.
@@ -292,7 +291,7 @@ bool Statement::step() {
   const int code = sqlite3_step(handle_);
   if (code == SQLITE_ROW) return true;
   if (code == SQLITE_DONE) return false;
-  // The message is lost with the next call; the transaction goes on without this statement.
+  // The next call overwrites the message. The transaction continues without this statement.
   const std::string reason = reason_of(database_.handle_, code);
   sqlite3_reset(handle_);
   database_.refuse(code, reason);
@@ -333,7 +332,7 @@ Transaction::~Transaction() {
   try {
     database_.run("ROLLBACK");
   } catch (const Error&) {
-    // It was rolled back already, by the error that brought us here.
+    // The error that brought us here has rolled it back already.
   }
 }
 

@@ -15,53 +15,54 @@ struct sqlite3_stmt;
 
 namespace tarsier {
 
-// SQLite files of our own. What is committed survives a crash of the program and of the machine
-// (write-ahead log, synchronous FULL); files are made for their owner's eyes only (mode 0600), and
-// made so again when one that others may open is written to (a warning says it);
-// deleted rows are overwritten. Errors name the file and what is wrong with it: OutputError from
-// databases that were opened to be written, InputError from the others. Files may be hostile:
-// triggers, views and functions in their schema are not run.
+// SQLite files of this program. Committed data survives a crash of the program and of the machine
+// (write-ahead log, synchronous FULL). Files are readable by their owner only (mode 0600); if
+// others may open a file, the mode is restored at the next write, with a warning. Deleted rows are
+// overwritten. Errors name the file and the problem: OutputError for databases opened for writing,
+// InputError for others. Files may be hostile: triggers, views and functions of their schema are
+// not run.
 
 struct DatabaseKind {
-  std::string name;                   // "Tarsier plate log", for errors
-  std::int32_t application_id = 1;    // marks the files; not 0
-  std::vector<std::string> versions;  // the k-th are the statements that turn version k into k + 1
-  // Readers (kRead) understand versions from this one on: see Database::version(). 0: the newest
-  // alone.
+  std::string name;                 // "Tarsier plate log", for errors
+  std::int32_t application_id = 1;  // marks the files; not 0
+  // element k has the statements that upgrade version k to k + 1
+  std::vector<std::string> versions;
+  // Oldest version that readers (kRead) support; see Database::version(). 0: only the newest.
   int oldest_readable = 0;
-  // The format of another program: the files have neither mark (application_id is 0) nor version of
-  // ours. The one entry of `versions` makes the tables of an empty one. Who may open them is left alone.
+  // The format of another program: the files have neither our mark (application_id is 0) nor our
+  // version. The single entry of `versions` creates the tables of an empty file. The file mode is
+  // not changed.
   bool of_another_program = false;
 };
 
-// Another connection held its lock for longer than the patience: the same may work later.
+// Another connection held the lock for longer than the patience; a retry may succeed.
 struct DatabaseLockedError : OutputError {
   using OutputError::OutputError;
 };
 
 enum class DatabaseAccess {
-  kRead,    // the file must be there
-  kWrite,   // the same
-  kCreate,  // it is made if it is not there or empty
+  kRead,    // the file must exist
+  kWrite,   // the file must exist
+  kCreate,  // created if it is missing or empty
 };
 
 class Database {
  public:
-  // Throws when it is locked for longer than `patience_ms`, no database, of another kind, or of a
-  // newer version.
+  // Throws if the file is locked for longer than `patience_ms`, is not a database, is of another
+  // kind, or has a newer version.
   Database(std::string path, const DatabaseKind& kind, DatabaseAccess access,
            int patience_ms = 5000);
   ~Database();
   Database(Database&& other) noexcept;
   Database& operator=(Database&& other) noexcept;
 
-  // One or several statements without parameters or results.
+  // Runs one or several statements without parameters and results.
   void run(std::string_view statements);
-  // Writes the whole file afresh, without what was deleted. The copy on the way is in memory for
-  // files up to 64 MB, else in a temporary file that has no name.
+  // Rewrites the whole file without deleted data. The temporary copy is in memory for files up to
+  // 64 MB, else in an unlinked temporary file.
   void vacuum();
-  [[nodiscard]] std::int64_t version();  // of the file; writers find the newest one
-  void set_patience(int milliseconds);   // how long a lock is waited for
+  [[nodiscard]] std::int64_t version();  // of the file; for writers always the newest
+  void set_patience(int milliseconds);   // how long to wait for a lock
   [[nodiscard]] std::int64_t last_row_id() const;
   [[nodiscard]] std::int64_t changed_rows() const;  // by the last statement
   [[nodiscard]] const std::string& path() const { return path_; }
@@ -83,8 +84,8 @@ class Database {
   sqlite3* handle_ = nullptr;
 };
 
-// A prepared statement. Parameters and columns count from 1 and from 0, as SQLite's do. Must not
-// outlive its database.
+// A prepared statement. As in SQLite, parameters count from 1 and columns from 0. Must not outlive
+// its database.
 class Statement {
  public:
   Statement(Database& database, std::string_view text);
@@ -98,8 +99,8 @@ class Statement {
   Statement& bind(int parameter, std::span<const std::uint8_t> bytes);
   Statement& bind_null(int parameter);
 
-  bool step();   // true: at a row
-  void reset();  // to the beginning, parameters unset
+  bool step();   // true: a row is available
+  void reset();  // rewinds and clears the parameters
 
   [[nodiscard]] bool is_null(int column) const;
   [[nodiscard]] std::int64_t integer(int column) const;
@@ -112,7 +113,7 @@ class Statement {
   sqlite3_stmt* handle_ = nullptr;
 };
 
-// What happens until commit() happens together or not at all.
+// All changes until commit() take effect together or not at all.
 class Transaction {
  public:
   explicit Transaction(Database& database);

@@ -89,8 +89,8 @@ class StillSource final : public FrameSource {
 
  private:
   std::vector<std::string> paths_;
-  std::vector<std::int64_t> numbers_;  // of a batch
-  OnSkip on_skip_;                     // of a batch
+  std::vector<std::int64_t> numbers_;  // for a batch
+  OnSkip on_skip_;                     // for a batch
   const bool sequence_;
   const double fps_;
   std::size_t at_ = 0;

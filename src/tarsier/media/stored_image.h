@@ -11,8 +11,8 @@
 
 namespace tarsier {
 
-// As decode_image(), read_image() and read_gray_image(), but with the pixels as the file stores them: the rotation that EXIF asks
-// for is not applied.
+// As decode_image(), read_image() and read_gray_image(), but the pixels are as stored in the file:
+// the EXIF rotation is not applied.
 [[nodiscard]] cv::Mat decode_stored_image(std::span<const std::uint8_t> bytes,
                                           const std::string& name, const ImageLimits& limits = {});
 [[nodiscard]] cv::Mat read_stored_image(const std::string& path, const ImageLimits& limits = {});

@@ -5,14 +5,15 @@
 
 namespace tarsier {
 
-// Whom https:// and rtsps:// addresses are believed to be. A server must show a certificate that
-// one of the trusted authorities signed and that holds the name (or number) in the address;
-// otherwise nothing is sent to it, passwords in particular.
+// Verification of https:// and rtsps:// servers. A server must show a certificate that a trusted
+// authority signed and that contains the host name (or IP address) of the URL. Otherwise nothing is
+// sent to it, in particular no password.
 struct StreamSecurity {
-  // PEM file of the authorities that are trusted, or of the server's own certificate; empty: those
-  // of the system (/etc/ssl/certs).
+  // PEM file of the trusted authorities, or of the server's own certificate; empty: the system's
+  // authorities (/etc/ssl/certs).
   std::string ca_file;
-  bool insecure = false;  // believe any certificate: whoever is on the way can watch and forge
+  // Accept any certificate: then anybody on the network path can read and forge the data.
+  bool insecure = false;
 };
 
 }  // namespace tarsier

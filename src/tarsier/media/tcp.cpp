@@ -26,7 +26,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kSlice{50};  // how long a poll() may last before the stop token is looked at
+// Maximum duration of a poll() before the stop token is checked.
+constexpr milliseconds kSlice{50};
 
 std::string error_text(int number) { return std::generic_category().message(number); }
 
@@ -67,8 +68,8 @@ Resolved resolve_now(const std::string& host, std::uint16_t port, int flags) {
   return result;
 }
 
-// getaddrinfo() can block for half a minute when the network is down and cannot be interrupted, so
-// names are looked up in a thread of their own that is left behind when nobody waits any more.
+// getaddrinfo() can block for half a minute if the network is down, and it cannot be interrupted.
+// So names are resolved in a separate thread, which is abandoned if nobody waits any more.
 Resolved resolve(const std::string& host, std::uint16_t port, Clock::time_point deadline,
                  const std::stop_token& stop) {
   Resolved numeric = resolve_now(host, port, AI_NUMERICHOST);
@@ -128,7 +129,7 @@ TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds 
   const Resolved resolved = resolve(host, port, deadline, stop);
   if (resolved.addresses.empty()) {
     failure.unreachable = true;
-    // Only a clear "no such name" is definite: a name server that cannot be asked may come back.
+    // Only a clear "no such name" is definite: a name server that does not answer may recover.
     failure.definite = resolved.code == EAI_NONAME;
     failure.reason = failure.definite ? fmt::format("unknown host '{}'", host)
                                       : fmt::format("the name '{}' could not be looked up", host);
@@ -144,7 +145,7 @@ TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds 
       continue;
     }
     const int on = 1;
-    // A camera that loses power never says goodbye; keep-alive notices it in the end.
+    // A camera that loses power does not close the connection; keep-alive detects this eventually.
     ::setsockopt(socket.get(), SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
     ::setsockopt(socket.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     if (::connect(socket.get(), reinterpret_cast<const sockaddr*>(&address.storage),
@@ -155,7 +156,7 @@ TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds 
       number = errno;
       continue;
     }
-    // The time that is left is shared between the addresses that are left.
+    // The remaining time is divided among the remaining addresses.
     const auto share = left_until(deadline) / static_cast<int>(resolved.addresses.size() - i);
     if (!wait_for(socket.get(), POLLOUT, Clock::now() + share, stop)) {
       number = ETIMEDOUT;

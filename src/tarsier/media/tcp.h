@@ -10,7 +10,7 @@
 
 namespace tarsier {
 
-// A TCP connection that is being made or is there; non-blocking. Closed on destruction.
+// A non-blocking TCP connection that is being established or open. Closed on destruction.
 class TcpSocket {
  public:
   TcpSocket() = default;
@@ -26,14 +26,14 @@ class TcpSocket {
   int descriptor_ = -1;
 };
 
-// Resolves and connects, trying each address. On failure the socket is closed and `failure` says
-// why.
+// Resolves the host and connects, trying each address. On failure the socket is closed and
+// `failure` has the reason.
 [[nodiscard]] TcpSocket connect_tcp(const std::string& host, std::uint16_t port,
                                     std::chrono::milliseconds patience, const std::stop_token& stop,
                                     LiveFailure& failure);
 
-// Waits until `descriptor` has one of `events` (of poll()) or an error; false after `deadline` or
-// when stopped.
+// Waits until `descriptor` has one of `events` (of poll()) or an error. Returns false after
+// `deadline` or when stopped.
 [[nodiscard]] bool wait_for(int descriptor, short events,
                             std::chrono::steady_clock::time_point deadline,
                             const std::stop_token& stop);

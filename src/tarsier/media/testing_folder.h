@@ -13,7 +13,7 @@
 
 namespace tarsier {
 
-// An empty folder of its own, removed with what is in it.
+// An empty temporary folder, removed with its contents.
 class TemporaryFolder {
  public:
   TemporaryFolder() : path_((std::filesystem::temp_directory_path() / "tarsier-XXXXXX").string()) {
@@ -36,7 +36,7 @@ class TemporaryFolder {
 class FolderTest : public testing::Test {
  protected:
   [[nodiscard]] std::string path(const std::string& name) const { return temporary_ / name; }
-  [[nodiscard]] std::size_t files() const {  // how many are in the folder
+  [[nodiscard]] std::size_t files() const {  // number of files in the folder
     return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder_),
                                                   std::filesystem::directory_iterator()));
   }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-// A camera for tests: serves MJPEG on 127.0.0.1, and can freeze, send garbage, hang up, vanish and
-// come back.
+// A camera for tests: serves MJPEG on 127.0.0.1. It can freeze, send garbage, hang up, disappear
+// and return.
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -66,7 +66,7 @@ class HttpServer {
   HttpServer(const HttpServer&) = delete;
   HttpServer& operator=(const HttpServer&) = delete;
 
-  // Comes back on the same port.
+  // Starts, or restarts on the same port.
   void start() {
     listener_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     const int on = 1;
@@ -84,7 +84,7 @@ class HttpServer {
     port_ = ntohs(address.sin_port);
     thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }
-  // Vanishes: connections are cut and nothing listens any more.
+  // Disappears: cuts the connections and stops listening.
   void stop() {
     if (!thread_.joinable()) return;
     thread_.request_stop();
@@ -105,7 +105,7 @@ class HttpServer {
 
   std::atomic<Mode> mode{Mode::kServe};
   std::atomic<int> period_ms{20};
-  std::atomic<bool> hang_up{false};     // once: cuts the connections, but goes on listening
+  std::atomic<bool> hang_up{false};     // once: cuts the connections, but keeps listening
   std::atomic<bool> one_client{false};  // like ffmpeg -listen 1: stops listening after the first
   std::atomic<int> width{64};
 
@@ -125,7 +125,7 @@ class HttpServer {
       client.out += bytes;
       return;
     }
-    // Chunks that do not fit the frames.
+    // Chunk borders differ from frame borders.
     for (std::size_t at = 0; at < bytes.size(); at += 700) {
       const std::string chunk = bytes.substr(at, 700);
       char size[16];

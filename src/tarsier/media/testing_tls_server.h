@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-// Certificates and a TLS server for tests, on 127.0.0.1. All keys are made when a test runs.
+// Certificates and a TLS server for tests, on 127.0.0.1. All keys are generated when a test runs.
 
 #include <arpa/inet.h>
 #include <array>
@@ -31,7 +31,8 @@ inline void must(int code, const char* what) {
 
 class Certificate {
  public:
-  // Of an authority (signed by itself) if `signer` is null. `name` is a DNS name, or 127.0.0.1.
+  // If `signer` is null the certificate is that of an authority (self-signed). `name` is a DNS
+  // name, or 127.0.0.1.
   explicit Certificate(const std::string& name, const Certificate* signer = nullptr,
                        std::time_t expires = std::time(nullptr) + 86400) {
     static std::atomic<unsigned char> serial{1};

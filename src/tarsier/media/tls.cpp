@@ -56,7 +56,7 @@ bool is_number(const std::string& host) {
          inet_pton(AF_INET6, host.c_str(), bytes.data()) == 1;
 }
 
-// What is wrong with a certificate, and what to do.
+// What is wrong with a certificate, and what to do about it.
 std::string distrust(unsigned status, const std::string& host) {
   if ((status & GNUTLS_CERT_REVOKED) != 0) return "its certificate was revoked";
   if ((status & GNUTLS_CERT_SIGNER_NOT_FOUND) == 0) {
@@ -89,7 +89,7 @@ TlsStream::TlsStream(std::shared_ptr<const TlsTrust> trust, int socket, const st
   gnutls_session_t session = impl_->session;
   gnutls_set_default_priority(session);
   gnutls_credentials_set(session, GNUTLS_CRD_CERTIFICATE, trust_->impl_->credentials);
-  if (!is_number(host_)) {  // RFC 6066: no numbers here
+  if (!is_number(host_)) {  // RFC 6066: no IP addresses here
     gnutls_server_name_set(session, GNUTLS_NAME_DNS, host_.data(), host_.size());
   }
   if (!trust_->impl_->insecure) gnutls_session_set_verify_cert(session, host_.c_str(), 0);
@@ -128,9 +128,10 @@ ssize_t TlsStream::recv(std::span<std::uint8_t> buffer) {
       errno = EAGAIN;
       return -1;
     }
-    // Cameras seldom say goodbye; frames have their own ends, so that a cut stream is noticed.
+    // Cameras seldom close TLS properly. Frames have their own ends, so a truncated stream is
+    // detected.
     if (count == GNUTLS_E_PREMATURE_TERMINATION) return 0;
-    // Nobody is asked for another handshake; other warnings are passed over.
+    // We start no new handshake; other warnings are ignored.
     if (count == GNUTLS_E_REHANDSHAKE || gnutls_error_is_fatal(static_cast<int>(count)) == 0)
       continue;
     errno = EPROTO;

@@ -12,14 +12,14 @@
 
 namespace tarsier {
 
-// The client's side of TLS 1.2 and 1.3 over a connected, non-blocking socket (GnuTLS). The server's
-// certificate, its dates and its name are checked during the handshake, before a byte of the
-// caller's is sent (RFC 6125; numbers of hosts are compared with the certificate's IP entries).
+// Client side of TLS 1.2 and 1.3 over a connected, non-blocking socket (GnuTLS). The server's
+// certificate, its dates and its name are checked during the handshake, before any byte of the
+// caller is sent (RFC 6125; numeric hosts are compared with the certificate's IP entries).
 
-// Who is trusted; read once, shared by the connections of one source.
+// The trusted authorities; read once, shared by the connections of one source.
 class TlsTrust {
  public:
-  // Throws InputError when the CA file cannot be read, or when the system has no authorities.
+  // Throws InputError if the CA file cannot be read or the system has no authorities.
   explicit TlsTrust(const StreamSecurity& security);
   ~TlsTrust();
   TlsTrust(const TlsTrust&) = delete;
@@ -33,29 +33,31 @@ class TlsTrust {
 
 class TlsStream {
  public:
-  // The socket is the caller's and outlives this; `host` is the name that the certificate must
-  // hold.
+  // The caller owns the socket, which must outlive this object. The certificate must contain the
+  // name `host`.
   TlsStream(std::shared_ptr<const TlsTrust> trust, int socket, const std::string& host);
   ~TlsStream();
   TlsStream(const TlsStream&) = delete;
   TlsStream& operator=(const TlsStream&) = delete;
 
   enum class Step { kDone, kAgain, kFailed };
-  // Goes on as far as it can without waiting; kAgain: call again once the socket has poll_events().
+  // Continues as far as possible without waiting. kAgain: call again when the socket has
+  // poll_events().
   [[nodiscard]] Step handshake();
   [[nodiscard]] bool is_ready() const { return ready_; }  // the handshake is done
-  // kFailed: why, for the user, with what to do.
+  // The reason of kFailed, for the user, and what to do.
   [[nodiscard]] const std::string& trouble() const { return trouble_; }
-  // Whether trying again would not help: the certificate, or no TLS at all.
+  // Whether a retry cannot help: an invalid certificate, or no TLS at all.
   [[nodiscard]] bool is_definite() const { return definite_; }
 
-  // As ::recv() and ::send() of a non-blocking socket: bytes, 0 at the end (recv), or -1 with errno
-  // EAGAIN or EPROTO. After send() failed with EAGAIN the same bytes must be given again.
+  // As ::recv() and ::send() of a non-blocking socket: the number of bytes, 0 at the end (recv), or
+  // -1 with errno EAGAIN or EPROTO. After send() failed with EAGAIN the same bytes must be passed
+  // again.
   [[nodiscard]] ssize_t recv(std::span<std::uint8_t> buffer);
   [[nodiscard]] ssize_t send(std::span<const std::uint8_t> bytes);
-  // Whether recv() has bytes that the socket does not show any more.
+  // Whether recv() has bytes that poll() on the socket does not show.
   [[nodiscard]] bool has_pending() const;
-  // What an unfinished call waits for: POLLIN or POLLOUT.
+  // The event that an unfinished call waits for: POLLIN or POLLOUT.
   [[nodiscard]] short poll_events() const;
 
  private:

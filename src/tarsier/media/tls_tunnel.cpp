@@ -32,9 +32,9 @@ using std::chrono::milliseconds;
 constexpr std::size_t kBuffer = 64U << 10U;
 constexpr std::size_t kMaxConnections = 8;
 constexpr milliseconds kConnectPatience{8000};
-constexpr int kPoll_ms = 100;  // how long a poll() may last before the stop token is looked at
+constexpr int kPoll_ms = 100;  // maximum duration of a poll() before the stop token is checked
 
-// Looks for the status line of a redirect in what a server says, in pieces of any size.
+// Detects the status line of a redirect in a server's answer, in pieces of any size.
 class RedirectGuard {
  public:
   [[nodiscard]] bool finds_one(std::span<const std::uint8_t> bytes) {
@@ -53,7 +53,7 @@ class RedirectGuard {
   std::string tail_;
 };
 
-// One connection: what comes in plain goes out over TLS and the other way round.
+// One connection: plain data is forwarded over TLS, and TLS data in plain.
 struct Link {
   TcpSocket plain;
   TcpSocket far;
@@ -66,7 +66,7 @@ struct Link {
   bool over = false;
 };
 
-// The parts of a Link that can go on do; no waiting. Returns why it broke, if it did.
+// Advances the parts of a Link that can advance; does not wait. Returns the error if it broke.
 std::string pump(Link& link) {
   if (!link.tls->is_ready()) {
     const TlsStream::Step step = link.tls->handshake();

@@ -10,14 +10,14 @@
 
 namespace tarsier {
 
-// Passes plain connections from this machine on to one server over verified TLS: for programs whose
-// own TLS cannot be relied on. FFmpeg checks no certificate of rtsps at all (measured with 5.1 of
-// Debian 12: the option tls_verify does not get there) and follows redirects from https to http
-// whatever its list of protocols says.
+// Forwards plain connections from this machine to one server over verified TLS, for programs whose
+// own TLS is not reliable. FFmpeg checks no certificate of rtsps (measured with 5.1 of Debian 12:
+// the option tls_verify has no effect) and follows redirects from https to http despite its list of
+// protocols.
 //
-// An answer that redirects (status 3xx of HTTP or RTSP) ends its connection, because what follows
-// it would not come here. Listens on 127.0.0.1, on a port of its own choice; another user of this
-// machine may connect as well and gets no more than the server gives to anybody.
+// A response that redirects (status 3xx of HTTP or RTSP) ends its connection, because the following
+// request would bypass the tunnel. Listens on 127.0.0.1, on a port that it chooses. Another user of
+// this machine may connect, too, and gets only what the server gives to anybody.
 class TlsTunnel {
  public:
   // Throws InputError (a CA file that cannot be read) and OutputError (no port).
@@ -27,13 +27,13 @@ class TlsTunnel {
   TlsTunnel& operator=(const TlsTunnel&) = delete;
 
   [[nodiscard]] std::uint16_t port() const;  // of 127.0.0.1
-  // Why the last connection that failed did; empty: none did.
+  // Why the last failed connection failed; empty if none failed.
   [[nodiscard]] std::string trouble() const;
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
-  std::jthread thread_;  // last: what it uses is there before it starts and after it ends
+  std::jthread thread_;  // last: stops before the members that it uses are destroyed
 };
 
 }  // namespace tarsier

@@ -5,10 +5,10 @@
 
 namespace tarsier {
 
-// Where models that a user installed lie (scripts/get-model.sh): $XDG_DATA_HOME/tarsier/models,
-// without that variable ~/.local/share/tarsier/models. It need not be there; empty where neither
-// variable is an absolute path. What the folder of models that comes with the program lacks is
-// looked for there (ModelStore); other folders stand for themselves.
+// The folder of models that a user installed (scripts/get-model.sh): $XDG_DATA_HOME/tarsier/models,
+// or ~/.local/share/tarsier/models without that variable. It need not exist. Empty if neither
+// variable is an absolute path. ModelStore searches it for files that are missing in the folder
+// that comes with the program, but not with other folders.
 [[nodiscard]] std::string user_models_folder();
 
 }  // namespace tarsier

@@ -29,11 +29,12 @@ extern "C" {
 namespace tarsier {
 namespace {
 
-// What is called of FFmpeg. Its libraries are loaded with the first video: with all that they bring
-// they would take as long to link as the rest of a program that writes none (lazy_opencv.h).
+// The FFmpeg functions in use. The libraries are loaded with the first video: with all their
+// dependencies, linking them takes as long as the rest of a program that writes no video
+// (lazy_opencv.h).
 class Ffmpeg {
  private:
-  // Never unloaded: videos may be read by the same libraries.
+  // Never unloaded: the same libraries may read videos.
   static void* load(const char* library) {
     void* handle = dlopen(library, RTLD_LAZY | RTLD_LOCAL);
     if (handle == nullptr) {
@@ -99,8 +100,8 @@ const Ffmpeg& ffmpeg() {
   return kLoaded;
 }
 
-constexpr int kQuantizer = 3;        // of 1..31; 2 is the finest that pays
-constexpr int kKeyFrameEvery = 12;   // frames, where nothing else asks for it
+constexpr int kQuantizer = 3;        // of 1..31; finer than 2 does not help
+constexpr int kKeyFrameEvery = 12;   // frames, unless a key frame is needed earlier
 constexpr int kMaxTimeBase = 60000;  // MPEG-4 has 16 bits for it
 
 std::string error_text(int code) {
@@ -140,7 +141,7 @@ struct VideoEncoder::Impl {
   void check(int code, std::string_view doing) const {
     if (code < 0) throw OutputError(shown, fmt::format("{}: {}", doing, error_text(code)));
   }
-  // What could not be written may only be known to the file.
+  // Some write errors are only known to the file.
   void check_file() const { check(muxer->pb->error, "cannot write"); }
 
   std::string shown;
@@ -195,13 +196,13 @@ void VideoEncoder::Impl::open(const std::string& path, cv::Size size,
   frame->color_range = codec->color_range;
   check(ffmpeg().av_frame_get_buffer(frame, 0), doing);
   packet = not_null(ffmpeg().av_packet_alloc());
-  // JPEGs have the full range of grey; asked for by the name of the format, since a range that is
-  // set later does not reach the fast conversion.
+  // JPEGs use the full range. The range is requested by the name of the format, because a range
+  // that is set later does not reach the fast conversion.
   scaler = not_null(ffmpeg().sws_getContext(
       size.width, size.height, AV_PIX_FMT_BGR24, size.width, size.height,
       is_avi ? AV_PIX_FMT_YUVJ420P : codec->pix_fmt, SWS_BICUBIC, nullptr, nullptr, nullptr));
 
-  // "file:" and absolute: FFmpeg takes "a:b.mp4" for a protocol.
+  // "file:" and an absolute path, because FFmpeg takes "a:b.mp4" for a protocol.
   const std::string url = "file:" + std::filesystem::absolute(path).string();
   check(ffmpeg().avio_open(&muxer->pb, url.c_str(), AVIO_FLAG_WRITE), "cannot write");
   AVDictionary* settings = nullptr;
@@ -219,7 +220,7 @@ void VideoEncoder::Impl::open(const std::string& path, cv::Size size,
   check_file();
 }
 
-// Nothing: what the encoder still holds.
+// Without an image: flushes the encoder.
 void VideoEncoder::Impl::encode(const AVFrame* image) {
   check(ffmpeg().avcodec_send_frame(codec, image), "cannot encode");
   while (true) {
@@ -246,7 +247,7 @@ VideoEncoder::VideoEncoder(const std::string& path, const std::string& shown, cv
   TARSIER_REQUIRE(size.width > 0 && size.height > 0 && size.width % 2 == 0 && size.height % 2 == 0,
                   "{}x{} px", size.width, size.height);
   options.check();
-  ffmpeg().av_log_set_level(AV_LOG_QUIET);  // what is wrong is returned, and said once
+  ffmpeg().av_log_set_level(AV_LOG_QUIET);  // errors are returned and reported once
   impl_->open(path, size, options);
 }
 

@@ -10,14 +10,14 @@
 
 namespace tarsier {
 
-// Frames into a video file, by FFmpeg's libraries: MPEG-4 (part 2) in .mp4 and .mkv, JPEGs in .avi,
-// at constant quality. The same frames give the same bytes of video.
+// Encodes frames to a video file with FFmpeg's libraries: MPEG-4 (part 2) in .mp4 and .mkv, JPEGs
+// in .avi, at constant quality. The same frames give the same video bytes.
 struct VideoEncoderOptions {
-  std::string ending = ".mp4";  // ".mp4", ".avi" or ".mkv", whatever the path ends in
+  std::string ending = ".mp4";  // ".mp4", ".avi" or ".mkv", whatever the extension of the path
   double fps = 25;
-  // Every beginning of the file plays (a fragmented MP4, short clusters, nothing held back), but
-  // for the last second: for recordings that may be cut off at any time. Else an MP4 has one index,
-  // at its end, and nothing plays without it.
+  // Every prefix of the file can be played, except for the last second: fragmented MP4, short
+  // clusters, no buffering. For recordings that may be cut off at any time. Otherwise an MP4 has
+  // one index, at its end, and cannot be played without it.
   bool cut_safe = false;
 
   [[nodiscard]] OptionFields fields() { return {{"fps", fps, above(0, 1000)}}; }
@@ -26,11 +26,11 @@ struct VideoEncoderOptions {
 
 class VideoEncoder {
  public:
-  // Replaces what is in `path`. Sides of `size` are even, px. Errors (OutputError) name `shown`.
-  // Throws std::invalid_argument for bad options.
+  // Overwrites `path`. The sides of `size` must be even, px. Errors (OutputError) name `shown`.
+  // Throws std::invalid_argument for invalid options.
   VideoEncoder(const std::string& path, const std::string& shown, cv::Size size,
                const VideoEncoderOptions& options);
-  ~VideoEncoder();  // without finish(): the file ends where it is
+  ~VideoEncoder();  // without finish() the file ends where it is
   VideoEncoder(const VideoEncoder&) = delete;
   VideoEncoder& operator=(const VideoEncoder&) = delete;
 

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kMaxPixels = 100e6;
 
-// OpenCV reports broken files to stderr as it likes; here they become one error.
+// OpenCV prints errors of corrupt files to stderr; here they become one exception.
 class QuietOpenCv {
  public:
   QuietOpenCv() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
@@ -33,7 +33,7 @@ class QuietOpenCv {
 };
 
 double sane_fps(double fps) {
-  // 0 and NaN: not known; 90000 and the like: a time base in place of a rate.
+  // 0 and NaN: unknown; 90000 and similar: a time base instead of a rate.
   return std::isfinite(fps) && fps >= 0.01 && fps <= 1000 ? fps : 25;
 }
 
@@ -41,7 +41,7 @@ class VideoSource final : public FrameSource {
  public:
   explicit VideoSource(const std::string& path) : path_(path) {
     const QuietOpenCv quiet;
-    // An OpenCV built without FFmpeg still reads MJPEG in AVI by itself.
+    // An OpenCV built without FFmpeg still reads MJPEG in AVI.
     open(lazy_opencv::has_backend(cv::CAP_FFMPEG) ? cv::CAP_FFMPEG : cv::CAP_OPENCV_MJPEG);
     if (pending_.empty()) throw InputError(path_, "no frame of this video can be decoded");
     fps_ = sane_fps(capture_->get(cv::CAP_PROP_FPS));
@@ -87,7 +87,7 @@ class VideoSource final : public FrameSource {
   [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
 
  private:
-  // Opens and reads the first frame: many broken files open well.
+  // Opens the file and reads the first frame: many corrupt files can be opened.
   void open(int backend) {
     try {
       if (!capture_->open(path_, backend)) return;
@@ -119,7 +119,7 @@ class VideoSource final : public FrameSource {
     const double stated = capture_->get(cv::CAP_PROP_POS_MSEC) / 1000;
     const bool is_first = !read_any_;
     read_any_ = true;
-    // Files without time stamps state 0 or go back; then the frame rate counts.
+    // Files without time stamps report 0 or decreasing times; then the frame rate is used.
     if (is_first) {
       first_stated_ = std::isfinite(stated) ? stated : 0;
       time_ = 0;
@@ -164,7 +164,7 @@ bool looks_like_video(std::span<const std::uint8_t> bytes) {
       "OggS",
       "\x30\x26\xb2\x75",  // ASF
       "YUV4MPEG2",
-      "\xff\xd8\xff",  // JPEGs one after the other
+      "\xff\xd8\xff",  // consecutive JPEGs
       "GIF8",
   };
   for (const std::string_view magic : kMagics) {

@@ -14,24 +14,25 @@
 
 namespace tarsier {
 
-// Images that another program of this machine hands over, as a server does with the camera of
-// someone who looks at its page: records of a length (32 bits, big-endian) and so many bytes of a
-// JPEG, through an inherited file descriptor.
+// Images that another program of this machine provides, for example a server that forwards the
+// camera of a visitor of its page. Each record is a length (32 bits, big-endian) and that many
+// bytes of a JPEG. Records arrive through an inherited file descriptor.
 
-// Reads records as they come, trusting nothing. Only the newest image is kept. Pure.
+// Parses records as they arrive. It trusts no input and keeps only the newest image. No I/O.
 class ViewerParser {
  public:
   static constexpr std::size_t kMaxBytes = 16U << 20U;  // of one image
 
-  // Takes the next bytes; returns how many records they completed. After a length of 0 or beyond
-  // kMaxBytes is_broken(), and bytes are ignored.
+  // Takes the next bytes; returns how many records they completed. After a length of 0 or above
+  // kMaxBytes is_broken() is true and bytes are ignored.
   std::int64_t feed(std::span<const std::uint8_t> bytes);
 
   [[nodiscard]] bool is_broken() const { return broken_; }
   [[nodiscard]] bool has_image() const { return !newest_.empty(); }
-  // The newest record's bytes, whatever they are; empty if there is none.
+  // The bytes of the newest record, unchecked; empty if there is none.
   [[nodiscard]] std::vector<std::uint8_t> take();
-  // Bytes held, for tests: at most about two images, and never more than twice what came.
+  // Bytes of memory held, for tests: at most about two images, and never more than twice the
+  // received bytes.
   [[nodiscard]] std::size_t held_bytes() const { return partial_.capacity() + newest_.capacity(); }
 
  private:
@@ -43,18 +44,19 @@ class ViewerParser {
   bool broken_ = false;
 };
 
-// What is wrong with a record: no JPEG, cut short, too many pixels; empty if nothing is seen
-// without decoding.
+// The error in a record: not a JPEG, truncated, too many pixels. Empty if none is found without
+// decoding.
 [[nodiscard]] std::string trouble_of_viewer_image(std::span<const std::uint8_t> bytes);
 
-// One connection over `fd`, which it closes. Images that are none are passed over, with a warning
-// once a second at most; the end of the records is the end of the source.
+// One connection over `fd`, which the backend closes. Invalid images are skipped, with a warning at
+// most once a second. The end of the records is the end of the source.
 [[nodiscard]] std::unique_ptr<LiveBackend> make_viewer_backend(int fd, const std::string& label);
 
-// "viewer:NAME": a live source that reads the file descriptor that the environment's TARSIER_VIEWER
-// names. It is opened once and never again: a silent one is stale until it speaks, its end is the
-// end of the source. Throws InputError: TARSIER_VIEWER is not set, names no open descriptor, or was
-// opened before; a NAME that is empty, longer than 64 bytes or of other letters than A-Z a-z 0-9 _ -.
+// "viewer:NAME": a live source that reads the file descriptor in the environment variable
+// TARSIER_VIEWER. It is opened once and never reopened: a silent source is stale until it sends
+// again, and its end is the end of the source. Throws InputError if TARSIER_VIEWER is not set, is
+// not an open descriptor, or was opened before; and for a NAME that is empty, longer than 64 bytes
+// or has other characters than A-Z a-z 0-9 _ -.
 [[nodiscard]] Scheme viewer_scheme();
 
 }  // namespace tarsier

@@ -37,7 +37,7 @@ int hex_value(char c) {
   return -1;
 }
 
-// "%40" is '@'. Throws where it is no such number, or a control character.
+// Decodes "%40" to '@'. Throws for an invalid number or a control character.
 std::string decoded(std::string_view text) {
   std::string result;
   for (std::size_t k = 0; k < text.size(); ++k) {

@@ -52,7 +52,7 @@ struct Library {
   decltype(&mosquitto_message_callback_set) message_callback_set = nullptr;
   decltype(&mosquitto_strerror) strerror = nullptr;
   decltype(&mosquitto_connack_string) connack_string = nullptr;
-  std::string missing;  // why there is none
+  std::string missing;  // why it could not be loaded
 
   Library() {
     void* handle = ::dlopen("libmosquitto.so.1", RTLD_NOW | RTLD_LOCAL);
@@ -102,7 +102,7 @@ struct Library {
   }
 };
 
-// "The connection was lost." as a part of our own line.
+// Converts "The connection was lost." to a part of our own line.
 std::string sentence(std::string text) {
   if (text.ends_with('.')) text.pop_back();
   if (!text.empty() && text[0] >= 'A' && text[0] <= 'Z' && text.size() > 1 && text[1] >= 'a')
@@ -173,7 +173,7 @@ class Connection::Client {
   Client& operator=(const Client&) = delete;
 
   bool open(const std::stop_token& stop) {
-    // Whether anybody answers is asked first, without waiting for minutes as the library would.
+    // Checks first whether anybody answers; the library would wait for minutes.
     LiveFailure failure;
     const TcpSocket probe =
         connect_tcp(options_.address.host, options_.address.port, kConnectPatience, stop, failure);
@@ -245,7 +245,7 @@ class Connection::Client {
     const int code = library_.tls_set(
         handle_, text(login.ca_file), login.ca_file.empty() ? kSystemAuthorities : nullptr,
         text(login.certificate), text(login.key),
-        [](char*, int, int, void*) { return 0; });  // asks nobody for a password
+        [](char*, int, int, void*) { return 0; });  // never prompts for a password
     if (code != MOSQ_ERR_SUCCESS) {
       throw InputError(login.certificate.empty() ? login.ca_file : login.certificate,
                        fmt::format("cannot be used for TLS: {}", library_.strerror(code)));

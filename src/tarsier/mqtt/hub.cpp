@@ -17,7 +17,7 @@
 namespace tarsier::mqtt {
 namespace {
 
-constexpr std::size_t kMaxTogether = 500;  // messages of a transaction
+constexpr std::size_t kMaxTogether = 500;  // messages per transaction
 
 std::int64_t now_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(
@@ -61,7 +61,7 @@ void run_hub(HubLog& log, const HubOptions& options, const std::stop_token& stop
         connection.publish(above + '/' + node + "/acked", mark_text(mark), true);
       while (connection.is_open() && !stop.stop_requested()) {
         connection.step(200);
-        // One transaction for all that is there.
+        // One transaction for all messages that have arrived.
         std::vector<Message> messages = connection.take_messages();
         for (std::size_t before = 0; messages.size() > before && messages.size() < kMaxTogether;) {
           before = messages.size();

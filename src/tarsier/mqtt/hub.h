@@ -11,14 +11,15 @@
 namespace tarsier::mqtt {
 
 struct HubOptions {
-  Address address;  // of the topic above the nodes': TOPIC/+/events
+  Address address;  // its topic is the parent of the nodes' topics: TOPIC/+/events
   Login login;
-  // Called for each event that was not stored before, after it is.
+  // Called for each event that is new, after it was stored.
   std::function<void(const std::string& node, const std::string& event)> take;
 };
 
-// Stores what the nodes publish and says at TOPIC/NODE/acked (retained) how far, until `stop`. A
-// broker that is away is waited for. Throws as HubLog and Connection.
+// Stores what the nodes publish until `stop` is triggered. Publishes the progress at
+// TOPIC/NODE/acked (retained). Waits for a broker that is not available. Throws as HubLog and
+// Connection do.
 void run_hub(HubLog& log, const HubOptions& options, const std::stop_token& stop);
 
 // The node of "TOPIC/NODE/events"; empty for any other topic.

@@ -19,7 +19,7 @@
 namespace tarsier::mqtt {
 namespace {
 
-// libpq's interface, as its manual describes it; the ABI of libpq.so.5 has not changed since 2006.
+// libpq's interface as in its manual; the ABI of libpq.so.5 has not changed since 2006.
 struct PgConnection;
 struct PgResult;
 constexpr int kConnectionOk = 0;
@@ -82,7 +82,7 @@ const Library& library() {
   return loaded;
 }
 
-// Of libpq's and the server's messages: "ERROR:  .." and a second line.
+// One line from messages of libpq and of the server: "ERROR:  .." and a second line.
 std::string one_line(std::string_view text) {
   std::string line;
   for (const char c : text) {
@@ -94,7 +94,7 @@ std::string one_line(std::string_view text) {
   return line;
 }
 
-// The connection is gone; what was begun may be tried again.
+// The connection was lost; the work may be retried.
 struct ConnectionLost : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -138,7 +138,7 @@ class Server {
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
 
-  // Outside of together() it is done again where the connection was lost: so nothing but queries.
+  // Outside of together() it is retried after a lost connection, so use it only for queries.
   Rows run(const char* statement, const std::vector<std::string>& values = {}) {
     if (in_work_) return Rows(result_of(statement, values));
     PgResult* result = nullptr;
@@ -146,7 +146,7 @@ class Server {
     return Rows(result);
   }
 
-  // All of `work` or nothing; where the connection is lost, it is done again.
+  // Does all of `work` or nothing; retries it after a lost connection.
   void together(const std::function<void()>& work) {
     in_work_ = true;
     try {
@@ -224,7 +224,7 @@ class Server {
   PgConnection* handle_ = nullptr;
 };
 
-// The k-th are the statements that turn version k into k + 1: the tables of hub_log.cpp.
+// Element k has the statements that upgrade version k to k + 1: the tables of hub_log.cpp.
 constexpr const char* kVersions[] = {R"sql(
 CREATE TABLE hub_event(
   id BIGINT GENERATED ALWAYS AS IDENTITY PRIMARY KEY,
@@ -309,7 +309,7 @@ class PostgresHubLog final : public HubLog {
   }
 
   void upgrade() {
-    // One hub at a time makes or changes the tables.
+    // Only one hub at a time may create or change the tables.
     server_.run("SELECT pg_advisory_xact_lock(1414021681)");
     std::int64_t found = version();
     if (found > kNewest) {

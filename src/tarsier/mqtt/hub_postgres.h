@@ -8,12 +8,12 @@
 
 namespace tarsier::mqtt {
 
-// Whether this machine has libpq: its version ("15.5"), or an empty string; `reason` then says what
-// to do.
+// The version of libpq on this machine ("15.5"). Empty if it is missing; `reason` then says what to
+// do.
 [[nodiscard]] std::string libpq_version(std::string& reason);
 
-// The same tables as of the SQLite file, in the database's first schema of its search path, and
-// hub_version beside them. A server that goes away is waited for, 20 s at most. See open_hub_log().
+// The same tables as in the SQLite file, in the first schema of the database's search path, and
+// hub_version. Waits at most 20 s for a server that is not available. See open_hub_log().
 [[nodiscard]] std::unique_ptr<HubLog> open_postgres_hub_log(const std::string& address,
                                                             DatabaseAccess access);
 

@@ -12,7 +12,8 @@
 namespace tarsier::mqtt {
 namespace {
 
-constexpr std::int64_t kMaxSeq = std::int64_t{1} << 53;  // that JSON holds exactly
+// JSON represents numbers up to this exactly
+constexpr std::int64_t kMaxSeq = std::int64_t{1} << 53;
 
 // 'TOB1'
 const DatabaseKind kKind{"Tarsier outbox", 0x544F4231, {R"sql(
@@ -30,7 +31,7 @@ bool is_id(const std::string& text) {
          });
 }
 
-// A member that is a whole number of 0..kMaxSeq.
+// A member that is an integer in 0..kMaxSeq.
 std::optional<std::int64_t> number_in(const nlohmann::ordered_json& object, const char* name) {
   const auto at = object.find(name);
   if (at == object.end() || !at->is_number_integer()) return std::nullopt;
@@ -43,7 +44,7 @@ std::optional<std::int64_t> number_in(const nlohmann::ordered_json& object, cons
 
 std::optional<nlohmann::ordered_json> object_of(const std::string& text) {
   try {
-    (void)parse_json(text, "message", {1'000'000, 16, 200'000});  // within the limits
+    (void)parse_json(text, "message", {1'000'000, 16, 200'000});  // checks the limits
     nlohmann::ordered_json object = nlohmann::ordered_json::parse(text, nullptr, false);
     if (!object.is_object()) return std::nullopt;
     const auto id = object.find("outbox");

@@ -30,7 +30,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr double kMaxResend_s = 600;
-constexpr std::chrono::milliseconds kHubPatience{700};  // at the end, for its mark
+constexpr std::chrono::milliseconds kHubPatience{700};  // wait for its mark at the end
 constexpr std::chrono::milliseconds kFirstRetry{500};
 constexpr std::chrono::milliseconds kLastRetry{30'000};
 
@@ -49,9 +49,7 @@ class Publisher::Sender {
         wake_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
     if (wake_ < 0) throw Error(ErrorKind::kInput, "no eventfd for the sender");
     last_ = outbox_.last();
-    {
-      const Connection tried(connection_options());
-    }  // what is wrong with the options is said here
+    { const Connection tried(connection_options()); }  // reports invalid options here
     thread_ = std::jthread([this](const std::stop_token& stop) {
       try {
         work(stop);
@@ -81,7 +79,7 @@ class Publisher::Sender {
     }
     is_finishing_ = true;
     wake();
-    // The thread ends by itself; a broker that does not answer is not waited for longer.
+    // The thread ends by itself; do not wait longer for a broker that does not answer.
     while (!is_done_ && Clock::now() < *end_ + seconds(0.5))
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     thread_.request_stop();
@@ -118,7 +116,7 @@ class Publisher::Sender {
     return options;
   }
 
-  // Whether there is no more time.
+  // Whether the time is over.
   [[nodiscard]] bool is_late() const {
     if (!is_finishing_) return false;
     const std::lock_guard lock(mutex_);
@@ -144,7 +142,7 @@ class Publisher::Sender {
       if (!std::exchange(warned, true)) {
         log_warning("{}: {}; events wait in {}", shown(), connection.problem(), options_.outbox);
       }
-      // At the end one more try is worth it only where time is left.
+      // At the end, another try makes sense only if time remains.
       const Clock::time_point again = Clock::now() + retry;
       while (Clock::now() < again && !stop.stop_requested() && !is_late())
         (void)sleep_unless_stopped(std::chrono::milliseconds(50), stop);
@@ -153,7 +151,7 @@ class Publisher::Sender {
     is_done_ = true;
   }
 
-  // While the connection lasts, or until all is said.
+  // Runs while the connection lasts, or until everything was sent.
   void serve(Connection& connection, const std::stop_token& stop) {
     mark_ = sent_box_.first() - 1;
     next_ = mark_;
@@ -193,7 +191,8 @@ class Publisher::Sender {
     }
   }
 
-  // Whether the broker has all that goes now, and a hub, if there is one, had a moment for it.
+  // Whether the broker has all events that can be sent now, and a hub, if there is one, had a
+  // moment to confirm them.
   [[nodiscard]] bool is_said(const Connection& connection) {
     const bool is_sent = next_ >= last_ || next_ - mark_ >= options_.window;
     if (!connection.is_open() || !is_sent || !unacknowledged_.empty()) {
@@ -217,7 +216,7 @@ class Publisher::Sender {
     progress_ = Clock::now();
   }
 
-  // What was there before goes in order, a window at a time; what is new goes at once.
+  // Older events are sent in order, one window at a time; new events are sent at once.
   void send(Connection& connection) {
     const std::int64_t last = last_;
     const std::int64_t oldest = sent_box_.first();
@@ -234,7 +233,7 @@ class Publisher::Sender {
         next_ = seq;
         return ahead_.contains(seq) || say(seq, payload);
       });
-      // The oldest may have been dropped.
+      // The oldest events may have been dropped.
       if (next_ < oldest - 1) next_ = mark_ = oldest - 1;
     }
     if (next_ < last) {
@@ -252,8 +251,8 @@ class Publisher::Sender {
   static constexpr std::size_t kMaxAhead = 100'000;
 
   const PublisherOptions options_;
-  Outbox outbox_;    // of those who post
-  Outbox sent_box_;  // the same file, of the thread
+  Outbox outbox_;    // for callers of post()
+  Outbox sent_box_;  // the same file, for the thread
   const int wake_;
   std::atomic<std::int64_t> last_ = 0;
   std::atomic<bool> is_finishing_ = false;
@@ -261,7 +260,8 @@ class Publisher::Sender {
   mutable std::mutex mutex_;
   std::optional<Clock::time_point> end_;
 
-  // Of the thread: all up to mark_ is stored by a hub, up to next_ sent in order, in ahead_ besides.
+  // Used by the thread: a hub has stored events up to mark_; events up to next_ are sent in order,
+  // and also those in ahead_.
   std::int64_t mark_ = 0;
   std::int64_t next_ = 0;
   std::set<std::int64_t> ahead_;
@@ -271,7 +271,7 @@ class Publisher::Sender {
   Clock::time_point progress_{};
   bool is_said_ = false;
   std::optional<Clock::time_point> said_;
-  std::jthread thread_;  // last: ends before the rest
+  std::jthread thread_;  // last: ends before the other members
 };
 
 Publisher::Publisher(const PublisherOptions& options)

@@ -11,16 +11,18 @@
 namespace tarsier::mqtt {
 
 struct PublisherOptions {
-  Address address;  // its topic is the node's: events go to TOPIC/events
+  Address address;  // its topic is the node's: events are published at TOPIC/events
   Login login;
-  std::string outbox;  // file
+  std::string outbox;  // path of the file
   bool home_assistant = false;
-  std::string version;         // of the program, for Home Assistant
-  std::string kind = "plate";  // of the events, for the same: plate, person, marker or target
-  int max_events = 20'000;     // that wait in the outbox; the oldest are dropped
-  int window = 500;            // events behind the hub's mark that are sent again at a time
-  double resend_s = 20;  // without a mark before they are sent again; doubles up to ten minutes
-  double finish_s = 5;   // for what waits, at the end
+  std::string version;         // of the program; for Home Assistant
+  std::string kind = "plate";  // of the events, for Home Assistant: plate, person, marker or target
+  int max_events = 20'000;     // in the outbox; beyond that the oldest are dropped
+  int window = 500;            // max. events after the hub's mark that are resent at a time
+  // s without a new mark until events are resent; doubles up to ten minutes.
+  double resend_s = 20;
+  // s for waiting events at the end.
+  double finish_s = 5;
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_events", max_events, range(100, 10'000'000), "--outbox-events",
@@ -32,25 +34,25 @@ struct PublisherOptions {
   void check() const { check_fields(*this); }
 };
 
-// Says events to a broker. Each is in the outbox, on the disk, when post() returns; a thread sends
-// it at QoS 1 to TOPIC/events, and again until a hub has said at TOPIC/acked (retained) that it is
-// stored; then it leaves the outbox. What a broker loses, or a node that dies has not sent, comes
-// later: a hub gets every event, some of them more than once. TOPIC/state (retained) is
-// {"state":"online"}, and by the last will "offline". A broker that is away is waited for, with one
-// warning.
+// Publishes events to a broker. When post() returns, the event is in the outbox on the disk. A
+// thread sends it at QoS 1 to TOPIC/events, repeatedly until a hub has reported at TOPIC/acked
+// (retained) that it is stored; then it is deleted from the outbox. Events that a broker loses, or
+// that a node could not send before it stopped, are sent later. So a hub gets every event at least
+// once. TOPIC/state (retained) is {"state":"online"}; the last will changes it to "offline". The
+// thread waits for a broker that is not available, with one warning.
 class Publisher {
  public:
-  // Throws as Outbox and Connection.
+  // Throws as Outbox and Connection do.
   explicit Publisher(const PublisherOptions& options);
-  ~Publisher();  // as finish()
+  ~Publisher();  // calls finish()
   Publisher(const Publisher&) = delete;
   Publisher& operator=(const Publisher&) = delete;
 
-  // A JSON object, one line. Throws OutputError of the outbox.
+  // `event` is a JSON object in one line. Throws OutputError of the outbox.
   void post(const std::string& event);
 
-  // Waits until the broker has what was posted, `patience_s` at most, and goes offline. What waits
-  // for a hub stays in the outbox for the next time.
+  // Waits at most `patience_s` until the broker has the posted events, then goes offline. Events
+  // that no hub has confirmed stay in the outbox for the next run.
   void finish(double patience_s);
 
  private:
@@ -58,8 +60,8 @@ class Publisher {
   std::unique_ptr<Sender> sender_;
 };
 
-// $XDG_STATE_HOME/tarsier/outbox-NAME.db (~/.local/state): where a node's events wait. Throws
-// UsageError where neither variable is an absolute path.
+// The default outbox file of a node: $XDG_STATE_HOME/tarsier/outbox-NAME.db (~/.local/state).
+// Throws UsageError if neither variable is an absolute path.
 [[nodiscard]] std::string default_outbox(const std::string& topic);
 
 }  // namespace tarsier::mqtt

@@ -4,7 +4,7 @@
 #include "framework/cli.h"
 #include "verbs/aam/engine.h"
 
-// One file a verb: cmd_aam_<verb>.cpp.
+// One file per verb: cmd_aam_<verb>.cpp.
 namespace tarsier::cli {
 
 void add_aam_train(Command& area, Context& context);

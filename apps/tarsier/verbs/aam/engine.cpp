@@ -52,7 +52,7 @@ face::AppearanceTracker load_appearance_tracker(const AamFlags& flags) {
                                                      : face::appearance::Method::kAlternating;
   options.tracker = flags.track;
   options.check();
-  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  const EndOnSignals at_once;  // loading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
   return face::AppearanceTracker::load(ModelStore::find(), options);
 }

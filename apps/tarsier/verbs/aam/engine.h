@@ -9,19 +9,19 @@
 
 namespace tarsier::cli {
 
-// The flags of every verb that fits an appearance model.
+// The flags of all verbs that fit an appearance model.
 struct AamFlags {
-  std::string model;            // empty: the one that ships
+  std::string model;            // empty: the shipped model
   std::string method = "auto";  // project-out, alternating; auto: alternating
-  std::string start = "auto";   // detector, landmarks, search; auto: as the model can
-  int starts = 1;               // around each
-  double min_face = 0;          // px; 0: the usual
+  std::string start = "auto";   // detector, landmarks, search; auto: as the model allows
+  int starts = 1;               // fits per start position
+  double min_face = 0;          // px; 0: the default
   face::appearance::FitOptions fit;
   face::appearance::TrackOptions track;
 };
 void add_aam_flags(Command& verb, AamFlags& flags);
 
-// With the models that ship. Throws as face::AppearanceTracker::load(), Interrupted.
+// Uses the shipped models. Throws as face::AppearanceTracker::load() does, and Interrupted.
 [[nodiscard]] face::AppearanceTracker load_appearance_tracker(const AamFlags& flags);
 
 [[nodiscard]] std::string shipped_appearance_model();

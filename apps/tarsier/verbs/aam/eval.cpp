@@ -63,8 +63,8 @@ std::string line_of(const std::string& image, const std::optional<Eigen::Matrix2
   return json_text(line) + "\n";
 }
 
-// Of several objects the one whose points are nearest to the middle of the true ones: images may
-// show others.
+// The object whose points are nearest to the centre of the ground truth, because images may contain
+// other objects.
 const face::appearance::TrackedObject* nearest(
     const std::vector<face::appearance::TrackedObject>& objects, const Eigen::Matrix2Xd& truth) {
   const face::appearance::TrackedObject* best = nullptr;

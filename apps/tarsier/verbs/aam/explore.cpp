@@ -35,7 +35,7 @@ struct ExploreFlags {
   AamFlags aam;
 };
 
-// "shape 1=2" (also "shape1=2") to a slider's event.
+// Converts "shape 1=2" (also "shape1=2") to a slider event.
 Event parse_set(const std::string& text) {
   const std::size_t equals = text.find('=');
   const auto fail = [&]() -> Event {
@@ -65,7 +65,7 @@ void say(const std::string& output, const Session& session, const View& view,
   }
 }
 
-// The session's image into a file, or its window.
+// Writes the session's image to a file, or shows the session in a window.
 template <class Explored>
 ExitStatus show(Explored& session, const ExploreFlags& flags, const std::string& title,
                 Context& context) {
@@ -112,7 +112,7 @@ ExitStatus explore_points(const ExploreFlags& flags, Context& context) {
   return show(session, flags, "Tarsier shapes", context);
 }
 
-// The image's best object, fitted.
+// The best object of the image, fitted.
 ExploredImage fitted(const ExploreFlags& flags) {
   AamFlags aam = flags.aam;
   aam.model = flags.model;

@@ -24,7 +24,7 @@ struct FitFlags {
   std::string csv;
 };
 
-// Of --csv: one row a face and frame.
+// Columns of --csv: one row per face and frame.
 std::string columns(int points) {
   std::string names = "frame,time,image,face,error,iterations,status";
   for (int p = 0; p < points; ++p) names += fmt::format(",x{0},y{0}", p);

@@ -32,16 +32,16 @@ struct TrainFlags : TrainingFlags {
   std::string channels = "oriented";
   std::string mesh;
   bool no_detector = false;
-  face::appearance::AppearanceOptions options{.frame_width = 64};  // features of 64 px see enough
+  face::appearance::AppearanceOptions options{.frame_width = 64};  // 64 px suffice for features
 };
 
-// The box of the face that the points are of.
+// The box of the face to which the points belong.
 face::appearance::Detect nearest_face() {
   const auto finder = std::make_shared<face::landmarks::FaceFinder>(make_face_finder());
   return [finder](const cv::Mat& image) -> std::optional<cv::Rect2d> {
     cv::Mat gray;
     cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-    // Images are cut out around their points.
+    // Images are cropped around their points.
     const cv::Point2d middle(0.5 * image.cols, 0.5 * image.rows);
     std::optional<cv::Rect2d> best;
     double least = 0;
@@ -85,7 +85,7 @@ ExitStatus train(TrainFlags& flags, Context& context) {
   }
   int detected = 0;
   if (!flags.no_detector) detected = face::appearance::learn_place(model, images, nearest_face());
-  // By chance a detector sees something anywhere.
+  // A detector has some detections anywhere by chance.
   if (detected * 4 < static_cast<int>(images.size())) model.place = {};
   model.lost_error = face::appearance::learn_lost_error(images, set.mirror, options, context.seed,
                                                         *context.progress, context.stop);

@@ -3,7 +3,7 @@
 
 #include "framework/cli.h"
 
-// One file a verb: cmd_ar_<verb>.cpp.
+// One file per verb: cmd_ar_<verb>.cpp.
 namespace tarsier::cli {
 
 void add_ar_eval(Command& ar, Context& context);

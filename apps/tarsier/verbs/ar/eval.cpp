@@ -33,7 +33,7 @@ struct EvalFlags {
   planar::image_targets::PlanarOptions planar;
 };
 
-// What is found in the image of a line.
+// Detects the markers in the image of a line.
 planar::MarkerResult find_markers(const planar::markers::MarkerTruth& truth, const EvalFlags& flags,
                                   planar::MarkerState& state) {
   planar::MarkerTrackerOptions options;
@@ -85,7 +85,7 @@ void print_score(const std::string& set, const planar::markers::MarkerScore& sco
       number(score.distance_percent, 2), number(score.ms, 2)));
 }
 
-// The markers of lines whose truth names an image to look for.
+// The markers of the lines whose truth names an image.
 std::map<std::string, planar::markers::FoundInImage> find_images(const EvalFlags& flags,
                                                                  Context& context,
                                                                  std::string& lines) {

@@ -23,7 +23,7 @@
 namespace tarsier::cli {
 namespace {
 
-// More triangles than this are no live image, and no object that stands on a marker needs them.
+// More triangles cannot be rendered live, and no object on a marker needs them.
 constexpr int kMaxTriangles = 500'000;
 
 struct MarkersFlags {
@@ -44,7 +44,7 @@ struct MarkersFlags {
   planar::MarkerTrackerOptions tracker;
 };
 
-// Of --csv: one row a marker and frame.
+// Columns of --csv: one row per marker and frame.
 constexpr const char* kColumns =
     "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3";
 

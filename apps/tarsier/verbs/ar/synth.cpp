@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMinTarget = 80;  // px: smaller images have nothing to be known by
+constexpr double kMinTarget = 80;  // px: smaller images cannot be recognised
 
 struct SynthFlags {
   std::string what;
@@ -51,7 +51,7 @@ std::vector<synth::PlanarLevel> levels_of(const std::string& name) {
   return some;
 }
 
-// Those given, or posters that nobody painted; all written to OUT/targets/.
+// The given images, or synthetic posters; all are written to OUT/targets/.
 std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Context& context) {
   std::vector<synth::PlanarPrint> prints;
   if (flags.images.empty()) {

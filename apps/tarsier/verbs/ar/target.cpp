@@ -84,7 +84,7 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
                            trained.height));
     for (const std::string& reason : q.reasons) print_text("  " + reason + "\n");
   }
-  // The file is written either way; an image that cannot be found is worth a status.
+  // The file is always written; the exit status says that the image cannot be detected.
   return q.rating < 0.05 ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
@@ -99,7 +99,7 @@ struct FollowFlags {
   planar::TargetTrackerOptions tracker;
 };
 
-// Of --csv: one row a target and frame.
+// Columns of --csv: one row per target and frame.
 constexpr const char* kColumns = "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px";
 
 std::string row_of(const Frame& frame, const planar::image_targets::TrackedTarget& seen) {
@@ -128,7 +128,7 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
         "--target: which files of `ar target-train` to look for (or --window, to "
         "train an image on the spot)");
   TargetSessionOptions options;
-  options.train.trials = 8;  // on the spot a person waits
+  options.train.trials = 8;  // fewer trials, because a user waits
   options.train.seed = context.seed;
   options.overlay = overlay_of(flags.draw);
   if (!flags.camera.empty()) flags.tracker.camera = camera_of(flags.camera);

@@ -18,7 +18,7 @@
 namespace tarsier::cli {
 namespace {
 
-// Looks at every still, and at some frames of videos.
+// Searches every still, and some frames of videos.
 planar::CalibratorState search(const CalibrateFlags& flags, const planar::Calibrator& calibrator,
                                Context& context) {
   planar::CalibratorState state;
@@ -33,7 +33,7 @@ planar::CalibratorState search(const CalibrateFlags& flags, const planar::Calibr
   return state;
 }
 
-// Where no image shows the board: what to look at.
+// Advice if no image shows the board.
 std::string hint_of(const planar::Calibrator& calibrator, const planar::CalibratorState& state) {
   if (const auto other = calibrator.other_board(state))
     return fmt::format("; a board of {0} inner corners is there: --board chess:{0}", *other);
@@ -45,7 +45,7 @@ std::string hint_of(const planar::Calibrator& calibrator, const planar::Calibrat
 
 // --- the session ---
 
-// Whether it is a window's or a camera's: then a person moves the board.
+// Whether the run has a window or a camera: then a person moves the board.
 bool is_session(const CalibrateFlags& flags) {
   if (flags.run.window || flags.run.fullscreen || !flags.run.actions.empty()) return true;
   for (const std::string& input : flags.run.inputs) {

@@ -10,7 +10,7 @@
 namespace tarsier::cli {
 
 struct CalibrateFlags {
-  RunFlags run;  // its output is "none": -o is the camera
+  RunFlags run;  // its output is "none": -o names the camera file
   std::string board;
   std::string square;
   std::string output;
@@ -21,13 +21,13 @@ struct CalibrateFlags {
   std::string draw;
   bool no_tangential = false;
   planar::calibration::CalibrateOptions lens_options;
-  int max_views = 40;  // of a video or a camera
+  int max_views = 40;  // for a video or a camera
 };
 
-// The JSON line of each image.
+// Prints one JSON line per image.
 void print_images(const planar::CalibrationResult& result);
-// Writes what the flags ask for, and reports: JSON lines, or a table for people. Throws InputError
-// where there is no camera.
+// Writes the requested files and reports the result as JSON lines or a table. Throws InputError if
+// no camera was found.
 [[nodiscard]] ExitStatus finish_calibration(const CalibrateFlags& flags,
                                             const planar::CalibrationResult& result,
                                             Context& context);

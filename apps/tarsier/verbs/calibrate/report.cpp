@@ -40,7 +40,7 @@ std::string shown_name(const CalibrationImage& entry) {
 
 void print_table(const CalibrationResult& result) {
   std::string text;
-  int dull = 0;  // frames of videos that brought nothing
+  int dull = 0;  // frames of videos that gave no view
   for (const CalibrationImage& entry : result.images) {
     if (!entry.found) {
       if (entry.still) {
@@ -96,7 +96,7 @@ void write_csv(const std::string& path, const CalibrationResult& result) {
   write_file_atomically(path, text);
 }
 
-// Images of one folder of output: no two of the same name.
+// Output images in one folder, with unique names.
 class Folder {
  public:
   explicit Folder(std::string path) : path_(std::move(path)) { make_folder(path_); }
@@ -181,7 +181,8 @@ ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationResu
   } else if (!context.quiet) {
     print_table(result);
   }
-  // Last: a lens that cannot be undone at the border is an error, of the images alone.
+  // Last, because a lens whose distortion cannot be inverted at the border only affects these
+  // images.
   if (!flags.undistorted.empty()) straighten_images(flags.undistorted, result, context);
   return ExitStatus::kDone;
 }

@@ -26,7 +26,7 @@ struct NamedColor {
   const char* name;
   std::array<int, 3> rgb;
 };
-// About as strong as the default: they are added to the skin (glow), or give it their hue (tint).
+// About as strong as the default. Glow adds the colour to the skin, tint uses its hue.
 constexpr NamedColor kColors[] = {
     {"green", {0, 70, 0}},   {"blue", {0, 0, 90}},    {"red", {80, 0, 0}},
     {"yellow", {60, 60, 0}}, {"cyan", {0, 60, 60}},   {"magenta", {70, 0, 70}},
@@ -39,7 +39,7 @@ struct CartoonFlags {
   CartoonOptions options;
   std::string save_folder = ".";
   bool timings = false;
-  // As typed; parsed into `options` when the verb runs.
+  // As typed; parsed to `options` when the verb runs.
   std::string mode{cartoon::name_of(CartoonOptions().mode)};
   std::string quality{cartoon::name_of(CartoonOptions().quality)};
   std::string evil_axes = CartoonOptions().evil.both_axes ? "xy" : "x";
@@ -51,7 +51,7 @@ struct CartoonFlags {
   std::string skin_upper = fmt::format("{}", fmt::join(CartoonOptions().skin.upper, ","));
 };
 
-// Three numbers 0..255, "60,25,20".
+// Parses three numbers 0..255, "60,25,20".
 std::array<int, 3> parse_triple(std::string_view flag, std::string_view text) {
   std::array<int, 3> numbers{};
   const char* at = text.data();
@@ -69,7 +69,7 @@ std::array<int, 3> parse_triple(std::string_view flag, std::string_view text) {
   return numbers;
 }
 
-// A name, #rrggbb or r,g,b.
+// Parses a name, #rrggbb or r,g,b.
 cv::Scalar parse_color(std::string_view flag, std::string_view text) {
   std::vector<std::string_view> names;
   for (const NamedColor& color : kColors) {

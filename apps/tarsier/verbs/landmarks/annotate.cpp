@@ -39,7 +39,7 @@ struct AnnotateFlags {
   bool fullscreen = false;
 };
 
-// The video, frame by frame, when the session wants them.
+// Reads the video frame by frame when the session requests frames.
 class Video {
  public:
   Video(std::unique_ptr<FrameSource> source, AnnotateSession& session)
@@ -49,7 +49,7 @@ class Video {
         std::chrono::duration<double>(1 / std::clamp(fps, 1.0, 240.0)));
   }
 
-  // Gives the session its next frame; nothing where it wants none or none came.
+  // Passes the next frame to the session; nullopt if it requests none or none arrived.
   std::optional<View> feed(milliseconds patience, const std::stop_token& stop) {
     if (source_ == nullptr || !session_.wants_frame()) return std::nullopt;
     try {
@@ -58,14 +58,14 @@ class Video {
         return session_.on_frame(*frame, source_->status());
       }
       if (!source_->ended()) return std::nullopt;
-    } catch (const Error& error) {  // it ends in the middle: what was picked is there
+    } catch (const Error& error) {  // it ends early: the picked frames are kept
       log_warning("{}", error.what());
     }
     source_.reset();
     session_.video_ended();
     return session_.look();
   }
-  // How long until the next frame should be shown.
+  // Time until the next frame must be shown.
   [[nodiscard]] milliseconds wait() const {
     if (source_ == nullptr || !session_.wants_frame()) return milliseconds(50);
     if (session_.at_once()) return milliseconds(0);
@@ -81,11 +81,11 @@ class Video {
   Clock::time_point due_;
 };
 
-// Images, or a video.
+// Opens images, or a video.
 std::unique_ptr<FrameSource> open_input(const std::string& input, AnnotateOptions& options) {
   if (input.empty()) return nullptr;
   std::error_code error;
-  // A list may be named without its '@': nothing else ends so.
+  // A list may be named without its '@': no other input has this extension.
   if (fs::path(input).extension() == ".txt" && fs::is_regular_file(input, error)) {
     options.images = paths_of_list(input);
     return nullptr;
@@ -202,7 +202,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   if (flags.input.empty() && !fs::exists(flags.output, ignored))
     throw UsageError("name the images or the video: there is no set " + flags.output + " yet");
   std::unique_ptr<FrameSource> source = open_input(flags.input, options);
-  if (!is_headless) window::prepare();  // before a journal is begun
+  if (!is_headless) window::prepare();  // before a journal is opened
 
   face::Annotator annotator({.seed = context.seed});
   Propose propose;
@@ -232,7 +232,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
       };
       status = browse_session(session, "Tarsier annotate", flags.fullscreen, context, between);
     }
-  } catch (...) {  // the display has gone: what was done stays
+  } catch (...) {  // the display was lost: finished work is kept
     session.finish();
     throw;
   }

@@ -58,7 +58,7 @@ face::LandmarkTracker load_landmark_tracker(const LandmarkFlags& flags,
                                             const face::landmarks::TrackerOptions& tracking) {
   const face::LandmarkTrackerOptions options = landmark_options(flags, tracking);
   options.check();
-  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  const EndOnSignals at_once;  // loading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
   return face::LandmarkTracker::load(ModelStore::find(), options);
 }

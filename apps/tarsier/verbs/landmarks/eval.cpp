@@ -131,7 +131,7 @@ ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet&
   return ExitStatus::kDone;
 }
 
-// Boxes alone.
+// Evaluates boxes only.
 ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
   const std::vector<face::shape::BoxedImage> images =
       load_boxes(flags.set, flags.held_out, Part::kHeldOut);

@@ -30,7 +30,7 @@ struct FitFlags {
   bool follows = false;  // the verb is `track`
 };
 
-// Of --csv: one row a face and frame.
+// Columns of --csv: one row per face and frame.
 std::string columns(int points) {
   std::string names = "frame,time,face,score";
   for (int p = 0; p < points; ++p) names += fmt::format(",x{0},y{0}", p);

@@ -32,7 +32,7 @@ face::shape::LandmarkSet load_set(const SetFlags& flags) {
   const auto ends = [&](std::string_view ending) { return flags.input.ends_with(ending); };
   if (ends(".yaml") || ends(".yml") || ends(".json")) {
     face::shape::LandmarkSet set = face::shape::read_landmark_set(flags.input);
-    // From here on paths are from the current folder.
+    // Makes paths relative to the current folder.
     for (face::shape::LandmarkSample& sample : set.samples) {
       sample.image = face::shape::image_path(flags.input, sample);
     }

@@ -40,12 +40,12 @@ struct ShowFlags {
   bool fullscreen = false;
   bool numbers = false;
   bool mirrored = false;
-  bool plain = false;  // without the colours of the symmetry
+  bool plain = false;  // without symmetry colours
   int cell = 160;
   int columns = 0;
   int most = 100;
   int modes = 4;
-  std::string on;   // an image that patches are tried on
+  std::string on;   // an image on which patches are tested
   int search = 21;  // px
 };
 
@@ -118,7 +118,7 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-// The points of the largest face that the model finds in an image; none without a face.
+// Fits the landmarks of the largest face in an image; nullopt if there is no face.
 std::optional<PatchImage> image_with_points(const ShowFlags& flags) {
   LandmarkFlags landmark_flags;
   landmark_flags.model = flags.file;
@@ -166,8 +166,8 @@ ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::Landmar
   return ExitStatus::kDone;
 }
 
-// The parts of a tracker that can be seen: the shape's modes, and the patches on the mean face; in
-// a window patch by patch.
+// Shows the parts of a tracker: the shape's modes, and the patches on the mean face; in a window
+// patch by patch.
 ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
   const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.file);
   if (!flags.on.empty()) {
@@ -209,7 +209,7 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-// The filter of a face detector.
+// Shows the filter of a face detector.
 ExitStatus show_detector(const ShowFlags& flags, Context& context) {
   const face::landmarks::HogDetector model = face::landmarks::read_hog_detector(flags.file);
   if (flags.output.empty()) throw UsageError("-o: a face detector is shown as an image (.png ..)");
@@ -226,7 +226,7 @@ ExitStatus show_detector(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-// What can be shown, by the type that its file states. Other models add a line.
+// The show function for each type of file. Other models add a line.
 using Show = ExitStatus (*)(const ShowFlags&, Context&);
 const std::map<std::string, Show>& shows() {
   static const std::map<std::string, Show> table{
@@ -246,7 +246,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
   std::string type;
   try {
     type = read_any_archive(flags.file, kLimits).type;
-  } catch (const ModelError& error) {  // most often a set; its own words are the same
+  } catch (const ModelError& error) {  // usually a landmark set; the error texts are the same
     const std::string prefix = flags.file + ": ";
     std::string reason = error.what();
     if (reason.starts_with(prefix)) reason.erase(0, prefix.size());

@@ -22,7 +22,7 @@
 namespace tarsier::cli {
 namespace {
 
-// Of all that learn from a set.
+// The flags of all verbs that train on a set.
 struct LearnFlags : TrainingFlags {
   bool mirror = false;
 };
@@ -40,7 +40,7 @@ void add_learn_flags(Command& verb, LearnFlags& flags) {
   verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
 }
 
-// The samples that are learnt from.
+// The training samples.
 face::shape::LandmarkSet set_of(const LearnFlags& flags) {
   face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
   if (flags.mirror && set.mirror.empty()) {
@@ -51,7 +51,7 @@ face::shape::LandmarkSet set_of(const LearnFlags& flags) {
   return set;
 }
 
-// `line` gets the time that it took.
+// Prints `line` with the training time added.
 void print_learnt(const LearnFlags& flags, std::size_t samples, const Stopwatch& watch,
                   nlohmann::ordered_json line, const Context& context) {
   line["seconds"] = rounded(watch.seconds(), 1);
@@ -63,7 +63,7 @@ void print_learnt(const LearnFlags& flags, std::size_t samples, const Stopwatch&
   }
 }
 
-// Makes `turned` copies of each face, by the head model given or the one that ships.
+// Adds `turned` rotated copies of each face, with the given or the shipped head model.
 void add_turned_faces(const TrainFlags& flags, const face::shape::LandmarkSet& set,
                       face::landmarks::TrainModelOptions& options) {
   const auto turner = std::make_shared<const face::train::FaceTurner>(read_head(flags.head));
@@ -181,15 +181,16 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
   add_verb<TrainFlags>(parent, name, help, context, add_flags, run);
 }
 
-// Of what adds a part to a tracker.
+// The flags of verbs that add a part to a tracker.
 template <typename Options>
 struct PartFlags : LearnFlags {
   std::string model;
   Options options;
 };
 
-// Reads the tracker, has `learn(set, model, skipped)` add the part, and writes it, with where the part `name` comes from.
-// Throws InputError where tracker and set have different points.
+// Reads the tracker, calls `learn(set, model, skipped)` to add the part, and writes the tracker
+// with the provenance of the part `name`. Throws InputError if tracker and set have different
+// points.
 template <typename Options, typename Learn>
 ExitStatus train_part(PartFlags<Options>& flags, Context& context, const char* name,
                       const Learn& learn) {

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-// What the trainings of detectors from boxes have in common.
+// Common parts of the trainings of detectors from boxes.
 namespace tarsier::cli {
 
-// What every model says of its training; a verb adds what it counted.
+// The provenance of a trained model; each verb adds its own counts.
 [[nodiscard]] nlohmann::json box_training_provenance(const TrainingFlags& flags,
                                                      const Context& context);
 

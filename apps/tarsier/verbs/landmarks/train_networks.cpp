@@ -36,7 +36,7 @@ std::vector<cv::Point2d> points_of(const Eigen::Matrix2Xd& shape) {
   return points;
 }
 
-// Boxes as the cascade draws them where the points of the face are known, else as they are given.
+// Uses boxes in the convention of the cascade if the landmarks are known, else the given boxes.
 face::FaceImage face_image(face::shape::BoxedImage image) {
   face::FaceImage result;
   result.image = std::move(image.image);
@@ -52,9 +52,9 @@ face::FaceImage face_image(face::shape::BoxedImage image) {
   return result;
 }
 
-constexpr double kTurnedFace = 100;  // px, width of faces that are turned
+constexpr double kTurnedFace = 100;  // px, width of rotated faces
 
-// Images of the faces with the head's points, turned in 3D. Only the face is cut out.
+// Images of the faces that have the head model's points, rotated in 3D and cropped to the face.
 std::vector<face::FaceImage> turned_faces(const NetworkFlags& flags,
                                           const std::vector<face::shape::BoxedImage>& images,
                                           Context& context) {
@@ -76,7 +76,7 @@ std::vector<face::FaceImage> turned_faces(const NetworkFlags& flags,
       face::landmarks::TrainingFace face;
       const double scale = std::min(1.0, kTurnedFace / around.width);
       cv::resize(whole(area), face.gray, cv::Size(), scale, scale, cv::INTER_AREA);
-      const Eigen::Vector2d corner(area.x - 0.5, area.y - 0.5);  // of its first pixel
+      const Eigen::Vector2d corner(area.x - 0.5, area.y - 0.5);  // of the crop's first pixel
       face.points = ((points.colwise() - corner) * scale).array() - 0.5;
       const std::uint64_t seed = Rng(context.seed).fork(number).fork(i)();
       for (const face::landmarks::TrainingFace& copy :
@@ -93,7 +93,7 @@ std::vector<face::FaceImage> turned_faces(const NetworkFlags& flags,
     for (int i = range.start; i < range.end && !context.stop.stop_requested(); ++i) {
       try {
         turn(static_cast<std::size_t>(i));
-      } catch (const InputError&) {  // the training names the images that cannot be read
+      } catch (const InputError&) {  // the training reports images that cannot be read
       }
       context.progress->advance();
     }

@@ -9,7 +9,7 @@
 
 namespace tarsier::cli {
 
-// The flags of every verb that reads plates.
+// The flags of all verbs that read plates.
 struct PlateFlags {
   std::string pipeline = "default";
   std::string classic_reader = "hog";
@@ -20,7 +20,7 @@ void add_plate_flags(Command& verb, PlateFlags& flags);
 
 [[nodiscard]] plate::ReaderOptions reader_options(const PlateFlags& flags, const Context& context);
 
-// With the models that ship. Throws as plate::Reader::load().
+// Uses the shipped models. Throws as plate::Reader::load() does.
 [[nodiscard]] plate::Reader load_reader(const PlateFlags& flags, const Context& context);
 
 }  // namespace tarsier::cli

@@ -103,7 +103,7 @@ std::string percent(double share) {
   return share < 0 ? std::string("    -  ") : fmt::format("{:5.1f} %", 100 * share);
 }
 
-// " 95 %: 79-97 %": the interval of a rate.
+// " 95 %: 79-97 %": the confidence interval of a rate.
 std::string interval_text(int successes, int trials) {
   if (trials == 0) return {};
   const Interval interval = wilson_interval(successes, trials);

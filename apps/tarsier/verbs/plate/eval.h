@@ -12,13 +12,14 @@ namespace tarsier::cli {
 // Reads the plates of one image; `image` of the result is the frame's name.
 using ImageReader = std::function<plate::ImageReadings(const Frame&)>;
 
-// How `plate eval` reads images itself.
+// How `plate eval` reads images.
 struct ImageReading {
-  std::function<void(Command& verb)> add_flags;  // of its own (models, countries ..); may be empty
-  std::function<ImageReader()> make;             // when the flags are known; throws as it must
+  // adds own flags (models, countries ..); may be empty
+  std::function<void(Command& verb)> add_flags;
+  std::function<ImageReader()> make;  // called after parsing; may throw
 };
 
-// `plate eval`. With an empty `reading.make` it takes files of results only.
+// Adds `plate eval`. If `reading.make` is empty, the verb accepts only files of results.
 void add_plate_eval(Command& plate, Context& context, ImageReading reading);
 
 }  // namespace tarsier::cli

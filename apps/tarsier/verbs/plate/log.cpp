@@ -84,12 +84,12 @@ const std::string& text_of(const LoggedPlate& plate) {
   return plate.correction ? plate.correction->text : plate.text;
 }
 
-// "12-1234BCD.jpg": nothing of what a hostile file holds can lead out of the folder.
+// "12-1234BCD.jpg": no content of a hostile file can lead out of the folder.
 std::string crop_name(const LoggedPlate& plate) {
   return fmt::format("{}-{}.jpg", plate.id, plate::plate_symbols(text_of(plate)).substr(0, 20));
 }
 
-// CSV as it comes, some lines at a time: into a file that is whole or not there, or to stdout.
+// Writes CSV in chunks, either to a file (atomically) or to stdout.
 class CsvOutput {
  public:
   explicit CsvOutput(const std::string& path) : path_(path) {
@@ -169,7 +169,7 @@ ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   const std::chrono::milliseconds age = plate::parse_duration(flags.keep, "--keep");
   PlateLog log(flags.path, DatabaseAccess::kWrite);
   plate::ForgetOptions options;
-  // A program that waits to write looks every 25 to 100 ms whether it may.
+  // The pause lets other writers in: they check for the lock every 25 to 100 ms.
   options.between = [&](std::int64_t) {
     throw_if_stopped(context.stop);
     (void)sleep_unless_stopped(std::chrono::milliseconds(50), context.stop);
@@ -183,7 +183,7 @@ ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   return ExitStatus::kDone;
 }
 
-// Who sits here, as the system calls them.
+// The user's name in the system.
 std::string user_name() {
   char buffer[1024];
   ::passwd entry{};
@@ -193,7 +193,7 @@ std::string user_name() {
   return fmt::format("user {}", ::getuid());
 }
 
-// The entry `id` as it is now.
+// Prints the current entry `id`.
 void print_corrected(PlateLog& log, std::int64_t id, const Context& context) {
   const std::optional<LoggedPlate> entry = log.entry(id);
   if (!entry) return;
@@ -231,7 +231,7 @@ ExitStatus undo_correction(const LogFlags& flags, const Context& context) {
   return is_undone ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
-// Of a log's crop where its plate lies: as the recogniser finds it, or as the crop was cut.
+// The plate's corners in a crop of a log: from the recogniser, or from the way crops are cut.
 plate::Quad corners_in(const cv::Mat& crop, const plate::Recognizer& recognizer) {
   const cv::Rect2f box(static_cast<float>(crop.cols) / 8, static_cast<float>(crop.rows) / 6,
                        static_cast<float>(crop.cols) * 0.75F, static_cast<float>(crop.rows) / 1.5F);
@@ -243,7 +243,8 @@ plate::Quad corners_in(const cv::Mat& crop, const plate::Recognizer& recognizer)
   return plate::quad_of(box);
 }
 
-// What train-reader learns from: the corrected plates cut out straight, with their characters.
+// Writes training data for train-reader: rectified crops of the corrected plates, with their
+// characters.
 ExitStatus export_corrections(const LogFlags& flags, const Context& context) {
   const plate::LogFilter filter = filter_of(flags);
   PlateLog log(flags.path, DatabaseAccess::kRead);

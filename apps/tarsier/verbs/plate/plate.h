@@ -3,7 +3,7 @@
 
 #include "framework/cli.h"
 
-// One file a verb: cmd_plate_<verb>.cpp.
+// One file per verb: cmd_plate_<verb>.cpp.
 namespace tarsier::cli {
 
 void add_plate_read(Command& plate, Context& context);

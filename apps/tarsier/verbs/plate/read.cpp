@@ -34,7 +34,7 @@ struct ReadFlags {
   std::string csv;
 };
 
-// Of --csv: one row a plate and frame.
+// Columns of --csv: one row per plate and frame.
 constexpr const char* kColumns = "frame,time,image,text,confidence,country,x,y,width,height";
 
 std::string row_of(const Frame& frame, const plate::Reading& reading) {
@@ -43,7 +43,7 @@ std::string row_of(const Frame& frame, const plate::Reading& reading) {
                      reading.box.width, reading.box.height);
 }
 
-// Plates of other countries than those asked for.
+// Counts plates of countries that were not requested.
 class Unfit {
  public:
   void take(const std::vector<plate::Reading>& readings) {
@@ -78,7 +78,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
     return read_site(cameras, flags.site, flags.run, flags.plate, flags.tracker, flags.reports,
                      context);
   }
-  // Without an image wanted, the readings are the output.
+  // If no image is requested, the readings are the output.
   default_to_headless(flags.run);
   plate::VideoReader reader = plate::VideoReader::load(
       ModelStore::find(), {reader_options(flags.plate, context), flags.tracker});
@@ -114,7 +114,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   try {
     status = run_session(session, flags.run, context, hooks);
   } catch (...) {
-    session.finish();  // what was seen before the source broke
+    session.finish();  // events from before the source failed
     reports.finish(true);
     throw;
   }

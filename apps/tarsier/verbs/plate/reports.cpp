@@ -16,7 +16,7 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr double kPatience_s = 70;  // more than a lock is waited for
+constexpr double kPatience_s = 70;  // longer than the wait for a lock
 constexpr double kInterruptedPatience_s = 5;
 
 std::string watched_text(const std::optional<plate::WatchMatch>& match) {
@@ -42,7 +42,7 @@ void print_event(const plate::PlateEvent& event, const std::optional<plate::Watc
                          event.frames == 1 ? "frame" : "frames", watched_text(match)));
 }
 
-// When a file was last written; nothing where the file does not exist.
+// When a file was last written; nullopt if it does not exist.
 std::optional<plate::Moment> modified(const std::string& path) {
   struct ::stat info {};
   if (::stat(path.c_str(), &info) != 0) return std::nullopt;
@@ -56,7 +56,7 @@ std::chrono::milliseconds length_of(const FrameSource& source) {
       std::llround(1000 * static_cast<double>(source.count()) / source.fps()));
 }
 
-// How the frames of a source lie in time, by its name in Frame::name.
+// The time of a source's frames, by its name in Frame::name.
 plate::SourceTimes times_of(const std::string& name, const ReportFlags& flags,
                             const SourceOptions& options) {
   const plate::Moment now = plate::moment_now();
@@ -66,7 +66,7 @@ plate::SourceTimes times_of(const std::string& name, const ReportFlags& flags,
   if (name.starts_with(kDrawn)) {
     const auto drawn = synth::open_synth_source(name.substr(kDrawn.size()), options);
     if (drawn->is_live()) return {};
-    // As if its recording had ended just now: not in the future, however fast it is read.
+    // As if its recording had just ended: no time is in the future, however fast it is read.
     if (!start) start = plate::recording_start(now, length_of(*drawn), now);
     return {false, start};
   }
@@ -79,12 +79,12 @@ plate::SourceTimes times_of(const std::string& name, const ReportFlags& flags,
         if (written && length.count() > 0) start = plate::recording_start(*written, length, now);
         return {false, start};
       }
-      case SourceKind::kFolder:  // images in sequence
+      case SourceKind::kFolder:  // images with --sequence
         return {false, start};
       default:
         return {};
     }
-  } catch (const InputError&) {  // of a kind of its own
+  } catch (const InputError&) {  // a scheme of its own
     return {};
   }
 }
@@ -143,7 +143,7 @@ plate::FrameMoment PlateReports::moment_of(const Frame& frame) {
 }
 
 plate::SiteMoment PlateReports::site_moment_of(const Frame& frame) {
-  if (source_.empty()) clock_.begin({}, frame.time);  // all are live: one clock for them
+  if (source_.empty()) clock_.begin({}, frame.time);  // all are live: they share one clock
   source_ = frame.name;
   plate::SiteMoment moment;
   moment.seen = tick(frame, moment.step);
@@ -165,7 +165,7 @@ plate::FrameMoment PlateReports::tick(const Frame& frame, std::chrono::milliseco
 void PlateReports::vehicle(const plate::PlateEvent& event) {
   if (log_) log_->record(event);
   const auto match = match_of(event);
-  // What is learnt of a vehicle while it is in sight is said where it begins to match.
+  // Updates of a vehicle are reported only when it starts to match.
   const bool is_new_match = match && !watched_.contains(event.id);
   if (event.state == plate::PlateState::kUpdated && !is_new_match) return;
   if (match) watched_.insert(event.id);
@@ -194,7 +194,7 @@ void PlateReports::still(const Frame& frame, const std::vector<plate::Reading>& 
       continue;
     }
     plate::PlateEvent event = plate::event_of(reading, frame.image);
-    event.id = -++stills_;  // none of the vehicles
+    event.id = -++stills_;  // not a vehicle's id
     event.source = frame.name;
     event.first_seen = event.last_seen = std::min(modified(frame.name).value_or(now), now);
     const auto match = match_of(event);

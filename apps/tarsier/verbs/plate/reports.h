@@ -24,7 +24,7 @@
 
 namespace tarsier::cli {
 
-// What is done with the vehicles that `plate read` sees.
+// The flags that say where `plate read` reports vehicles.
 struct ReportFlags {
   std::string log;
   std::string start;
@@ -36,27 +36,28 @@ struct ReportFlags {
 
 void add_report_flags(Command& verb, ReportFlags& flags);
 
-// Wall clock, log, watch list, command and broker. One caller at a time.
+// Reports events to the log, watch list, command and broker, with wall-clock times. Not
+// thread-safe.
 class PlateReports {
  public:
-  // `flags`, `run` and `context` must live longer. Throws as what the flags name does.
+  // `flags`, `run` and `context` must outlive this object. Throws the errors of the named outputs.
   PlateReports(const ReportFlags& flags, const RunFlags& run, const Context& context);
 
-  // Called when the wall clock was set by so much.
+  // `call` gets the step when the wall clock was set.
   void on_step(std::function<void(std::chrono::milliseconds)> call) { on_step_ = std::move(call); }
 
-  // Of a frame of a video or camera, of which one follows the other.
+  // The moment of a frame of a single video or camera.
   plate::FrameMoment moment_of(const Frame& frame);
-  // Of a frame of one of several cameras.
+  // The moment of a frame of one of several cameras.
   plate::SiteMoment site_moment_of(const Frame& frame);
 
   void vehicle(const plate::PlateEvent& event);
-  // A still has no vehicle that comes and goes: what is read in it is an event as it is.
+  // In a still no vehicle appears or leaves: each reading is an event.
   void still(const Frame& frame, const std::vector<plate::Reading>& readings);
 
-  // Throws what went wrong with the log since.
+  // Throws an error of the log that occurred since the last call.
   void check();
-  // What is on its way is written, or said to be lost.
+  // Writes pending events, or reports them as lost.
   void finish(bool interrupted);
 
   [[nodiscard]] bool found() const { return found_; }
@@ -64,7 +65,7 @@ class PlateReports {
  private:
   plate::FrameMoment tick(const Frame& frame, std::chrono::milliseconds& step);
   [[nodiscard]] std::optional<plate::WatchMatch> match_of(const plate::PlateEvent& event);
-  // The event, with what the list and the log say of it.
+  // The JSON line of an event, with data of the watch list and the log.
   [[nodiscard]] nlohmann::ordered_json line_of(const plate::PlateEvent& event,
                                                const std::optional<plate::WatchMatch>& match);
 
@@ -75,9 +76,9 @@ class PlateReports {
   OnEvent on_event_;
   EventPublisher publisher_;
   std::optional<plate::PlateRecorder> log_;
-  std::optional<plate::PlateLog> past_;  // the same file
+  std::optional<plate::PlateLog> past_;  // reads the same file
   std::optional<plate::WatchFile> watch_;
-  std::set<std::int64_t> watched_;  // vehicles in sight that the list knows
+  std::set<std::int64_t> watched_;  // visible vehicles that are on the watch list
   std::function<void(std::chrono::milliseconds)> on_step_;
   std::string source_;
   bool was_synchronized_ = true;

@@ -37,7 +37,7 @@ bool is_live(const std::string& source, const SourceOptions& options,
   }
 }
 
-// The parts of "gate=rtsp://..". Without a name where `text` has none, or is a file.
+// Splits "gate=rtsp://..". The name is empty if `text` has none, or is a file.
 NamedSource parted(const std::string& text) {
   const std::size_t equals = text.find('=');
   std::error_code ignored;
@@ -147,13 +147,13 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
   refuse_what_needs_one_source(run);
   const std::map<std::string, plate::Region> regions = regions_of(flags.regions, cameras);
   SourceOptions source = run.source;
-  source.wait = true;  // each camera for itself
+  source.wait = true;  // for each camera separately
   source.give_up_s = 0;
   plate::SiteOptions options = flags.options;
   options.threads = context.threads > 0
                         ? context.threads
                         : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  cv::setNumThreads(1);  // the threads that read share the cores already
+  cv::setNumThreads(1);  // the reading threads share the cores already
   plate::ReaderOptions reading = reader_options(plates, context);
   reading.recognizer.parallel = false;
   const auto reader =

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-// `plate read` of several cameras at once.
+// `plate read` with several cameras at once.
 namespace tarsier::cli {
 
 struct SiteFlags {
@@ -25,12 +25,12 @@ struct NamedSource {
   std::string source;
 };
 
-// The cameras that the inputs name: all of several inputs that are live, and those that are written
-// NAME=SOURCE. Empty where the inputs are read one after the other. Throws UsageError where cameras
-// and files are mixed, InputError as classify_source().
+// The cameras of the inputs: all inputs if several are live, and inputs of the form NAME=SOURCE.
+// Empty if the inputs are read one after the other. Throws UsageError if cameras and files are
+// mixed, InputError as classify_source() does.
 [[nodiscard]] std::vector<NamedSource> site_cameras(const RunFlags& run);
 
-// Until it is stopped, or all sources have ended.
+// Runs until it is stopped or all sources have ended.
 [[nodiscard]] ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& flags,
                                    const RunFlags& run, const PlateFlags& plates,
                                    const plate::TrackerOptions& tracker,

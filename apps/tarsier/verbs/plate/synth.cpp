@@ -50,7 +50,7 @@ struct SynthFlags {
   synth::StreetOptions street;
 };
 
-// Images of a street, truth.csv for `plate eval` and the training, truth.jsonl with corners.
+// Writes images of streets, truth.csv for `plate eval` and training, truth.jsonl with corners.
 ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   synth::StreetOptions options = flags.street;
   options.size = parse_size(flags.size, 64, 8192);
@@ -96,7 +96,7 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-// Flat plates with a box for each character, as train-reader takes them.
+// Writes flat plates with a box for each character, as input of train-reader.
 ExitStatus make_faces(const SynthFlags& flags, Context& context) {
   const auto glyphs = flags.wild ? synth::draw_glyphs(context.seed, 60) : synth::load_glyphs();
   const fs::path folder = flags.output;

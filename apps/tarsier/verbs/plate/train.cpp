@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kUnseen = 1000;  // from the seed of typefaces that are learnt
+constexpr std::uint64_t kUnseen = 1000;  // offset of the seed to that of the training typefaces
 
 struct TrainFlags {
   std::vector<std::string> inputs;
@@ -124,7 +124,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     throw UsageError("--scenes: images that the drawn plates are set into are needed");
   const ModelStore models = ModelStore::find();
   std::optional<plate::ReaderModel> start;
-  nlohmann::json before;  // what the characters of a model that keeps them were learnt from
+  nlohmann::json before;  // provenance of a start model's characters, if they are kept
   if (!flags.from.empty()) {
     const bool ships = flags.from.find_first_of("/.") == std::string::npos;
     const std::string path = ships ? models.path(flags.from + ".json") : flags.from;
@@ -144,7 +144,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     log_info("{}: {} labelled plates", folder, more.size());
     std::move(more.begin(), more.end(), std::back_inserter(crops));
   }
-  // The order of the crops matters to training: without --hold-out it is the folders'.
+  // The order of the crops affects the training: without --hold-out it is that of the folders.
   plate::CropSplit split;
   if (flags.hold_out > 0) {
     split = plate::split_crops(std::move(crops), flags.hold_out, Rng(context.seed).fork(7));
@@ -171,9 +171,9 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     return plate::choose_countries(plate::read_countries(models.path("countries")), {});
   };
   if (flags.calibration > 0) {
-    model.confidence = model.character = {};  // they correct another one
+    model.confidence = model.character = {};  // they belong to another model
     const plate::Recognizer recognizer(detector_model, model, countries());
-    // Typefaces that were not learnt, as those are that it will meet.
+    // Typefaces outside the training set, like those that the model will meet.
     views.glyphs = glyphs_of(flags, context.seed + kUnseen);
     model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
                                                context.seed + 99, *context.progress, context.stop);

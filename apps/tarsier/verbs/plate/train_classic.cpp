@@ -74,7 +74,7 @@ ExitStatus train_classic_reader(const ClassicTrainFlags& flags, Context& context
   const Rng rng(context.seed);
   const auto count = static_cast<int>(set.characters.size());
   if (count < 100) throw InputError(flags.inputs.front(), "holds fewer than 100 characters");
-  // How good it is on characters that it did not see.
+  // Evaluates on held-out characters.
   const plate::CharacterSplit split =
       plate::split_characters(set, static_cast<int>(count * 0.85), rng.fork(1));
   const double error = plate::character_error(

@@ -22,7 +22,7 @@ using plate::WatchList;
 
 struct WatchFlags {
   std::string list;
-  std::string plate;  // of `add` and `remove`
+  std::string plate;  // for `add` and `remove`
   std::vector<std::string> texts;
   std::string label;
   double errors = WatchEntry::kDefaultErrors;

@@ -74,7 +74,7 @@ face::PoseTrackerOptions pose_options(const PoseFlags& flags, bool edits) {
 
 face::PoseModels load_pose_models(const face::PoseTrackerOptions& options) {
   options.check();
-  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  const EndOnSignals at_once;  // loading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
   return face::load_pose_models(ModelStore::find(), options);
 }

@@ -12,41 +12,41 @@
 
 namespace tarsier::cli {
 
-// The flags of every verb that finds heads.
+// The flags of all verbs that estimate head poses.
 struct PoseFlags {
   LandmarkFlags landmarks;
-  std::string head;     // empty: the one that ships
-  std::string mapping;  // empty: the head's own
+  std::string head;     // empty: the shipped model
+  std::string mapping;  // empty: that of the head model
   std::string camera;   // a file, or numbers
-  double focal = 0;     // px; 0: guessed
-  std::string view;     // empty: the one that ships
+  double focal = 0;     // px; 0: estimated
+  std::string view;     // empty: the shipped model
   std::string fit = "landmarks";
-  std::string appearance;  // empty: the one that ships
+  std::string appearance;  // empty: the shipped model
   std::string refine = "auto";
 };
 void add_pose_flags(Command& verb, PoseFlags& flags);
 
-// `edits`: the appearance model has another use, too. Throws InputError (the camera's file),
+// `edits`: the appearance model is also used for edits. Throws InputError for the camera file, and
 // UsageError.
 [[nodiscard]] face::PoseTrackerOptions pose_options(const PoseFlags& flags, bool edits = false);
-// With the models that ship. Throws as face::load_pose_models(), Interrupted.
+// Uses the shipped models. Throws as face::load_pose_models() does, and Interrupted.
 [[nodiscard]] face::PoseModels load_pose_models(const face::PoseTrackerOptions& options);
 
-[[nodiscard]] face::head::HeadModel read_head(
-    const std::string& path);  // empty: the one that ships
+// `path` empty: the shipped model.
+[[nodiscard]] face::head::HeadModel read_head(const std::string& path);
 void print_pointing(const face::head::PointingScore& score, const Context& context,
                     const std::string& title);
 
-// How often the truth was within the deviations that came with the angles, with 95 % intervals: a
-// line an axis, "" where there were none; and "with_sigma" (poses), "yaw_within_sigma",
-// "yaw_within_2sigma" .. (shares) as members of `line`. `of`: which deviations, if not all: in the
-// text behind "sigma", in the members behind the axis.
+// How often the error was within the predicted standard deviations, with 95 % intervals.
+// coverage_text(): one line per axis, "" if there are none. add_coverage(): the members
+// "with_sigma" (number of poses), "yaw_within_sigma", "yaw_within_2sigma" .. (shares) of `line`.
+// `of` names the kind of deviations: it follows "sigma" in the text and the axis in the members.
 [[nodiscard]] std::string coverage_text(const face::head::AngleCoverage& coverage,
                                         const std::string& of = "");
 void add_coverage(const face::head::AngleCoverage& coverage, nlohmann::ordered_json& line,
                   const std::string& of = "");
 
-// A file, or "fx,fy,cx,cy[,..]".
+// Reads a camera from a file or from "fx,fy,cx,cy[,..]".
 [[nodiscard]] geometry::Camera camera_of(const std::string& text);
 
 }  // namespace tarsier::cli

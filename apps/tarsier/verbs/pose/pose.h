@@ -4,7 +4,7 @@
 #include "framework/cli.h"
 #include "verbs/pose/engine.h"
 
-// One file a verb: cmd_pose_<verb>.cpp.
+// One file per verb: cmd_pose_<verb>.cpp.
 namespace tarsier::cli {
 
 void add_pose_solve(Command& area, Context& context);

@@ -20,7 +20,7 @@
 namespace tarsier::cli {
 namespace {
 
-// Thinner than this share of its width, an object looks almost alike from two sides.
+// An object that is flatter than this share of its width looks almost the same from two sides.
 constexpr double kNearlyFlat = 0.1;
 
 struct SolveFlags {
@@ -29,7 +29,7 @@ struct SolveFlags {
   std::string camera;
   double focal = 0;
   std::string method = "auto";
-  std::string origin;  // empty: corner where an image or camera is given
+  std::string origin;  // empty: corner if there is an image or camera
   int reference = 0;
   bool no_refine = false;
   std::string image;
@@ -42,7 +42,7 @@ bool from_center(const SolveFlags& flags) {
   return flags.origin == "center";
 }
 
-// The camera whose px the points are in.
+// The camera for whose pixels the points are given.
 geometry::Camera solve_camera(const SolveFlags& flags, const cv::Mat& image) {
   geometry::Camera camera;
   if (!flags.camera.empty()) {
@@ -67,7 +67,7 @@ geometry::Camera solve_camera(const SolveFlags& flags, const cv::Mat& image) {
     camera.width = image.cols;
     camera.height = image.rows;
   }
-  // A size is only needed to draw.
+  // The size is needed only for drawing.
   if (camera.width <= 0) camera.width = static_cast<int>(std::ceil(2 * camera.cx)) + 1;
   if (camera.height <= 0) camera.height = static_cast<int>(std::ceil(2 * camera.cy)) + 1;
   camera.check();
@@ -92,7 +92,7 @@ Solution solve(const SolveFlags& flags, const face::head::PositModel& model,
     solution.method = model.flatness() < kNearlyFlat ? "planar" : "posit";
   }
   const bool planar = solution.method == "planar";
-  // What is wrong with the object itself is the input's fault.
+  // A defect of the object is an error of the input.
   const std::string defect = planar ? model.planar_defect() : model.defect();
   if (!defect.empty()) throw InputError(flags.object, defect);
   face::head::PositWorkspace workspace;

@@ -51,7 +51,7 @@ struct SynthFlags {
   synth::FaceSceneOptions scene;
 };
 
-// Somewhere in the image, the whole face inside.
+// A random position with the whole face inside the image.
 geometry::Rigid3 random_pose(const SynthFlags& flags, const geometry::Camera& camera, Rng& rng) {
   constexpr double kRoom = 110;  // mm around the middle of a head
   const face::head::HeadAngles angles{rng.uniform(-flags.yaw, flags.yaw),
@@ -66,7 +66,7 @@ geometry::Rigid3 random_pose(const SynthFlags& flags, const geometry::Camera& ca
           {across(camera.width, camera.fx), across(camera.height, camera.fy), distance}};
 }
 
-// A head that turns to and fro while it nods, more slowly.
+// A head that turns left and right while it nods more slowly.
 geometry::Rigid3 turning_pose(const SynthFlags& flags, double phase) {
   constexpr double kTurn = 2 * std::numbers::pi;
   const face::head::HeadAngles angles{flags.yaw * std::sin(kTurn * phase),
@@ -78,18 +78,19 @@ geometry::Rigid3 turning_pose(const SynthFlags& flags, double phase) {
           {0, 10, middle + swing * std::sin(kTurn * phase)}};
 }
 
-// --- a video of what `people liveness --fixed-order` asks of the same --seed ---
+// --- a video that performs the challenge of `people liveness --fixed-order` with the same --seed
+// ---
 
 constexpr double kActFps = 15;
-constexpr double kActLook = 1.5;  // s, into the camera
-constexpr double kActTask = 2.5;  // s, for each task, with the way back
+constexpr double kActLook = 1.5;  // s, looking into the camera
+constexpr double kActTask = 2.5;  // s per task, including the return
 
 struct Act {
   face::head::HeadAngles angles;
-  double open = 1;  // of the lids
+  double open = 1;  // opening of the lids
 };
 
-// 0 to 1 and back, smooth, between `from` and `to`.
+// Rises smoothly from 0 to 1 and back between `from` and `to`.
 double swell(double t, double from, double to) {
   if (t <= from || t >= to) return 0;
   return 0.5 - 0.5 * std::cos(2 * std::numbers::pi * (t - from) / (to - from));
@@ -106,7 +107,7 @@ Act act_at(const SynthFlags& flags, const std::vector<face::head::LivenessTask>&
   if (which >= tasks.size()) return act;
   const double t = since - kActTask * static_cast<double>(which);
   if (tasks[which] == face::head::LivenessTask::kBlink) {
-    // Who holds a photo nods it, so that the eyes look narrower.
+    // A person who holds a photo tilts it, so that the eyes look narrower.
     if (flags.challenge == "photo")
       act.angles.pitch_deg += flags.pitch * swell(t, 0.4, 1.6);
     else
@@ -118,7 +119,7 @@ Act act_at(const SynthFlags& flags, const std::vector<face::head::LivenessTask>&
   return act;
 }
 
-// The upper lids come down over the eyes.
+// Lowers the upper lids over the eyes.
 void close_eyes(const face::appearance::Synthesis& synthesis,
                 const face::appearance::AppearanceModel& model, cv::Mat& image,
                 const Eigen::Matrix2Xd& points, double open) {
@@ -129,14 +130,13 @@ void close_eyes(const face::appearance::Synthesis& synthesis,
   face::appearance::draw_edited(synthesis, model, image, points, edited);
 }
 
-// The image as a print of it that is held at `distance` (mm), where it has the size of the face, and
-// turned.
+// The image as a print that is held at `distance` (mm), where the face has its size, and rotated.
 cv::Mat turned_print(const cv::Mat& image, const geometry::Camera& camera, double distance,
                      const face::head::HeadAngles& angles) {
   const Eigen::Matrix3d r = face::head::rotation_of_angles(angles);
   Eigen::Matrix3d k;
   k << camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1;
-  // Of a point of the print at (X, Y, 0): K (R (X, Y, 0) + t), X = (u - cx) distance / f.
+  // For a point of the print at (X, Y, 0): K (R (X, Y, 0) + t), X = (u - cx) distance / f.
   Eigen::Matrix3d on_print;
   on_print << distance / camera.fx, 0, -camera.cx * distance / camera.fx, 0, distance / camera.fy,
       -camera.cy * distance / camera.fy, 0, 0, 1;

@@ -35,7 +35,7 @@ struct TrackFlags {
   bool no_identity = false;
 };
 
-// Of --csv: one row a face with a pose and frame.
+// Columns of --csv: one row per frame and face with a pose.
 constexpr const char* kColumns =
     "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px,yaw_sigma_deg,pitch_sigma_deg,"
     "roll_sigma_deg";

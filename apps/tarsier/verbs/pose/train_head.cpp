@@ -87,7 +87,7 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
     trained =
         face::head::train_head(faces, markup, flags.options, context.progress.get(), context.stop);
   } catch (const std::invalid_argument& error) {
-    // Too few faces, or faces that do not turn.
+    // Too few faces, or faces without rotation.
     throw InputError(flags.set.input, error.what());
   }
   face::head::write_head_model(

@@ -8,16 +8,16 @@
 #include <string_view>
 #include <vector>
 
-// The command line of `tarsier bench`. It is declared twice: by tarsier, which describes it and
-// starts the program tarsier-bench, and by that program, which measures (bench/).
+// The command line of `tarsier bench`. It is declared in two programs: tarsier documents it and
+// starts tarsier-bench, and tarsier-bench measures (bench/).
 namespace tarsier::cli {
 
 struct BenchOptions {
   std::vector<std::string> inputs;  // images to measure on; empty: the benchmark's own
-  int repeats = 15;                 // measured runs per case, >= 1; the median counts
+  int repeats = 15;                 // measured runs per case, >= 1; the median is reported
   std::vector<std::string> sizes;   // "640x480" ..; empty: the benchmark's own
   std::vector<std::string> only;    // names of cases (modes); empty: all
-  bool stages = false;              // cartoon: where the time of a frame goes
+  bool stages = false;              // cartoon: time of each stage of a frame
 };
 
 struct BenchInfo {
@@ -42,7 +42,7 @@ inline constexpr auto kBenches = std::to_array<BenchInfo>({
      "RANSAC"},
 });
 
-// Adds `bench` with a verb for each of kBenches; `run` gets the name of the chosen one.
+// Adds `bench` with one verb for each entry of kBenches; `run` gets the name of the chosen verb.
 using RunBench = std::function<ExitStatus(std::string_view, const BenchOptions&, Context&)>;
 void add_bench(Command& app, Context& context, const RunBench& run);
 

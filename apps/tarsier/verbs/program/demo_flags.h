@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-// The command line of `tarsier demo`. It is declared twice: by tarsier, which describes it and
-// starts the program tarsier-demo, and by that program, which makes the page (apps/demo/).
+// The command line of `tarsier demo`. It is declared in two programs: tarsier documents it and
+// starts tarsier-demo, and tarsier-demo creates the page (apps/demo/).
 namespace tarsier::cli {
 
 // In the order of the page.
@@ -19,7 +19,7 @@ inline constexpr auto kDemoAreas =
 
 struct DemoOptions {
   std::string output = "demo-out";  // folder of the page
-  std::vector<std::string> only;    // of kDemoAreas; empty: all
+  std::vector<std::string> only;    // subset of kDemoAreas; empty: all
 };
 
 using RunDemo = std::function<ExitStatus(const DemoOptions&, Context&)>;

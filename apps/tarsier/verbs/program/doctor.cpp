@@ -48,7 +48,7 @@ struct Item {
   const char* area;  // "camera"
   std::string name;  // "V4L2"
   Finding finding = Finding::kOk;
-  std::string value;   // what was found
+  std::string value;   // the finding
   std::string advice;  // what to do; empty: nothing
 };
 
@@ -59,7 +59,7 @@ std::string_view name_of(Finding finding) { return kFindings.name(finding); }
 
 // --- looking ---
 
-// First line of a small text file of the system, without what cannot be printed ("" if it cannot be
+// First line of a small text file of the system, without unprintable characters ("" if it cannot be
 // read).
 std::string first_line(const fs::path& path) {
   std::ifstream file(path);
@@ -86,7 +86,7 @@ std::string raspberry_pi_model() {
   return model.starts_with("Raspberry Pi") ? model : std::string();
 }
 
-// True if something listens on the local socket `path`; a path beginning with '@' is an abstract
+// Whether something listens on the local socket `path`; a path that begins with '@' is an abstract
 // one.
 bool socket_answers(const std::string& path) {
   sockaddr_un address{};
@@ -256,7 +256,7 @@ void look_at_cameras(std::vector<Item>& items, const std::vector<CameraInfo>& ca
   }
 }
 
-// "screen 0 of this machine": what DISPLAY means, and whether anything answers there.
+// Reports what DISPLAY means ("screen 0 of this machine") and whether a display answers there.
 void look_at_display(std::vector<Item>& items) {
   try {
     window::prepare();
@@ -312,8 +312,8 @@ int count_files(const fs::path& folder, const std::vector<std::string>& endings)
   return count;
 }
 
-// Models whose terms are narrower than the program's MIT licence: their names, by the terms that
-// they state. A model that cannot be read is the affair of `models verify`.
+// Names of the models whose terms are narrower than the program's MIT licence, by their terms.
+// `models verify` reports models that cannot be read.
 std::map<std::string, std::string> restricted_models(const std::string& folder) {
   std::map<std::string, std::string> names_by_terms;
   std::vector<fs::path> paths;
@@ -438,8 +438,8 @@ void look_at_mqtt(std::vector<Item>& items) {
 
 // --- showing ---
 
-// `text` in lines of at most `width` characters, broken at spaces; all but the first begin with
-// `indent`.
+// `text` in lines of at most `width` characters, broken at spaces; all lines except the first begin
+// with `indent`.
 std::string wrapped(const std::string& text, size_t width, const std::string& indent) {
   std::string result;
   size_t column = 0;

@@ -23,7 +23,7 @@ struct HelpOptions {
   bool bash = false;
 };
 
-// Of the build, which may fix it ($SOURCE_DATE_EPOCH) so that the same source gives the same files.
+// The build date. $SOURCE_DATE_EPOCH may fix it, so that the same source gives the same files.
 std::string date_of_build() {
   std::time_t now = std::time(nullptr);
   if (const char* fixed = std::getenv("SOURCE_DATE_EPOCH"); fixed != nullptr) {
@@ -69,7 +69,7 @@ ExitStatus run_help(const Command& root, const Context& context, const HelpOptio
 
 void add_help(Command& app, Context& context) {
   Command& verb = app.add_subcommand("help", "the help of a verb; all verbs for other programs");
-  verb.group("");  // `--help` after any verb is what messages name
+  verb.group("");  // hidden: messages refer to `--help` after a verb
   const auto options = std::make_shared<HelpOptions>();
   verb.add_option("VERB", options->words, "area and verb, e.g. plate read");
   Flag& manual = verb.add_option("--man", options->manual, "folder to write manual pages into");

@@ -35,7 +35,7 @@ void print_event(const std::string& node, const std::string& event, const Contex
     const auto at = object.find(name);
     return at != object.end() && at->is_string() ? printable(at->get<std::string>()) : "";
   };
-  // A plate's text, a person's name, a target's, or a marker's number.
+  // A plate's text, a person's or target's name, or a marker's number.
   std::string what = text("text") + text("label") + text("name");
   if (what.empty() && object.contains("id")) what = object["id"].dump();
   print_text(fmt::format("{}  {:<16} {:<9} {:<10} {}\n", text("last_seen").substr(0, 19), node,

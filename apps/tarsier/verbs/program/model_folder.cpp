@@ -61,7 +61,7 @@ std::map<std::string, std::string> read_model_index(const std::string& folder) {
     const bool is_sum = line.size() > 66 && line.find_first_not_of("0123456789abcdef") == 64 &&
                         line[64] == ' ' && (line[65] == ' ' || line[65] == '*');
     const std::string name = is_sum ? line.substr(66) : "";
-    // A name is a file of this very folder: an index must not send us elsewhere.
+    // A name must be a file directly in this folder: an index must not lead elsewhere.
     if (name.empty() || name.front() == '.' || name.find('/') != std::string::npos) {
       throw ModelError(path.string(), sum_line_error(number));
     }
@@ -76,7 +76,7 @@ std::vector<ModelFile> find_models(const ModelStore& store) {
   std::error_code error;
   if (!store.own_folder().empty() && fs::is_directory(store.own_folder(), error)) {
     for (auto& [file, model] : models_in(store.own_folder())) {
-      if (!model.exists) continue;  // what ships is used
+      if (!model.exists) continue;  // the shipped model is used
       model.is_own = true;
       files[file] = std::move(model);
     }

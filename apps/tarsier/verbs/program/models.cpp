@@ -34,7 +34,7 @@ using nlohmann::json;
 
 struct ModelsOptions {
   std::string folder;  // --models-dir
-  std::string name;    // info, verify
+  std::string name;    // for info, verify
 };
 
 std::string provenance_text(const Archive& archive, const char* key) {
@@ -140,7 +140,7 @@ std::string shape_text(const std::vector<face::onnx::TensorForm>& forms) {
   return text;
 }
 
-// A network of the user's own, for `people --embedding` and `--detector-model`. It is read, not run.
+// Shows a user's network for `people --embedding` and `--detector-model`. It is parsed, not run.
 ExitStatus show_own_network(const Context& context, const std::string& path) {
   const face::onnx::NetworkFile file = face::onnx::read_network_file(path);
   const face::onnx::InputForm form = face::onnx::read_input_form(path);

@@ -31,8 +31,8 @@ struct ImportOptions {
   bool any_weights = false;
 };
 
-// The files of the npm package @vladmandic/face-api that hold the networks. Its versions since 2020
-// carry the same bytes.
+// The files of the npm package @vladmandic/face-api that contain the networks. All its versions
+// from 2020 on have the same bytes.
 constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kKnownWeights{{
     {"face_recognition_model-weights_manifest.json",
      "cbaffa501b0b9275a12b63357a6843e7e30c054e1c9151e1a5f879b26e32986b"},
@@ -44,7 +44,7 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kKnownWei
      "b7503ce7df31039b1c43316a9b865cab6a70dd748cc602d3fa28b551503c3871"},
 }};
 
-// Throws ModelError for a file that is not one of those.
+// Returns the checksum; throws ModelError for a file that is not one of those, unless `any`.
 std::string checked_sum(const fs::path& path, bool any) {
   const std::string sum = sha256_of_file(path.string());
   const std::string name = path.filename().string();
@@ -60,7 +60,7 @@ std::string checked_sum(const fs::path& path, bool any) {
                         sum, known->second));
 }
 
-// What to write, how to name it, and what it is in a line.
+// What to write, its name, and a one-line description.
 struct Imported {
   const Importable* model = nullptr;
   std::string data;

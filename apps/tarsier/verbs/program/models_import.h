@@ -6,11 +6,11 @@
 
 namespace tarsier::cli {
 
-// Networks of other programs that `models import` makes model files of.
+// Networks of other programs that `models import` converts to model files.
 struct Importable {
-  const char* name;   // for scripts/get-model.sh
-  const char* file;   // in the user's models folder
-  const char* what;   // it is
+  const char* name;   // name for scripts/get-model.sh
+  const char* file;   // file name in the user's models folder
+  const char* what;   // description
   const char* terms;  // its size and terms
 };
 inline constexpr std::array<Importable, 2> kImportable{{
@@ -21,7 +21,7 @@ inline constexpr std::array<Importable, 2> kImportable{{
      "190 kB, MIT"},
 }};
 
-// `models import`.
+// Adds `models import`.
 void add_models_import(Command& models, Context& context);
 
 }  // namespace tarsier::cli

@@ -48,8 +48,8 @@ struct InstallOptions {
   std::string folder;  // --own-dir
 };
 
-// What the verbs read a type of model with: its own reader checks all dimensions. The result is how
-// many points it has, which must be those of the one that ships: other models build on them.
+// The function by which the verbs read a type of model; it checks all dimensions. It returns the
+// number of points, which must equal that of the shipped model, because other models depend on it.
 struct ModelType {
   std::string_view type;
   int (*points)(const std::string& path);
@@ -66,7 +66,8 @@ const std::array kTypes = {
               }},
     ModelType{"head-model",
               [](const std::string& path) {
-                static_cast<void>(face::head::read_head_model(path));  // names its own points
+                // has its own names of points
+                static_cast<void>(face::head::read_head_model(path));
                 return 0;
               }},
     ModelType{"head-view",
@@ -121,7 +122,7 @@ void write_index(const std::string& folder, const std::map<std::string, std::str
   write_file_atomically((fs::path(folder) / kModelIndex).string(), text);
 }
 
-// The models that ship and have this type.
+// The shipped models of this type.
 std::vector<ModelFile> shipped_of(const ModelStore& store, const std::string& type) {
   std::vector<ModelFile> found;
   for (const ModelFile& model : find_models(store.shipped())) {
@@ -137,7 +138,7 @@ std::string names_of(const std::vector<ModelFile>& models) {
   return names;
 }
 
-// The one that ships whose place the file takes.
+// The shipped model that the file replaces.
 ModelFile place_for(const InstallOptions& options, const ModelStore& store,
                     const Archive& archive) {
   const std::vector<ModelFile> shipped = shipped_of(store, archive.type);
@@ -188,7 +189,7 @@ ExitStatus install(const Context& context, const InstallOptions& options) {
   const Archive archive = read_any_archive(options.file);
   const ModelFile place = place_for(options, store, archive);
   check_as_verbs_do(options.file, place, archive);
-  // What was checked is what is installed.
+  // The installed file must be the one that was checked.
   if (sha256_of_file(options.file) != sum)
     throw ModelError(options.file, "changed while it was read; try again");
 

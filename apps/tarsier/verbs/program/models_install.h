@@ -5,7 +5,7 @@
 
 namespace tarsier::cli {
 
-// `models install` and `models remove`.
+// Adds `models install` and `models remove`.
 void add_models_install(Command& models, Context& context);
 
 }  // namespace tarsier::cli
