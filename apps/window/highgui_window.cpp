@@ -33,9 +33,9 @@ using Clock = std::chrono::steady_clock;
 
 // --- a toolkit that ends the process ---
 
-// Qt aborts when it finds no
-// display, and calls exit(1) when it loses one. Both are looked for before each call into it; if
-// one happens in the middle of a call, these two at least leave one line and the right status.
+// Qt aborts if it finds no display, and calls exit(1) if it loses one. Both cases are checked
+// before each call. If one occurs during a call, these two functions at least print one line and
+// set the right exit status.
 
 volatile std::sig_atomic_t g_in_toolkit = 0;
 
