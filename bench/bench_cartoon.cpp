@@ -324,7 +324,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
       }
       for (const int threads : thread_counts) {
         const auto count = static_cast<double>(frames.size());
-        // A pass-through takes less time than the clock can see.
+        // A pass-through takes less time than the clock can measure.
         constexpr double kMin_ms = 0.001;
         const double reference_ms = std::max(references[threads].wall_ms / count, kMin_ms);
         const double fast_ms = std::max(fasts[threads].wall_ms / count, kMin_ms);
