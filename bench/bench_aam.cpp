@@ -29,7 +29,7 @@ geometry::Rigid3 pose_at(double yaw, double distance) {
   return {face::head::rotation_of_angles({yaw, 3, 2}), {0, 10, distance}};
 }
 
-// Heads that nobody has, to learn a small grey model from.
+// Trains a small grey model from synthetic heads.
 AppearanceModel small_model(const synth::FaceSynth& faces, int width, int modes) {
   geometry::Camera camera = face::head::guess_camera({240, 240});
   std::vector<face::appearance::TrainingImage> images;
@@ -61,7 +61,7 @@ void report(const Context& context, const char* name, double ms, const std::stri
   }
 }
 
-// One iteration at the finest level: the difference of many and few.
+// Time of one iteration at the finest level: the difference between many and few iterations.
 double iteration_ms(const AppearanceModel& model, Method method, const cv::Mat& image,
                     const Eigen::Matrix2Xd& start, int repeats) {
   const auto time_of = [&](int iterations) {
@@ -128,7 +128,7 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
            median_ms(options.repeats, [&] { (void)fitter.fit(image, start, workspace); }), about);
   }
   if (is_chosen(options, "track")) {
-    // A head that turns: fit from frame to frame, and the pose of the head.
+    // A head that turns: the fit from frame to frame, and the pose of the head.
     std::vector<cv::Mat> video;
     for (int i = 0; i < 30; ++i) {
       video.emplace_back();

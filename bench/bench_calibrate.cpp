@@ -40,7 +40,7 @@ geometry::Camera camera_of_size(cv::Size size) {
   return camera;
 }
 
-// Squared distances from the exact points; boards that look the same upside down in either order.
+// Squared distances from the exact points; symmetric boards in either order.
 double squares_of(const BoardView& found, const BoardView& exact, bool may_be_turned) {
   double best = std::numeric_limits<double>::infinity();
   for (const bool turned : {false, true}) {
@@ -71,7 +71,7 @@ void print_row(Context& context, const Json& row) {
   print_text(text + "\n");
 }
 
-// Rendered views of one board: found, how exactly, how fast, and the camera they give.
+// Rendered views of one board: detection rate, accuracy, speed, and the resulting camera.
 void measure_board(Context& context, const char* board, cv::Size size) {
   const BoardSpec spec = planar::calibration::parse_board(board, 0.025);
   const geometry::Camera truth = camera_of_size(size);
@@ -114,7 +114,7 @@ void measure_board(Context& context, const char* board, cv::Size size) {
                                          3)}});
 }
 
-// Images without a board: how long a search may take, at once and in a session.
+// Images without a board: the duration of a search, immediate and in a session.
 void measure_nothing(Context& context, const std::vector<cv::Mat>& images, const char* board) {
   const BoardSpec spec = planar::calibration::parse_board(board, 0.025);
   for (const bool live : {false, true}) {

@@ -37,9 +37,9 @@ using cartoon::CartoonizerState;
 using cartoon::CartoonOptions;
 using cartoon::Mode;
 
-constexpr double kIdenticalPsnr = 99;  // dB, stands for infinity
+constexpr double kIdenticalPsnr = 99;  // dB, used for identical images
 
-// How alike two images of any size and kind are.
+// Similarity of two images of any size and type.
 struct Likeness {
   std::optional<double> psnr;          // of the painting, dB
   std::optional<double> ssim;          // of the painting
@@ -99,7 +99,7 @@ bool has_painting(Mode mode) {
   return mode == Mode::kPaint || mode == Mode::kCartoon || mode == Mode::kEvil ||
          mode == Mode::kAlien;
 }
-// The drawing of the lines alone that a mode uses; nothing where it draws none.
+// The mode of the lines alone; nullopt if the mode draws no lines.
 std::optional<Mode> lines_of(Mode mode) {
   if (mode == Mode::kSketch || mode == Mode::kCartoon || mode == Mode::kAlien) return Mode::kSketch;
   if (mode == Mode::kEvil || mode == Mode::kEvilSketch) return Mode::kEvilSketch;
@@ -136,12 +136,12 @@ void keep_worst(std::optional<double>& kept, const std::optional<double>& value)
 
 struct Cost {
   double wall_ms = 0;
-  double cpu_ms = 0;  // of all threads
+  double cpu_ms = 0;  // sum of all threads
 };
 
-// Medians of `runs` runs of work() on each number of threads, in turn: what else the machine does
-// meanwhile meets all of them alike. Each run has one before it that is not measured, because
-// another number of threads begins with asleep ones.
+// Medians of `runs` runs of work() for each number of threads, in turn, so that other load affects
+// all of them equally. Each measured run follows one unmeasured run, because after a change of the
+// number of threads some are asleep.
 template <typename Work>
 std::map<int, Cost> costs(int runs, const std::set<int>& thread_counts, const std::stop_token& stop,
                           const Work& work) {
@@ -176,8 +176,7 @@ std::string processor_name() {
   return "unknown processor";
 }
 
-// Processes that want to run at the moment, as the system averages them over a minute; this one
-// counts too.
+// Number of runnable processes, averaged by the system over a minute; this process is included.
 std::optional<double> load_average() {
   double load = 0;
   if (getloadavg(&load, 1) != 1) return std::nullopt;
@@ -209,8 +208,8 @@ std::string cell(const std::optional<double>& value, int digits) {
   return value ? fmt::format("{:.{}f}", *value, digits) : "-";
 }
 
-// Where the time of a frame goes, in ms of the wall clock: for each stage the fastest of the runs,
-// averaged over the images.
+// Time of each stage of a frame, in ms of wall clock: the fastest of the runs, averaged over the
+// images.
 void print_stages(Context& context, const BenchOptions& options, const std::vector<cv::Mat>& frames,
                   Mode mode, const std::string& size_name, const std::set<int>& thread_counts) {
   CartoonOptions cartoon_options;
@@ -325,7 +324,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
       }
       for (const int threads : thread_counts) {
         const auto count = static_cast<double>(frames.size());
-        // A pass-through takes less time than the clock can see.
+        // A pass-through takes less time than the clock can measure.
         constexpr double kMin_ms = 0.001;
         const double reference_ms = std::max(references[threads].wall_ms / count, kMin_ms);
         const double fast_ms = std::max(fasts[threads].wall_ms / count, kMin_ms);

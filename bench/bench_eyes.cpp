@@ -16,8 +16,8 @@
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-// How often each way finds both eyes, of all images and of those with a face, and how long the
-// eyes take (the faces found before). One thread.
+// How often each method finds both eyes, relative to all images and to images with a detected face,
+// and the time for the eyes without face detection. One thread.
 ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
   const std::vector<std::string> inputs = options.inputs.empty()

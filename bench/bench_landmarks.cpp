@@ -16,7 +16,7 @@
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-// Fits on one thread; tracking is of a face at rest in an image of 640x480, searches included.
+// Fits on one thread. Tracking is of a still face in an image of 640x480, including searches.
 ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
   const face::LandmarkTracker tracker = load_landmark_tracker({});
@@ -53,7 +53,7 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
            }));
   }
   report("detect", median_ms(options.repeats, [&] { (void)finder.find_sure(gray); }));
-  // Faces from the usual 40 px on; the image fills the frame.
+  // Faces from the default 40 px; the image fills the frame.
   cv::Mat wide;
   cv::resize(gray, wide, cv::Size(1920, 1080), 0, 0, cv::INTER_LINEAR);
   report("detect-1080p", median_ms(options.repeats, [&] { (void)finder.find_sure(wide); }));

@@ -47,7 +47,7 @@ Detector opencv_detector(const planar::markers::Dictionary& family) {
 }
 
 #ifdef TARSIER_WITH_APRILTAG
-// The AprilTag library, one thread; its corners go anticlockwise from the tag's lower left.
+// The AprilTag library, one thread; its corners are anticlockwise from the tag's lower left.
 Detector apriltag_detector(float decimate) {
   struct Parts {
     apriltag_family_t* family = tag36h11_create();
@@ -64,7 +64,7 @@ Detector apriltag_detector(float decimate) {
   parts->detector->quad_decimate = decimate;
   parts->detector->nthreads = 1;
   return [parts](const cv::Mat& gray) {
-    // The library only reads the pixels; its type has no const.
+    // The library only reads the pixels, but its type has no const.
     image_u8_t image{gray.cols, gray.rows, static_cast<std::int32_t>(gray.step[0]),
                      const_cast<std::uint8_t*>(gray.ptr<std::uint8_t>())};
     zarray_t* found = apriltag_detector_detect(parts->detector, &image);
@@ -74,7 +74,7 @@ Detector apriltag_detector(float decimate) {
       zarray_get(found, i, static_cast<void*>(&tag));
       planar::markers::Marker one;
       one.id = tag->id;
-      // Pixels' middles are at halves there, and its tags stand on their heads.
+      // There pixel centres are at halves, and the tags are upside down.
       constexpr std::size_t kFirst = 5;
       for (std::size_t k = 0; k < 4; ++k)
         one.corners[k] = {tag->p[(kFirst - k) % 4][0] - 0.5, tag->p[(kFirst - k) % 4][1] - 0.5};
@@ -86,7 +86,7 @@ Detector apriltag_detector(float decimate) {
 }
 #endif
 
-// Scenes are drawn once and shared by the methods.
+// Scenes are rendered once and shared by the methods.
 struct Scenes {
   std::vector<cv::Mat> images;
   std::vector<planar::markers::MarkerTruth> truth;

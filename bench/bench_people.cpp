@@ -37,11 +37,11 @@ namespace {
 using face::recognition::Recognizer;
 using Clock = std::chrono::steady_clock;
 
-constexpr int kImages = 5;             // of a person
-constexpr std::int64_t kSize = 5000;   // faces of the gallery, unless asked otherwise
+constexpr int kImages = 5;             // per person
+constexpr std::int64_t kSize = 5000;   // faces of the gallery, unless --size is given
 constexpr int kStranger = 10'000'000;  // number of the first person who is not enrolled
 
-// Of the wall, and of all processors: on a busy machine the second says more.
+// Wall clock and processor time; on a busy machine the latter is more reliable.
 struct Took {
   double ms = 0;
   double cpu_ms = 0;
@@ -59,9 +59,8 @@ class Watch {
   std::clock_t cpu_ = std::clock();
 };
 
-// Faces that nobody has: of the appearance model that ships, parameters by chance, a person for
-// each number. Cut as cut_face() does it; images of one person under other light, moved and
-// noisy.
+// Synthetic faces of the shipped appearance model with random parameters, one person per number.
+// They are cropped as by cut_face(). Images of one person differ in light, position and noise.
 class DrawnPeople {
  public:
   explicit DrawnPeople(const face::appearance::AppearanceModel& model)
@@ -127,7 +126,7 @@ class PeopleBench {
            times(options_.repeats, [&] { (void)face::recognition::identify(model, faces[37]); }));
   }
 
-  // A gallery of so many really enrolled faces.
+  // Measures a gallery with `size` enrolled faces.
   void gallery(std::int64_t size) {
     const std::string name = fmt::format("{} faces: ", size);
     const Scratch scratch;
@@ -135,8 +134,8 @@ class PeopleBench {
     face::people::TemplateMaker maker(gallery, &background_);
     const std::int64_t alone = std::min<std::int64_t>(1000, std::max<std::int64_t>(1, size / 5));
     fill(gallery, size - alone);
-    // The last ones as a user enrols them: one after the other, each safe on the disk before the
-    // next. Finding the face in an image is not counted: the faces are aligned already.
+    // The last ones are enrolled as by a user: one after the other, each on the disk before the
+    // next. Face detection is not included: the faces are aligned already.
     std::vector<Took> each;
     context_.progress->begin("one by one", alone, "faces");
     each_face(size - alone, size, [&](face::people::NewFace&& entry) {
@@ -254,8 +253,8 @@ class PeopleBench {
     }
   }
 
-  // The first `count` faces, some hundreds in a transaction, in coordinates from the beginning: so
-  // that the last ones can be measured without waiting for days.
+  // Adds the first `count` faces, some hundreds per transaction, with coordinates computed in
+  // advance, so that the last ones can be measured without waiting for days.
   void fill(face::people::Gallery& gallery, std::int64_t count) const {
     constexpr std::int64_t kBatch = 50LL * kImages;
     const std::int64_t space = -face::recognition::fingerprint(background_);
@@ -283,7 +282,7 @@ class PeopleBench {
     context_.progress->end();
   }
 
-  // Other images of people who are enrolled, and images of people who are not.
+  // Probes: other images of enrolled people, and images of people who are not enrolled.
   void judge(const std::string& name, std::int64_t size, const Recognizer& recognizer) const {
     constexpr int kProbes = 200;
     int right = 0;
@@ -329,7 +328,7 @@ std::int64_t faces_of(const std::string& text) {
   return value;
 }
 
-// --size templates:N or templates:N:SPREAD, indexed:N or indexed:N:SPREAD.
+// Whether the text is --size templates:N or templates:N:SPREAD, indexed:N or indexed:N:SPREAD.
 bool is_of_templates(const std::string& text) {
   return text.starts_with("templates:") || text.starts_with("indexed:");
 }
@@ -363,7 +362,7 @@ double peak_memory() {
   return 0;
 }
 
-// Drawn faces. --size: faces of the gallery; templates:N: so many drawn templates in an index,
+// Synthetic faces. --size: faces of the gallery; templates:N: N random templates in an index;
 // indexed:N: in a gallery with an index.
 ExitStatus bench_people(Context& context, const BenchOptions& options) {
   std::vector<std::int64_t> sizes;

@@ -47,7 +47,7 @@ struct Best {
   float score = -std::numeric_limits<float>::infinity();
 };
 
-// The nearest template of each probe among them all.
+// The nearest template of each probe by exhaustive search.
 std::vector<Best> exact_search(const face::recognition::TemplateSource& source, const Rows& probes,
                                std::int64_t count, Context& context) {
   std::vector<Best> best(static_cast<std::size_t>(probes.rows()));
@@ -67,7 +67,7 @@ std::vector<Best> exact_search(const face::recognition::TemplateSource& source, 
 
 }  // namespace
 
-// The index by itself, of templates that are drawn as they are needed.
+// Measures the index alone, with templates that are generated on demand.
 void bench_template_index(Context& context, const face::recognition::Background& background,
                           std::int64_t count, double spread, const std::string& folder) {
   constexpr int kProbes = 500;
@@ -146,7 +146,7 @@ void bench_template_index(Context& context, const face::recognition::Background&
 
 namespace {
 
-// So many faces of a gallery, whose crops are all alike.
+// Fills a gallery with `count` faces, whose crops are identical.
 void fill_gallery(face::people::Gallery& gallery, const DrawnTemplates& drawn, std::int64_t space,
                   std::int64_t count, Context& context) {
   constexpr std::int64_t kBatch = 2000LL * kDrawnImages;

@@ -19,7 +19,7 @@
 namespace tarsier::cli {
 namespace {
 
-// A few images, all of this size.
+// A few images, all of the given size.
 std::vector<cv::Mat> plate_images(const BenchOptions& options, cv::Size size, std::uint64_t seed) {
   std::vector<cv::Mat> result;
   for (const std::string& path : options.inputs) {

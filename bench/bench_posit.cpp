@@ -16,7 +16,7 @@ ExitStatus bench_posit(Context& context, const BenchOptions& options) {
   const face::head::HeadModel model = face::head::read_head_model(path);
   face::head::PositStudyOptions study;
   study.seed = context.seed;
-  // The nose tip, where the markup has one.
+  // The nose tip, if the markup has one.
   study.reference = model.points() == 68 ? 30 : 0;
   const auto rows = face::head::run_posit_study(model.mean, study, context.stop);
   if (!context.json)

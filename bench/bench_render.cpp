@@ -13,7 +13,7 @@
 namespace tarsier::cli {
 namespace {
 
-// A ball of 10 200 triangles that fills most of the image, with or without a texture.
+// A sphere of 10 200 triangles that fills most of the image, with or without a texture.
 std::shared_ptr<const render::Mesh> ball(bool textured, std::uint64_t seed) {
   render::Mesh mesh = render::make_sphere(51, {0.9F, 0.8F, 0.7F});
   if (textured) {

@@ -26,9 +26,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kMaxRuns = 3;  // of a set; each takes many seconds
+constexpr int kMaxRuns = 3;  // per set; each takes many seconds
 
-// What to reconstruct: files, the lens and where the cameras were, as far as that is known.
+// The input of a reconstruction: files, and the lens and camera positions if known.
 struct ImageSet {
   std::string name;
   std::vector<std::string> sources;
@@ -36,7 +36,7 @@ struct ImageSet {
   sfm::PoseTruth truth;
 };
 
-// Images of a ring around a drawn scene.
+// Images of a ring around a synthetic scene.
 ImageSet drawn_ring(int images, cv::Size size, const Scratch& scratch, const Context& context) {
   synth::SceneOptions options;
   options.seed = context.seed;
@@ -56,16 +56,16 @@ ImageSet drawn_ring(int images, cv::Size size, const Scratch& scratch, const Con
   return set;
 }
 
-// Times of the runs of a set, and the result, which is the same in each.
+// Times of the runs of a set, and the result, which is identical for all runs.
 struct Runs {
   std::map<std::string, std::vector<double>> wall_s;  // of each stage
   std::map<std::string, std::vector<double>> cpu_s;
-  std::vector<std::string> stages;  // in their order
+  std::vector<std::string> stages;  // in order
   sfm::PipelineResult result;
 };
 
 Runs run(const ImageSet& set, int repeats, const Context& context) {
-  sfm::ReconstructorOptions options;  // no folder: nothing is kept from run to run
+  sfm::ReconstructorOptions options;  // without a folder nothing is kept between runs
   options.cache = false;
   options.pipeline.camera = set.camera;
   options.pipeline.seed = context.seed;
@@ -90,7 +90,7 @@ Runs run(const ImageSet& set, int repeats, const Context& context) {
   return runs;
 }
 
-// What a stage made.
+// The counts of a stage's results.
 Json counts_of(const std::string& stage, const sfm::PipelineResult& result) {
   const auto& models = result.reconstruction.models;
   Json counts;
@@ -122,7 +122,7 @@ Json counts_of(const std::string& stage, const sfm::PipelineResult& result) {
   return counts;
 }
 
-// Mean error of the camera centres, in per cent of the extent of the true ones.
+// Mean error of the camera centres, in per cent of the extent of the true centres.
 std::optional<double> center_percent(const ImageSet& set, const sfm::PipelineResult& result) {
   if (set.truth.empty() || result.reconstruction.models.empty() ||
       sfm::statistics_of(result.reconstruction.models[0]).registered < 3)

@@ -25,15 +25,15 @@ using cartoon::CartoonOptions;
 using cartoon::Mode;
 
 constexpr int kFrames = 200;
-constexpr int kSettle = 5;  // frames before counting, for what --steady remembers
+constexpr int kSettle = 5;  // frames before counting, for the memory of --steady
 
 std::string default_video() {
   const std::string video = sample_image("vtest.avi");
   return std::filesystem::exists(video) ? video : "synth:portrait?size=640x480&noise=3";
 }
 
-// Where the image stands still from one smoothed grey frame to the next: 255, well away from what
-// moves.
+// The mask (255) of the regions that do not change between two smoothed grey frames, well away from
+// moving regions.
 cv::Mat still_regions(const cv::Mat& gray, const cv::Mat& earlier) {
   constexpr int kMoved = 5;  // grey levels
   cv::Mat difference;

@@ -39,7 +39,7 @@ double rms_of(const Corners& a, const Corners& b) {
   return std::sqrt(sum / 4);
 }
 
-// The textbook's way: features, ratio test, a homography by RANSAC.
+// The textbook method: features, ratio test, a homography by RANSAC.
 class TextbookFinder {
  public:
   TextbookFinder(cv::Ptr<cv::Feature2D> features, cv::NormTypes norm, double ratio,
@@ -83,7 +83,7 @@ class TextbookFinder {
   cv::Mat descriptors_;
 };
 
-// What one method made of the images.
+// The results of one method.
 struct Tally {
   int shown = 0;
   int right = 0;
@@ -164,7 +164,7 @@ std::optional<Corners> find_own(const std::vector<planar::image_targets::Target>
   return found[0].corners;
 }
 
-// Stills of one print each, at three levels of light, blur and noise, each alone.
+// Stills of one print each, at three levels each of light, blur and noise, one at a time.
 void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& prints,
                     const Contenders& all) {
   Tally own;
@@ -201,8 +201,8 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
   print_row(context, "stills", "SIFT+RANSAC", sift);
 }
 
-// A video for each print: 25 px a frame, tilt to 50 degrees, exposure times two, a hand that
-// passes.
+// One video per print: motion of 25 px per frame, tilt up to 50 degrees, two exposure times, a hand
+// that passes in front.
 void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& prints,
                     const Contenders& all) {
   Tally own;
@@ -223,7 +223,7 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
       const double time = i / kFps;
       const cv::Mat image = video.image_at(time);
       const auto shown = video.truth_at(time);
-      // A print that is hidden for the most part, or has left the image, counts for nobody.
+      // A print that is mostly hidden, or has left the image, is not counted.
       const bool counts = !shown.empty() && shown[0].visible >= 0.5;
       double start = thread_cpu_ms();
       const auto seen = planar::image_targets::track(targets, {}, state, image);
@@ -236,7 +236,7 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
           synth::PlanarVideo::is_at_rest(time - 1 / kFps))
         rest.push_back(cv::norm((*corners)[0] - *last));
       last = corners ? std::optional((*corners)[0]) : std::nullopt;
-      if (i % 10 != 0) continue;  // these know no video: a sample of the frames tells as much
+      if (i % 10 != 0) continue;  // these methods do not use the video: every tenth frame suffices
       cv::Mat gray;
       cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
       start = thread_cpu_ms();

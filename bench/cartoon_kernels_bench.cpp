@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The kernels of the cartoon filters on each instruction set, one thread, beside what they replace
-// in OpenCV.
+// The kernels of the cartoon filters for each instruction set, on one thread, compared with the
+// OpenCV functions that they replace.
 #include "tarsier/cartoon/bilateral.h"
 #include "tarsier/cartoon/kernels.h"
 #include "tarsier/cartoon/plane.h"

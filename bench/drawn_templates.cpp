@@ -26,7 +26,7 @@ Rows root_of(const Eigen::MatrixXd& scatter) {
 }
 
 constexpr std::int64_t kLearned = 2000;
-constexpr std::int64_t kFirstLearned = 1LL << 40;  // people whom nobody else is
+constexpr std::int64_t kFirstLearned = 1LL << 40;  // numbers of people used only for training
 
 std::vector<DrawnTemplates::Image> first_images(std::int64_t first, std::int64_t count,
                                                 std::int64_t step, std::int64_t person) {
@@ -36,7 +36,7 @@ std::vector<DrawnTemplates::Image> first_images(std::int64_t first, std::int64_t
   return out;
 }
 
-// As a large gallery is learned, from so many faces of other people.
+// Trains as for a large gallery, from that many faces of other people.
 Recognizer learned(const DrawnTemplates& drawn, const Background& background,
                    const std::stop_token& stop) {
   const auto images = first_images(0, kLearned, 1, kFirstLearned);
@@ -82,7 +82,7 @@ Rows DrawnTemplates::coordinates(std::span<const Image> images) const {
   Rows out(n, m + 1);
   out.leftCols(m) =
       people + static_cast<float>(spread_) * face::recognition::products(chance, within_);
-  // What is outside the directions: many small numbers, of which the sum hardly varies.
+  // The part outside the directions: many small numbers, whose sum hardly varies.
   out.col(m).setConstant(
       static_cast<float>(background_->outside + spread_ * spread_ * background_->within_rest));
   return out;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// tarsier-bench: what `tarsier bench` starts.
+// tarsier-bench: the program that `tarsier bench` starts.
 #include "tarsier/core/stop.h"
 
 #include "bench.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// calibrate BOARD SQUARE INPUT: a camera from images or a video of a board with squares of SQUARE
-// metres, as one JSON line.
+// calibrate BOARD SQUARE INPUT: calibrates a camera from images or a video of a board with squares
+// of SQUARE metres; prints one JSON line.
 //   calibrate chess:9x6 0.025 board.mp4
 #include "tarsier/core/errors.h"
 #include "tarsier/planar/pipelines/calibrator.h"

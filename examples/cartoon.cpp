@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// cartoon OUTPUT INPUT [MODE]: draws images, a video or a camera; one JSON line for each frame.
+// cartoon OUTPUT INPUT [MODE]: filters images, a video or a camera; prints one JSON line per frame.
 //   cartoon drawn.png photo.jpg sketch
 //   cartoon drawn.mp4 walk.mp4
 #include "tarsier/cartoon/cartoonizer.h"

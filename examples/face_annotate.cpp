@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// face_annotate SET IMAGE: proposes the points of an image from those that were annotated by hand
-// in others.
+// face_annotate SET IMAGE: proposes the points of an image from other images that were annotated by
+// hand.
 //   face_annotate my-faces.json next.png
-// SET is what `tarsier landmarks annotate` writes. Without one, two equal images show the way:
-//   face_annotate face.png face.png   (the middle of the first is marked, and found in the second)
+// SET is the file of `tarsier landmarks annotate`. Without one, try it with two equal images:
+//   face_annotate face.png face.png   (marks the centre of the first, finds it in the second)
 #include "tarsier/core/errors.h"
 #include "tarsier/face/pipelines/annotator.h"
 #include "tarsier/media/image_file.h"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// face_appearance INPUT: how much of each face an active appearance model explains, and where its nose is.
+// face_appearance INPUT: how well an active appearance model explains each face, and the position
+// of its nose.
 //   face_appearance portrait.jpg
 //   face_appearance 0            (a camera)
 #include "tarsier/core/errors.h"

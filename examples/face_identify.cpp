@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// face_identify GALLERY INPUT [NAME]: names the faces of INPUT after the people of a gallery. With
-// NAME the largest face of the image INPUT is enrolled under it first.
+// face_identify GALLERY INPUT [NAME]: identifies the faces of INPUT in a gallery. With NAME, first
+// enrols the largest face of the image INPUT under that name.
 //   face_identify people.db me.jpg Me && face_identify people.db 0
 #include "tarsier/core/errors.h"
 #include "tarsier/face/pipelines/identifier.h"

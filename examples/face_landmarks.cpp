@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// face_landmarks INPUT: the 68 points of each face, a JSON line for each frame; faces of a video
-// keep their id.
+// face_landmarks INPUT: the 68 landmarks of each face, one JSON line per frame; in a video each
+// face keeps its id.
 //   face_landmarks portrait.jpg
 //   face_landmarks 0            (a camera)
 #include "tarsier/core/errors.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// face_pose INPUT: where each head looks, in degrees, and how far away it is.
+// face_pose INPUT: the direction of each head, in degrees, and its distance.
 //   face_pose portrait.jpg
 //   face_pose 0            (a camera)
 #include "tarsier/core/errors.h"

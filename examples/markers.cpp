@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// markers INPUT [SIDE [FAMILY..]]: where printed markers of SIDE metres [0.05] are, of the families
-// [36h11], one line each.
+// markers INPUT [SIDE [FAMILY..]]: the poses of printed markers with sides of SIDE metres [0.05],
+// of the families [36h11]; prints one line per marker.
 //   markers desk.jpg 0.08 aruco-original
 //   markers 0            (a camera)
 #include "tarsier/core/errors.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// plate_read INPUT [COUNTRY..]: the number plates of images, a JSON line each.
+// plate_read INPUT [COUNTRY..]: reads the number plates of images; prints one JSON line per image.
 //   plate_read car.jpg es pt
 //   plate_read 'synth:car?frames=3&seed=11'
 #include "tarsier/core/errors.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// plate_video INPUT: follows the vehicles of a video or camera, one JSON line for each that has
-// gone.
+// plate_video INPUT: tracks the vehicles of a video or camera; prints one JSON line when a vehicle
+// has left.
 //   plate_video street.mp4
 //   plate_video 'synth:drive?seconds=8&cars=2&parked=0&far=0&fps=8&size=640x360&seed=6'
 #include "tarsier/core/errors.h"

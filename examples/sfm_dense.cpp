@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// sfm_dense FOLDER MODEL IMAGES: depth maps and a dense cloud of a model, to FOLDER.
+// sfm_dense FOLDER MODEL IMAGES: writes depth maps and a dense cloud of a model to FOLDER.
 //   sfm_dense dense model photos
-//   sfm_dense dense drawn       (four images of a scene that the library draws)
+//   sfm_dense dense drawn       (four images of a synthetic scene)
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/dense/dense_reconstructor.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"

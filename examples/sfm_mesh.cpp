@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// sfm_mesh DENSE SURFACE: a textured surface of a dense folder, to a .glb, .obj or .ply file.
+// sfm_mesh DENSE SURFACE: writes the textured surface of a dense folder to a .glb, .obj or .ply
+// file.
 //   sfm_mesh dense mesh.glb
-//   sfm_mesh drawn mesh.glb    (four images and depth maps of a scene that the library draws)
+//   sfm_mesh drawn mesh.glb    (four images and depth maps of a synthetic scene)
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/scene/colmap.h"
 #include "tarsier/sfm/surface/surface_reconstructor.h"

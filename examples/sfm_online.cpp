@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// sfm_online FOLDER INPUT: a model that grows with a video or camera, one JSON line for each frame.
+// sfm_online FOLDER INPUT: a model that grows with a video or camera; prints one JSON line per
+// frame.
 //   sfm_online frames 0       (a camera; Ctrl-C ends)
-//   sfm_online frames drawn   (a walk along a wall that the library draws)
+//   sfm_online frames drawn   (a synthetic walk along a wall)
 #include "tarsier/core/stop.h"
 #include "tarsier/media/frame_source.h"
 #include "tarsier/sfm/pipelines/online_reconstructor.h"

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
-// sfm_reconstruct FOLDER INPUT..: camera poses and a cloud of points of images or a video, to FOLDER.
+// sfm_reconstruct FOLDER INPUT..: writes camera poses and a point cloud of images or a video to
+// FOLDER.
 //   sfm_reconstruct model images/
 //   sfm_reconstruct model walk.mp4
-//   sfm_reconstruct model drawn    (six images of a scene that the library draws)
+//   sfm_reconstruct model drawn    (six images of a synthetic scene)
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
 #include "tarsier/synth/relief.h"

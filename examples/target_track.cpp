@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// target_track IMAGE INPUT: trains a flat image and finds it in others, or tracks it in a video or
-// camera: one JSON line for each frame.
+// target_track IMAGE INPUT: trains a flat image as a target, then detects it in other images, or
+// tracks it in a video or camera; prints one JSON line per frame.
 //   target_track cover.jpg desk.mp4
 #include "tarsier/core/errors.h"
 #include "tarsier/media/frame_source.h"
@@ -19,7 +19,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    // write_target() keeps it, TargetTracker::load() reads such files.
+    // write_target() stores it, TargetTracker::load() reads such files.
     const tarsier::planar::TargetTracker tracker(
         {tarsier::planar::image_targets::train_target(tarsier::read_image(argv[1]), "target")});
     const auto source = tarsier::open_source(argv[2]);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a command reads again that was written before it: settings, the journal of a batch, what
-// stands beside its parts.
+// Files that a command reads and earlier runs wrote: settings, the journal of a batch, the .done
+// files of its parts.
 #include "tarsier/core/errors.h"
 
 #include "framework/command.h"
@@ -14,7 +14,7 @@ namespace tarsier::fuzz {
 
 using namespace tarsier::cli;
 
-// The flags of a verb from a file, some of a section.
+// The flags of a verb from a file, some of them from a section.
 TARSIER_FUZZ_TARGET(config_file, kBytes) {
   Command root{"tarsier", "a program"};
   Command& area = root.add_subcommand("plate", "verbs of a kind");

@@ -87,7 +87,7 @@ class Mutation {
     if (below(12) == 0) {
       node = odd_value();
     } else if (below(12) == 0) {
-      node = json(*nodes_[below(nodes_.size())]);  // what is elsewhere
+      node = json(*nodes_[below(nodes_.size())]);  // a copy of another node
     } else if (is_packed(node)) {
       change_packed(node);
     } else if (node.is_object()) {
@@ -133,7 +133,7 @@ class Mutation {
         node.push_back(odd_value());
         break;
       default:
-        if (node.size() < 5000) {  // twice as many
+        if (node.size() < 5000) {  // doubled
           const json copy = node;
           node.insert(node.end(), copy.begin(), copy.end());
         }
@@ -176,7 +176,7 @@ class Mutation {
       case 4:
         if (shape.size() > 1) std::swap(shape[dimension], shape[below(shape.size())]);
         break;
-      case 5: {  // another size, with as many values
+      case 5: {  // another size with as many values
         if (shape.empty() || !shape[dimension].is_number_unsigned()) break;
         static constexpr std::array<std::uint64_t, 6> kSizes{0, 1, 2, 3, 5, 64};
         const auto old = std::max<std::uint64_t>(1, shape[dimension].get<std::uint64_t>());
@@ -253,7 +253,7 @@ class Mutation {
     }
   }
 
-  // Any text that JSON can hold.
+  // Any text that JSON can contain.
   static std::string printable(std::string text) {
     for (char& c : text)
       if (static_cast<unsigned char>(c) >= 0x80) c = static_cast<char>(c & 0x7f);
@@ -276,7 +276,7 @@ std::size_t mutate_json(std::uint8_t* data, std::size_t size, std::size_t most, 
   std::size_t begin = 0;
   std::size_t length = text.size();
   json root = json::parse(text, nullptr, false);
-  if (root.is_discarded()) {  // one of the lines
+  if (root.is_discarded()) {  // one of several lines
     std::vector<std::size_t> starts{0};
     for (std::size_t i = 0; i < text.size(); ++i)
       if (text[i] == '\n') starts.push_back(i + 1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Models that find and fit landmarks: what was read is also used once, on a small image.
+// Models that find and fit landmarks. Each parsed model is also used once, on a small image.
 #include "tarsier/face/appearance/fit.h"
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/appearance/synthesis.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// fuzz_seeds FOLDER: writes the inputs to begin with that are no text (FOLDER/TARGET/good-*): tiny
-// models of each kind, images, streams and databases. The same bytes each time, but for the
+// fuzz_seeds FOLDER: writes the seed inputs that are not text (FOLDER/TARGET/good-*): tiny models
+// of each kind, images, streams and databases. The bytes are the same each time, except for the
 // databases.
 #include "tarsier/core/progress.h"
 #include "tarsier/core/rng.h"
@@ -78,7 +78,7 @@ void images() {
   for (const char* ending : {".png", ".jpg", ".pgm"})
     write_image(seed("image", std::string("gray") + ending), texture({12, 20}));
   const std::vector<std::uint8_t> jpeg = encode_image(".jpg", colour, "seed", 40);
-  // A part of multipart/x-mixed-replace, and images one after the other.
+  // A part of multipart/x-mixed-replace, and consecutive images.
   const std::string image(jpeg.begin(), jpeg.end());
   const std::string part =
       "--b\r\nContent-Type: image/jpeg\r\nContent-Length: " + std::to_string(image.size()) +

@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Some features at places that do not matter.
+// Some features at arbitrary positions.
 sfm::Features some_features() {
   sfm::Features features;
   features.points = {{1, 2}, {30, 40}, {5.5F, 6}};
@@ -32,7 +32,7 @@ sfm::Features some_features() {
   return features;
 }
 
-// The file, for a target that puts the sum before it.
+// The file without its checksum, for a target that adds the checksum itself.
 void keep_unsummed(const std::string& path) {
   const std::string bytes = read_file(path, 1'000'000);
   write_file_atomically(path, bytes.substr(sfm::kPackedMagic.size() + 64));

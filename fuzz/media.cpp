@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Images, model files as such, streams and words that name sources.
+// Images, generic model files, streams, and words that name sources.
 #include "tarsier/core/errors.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/capture_protocol.h"
@@ -39,8 +39,8 @@ TARSIER_FUZZ_TARGET(mqtt_address, kBytes) {
 }
 namespace {
 
-// Much less than the program's limits: those are for memory, and an image of 100 MP only takes
-// time here.
+// Much less than the program's limits, which protect the memory: here an image of 100 MP only costs
+// time.
 constexpr ImageLimits kImageLimits{.max_pixels = 2'000'000, .max_bytes = 1'000'000};
 
 template <typename T>
@@ -80,7 +80,7 @@ TARSIER_FUZZ_TARGET(archive, kJson) {
     unpack_any<std::int32_t>(value);
     unpack_any<std::uint8_t>(value);
   }
-  // What can be read can be written, and is the same.
+  // What was read can be written, and reading it gives the same.
   const std::string path = scratch_folder() + "/written.json";
   write_archive(path, archive);
   expect(read_any_archive(path).payload == archive.payload, "a model changes when it is written");

@@ -26,7 +26,7 @@ TARSIER_FUZZ_TARGET(recognizer, kJson) {
   const Recognizer model = read_recognizer(file_of(input, "model.json"));
   model.check();
   if (model.templates.size() > 1'000'000) return;
-  if (model.options.algorithm == Algorithm::kDeep) return;  // its network is no part of the file
+  if (model.options.algorithm == Algorithm::kDeep) return;  // its network is not in the file
   (void)identify(model, cv::Mat(16, 12, CV_8UC1, cv::Scalar(7)));
   if (model.calibration) (void)model.calibration->threshold(0.01, 3);
 }
@@ -37,7 +37,7 @@ TARSIER_FUZZ_TARGET(face_embedding, kJson) {
   (void)read_deep_network(file_of(input, "face-embedding.json"));
 }
 
-// The manifest; its shard is 4096 zeros.
+// Fuzzes the manifest; its shard is 4096 zeros.
 TARSIER_FUZZ_TARGET(weights_manifest, kJson) {
   const std::string manifest = file_of(input, "manifest.json");
   for (const std::string& name : shards_of_manifest(manifest)) {
@@ -47,7 +47,7 @@ TARSIER_FUZZ_TARGET(weights_manifest, kJson) {
   const DeepWeights weights = read_weights_manifest(manifest);
   try {
     (void)build_deep_network(weights, manifest);
-  } catch (const Error&) {  // tensors that are read need not make a network
+  } catch (const Error&) {  // valid tensors need not form a network
   }
 }
 
@@ -67,9 +67,9 @@ TARSIER_FUZZ_TARGET(onnx_input_form, kBytes) {
 
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }
 
-// An index as it is, and with the sum of its head put right: behind that is more to read.
+// An index as it is, and with the checksum of its head corrected, so that the rest is parsed, too.
 TARSIER_FUZZ_TARGET(face_index, kBytes) {
-  constexpr std::size_t kDigits = 8;  // where they begin, after the mark
+  constexpr std::size_t kDigits = 8;  // their offset, after the mark
   constexpr std::size_t kHead = kDigits + 64;
   const auto read = [](const std::string& path) {
     const CellIndex index(path);

@@ -104,7 +104,7 @@ TARSIER_FUZZ_TARGET(plate_watch, kBytes) {
     for (const WatchMatch& match : list.matches(text, {4, 1439}, nullptr))
       expect(match.distance <= match.entry->errors, "a match that is too far away");
   }
-  // What is written says the same, however the file was laid out.
+  // The written list has the same content, whatever the layout of the file.
   const std::string written = list.text();
   const WatchList again = WatchList::parse(written, "again.csv");
   expect(again.entries().size() == list.entries().size(), "another number of entries");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // fuzz_replay FOLDER..: runs each target on the files of FOLDER/TARGET, as a test of any build.
-// Files whose names begin with "good" must be taken; each target needs an input.
+// Files whose names begin with "good" must be accepted; each target needs an input.
 #include "fuzz.h"
 #include <algorithm>
 #include <cstdio>
@@ -43,7 +43,7 @@ int main(int argc, char** argv) {
       for (const auto& entry : fs::directory_iterator(folder)) files.push_back(entry.path());
     }
     std::sort(files.begin(), files.end());
-    // Before they run: where one crashes, the last line says which target it was.
+    // Printed before the run: after a crash the last line names the target.
     std::printf("%s: %zu inputs\n", std::string(target.name).c_str(), files.size());
     std::fflush(stdout);
     all = !files.empty() && all;

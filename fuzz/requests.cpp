@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// How the studio's server reads requests, forms, events, and the records of the windows of its
-// children.
+// How the studio's server parses requests, forms, events, and the records of its children's
+// windows.
 #include "tarsier/core/errors.h"
 #include "tarsier/media/http_service.h"
 
@@ -69,7 +69,7 @@ TARSIER_FUZZ_TARGET(web_cookie, kBytes) {
   if (!cookie) throw InputError("cookie", "absent");
   expect(cookie->find(';') == std::string::npos, "a cookie that holds another");
   expect(text.find(*cookie) != std::string_view::npos, "a cookie that was not sent");
-  // What looks like a secret goes into the names of files.
+  // A text that looks like a secret is used in file names.
   if (web::looks_like_secret(*cookie))
     expect(cookie->find_first_not_of("0123456789abcdef") == std::string::npos, "a path");
   expect(equals_in_constant_time(*cookie, *cookie), "it is not equal to itself");

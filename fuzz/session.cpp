@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What sessions read while they run: the journal of an annotation, actions and events from a pipe.
+// Input of running sessions: the journal of an annotation, actions and events from a pipe.
 #include "tarsier/media/image_file.h"
 
 #include "fuzz.h"
@@ -23,7 +23,7 @@ TARSIER_FUZZ_TARGET(annotate_journal, kJson) {
     (void)state.finished();
     journal.restart(state.difference(AnnotateState(), "all of it"));
   }
-  // What one run leaves, the next reads, and has the same.
+  // The next run reads what one run leaves, and gets the same.
   AnnotateState again;
   AnnotateJournal journal(path);
   again.replay(journal.open(), path);
@@ -52,7 +52,7 @@ TARSIER_FUZZ_TARGET(window_lines, kBytes) {
   const std::vector<WindowLine> at_once = whole.feed(text_of(input));
   for (const WindowLine& line : at_once) {
     const bool is_known = line.event || line.want || line.quality || line.max_width || line.close;
-    // {"close":false} asks for nothing.
+    // {"close":false} has no effect.
     if (!is_known) continue;
     expect(!line.quality || (*line.quality >= 1 && *line.quality <= 100),
            "a quality beyond 1..100");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Reconstructions, what is known of images, and targets.
+// Reconstructions, image data files, and targets.
 #include "tarsier/core/errors.h"
 #include "tarsier/planar/image_targets/detect.h"
 #include "tarsier/planar/image_targets/target_io.h"
@@ -98,7 +98,7 @@ TARSIER_FUZZ_TARGET(shard_info, kJson) {
   expect(info.shard >= 1 && info.shard <= info.shards, "a shard of no plan");
 }
 
-// What a packed file holds, of which the sum is right: all that lies behind it must be looked at.
+// The contents of a packed file with a correct checksum: everything behind it must be checked.
 static std::string packed_file_of(Bytes input, std::string& sum) {
   sum = sha256_of(text_of(input));
   return file_of(std::string(kPackedMagic) + sum + std::string(text_of(input)), "shard");

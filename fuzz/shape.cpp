@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Annotations, other programs' and our own, and shape models.
+// Annotations of other programs and of Tarsier, and shape models.
 #include "tarsier/face/shape/import.h"
 #include "tarsier/face/shape/landmark_set.h"
 #include "tarsier/face/shape/shape_model.h"
@@ -15,7 +15,7 @@ namespace {
 
 using namespace tarsier::face::shape;
 
-// The images that the annotations of the corpus name.
+// The images to which the annotations of the corpus refer.
 void make_images() {
   static const bool made = [] {
     const cv::Mat gray(24, 32, CV_8UC3, cv::Scalar(90, 90, 90));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What browsers and programs ask of the studio: verbs, files; and what jobs tell it.
+// Requests of browsers and programs to the studio: verbs, files; and the output of jobs.
 #include "tarsier/core/errors.h"
 
 #include "fuzz.h"
@@ -12,7 +12,7 @@
 namespace tarsier::fuzz {
 namespace {
 
-// Verbs with a flag and an input of each kind, as `help --json` tells them.
+// Verbs with a flag and an input of each kind, in the format of `help --json`.
 constexpr std::string_view kVerbs = R"({"verbs":[
 {"verb":"pose track","path":["pose","track"],"area":"pose","inputs":[{"names":["INPUT"],"required":true,"repeatable":true}],
  "flags":[{"names":["--output","-o"],"type":"text","choices":[],"range":null,"values":1,"repeatable":false,"help":"none; without it: the window"},
@@ -31,7 +31,7 @@ constexpr std::string_view kVerbs = R"({"verbs":[
   {"names":["--note"],"type":"text","choices":[],"range":null,"values":1,"repeatable":false,"help":""},
   {"names":["--json"],"type":"switch","choices":[],"range":null,"values":0,"repeatable":false,"help":""}]}]})";
 
-// A path that came out of a page's words would not begin with this.
+// A path that was taken from a page's words would not begin with this.
 constexpr std::string_view kPlace = "/workspace/";
 
 bool is_ours(std::string_view value) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Values on the command line. The first byte says which.
+// Values on the command line. The first byte selects the kind.
 #include "tarsier/core/length.h"
 #include "tarsier/face/people/name.h"
 #include "tarsier/geometry/camera_file.h"

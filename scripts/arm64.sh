@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 # scripts/arm64.sh [flags of ctest]: cross-builds the core modules for arm64 against a Debian for arm64 and runs their
 # unit tests under qemu-user. TARGETS="..." builds other targets of the preset (TARGETS=all: everything). docs/pi.md
-# tells what this proves and what it does not.
+# says what this proves and what it does not.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/setup.sh

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # count-tests.sh FOLDER
-# Adds up what ./test left in FOLDER: ctest.junit (one entry per test program or script) and an .xml of each
-# GoogleTest program (its cases). Names what failed and why something was skipped; the last line is the total.
-# Exit status 1 if anything failed.
+# Adds up the results that ./test wrote to FOLDER: ctest.junit (one entry per test program or script) and an .xml for
+# each GoogleTest program (its cases). Lists failures and the reasons of skipped tests; the last line is the total. Exit
+# status 1 if anything failed.
 set -euo pipefail
 folder=${1:?folder of results}
 

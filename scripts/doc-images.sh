@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# doc-images.sh [PROGRAM]: makes the images of docs/ again, from scenes that the program renders itself.
-# Needs ImageMagick (montage) beside the built program.
+# doc-images.sh [PROGRAM]: regenerates the images of docs/ from scenes that the program renders itself. Needs
+# ImageMagick (montage) in addition to the built program.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 tarsier=${1:-build/release/bin/tarsier}

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# face-detector-data.sh DATA OUT: what a face detector can learn from and be judged on, out of the sets in DATA
+# face-detector-data.sh DATA OUT: collects training and test data for a face detector from the sets in DATA
 # (scripts/get-data.sh list) and Debian's opencv-doc, into the folder OUT:
 #   learn.txt   faces68: all.txt without every third line of frontal.txt
-#   held.txt    that third
-#   none/       links to images without faces, to learn from (and, every third, to decide what is sure)
-#   judge/      links to images without faces that it did not see
+#   held.txt    that third, held out
+#   none/       links to images without faces, for training (every third: for the choice of the threshold)
+#   judge/      links to held-out images without faces
 # Then, in OUT: tarsier landmarks train face-networks learn.txt --without none --turned 1 --false-alarms 50 --terms 'non-commercial research (LFPW, HELEN, AFW)' -o face-detector.json
 set -euo pipefail
 data=$(realpath "${1:?the folder of the data}")

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# scripts/faults.sh [ROUNDS=20] [SEED=1] [VERB ..]: every verb that writes, ROUNDS times each set of words, with a full,
-# read-only or failing disk, without memory, killed (tests/faults/faults.py says what is checked). Builds the release build.
+# scripts/faults.sh [ROUNDS=20] [SEED=1] [VERB ..]: runs every verb that writes, ROUNDS times for each set of words,
+# with a full, read-only or failing disk, without memory, and killed (tests/faults/faults.py lists the checks). Builds
+# the release build.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 rounds=${1:-20} seed=${2:-1}

@@ -3,15 +3,15 @@
 # scripts/fuzz.sh [--jobs N] [--no-build] [--budget S] [--in-all] [--keep] [SECONDS [TARGET..]]
 # e.g.  scripts/fuzz.sh 60 camera_file obj
 # Builds the fuzzing programs (preset fuzz; needs clang 16 or later) and runs each target of fuzz/ for SECONDS (600), N
-# (1) at a time, from the inputs in fuzz/corpus, those that fuzz_seeds makes, and what earlier runs came upon
-# (build/fuzz/corpus). One line for each target; what was found lies in build/fuzz/finds/TARGET, with the log beside it.
-# Runs add up: fuzz/seconds.txt has the CPU seconds that each target has had in all, and those with the fewest go first.
-# (Seconds by the clock would count the waiting on a busy machine.)
-# --budget S: no new target is begun after S seconds, so that a run of any length is of use.
-# --in-all: a target runs until it has had SECONDS of CPU time with what earlier runs gave it.
-# --keep: afterwards what was come upon is reduced to what covers code that nothing in fuzz/corpus does, and goes there (at
-# most 90 kB a target, 40 files a run). With SECONDS 0 nothing else is done.
-# Exit status 1 where there are findings.
+# (1) at a time. The inputs are those in fuzz/corpus, those of fuzz_seeds, and those that earlier runs found
+# (build/fuzz/corpus). Prints one line for each target; findings are in build/fuzz/finds/TARGET, with the log beside it.
+# Runs add up: fuzz/seconds.txt has the total CPU seconds of each target, and those with the fewest run first.
+# (Wall-clock seconds would include waiting on a busy machine.)
+# --budget S: starts no new target after S seconds, so that a run of any length is useful.
+# --in-all: runs a target until its total CPU time, earlier runs included, is SECONDS.
+# --keep: afterwards reduces the new inputs to those that cover code which fuzz/corpus does not, and adds them there (at
+# most 90 kB per target, 40 files per run). With SECONDS 0 nothing else is done.
+# Exit status 1 if there are findings.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/setup.sh

@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# head-view-data.sh DATA OUT: what the head view model learns from beside Pointing'04, out of faces68 in DATA
-# (scripts/get-data.sh list), into the folder OUT:
+# head-view-data.sh DATA OUT: makes the training data of the head view model, apart from Pointing'04, from faces68 in
+# DATA (scripts/get-data.sh list), in the folder OUT:
 #   drawn/       500 synthetic heads with their rotations
-#   drawn1/      400 more, as different as real ones
-#   faces.txt    every second image of faces68: with their annotated points they teach which poses ordinary images have
+#   drawn1/      400 more, with the variation of real heads
+#   faces.txt    every second image of faces68: with their landmarks they give the distribution of ordinary poses
 # Then, in OUT: tarsier pose train-view --pointing DATA/pointing04 --truth drawn/truth.jsonl \
-#   --truth drawn1/truth.jsonl --annotated faces.txt -o head-view.json     (--leave-out prints how it does on people it has not seen)
-# TARSIER names the program (build/release/bin/tarsier).
+#   --truth drawn1/truth.jsonl --annotated faces.txt -o head-view.json     (--leave-out evaluates held-out people)
+# TARSIER is the path of the program (build/release/bin/tarsier).
 set -euo pipefail
 data=$(realpath "${1:?the folder of the data}")
 out=${2:?a folder for the lists}

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# scripts/lint.sh: checks what needs no build: the format of all C++ files (clang-format 14, as Debian 12 has it), the shell
-# scripts (shellcheck), the words (tests/architecture/glossary.py), flags in texts of the library (tests/architecture/flags.py),
-# names of files (tests/architecture/paths.py), and, where npm is there, the types, rules and format of the studio's pages (apps/web/client). Exit status 1 where something is to be changed.
+# scripts/lint.sh: the checks that need no build: the format of all C++ files (clang-format 14, as in Debian 12), the
+# shell scripts (shellcheck), the words (tests/architecture/glossary.py), flags in texts of the library
+# (tests/architecture/flags.py), names of files (tests/architecture/paths.py), and, if npm is installed, the types,
+# rules and format of the studio's pages (apps/web/client). Exit status 1 if something must be changed.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/setup.sh

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# scripts/package.sh [FOLDER]: builds Tarsier and makes its Debian packages for this machine's Debian: dist/*.deb
-# (or FOLDER/*.deb). Installs what is missing to build. docs/install.md tells what each package holds.
+# scripts/package.sh [FOLDER]: builds Tarsier and makes its Debian packages for this machine's Debian: dist/*.deb (or
+# FOLDER/*.deb). Installs missing build dependencies. docs/install.md lists the contents of each package.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/setup.sh

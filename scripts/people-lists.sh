@@ -1,11 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# people-lists.sh DATA OUT: lists path<TAB>person of the sets of faces in DATA (scripts/get-data.sh list), for
-# `tarsier people eval` and `people train`, into the folder OUT: orl.lst, yale.lst, yale-b.lst, pointing04.lst (heads that
-# are turned and tilted by at most 15 degrees), pointing04-front.lst and pointing04-yaw30.lst, -yaw45.lst, -yaw60.lst (heads
-# that are not tilted, seen from the front and turned by so much to either side: `people eval pointing04-yaw45.lst
-# --train-list pointing04-front.lst`), faces-wild.lst, faces68.lst (one image each: for --learn-background).
-# A set that is not there is said to be so.
+# people-lists.sh DATA OUT: writes lists path<TAB>person of the sets of faces in DATA (scripts/get-data.sh list), for
+# `tarsier people eval` and `people train`, to the folder OUT: orl.lst, yale.lst, yale-b.lst, pointing04.lst (yaw and
+# pitch of at most 15 degrees), pointing04-front.lst and pointing04-yaw30.lst, -yaw45.lst, -yaw60.lst (no pitch;
+# frontal, and with that yaw to either side: `people eval pointing04-yaw45.lst --train-list pointing04-front.lst`),
+# faces-wild.lst, faces68.lst (one image each: for --learn-background). Missing sets are reported.
 set -euo pipefail
 data=$(realpath "${1:?the folder of the data}")
 out=${2:?a folder for the lists}

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # scripts/sanitize.sh [asan|tsan|all] [flags of ctest]     e.g.  scripts/sanitize.sh asan -L unit
-# asan: the whole test suite under AddressSanitizer and UndefinedBehaviorSanitizer (leaks, too).
+# asan: the whole test suite under AddressSanitizer and UndefinedBehaviorSanitizer (including leaks).
 # tsan: the parts that use threads under ThreadSanitizer; OpenCV's loops run on threads that it can see
-#       (tests/sanitize/tsan_threads.cpp). Says what is left out, and why. Exit status 1 if anything failed.
+#       (tests/sanitize/tsan_threads.cpp). Lists what is left out, and why. Exit status 1 if anything failed.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"

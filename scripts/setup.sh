@@ -1,6 +1,6 @@
 # shellcheck shell=bash
 # SPDX-License-Identifier: MIT
-# What ./demo and ./test share: the Debian/Ubuntu packages, and the build. Meant to be sourced from the top folder.
+# Common parts of ./demo and ./test: the Debian/Ubuntu packages, and the build. Source it from the top folder.
 
 # Everything Tarsier is built from, by name (Debian 12 and 13, Ubuntu 24.04 and later).
 build_packages=(

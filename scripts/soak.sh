@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# scripts/soak.sh [HOURS=2] [SEED=1]: live sources whose server and child are killed at random moments, watched for growth
-# of memory, descriptors, threads and children (tests/soak/soak.py says what passes). Samples: build/soak/samples.csv.
-# TARSIER chooses another program than build/release/bin/tarsier. SOAK_NICE its priority. Needs little of the processor: 5 frames/s of 320x240.
+# scripts/soak.sh [HOURS=2] [SEED=1]: runs live sources whose server and child are killed at random moments, and checks
+# memory, descriptors, threads and children for growth (tests/soak/soak.py has the limits). Samples:
+# build/soak/samples.csv. TARSIER selects another program than build/release/bin/tarsier, SOAK_NICE its priority. Needs
+# little processor time: 5 frames/s of 320x240.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 export TARSIER=${TARSIER:-$root/build/release/bin/tarsier}

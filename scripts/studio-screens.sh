@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# studio-screens.sh [FOLDER] [--docs]: every screen of the studio as PNG, at 360, 800 and 1440 px, light and dark, for people who
-# look at them: NAME-WIDTH.png and NAME-WIDTH-dark.png in FOLDER (build/screens). They are made by the tests of the
-# pages, so all data are synthetic. Needs a build (TARSIER_SERVE_BIN, or build/release/bin) and chromium. --docs cuts those of docs/img
-# out of them (ffmpeg); with --docs-only of screens that FOLDER has.
+# studio-screens.sh [FOLDER] [--docs]: writes every screen of the studio as PNG, at 360, 800 and 1440 px, light and
+# dark, for visual checks: NAME-WIDTH.png and NAME-WIDTH-dark.png in FOLDER (build/screens). The tests of the pages make
+# them, so all data are synthetic. Needs a build (TARSIER_SERVE_BIN, or build/release/bin) and chromium. --docs crops
+# the images of docs/img from them (ffmpeg); --docs-only does this with the screens already in FOLDER.
 set -eu
 cd "$(dirname "$0")/.."
 folder=${1:-build/screens}

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # scripts/tidy.sh [--all | --since REVISION | FILE ..]     e.g.  scripts/tidy.sh src/tarsier/core/option_fields.cpp
-# clang-tidy with the rules of .clang-tidy: over the files named, or what differs from a revision (HEAD unless --since names
-# another; new files too), or all of src, apps, examples, bench and fuzz (hours on two cores). Of a header the sources of its name are
-# looked at, of a test its own file. Configures build/tidy for it and compiles nothing. Exit status 1 where
-# something is to be changed.
+# Runs clang-tidy with the rules of .clang-tidy on the named files, or on files that differ from a revision (HEAD, or
+# that of --since; new files too), or on all of src, apps, examples, bench and fuzz (hours on two cores). For a header
+# it checks the sources of the same name, for a test only its own file. Configures build/tidy for this and compiles
+# nothing. Exit status 1 if something must be changed.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# scripts/valgrind.sh [AREA ..]: small runs of each area of the program under valgrind's memcheck: no invalid access, no use of
-# uninitialised memory, nothing definitely lost. cmake/valgrind.supp holds what is of libraries, with the reasons.
-# TARSIER chooses another program than build/release/bin/tarsier. Takes minutes: code runs some 50 times slower there.
+# scripts/valgrind.sh [AREA ..]: small runs of each area of the program under valgrind's memcheck: no invalid access, no
+# use of uninitialised memory, no definite leak. cmake/valgrind.supp has the suppressions for libraries, with reasons.
+# TARSIER selects another program than build/release/bin/tarsier. Takes minutes: code runs about 50 times slower there.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 # shellcheck source=scripts/setup.sh

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 //
-// tarsier-capture: holds one camera or stream for tarsier, so that whatever blocks for ever in a
-// driver or in FFmpeg can be killed. Started by tarsier, not by people:
+// tarsier-capture: holds one camera or stream for tarsier in a separate process, which can be
+// killed if a driver or FFmpeg blocks for ever. tarsier starts it, not people:
 //   tarsier-capture v4l2 DEVICE WIDTH HEIGHT FPS     records to stdout
 //                                                    (tarsier/media/capture_protocol.h)
-//   tarsier-capture ffmpeg verify|insecure CA_FILE   the same, of the address in
-//                                                    $TARSIER_CAPTURE_URL; an empty CA_FILE: the
-//                                                    system's
-//   tarsier-capture exec PROGRAM [ARGUMENT..]        becomes PROGRAM, but dies with tarsier
+//   tarsier-capture ffmpeg verify|insecure CA_FILE   the same for the address in
+//                                                    $TARSIER_CAPTURE_URL; an empty CA_FILE means
+//                                                    the system's authorities
+//   tarsier-capture exec PROGRAM [ARGUMENT..]        becomes PROGRAM, but ends with tarsier
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/capture_protocol.h"
@@ -44,7 +44,7 @@ namespace {
 
 using tarsier::CaptureRecord;
 
-// Blocking; ends the program when nobody reads any more.
+// Blocks; ends the program when nobody reads any more.
 void write_all(const void* data, std::size_t size) {
   const auto* bytes = static_cast<const char*>(data);
   while (size > 0) {
@@ -67,13 +67,13 @@ void write_text(CaptureRecord::Kind kind, std::string_view text, double fps = 0)
   write_all(text.data(), text.size());
 }
 
-// Ends the program. Not through exit(): a grab that hangs must not keep us.
+// Ends the program, but not through exit(), because a hanging grab would block that.
 [[noreturn]] void fail(std::string_view reason) {
   write_text(CaptureRecord::Kind::kError, reason);
   ::_exit(3);
 }
 
-// The newest frame, between the thread that grabs and the one that writes.
+// Passes the newest frame from the thread that grabs to the one that writes.
 struct Slot {
   std::mutex mutex;
   std::condition_variable wake;
@@ -84,7 +84,7 @@ struct Slot {
 };
 
 void grab(cv::VideoCapture& capture, Slot& slot) {
-  constexpr int kMaxFailures = 5;  // a single bad frame of a USB camera is not the end
+  constexpr int kMaxFailures = 5;  // tolerates single bad frames of USB cameras
   int failures = 0;
   while (failures < kMaxFailures) {
     if (!capture.grab()) {
@@ -93,7 +93,7 @@ void grab(cv::VideoCapture& capture, Slot& slot) {
       continue;
     }
     const auto now = std::chrono::steady_clock::now().time_since_epoch();
-    cv::Mat image;  // new each time: the writer may still hold the last one
+    cv::Mat image;  // a new one each time: the writer may still hold the last one
     if (!capture.retrieve(image) || image.empty()) {
       ++failures;
       continue;
@@ -164,7 +164,7 @@ double number_or_zero(std::string_view text) {
 }
 
 [[noreturn]] void run_camera(const std::vector<std::string>& words) {
-  // OpenCV wants the node itself, not a link to it.
+  // OpenCV needs the device node itself, not a link to it.
   std::error_code error;
   const auto node = std::filesystem::canonical(words[0], error);
   const std::string path = error ? words[0] : node.string();
@@ -180,7 +180,7 @@ double number_or_zero(std::string_view text) {
   const double width = number_or_zero(words[1]);
   const double height = number_or_zero(words[2]);
   const double fps = number_or_zero(words[3]);
-  // USB 2 has no room for large uncompressed frames at a useful rate.
+  // USB 2 is too slow for large uncompressed frames at a useful rate.
   if (width * height > 640 * 480 || fps > 30) {
     capture.set(cv::CAP_PROP_FOURCC, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'));
   }
@@ -191,16 +191,16 @@ double number_or_zero(std::string_view text) {
   pass_frames_on(capture, "the camera stopped giving frames");
 }
 
-// What FFmpeg is given: the address, and its options.
+// The address and options for FFmpeg.
 struct Opening {
   std::string url;
   std::string options;  // "name;value|name;value"
   std::unique_ptr<tarsier::TlsTunnel> tunnel;
 };
 
-// FFmpeg verifies rtsps not at all and follows redirects from https to http (see TlsTunnel), so
-// that verified connections are made by us, and FFmpeg itself speaks to this machine only. Formats
-// that fetch parts from elsewhere (HLS, DASH) are left out there.
+// FFmpeg does not verify rtsps at all and follows redirects from https to http (see TlsTunnel). So
+// we make verified connections ourselves, and FFmpeg connects only to this machine. Formats that
+// load parts from elsewhere (HLS, DASH) are then excluded.
 Opening opening_of(const std::string& url, const tarsier::StreamSecurity& security) {
   constexpr std::string_view kSelfContained =
       "format_whitelist;mpjpeg,mjpeg,mpegts,mpeg,mpegvideo,h264,hevc,m4v,flv,live_flv,asf,avi,nut,"
@@ -213,7 +213,7 @@ Opening opening_of(const std::string& url, const tarsier::StreamSecurity& securi
   if (is_tunnelled) {
     const std::uint16_t own_port = is_rtsp ? 322 : 443;
     const tarsier::HttpUrl parts = tarsier::parse_url(url, scheme, own_port);
-    // It becomes a line of a request and a part of the options.
+    // The host becomes a line of a request and a part of the options.
     if (parts.host.find_first_not_of(
             "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
             ".-_:") != std::string::npos) {

@@ -35,7 +35,7 @@ cv::Mat cropped(const cv::Mat& image, const Eigen::Matrix2Xd& points) {
   return large;
 }
 
-// Start, some iterations, the end, and what the model draws there.
+// Start, some iterations, the end, and the model's synthesis there.
 std::vector<DemoImage> fit_sequence(DemoPage& page, const face::appearance::AppearanceModel& model,
                                     const synth::FaceSynth& faces) {
   const geometry::Camera camera = face::head::guess_camera({800, 800});
@@ -101,8 +101,8 @@ void demo_aam(Context& context, DemoPage& page) {
   page.strip(fit_sequence(page, model, faces));
 }
 
-// One drawn head that turns, with the axes of the pose that is found: what `pose track` does, from
-// the image alone.
+// A synthetic head that turns, with the axes of the estimated pose. Like `pose track` it uses only
+// the image.
 void demo_turning_head(Context& context, DemoPage& page) {
   const face::appearance::AppearanceModel model =
       face::appearance::read_appearance_model(shipped_appearance_model());

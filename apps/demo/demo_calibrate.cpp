@@ -20,14 +20,14 @@ namespace {
 namespace fs = std::filesystem;
 using planar::calibration::Calibration;
 
-constexpr int kDrawn = 12;  // images, where there are no others
+constexpr int kDrawn = 12;  // synthetic images, if there are no others
 
 struct Shot {
   std::string name;
   cv::Mat image;
 };
 
-// The left images of OpenCV's stereo pair, or drawn ones.
+// The left images of OpenCV's stereo pair, or synthetic ones.
 std::vector<Shot> shots(const planar::calibration::BoardSpec& spec) {
   std::vector<Shot> result;
   for (int k = 1; k <= 14; ++k) {
@@ -92,7 +92,7 @@ void demo_calibrate(Context& context, DemoPage& page) {
     return;
   }
   const geometry::Camera straight = geometry::undistorted_camera(calibration.camera);
-  // The view that shows the bend best: the one with the most tilt is as good as any.
+  // The view with the largest tilt shows the distortion well.
   std::size_t shown = 0;
   double tilt = -1;
   for (std::size_t i = 0; i < images.size(); ++i) {

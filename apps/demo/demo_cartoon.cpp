@@ -35,11 +35,11 @@ using cartoon::Mode;
 
 struct Sample {
   std::string name;  // "home"
-  std::string path;  // what a user would type
+  std::string path;  // as a user would type it
   cv::Mat image;     // CV_8UC3
 };
 
-// Sample images of the package opencv-doc where it is installed, else drawn ones.
+// Sample images of the package opencv-doc if it is installed, else synthetic ones.
 std::vector<Sample> samples() {
   std::vector<Sample> result;
   for (const char* name : {"home", "baboon", "squirrel_cls", "messi5"}) {
@@ -58,8 +58,8 @@ std::vector<Sample> samples() {
   return result;
 }
 
-// Images full of texture would drown in ink at the default, which suits faces before a calm
-// wall.
+// With the default, images full of texture would get too much ink. The default is for faces in
+// front of a plain wall.
 constexpr int kEvilThreshold = 60;
 
 CartoonOptions options_for(Mode mode) {
@@ -150,7 +150,7 @@ void add_faces(Context& context, DemoPage& page) {
   page.command("tarsier cartoon run 0 --mode alien --window");
 }
 
-// Keeps the stages of one run as images of the page.
+// Stores the stages of one run as images of the page.
 class StageStrip final : public DebugSink {
  public:
   StageStrip(DemoPage& page, std::string prefix) : page_(page), prefix_(std::move(prefix)) {}
@@ -248,7 +248,7 @@ void add_video(Context& context, DemoPage& page) {
 
 // --- speed ---
 
-// Of a frame.
+// Time per frame.
 double cartoon_ms(const Frame& frame, const CartoonOptions& options, int repeats) {
   const auto cartoonizer = Cartoonizer::load(ModelStore::find(), options);
   CartoonizerState state;

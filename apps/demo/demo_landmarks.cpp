@@ -39,7 +39,7 @@ void demo_landmarks(Context& context, DemoPage& page) {
     const cv::Mat& image = frame.image;
     const std::vector<face::landmarks::TrackedFace> found = tracker.process(frame, state).faces;
     if (found.empty()) continue;
-    // The face, enlarged: it is small in its image.
+    // The face, enlarged, because it is small in its image.
     const cv::Rect2d& box = found.front().box;
     const cv::Rect around =
         cv::Rect(cvRound(box.x - 0.6 * box.width), cvRound(box.y - 0.4 * box.height),

@@ -22,7 +22,7 @@ namespace {
 
 const cv::Size kSize{640, 480};
 constexpr double kFps = 25;
-constexpr int kFrames = 150;  // one round of the video
+constexpr int kFrames = 150;  // one turn of the video
 constexpr double kSide = 0.05;
 
 synth::PlanarVideo desk() {
@@ -137,7 +137,7 @@ void demo_markers(Context& context, DemoPage& page) {
     page.video(moving, poster);
   }
   add_table(page, tally);
-  // The other objects, on one image.
+  // The other objects, on a single image.
   Frame still;
   still.still = true;
   still.name = "still";

@@ -14,7 +14,7 @@
 namespace tarsier::cli {
 namespace {
 
-// Keeps the stages of one image.
+// Stores the stages of one image.
 class Kept final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat& image) override {
@@ -114,7 +114,7 @@ void demo_plate(Context& context, DemoPage& page) {
     const plate::Reader reader = load_reader({}, context);
     show_stills(context, page, reader);
     show_drive(context, page, reader);
-  } catch (const InputError& error) {  // no typefaces to draw plates with
+  } catch (const InputError& error) {  // there are no typefaces to draw plates
     log_warning("{}", error.what());
     page.note(error.what());
   }

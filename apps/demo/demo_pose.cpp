@@ -38,7 +38,7 @@ geometry::Camera demo_camera(int width, int height) {
   return camera;
 }
 
-// A cube of 100 mm that stands on a table, drawn with its true pose.
+// A cube of 100 mm on a table, drawn with its true pose.
 cv::Mat cube_image(const geometry::Camera& camera, const geometry::Rigid3& camera_from_cube) {
   cv::Mat image(camera.height, camera.width, CV_8UC3, cv::Scalar(222, 226, 230));
   render::Scene scene;
@@ -61,7 +61,7 @@ cv::Mat cube_image(const geometry::Camera& camera, const geometry::Rigid3& camer
   return image;
 }
 
-// Its corners seen with 0.5 px of noise, and the pose from them.
+// The corners with 0.5 px of noise, and the pose estimated from them.
 DemoImage cube_with_axes(DemoPage& page, Context& context) {
   const geometry::Camera camera = demo_camera(480, 360);
   const Eigen::Matrix3d upright{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};  // z up, y away from the camera
@@ -100,7 +100,8 @@ DemoImage cube_with_axes(DemoPage& page, Context& context) {
   return page.drawing("pose-cube", image, text);
 }
 
-// The face, enlarged, with what `pose track --draw` draws; the camera is that of the whole image.
+// The enlarged face with the drawings of `pose track --draw`. The camera is that of the whole
+// image.
 struct Portrait {
   cv::Mat image;
   geometry::Camera camera;
@@ -156,7 +157,7 @@ DemoImage posed_image(DemoPage& page, const Portrait& portrait, const std::strin
   return page.image(name, view.output.clone(), text);
 }
 
-// The head that ships, as learnt from flat images, in three poses; two wear what can be drawn.
+// The shipped head, learnt from flat images, in three poses; two of them wear drawn objects.
 DemoImage learnt_head(DemoPage& page) {
   const face::head::HeadModel model = read_head("");
   const face::head::HeadSurface surface = face::head::head_surface(model, model.mean);
@@ -213,7 +214,7 @@ void demo_pose(Context& context, DemoPage& page) {
   page.command("tarsier pose solve --object cube.txt --points seen.txt --focal 760");
   page.grid({cube_with_axes(page, context)});
   page.grid({learnt_head(page)});
-  // The turning head of the appearance model comes here.
+  // The turning head of the appearance model is inserted here.
   throw_if_stopped(context.stop);
   page.command(fmt::format("tarsier pose track {} -o posed.png", kMessi));
   if (!std::filesystem::exists(kMessi)) {

@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kImages = 9;
 
-// The model of the truth: true cameras, and points where the surface is.
+// The ground truth model: true cameras, and points on the true surface.
 sfm::Model true_model(const synth::ReliefScene& scene, const sfm::Model& found) {
   sfm::Model model;
   model.cameras = {scene.camera()};

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kVideoSeconds = 6;
 
-// What the session draws on an image.
+// The session's drawing on an image.
 cv::Mat seen_in(TargetSession& session, const cv::Mat& image, bool still) {
   Frame frame;
   frame.image = image;
@@ -43,7 +43,7 @@ void show_box(DemoPage& page) {
       planar::image_targets::train_target(read_image(box), "biscuits");
   const cv::Mat image = read_image(scene);
   planar::TargetTrackerOptions options;
-  geometry::Camera camera;  // nobody knows what took it: a usual field of view
+  geometry::Camera camera;  // unknown camera: a usual field of view
   camera.fx = camera.fy = 1.2 * image.cols;
   camera.cx = image.cols / 2.0 - 0.5;
   camera.cy = image.rows / 2.0 - 0.5;

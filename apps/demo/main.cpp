@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// tarsier-demo: what `tarsier demo` starts.
+// tarsier-demo: the program that `tarsier demo` starts.
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
@@ -23,7 +23,7 @@
 namespace tarsier::cli {
 namespace {
 
-// A row for each area, in the order of the page.
+// One row per area, in the order of the page.
 struct DemoStep {
   std::string_view name;
   void (*run)(Context&, DemoPage&);
@@ -43,10 +43,10 @@ constexpr auto kSteps = std::to_array<DemoStep>({
 static_assert(std::ranges::equal(kSteps, kDemoAreas, {}, &DemoStep::name),
               "the areas are those of the command line");
 
-// How a user starts `tarsier` from here: by name where it is installed, else by its path.
+// How a user starts `tarsier` from here: by name if it is installed, else by its path.
 std::string program_for_a_shell() {
   namespace fs = std::filesystem;
-  // Installed, this program lies in libexec/tarsier, and tarsier in bin, which is in PATH.
+  // If installed, this program is in libexec/tarsier, and tarsier in bin, which is in PATH.
   const fs::path beside = fs::path(program_folder()) / "tarsier";
   std::error_code error;
   if (!fs::exists(beside, error)) return "tarsier";

@@ -33,9 +33,9 @@ using Clock = std::chrono::steady_clock;
 
 // --- a toolkit that ends the process ---
 
-// Qt aborts when it finds no
-// display, and calls exit(1) when it loses one. Both are looked for before each call into it; if
-// one happens in the middle of a call, these two at least leave one line and the right status.
+// Qt aborts if it finds no display, and calls exit(1) if it loses one. Both cases are checked
+// before each call. If one occurs during a call, these two functions at least print one line and
+// set the right exit status.
 
 volatile std::sig_atomic_t g_in_toolkit = 0;
 
@@ -97,9 +97,9 @@ bool wayland_answers() {
   return connected;
 }
 
-// The connection that check_display() made, for the first window: an X server without a session
-// (Xvfb, a kiosk) starts over when its last client leaves, and must not do so between the check and
-// the window.
+// The connection of check_display(), kept for the first window. An X server without a session
+// (Xvfb, a kiosk) resets when its last client disconnects, which must not happen between the check
+// and the window.
 std::unique_ptr<X11Window>& checked_connection() {
   static std::unique_ptr<X11Window> connection;
   return connection;
@@ -113,7 +113,7 @@ std::unique_ptr<X11Window> take_connection() {
 void check_display() {
   checked_connection() = X11Window::connect();
   if (checked_connection() != nullptr) {
-    // Through X even on a Wayland desktop: the pointer and the keys are handled there (X11Window).
+    // Through X even on a Wayland desktop, because X11Window handles the pointer and the keys.
     setenv("QT_QPA_PLATFORM", "xcb", 1);
     setenv("GDK_BACKEND", "x11", 1);
   } else if (wayland_answers()) {
@@ -125,7 +125,7 @@ void check_display() {
                                                             : std::string("WAYLAND_DISPLAY")));
   }
   setenv("QT_LOGGING_RULES", "*.debug=false;*.info=false;*.warning=false;qt.*=false", 0);
-  unsetenv("SESSION_MANAGER");  // Qt complains on stderr when it does not answer
+  unsetenv("SESSION_MANAGER");  // Qt complains on stderr if it does not answer
 }
 
 // --- the window ---
@@ -188,7 +188,7 @@ class HighguiWindow final : public Window {
       const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now());
       if (!events_.empty() || closed_ || left <= milliseconds(0)) break;
       const milliseconds slice =
-          std::min(left, milliseconds(10));  // the toolkit wants to be called often
+          std::min(left, milliseconds(10));  // the toolkit must be called often
       if (x11_ != nullptr) {
         x11_->wait(slice);
       } else {
@@ -207,8 +207,8 @@ class HighguiWindow final : public Window {
     if (fullscreen_ == on) return;
     fullscreen_ = on;
     if (name_.empty() || closed_) return;
-    // A window of its own: highgui's sliders cannot be taken off one. The new one first, so that
-    // the desktop never sees the program without a window.
+    // A new window, because sliders cannot be removed from a highgui window. It is opened before
+    // the old one is closed, so that the desktop never sees the program without a window.
     const std::string old = name_;
     if (x11_ != nullptr) x11_->detach();
     create();
@@ -247,7 +247,7 @@ class HighguiWindow final : public Window {
     cv::waitKeyEx(1);
   }
 
-  // The area that images are shown in: the window without its sliders.
+  // The area for images: the window without its sliders.
   [[nodiscard]] cv::Size view_size() const {
     check_alive();
     cv::Rect shown;
@@ -257,8 +257,8 @@ class HighguiWindow final : public Window {
     }
     if (shown.width <= 0 || shown.height <= 0) return image_.size();
 #if CV_VERSION_MAJOR > 4 || (CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR > 6)
-    // This toolkit tells where the image is instead. One that is smaller than the area stands in
-    // its middle.
+    // This toolkit reports the position of the image instead. An image smaller than the area is
+    // centred.
     const std::optional<cv::Point> origin = x11_ != nullptr ? x11_->origin() : std::nullopt;
     if (origin && shown.x >= origin->x && shown.y >= origin->y) {
       return shown.size() + cv::Size(2 * (shown.x - origin->x), 2 * (shown.y - origin->y));
@@ -271,7 +271,7 @@ class HighguiWindow final : public Window {
     check_alive();
     const InToolkit guard;
     const int code = cv::waitKeyEx(1);
-    if (x11_ == nullptr && code > 0) {  // no X server to ask: the last key is better than none
+    if (x11_ == nullptr && code > 0) {  // without an X server the last key is better than none
       const int low = code & 0xffff;
       const int key = low == 0xff51   ? key::kLeft
                       : low == 0xff52 ? key::kUp
@@ -302,7 +302,7 @@ class HighguiWindow final : public Window {
       }
     }
     draw();
-    // The X server may be a little behind.
+    // The X server may lag behind.
     const Clock::time_point deadline = Clock::now() + std::chrono::seconds(2);
     do {
       run_toolkit();
@@ -332,10 +332,10 @@ class HighguiWindow final : public Window {
     }
   }
 
-  // The toolkit asks the window manager for full screen. Where none runs (a kiosk), nobody answers.
+  // The toolkit asks the window manager for full screen. Without one (a kiosk) nothing happens.
   void cover_screen() { x11_->place({{0, 0}, x11_->screen_size()}); }
 
-  // The size arrives as an event; an image drawn before would be stretched for a moment.
+  // The size arrives as an event. An image drawn before it would be stretched for a moment.
   void wait_for_size(cv::Size size) {
     const Clock::time_point deadline = Clock::now() + milliseconds(300);
     while (view_size() != size && Clock::now() < deadline) run_toolkit();
@@ -356,7 +356,7 @@ class HighguiWindow final : public Window {
       window += natural_size_ - view;
       if (window.width < 1 || window.height < 1) break;
     }
-    natural_size_ = view_size();  // the desktop has its own idea
+    natural_size_ = view_size();  // the desktop may choose another size
   }
 
   void draw() {
@@ -380,7 +380,7 @@ class HighguiWindow final : public Window {
       for (Event& event : x11_->take_keys()) events_.push_back(std::move(event));
       if (fullscreen_) {
         x11_->hide_pointer(true);
-        // The toolkit may still have had a size of its own under way.
+        // A size set by the toolkit itself may still be pending.
         const std::optional<cv::Rect> now = x11_->placement();
         if (on_bare_screen_ && now && *now != cv::Rect({0, 0}, x11_->screen_size())) cover_screen();
       }
@@ -436,7 +436,7 @@ class HighguiWindow final : public Window {
         break;
       case cv::EVENT_MOUSEWHEEL: {
         event.mouse = Event::Mouse::kWheel;
-        const int delta = cv::getMouseWheelDelta(flags);  // 120 a notch
+        const int delta = cv::getMouseWheelDelta(flags);  // 120 per notch
         event.wheel = delta / 120 != 0 ? delta / 120 : (delta > 0) - (delta < 0);
         break;
       }
@@ -448,7 +448,7 @@ class HighguiWindow final : public Window {
     event.y = at.y;
     event.shift = (flags & cv::EVENT_FLAG_SHIFTKEY) != 0;
     event.control = (flags & cv::EVENT_FLAG_CTRLKEY) != 0;
-    // A mouse moves hundreds of times a second; only where it is now matters.
+    // A mouse sends hundreds of moves per second; only the latest position matters.
     if (event.mouse == Event::Mouse::kMove && !events_.empty() &&
         events_.back().kind == Event::Kind::kMouse && events_.back().mouse == Event::Mouse::kMove) {
       events_.back() = event;

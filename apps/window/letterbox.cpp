@@ -29,8 +29,8 @@ cv::Point2d Letterbox::to_image(cv::Point2d window_px) const {
 }
 
 cv::Size initial_size(cv::Size image, cv::Size screen) {
-  // Several monitors side by side are one wide screen to X: a window should not spread over them.
-  // Some of the height goes to the title bar, the sliders and the desktop's panel.
+  // X reports several monitors side by side as one wide screen, and a window should not span them.
+  // Some of the height is left for the title bar, the sliders and the desktop's panel.
   const double width = std::min(screen.width * 0.95, screen.height * 1.9);
   const double height = screen.height * 0.85;
   const double scale = std::min({1.0, width / image.width, height / image.height});

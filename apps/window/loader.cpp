@@ -74,7 +74,7 @@ Module load() {
 
 const Module& module() {
   static const Module loaded = [] {
-    // Before the toolkit is loaded at all: this is what people meet over ssh.
+    // Checked before the toolkit is loaded: a missing display is common over ssh.
     if (!is_set("DISPLAY") && !is_set("WAYLAND_DISPLAY")) {
       fail("no display: DISPLAY is not set; give -o OUT, or run on a desktop");
     }
@@ -85,8 +85,8 @@ const Module& module() {
   return loaded;
 }
 
-// The pipe that the environment names, if it does. The variable is taken out of it: no other
-// program that this one starts has these descriptors.
+// The pipe in the environment, if there is one. The variable is removed, because other programs
+// that this one starts do not have these descriptors.
 const std::optional<PipeEnds>& pipe() {
   static const std::optional<PipeEnds> ends = []() -> std::optional<PipeEnds> {
     if (!is_set(kPipeVariable)) return std::nullopt;
@@ -109,7 +109,7 @@ bool shows_status() {
 }
 
 bool takes_stages() {
-  // The variable is there until prepare() has read it.
+  // The variable exists until prepare() has read it.
   return is_set(kPipeVariable) || pipe().has_value();
 }
 

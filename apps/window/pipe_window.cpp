@@ -39,10 +39,10 @@ constexpr int kQuality = 80;
 constexpr int kMaxSide = 16384;  // px, of images that are sent
 constexpr int kStageSide = 480;  // px, of stages
 constexpr std::size_t kMaxStages = 32;
-constexpr int kPipeBytes = 1 << 20;             // asked of the system: most images at once
-constexpr milliseconds kFarewell{200};          // for the last state, when the window is closed
-constexpr std::chrono::seconds kQuiet{1};       // from one warning to the next
-constexpr std::size_t kReadBytes = 64U << 10U;  // at a time: no flood holds up the frames
+constexpr int kPipeBytes = 1 << 20;        // requested from the system: most images fit at once
+constexpr milliseconds kFarewell{200};     // for the last state, when the window is closed
+constexpr std::chrono::seconds kQuiet{1};  // between two warnings
+constexpr std::size_t kReadBytes = 64U << 10U;  // per read, so that a flood cannot delay the frames
 
 // --- records ---
 
@@ -52,7 +52,7 @@ void put_u32(std::vector<std::uint8_t>& to, std::size_t value) {
 }
 
 std::vector<std::uint8_t> record(char kind, const ordered_json& json) {
-  // Names of files may be of any bytes.
+  // File names may contain any bytes.
   const std::string text = json.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
   std::vector<std::uint8_t> bytes;
   bytes.reserve(text.size() + 5);
@@ -86,7 +86,7 @@ bool same(const std::vector<Action>& a, const std::vector<Action>& b) {
   });
 }
 
-// But for their values.
+// Equal except for the values.
 bool same(const std::vector<Slider>& a, const std::vector<Slider>& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const Slider& x, const Slider& y) {
     return x.name == y.name && x.low == y.low && x.high == y.high && x.step == y.step;
@@ -130,7 +130,7 @@ class PipeWindow final : public Window {
     try {
       const Clock::time_point end = Clock::now() + kFarewell;
       while (!closed_ && has_something() && Clock::now() < end) wait(milliseconds(10));
-    } catch (const std::exception&) {  // nobody to say it to
+    } catch (const std::exception&) {  // there is nobody to report it to
     }
     ::close(ends_.in);
     if (ends_.out != ends_.in) ::close(ends_.out);
@@ -235,7 +235,7 @@ class PipeWindow final : public Window {
     return json;
   }
 
-  // The newest image as a record; empty where it cannot be encoded.
+  // The newest image as a record; empty if it cannot be encoded.
   std::vector<std::uint8_t> image_record() {
     const cv::Size size = sent_size();
     const std::uint32_t age = milliseconds_since(captured_);
@@ -295,7 +295,7 @@ class PipeWindow final : public Window {
            are_stages_due();
   }
 
-  // Writes as much as the other side takes now.
+  // Writes as much as the other side accepts now.
   void advance() {
     while (!closed_ && has_something()) {
       if (writing_.empty()) {
@@ -318,11 +318,11 @@ class PipeWindow final : public Window {
     }
   }
 
-  // False where the other side takes no more for now.
+  // Returns false if the other side accepts no more for now.
   bool write_some() {
     const std::uint8_t* from = writing_.data() + written_;
     const std::size_t left = writing_.size() - written_;
-    // A reader that went away is no signal: the program ignores SIGPIPE (cli.cpp).
+    // A closed reader raises no signal: the program ignores SIGPIPE (cli.cpp).
     const ssize_t count =
         is_socket_ ? ::send(ends_.out, from, left, MSG_NOSIGNAL) : ::write(ends_.out, from, left);
     if (count < 0 && errno == EINTR) return true;
@@ -341,7 +341,7 @@ class PipeWindow final : public Window {
 
   // --- in ---
 
-  // Until there is something to read, or room for what is on its way.
+  // Waits until there is input, or space for the pending record.
   void wait(milliseconds patience) {
     std::array<pollfd, 2> items{
         {{ends_.in, POLLIN, 0}, {ends_.out, static_cast<short>(has_something() ? POLLOUT : 0), 0}}};
@@ -365,7 +365,7 @@ class PipeWindow final : public Window {
       take(line);
     received_ += lines_.refused() - refused;
     if (lines_.refused() != refused) warn("a line is passed over: " + lines_.trouble());
-    // What is wanted together with an event is what the event makes of the image.
+    // An image requested together with an event must show the event's effect.
     if (events_.empty()) advance();
   }
 
@@ -377,12 +377,12 @@ class PipeWindow final : public Window {
                          (line.max_width && *line.max_width != max_width_);
     quality_ = line.quality.value_or(quality_);
     max_width_ = line.max_width.value_or(max_width_);
-    if (changes) is_new_ = true;  // the same image is another image now
+    if (changes) is_new_ = true;  // the same image must be sent again
     if (!line.event) return;
     ++received_;
     Event& event = *line.event;
     if (event.kind == Event::Kind::kMouse) {
-      // Where no image was asked for yet, of the one that would be sent.
+      // If no image was requested yet, the size of the one that would be sent.
       cv::Size from = sent_.empty() ? sent_size() : sent_;
       const cv::Size to = sent_.empty() ? image_.size() : shown_;
       if (line.image_width && !from.empty()) {
@@ -402,7 +402,7 @@ class PipeWindow final : public Window {
       if (slider == sliders_.end()) return warn(fmt::format("unknown slider '{}'", event.name));
       event.value = std::clamp(event.value, slider->low, slider->high);
     }
-    // A mouse moves hundreds of times a second; only where it is now matters.
+    // A mouse sends hundreds of moves per second; only the latest position matters.
     if (is_move(event) && !events_.empty() && is_move(events_.back())) {
       events_.back() = event;
     } else {
@@ -423,12 +423,12 @@ class PipeWindow final : public Window {
   bool is_socket_ = false;
   bool closed_ = false;
 
-  // What is offered.
+  // The offered actions and sliders.
   std::vector<Action> actions_;
   std::vector<Slider> sliders_;
   bool fullscreen_;
 
-  // Out: the record on its way, and what waits behind it.
+  // Output: the record being sent, and the pending data.
   std::vector<std::uint8_t> writing_;
   std::size_t written_ = 0;
   std::vector<std::uint8_t> hello_;
@@ -444,14 +444,15 @@ class PipeWindow final : public Window {
   int quality_ = kQuality;
   int max_width_ = 0;
 
-  // In.
+  // Input.
   WindowLines lines_;
   std::vector<char> buffer_;
   std::vector<Event> events_;
-  std::uint64_t received_ = 0;    // events, and lines that were passed over
-  std::uint64_t handed_out_ = 0;  // of them; the next view is what the session made of these
-  cv::Size shown_;                // of the image that was sent last
-  cv::Size sent_;                 // in this size
+  std::uint64_t received_ = 0;  // events and skipped lines
+  // number of them that the session got; the next view includes their effect
+  std::uint64_t handed_out_ = 0;
+  cv::Size shown_;  // size of the last sent image
+  cv::Size sent_;   // the size in which it was sent
   std::optional<Clock::time_point> warned_;
 };
 

@@ -41,7 +41,7 @@ struct PipeEnds {
 };
 inline constexpr const char* kPipeVariable = "TARSIER_WINDOW";
 
-// Parses "pipe:3:4". Throws Error(kBadInput) for another form or if they are not two open
+// Parses "pipe:3:4". Throws Error(ErrorKind::kInput) for another form or if they are not two open
 // descriptors.
 [[nodiscard]] PipeEnds parse_pipe_ends(std::string_view text);
 

@@ -39,7 +39,7 @@ struct FrameInfo {
 };
 
 // A window on the desktop, or in a browser (pipe_window.h). All calls must come from the thread
-// that opened it. Any call throws Error(kBadInput) when the display is lost.
+// that opened it. Any call throws Error(ErrorKind::kInput) when the display is lost.
 class Window {
  public:
   virtual ~Window() = default;
@@ -77,8 +77,8 @@ class Window {
 // (pipe_window.h), which need no display, toolkit or module.
 
 // Loads the window module and checks for a display, without opening anything. Call it before other
-// threads start (it prepares the environment of the toolkit). Throws Error(kBadInput): no display,
-// a display that does not answer, or no module (it is a separate package); or an invalid
+// threads start (it prepares the environment of the toolkit). Throws Error(ErrorKind::kInput): no
+// display, a display that does not answer, or no module (it is a separate package); or an invalid
 // TARSIER_WINDOW.
 void prepare();
 

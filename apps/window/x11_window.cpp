@@ -15,12 +15,12 @@
 namespace tarsier::window {
 namespace {
 
-// The default handlers end the process. A window that just went away is nothing to die of, and a
-// lost server is reported by alive().
+// The default handlers end the process. A window that was just closed is no reason for that, and
+// alive() reports a lost server.
 int ignore_error(Display*, XErrorEvent*) { return 0; }
 int ignore_io_error(Display*) { return 0; }
 
-// A key as sessions know it, or 0.
+// Converts a key to the codes of sessions; 0 if there is none.
 int session_key(KeySym symbol, char character) {
   switch (symbol) {
     case XK_Left:
@@ -68,10 +68,10 @@ struct X11Window::Impl {
   bool broken = false;
   bool destroyed = false;
   bool hidden = false;
-  std::set<unsigned> down;  // key codes that are held
+  std::set<unsigned> down;  // key codes that are held down
 
   ~Impl() {
-    // Closing a broken connection would talk to the server again.
+    // Closing a broken connection would contact the server again.
     if (display != nullptr && !broken) XCloseDisplay(display);
   }
 
@@ -95,7 +95,7 @@ struct X11Window::Impl {
   }
 
   bool is_ours(::Window candidate, const std::string& name) {
-    // 32-bit properties come as longs, whatever a long is.
+    // 32-bit properties are returned as longs, whatever the size of a long.
     const std::vector<unsigned long> pid =
         property<unsigned long>(candidate, "_NET_WM_PID", AnyPropertyType);
     if (pid.empty() || pid.front() != static_cast<unsigned long>(getpid())) return false;
@@ -144,7 +144,7 @@ std::unique_ptr<X11Window> X11Window::connect() {
 
 bool X11Window::attach(const std::string& name) {
   if (!alive()) return false;
-  XSetErrorHandler(ignore_error);  // the toolkit has set its own meanwhile
+  XSetErrorHandler(ignore_error);  // the toolkit has set its own handler meanwhile
   const ::Window found = impl_->find(impl_->root, name, 3);
   if (found == None) return false;
   impl_->window = found;
@@ -242,7 +242,7 @@ std::vector<Event> X11Window::take_keys() {
       impl_->destroyed = true;
       impl_->window = None;
     } else if (event.type == FocusOut) {
-      impl_->down.clear();  // the release will go to someone else
+      impl_->down.clear();  // another window will get the release
     } else if (event.type == KeyRelease) {
       impl_->down.erase(event.xkey.keycode);
     } else if (event.type == KeyPress) {
@@ -250,12 +250,11 @@ std::vector<Event> X11Window::take_keys() {
       KeySym symbol = NoSymbol;
       const bool alt = (event.xkey.state & (Mod1Mask | Mod4Mask)) != 0;
       const bool control = (event.xkey.state & ControlMask) != 0;
-      event.xkey.state &=
-          ~static_cast<unsigned>(ControlMask);  // else Ctrl+C would come as character 3
+      event.xkey.state &= ~static_cast<unsigned>(ControlMask);  // else Ctrl+C would be character 3
       const int length = XLookupString(&event.xkey, text, sizeof text, &symbol, nullptr);
       const int code = session_key(symbol, length == 1 ? text[0] : '\0');
       const bool held = !impl_->down.insert(event.xkey.keycode).second;
-      if (code == 0 || alt || (held && !repeats(code))) continue;  // Alt+.. belongs to the desktop
+      if (code == 0 || alt || (held && !repeats(code))) continue;  // Alt+.. is for the desktop
       Event key;
       key.key = code;
       key.shift = (event.xkey.state & ShiftMask) != 0;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // tarsier_peer_apriltag TRUTH.jsonl [DECIMATE]
 // Runs the AprilTag library (family 36h11, one thread) on the images of a truth file of `ar synth
-// markers` and prints the lines that `ar eval --results` judges: corners and the library's own
-// pose. "ms" is processor time of one thread, detection and poses together.
+// markers`. Prints the lines that `ar eval --results` reads: corners and the library's own pose.
+// "ms" is processor time of one thread, detection and poses together.
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgcodecs.hpp>
 
@@ -28,8 +28,8 @@ double cpu_ms() {
   return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
 }
 
-// The library counts pixels' corners, and its tags stand on their heads: x to the left, y up, z
-// away from the reader, where ours have x to the right, y up and z towards the reader.
+// The library's coordinates refer to pixel corners, and its tags are upside down: x to the left, y
+// up, z away from the reader. Ours have x to the right, y up and z towards the reader.
 json found_tag(apriltag_detection_t* tag, const json& truth) {
   json corners = json::array();
   constexpr std::size_t kFirst = 5;
@@ -57,7 +57,7 @@ json found_tag(apriltag_detection_t* tag, const json& truth) {
   cv::Rodrigues(rotation, rvec);
   out["rvec"] = {rvec[0], rvec[1], rvec[2]};
   out["tvec"] = {MATD_EL(pose.t, 0, 0), MATD_EL(pose.t, 1, 0), MATD_EL(pose.t, 2, 0)};
-  // A matrix is one block of calloc(); the library keeps its own function for this to itself.
+  // A matrix is one block of calloc(); the library does not export its own function to free it.
   std::free(pose.R);
   std::free(pose.t);
   return out;

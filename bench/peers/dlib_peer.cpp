@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// dlib's regression trees (Kazemi and Sullivan, CVPR 2014), as a peer of `tarsier landmarks`.
+// dlib's regression trees (Kazemi and Sullivan, CVPR 2014), as a baseline for `tarsier landmarks`.
 //   tarsier_peer_dlib version
 //   tarsier_peer_dlib train LIST MODEL TREES OVERSAMPLING THREADS
 //   tarsier_peer_dlib fit MODEL LIST      points of the face in each line's "box"
 //   tarsier_peer_dlib find MODEL LIST     the same, with dlib's own detector of frontal faces
-// LIST: JSON lines {"image", "box": [x, y, w, h], "points": [[x, y] ..]}; points only to train.
-// fit and find print the lines that `tarsier landmarks eval --results` judges; "ms" is processor
-// time of one thread, of a fit alone.
+// LIST: JSON lines {"image", "box": [x, y, w, h], "points": [[x, y] ..]}; points only for training.
+// fit and find print the lines that `tarsier landmarks eval --results` reads; "ms" is processor
+// time of one thread, for the fit alone.
 #include <opencv2/imgcodecs.hpp>
 
 #include <algorithm>
@@ -72,7 +72,8 @@ int train(const std::string& list, const std::string& path, unsigned long trees,
                          std::lround(point.at(1).get<double>()));
     objects.push_back({dlib::full_object_detection(box_of(line), parts)});
   }
-  dlib::shape_predictor_trainer trainer;  // all else as dlib has it: depth 4, 10 cascades, nu 0.1
+  // other options are dlib's defaults: depth 4, 10 cascades, nu 0.1
+  dlib::shape_predictor_trainer trainer;
   trainer.set_num_trees_per_cascade_level(trees);
   trainer.set_oversampling_amount(oversampling);
   trainer.set_num_threads(threads);

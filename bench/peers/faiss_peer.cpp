@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// faiss_peer BACKGROUND.json TEMPLATES [SPREAD]: faiss's inverted file with 8 bits a number (IVF, SQ8) on the drawn
-// templates of `tarsier bench people --size templates:N`, one thread, processor time. Prints JSON lines: seconds to learn and to add, then for
-// so many cells recall of the exact nearest template among 64 candidates and ms a probe.
+// faiss_peer BACKGROUND.json TEMPLATES [SPREAD]: runs faiss's inverted file with 8 bits per number
+// (IVF, SQ8) on the random templates of `tarsier bench people --size templates:N`, one thread,
+// processor time. Prints JSON lines: seconds to train and to add; then for several numbers of cells
+// the recall of the exact nearest template among 64 candidates, and ms per probe.
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/cell_index.h"
 
@@ -26,7 +27,7 @@ using Id = faiss::Index::idx_t;
 
 namespace {
 
-// Of the processor: other work on the machine counts little.
+// Processor time, which other work on the machine hardly affects.
 double seconds_since(std::clock_t start) {
   return static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
 }

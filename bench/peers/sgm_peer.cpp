@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // tarsier_peer_sgm DENSE OUT
-// What plain OpenCV makes of the undistorted images of a dense folder: each image is rectified with the
-// same sources that `sfm dense` compares it with, cv::StereoSGBM (Hirschmueller, TPAMI 2008) finds disparities, the
-// depths of all its pairs are joined by their median, and the maps are filtered and fused by Tarsier's own
-// code. OUT becomes a dense folder for `sfm eval --dense` and `sfm mesh`. Prints one line of JSON; seconds are processor
-// time without reading and fusing.
+// Depth maps by plain OpenCV for the undistorted images of a dense folder. Each image is rectified
+// with the same sources that `sfm dense` uses, and cv::StereoSGBM (Hirschmueller, TPAMI 2008)
+// computes disparities. The depths of all pairs of an image are combined (joined()), and Tarsier's
+// own code filters and fuses the maps. OUT becomes a dense folder for `sfm eval --dense` and `sfm
+// mesh`. Prints one line of JSON; seconds are processor time without reading and fusing.
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/dense/dense_reconstructor.h"
 #include "tarsier/sfm/dense/gray_images.h"
@@ -31,7 +31,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr int kMaxDisparities = 1024;
-constexpr double kSameDepth = 0.01;  // of two pairs that agree
+constexpr double kSameDepth = 0.01;  // relative difference of two pairs that agree
 
 double cpu_seconds() {
   timespec now{};
@@ -53,7 +53,7 @@ cv::Mat1b warped(const cv::Mat1b& image, const Matrix3d& homography, cv::Size si
   return result;
 }
 
-// Bilinear where the four around are of one surface, else the nearest; below 0: unknown.
+// Bilinear if the four neighbours are on one surface, else the nearest; below 0: unknown.
 double disparity_at(const cv::Mat1s& map, double x, double y) {
   const int left = static_cast<int>(std::floor(x));
   const int top = static_cast<int>(std::floor(y));
@@ -72,14 +72,14 @@ double disparity_at(const cv::Mat1s& map, double x, double y) {
   return nearest < 0 ? -1 : nearest / 16.0;
 }
 
-// The depths of the reference by one source; empty where it lies ahead or behind.
+// The depths of the reference from one source; empty if the source is in front of or behind it.
 cv::Mat1f pair_depth(const sfm::MatchImage& reference, const sfm::MatchImage& source,
                      double min_depth, double max_depth) {
   const geometry::Rigid3 source_from_reference = source.pose * reference.pose.inverse();
   const Matrix3d turn = source_from_reference.rotation;
   const Vector3d center = -turn.transpose() * source_from_reference.translation;
   const double baseline = center.norm();
-  // The common frame: x towards the source, z as far ahead as both look.
+  // The common frame: x towards the source, z in the mean viewing direction.
   const Vector3d x = center / baseline;
   const Vector3d ahead = Vector3d::UnitZ() + turn.transpose() * Vector3d::UnitZ();
   if (std::abs(ahead.dot(x)) > 0.9 * ahead.norm()) return {};
@@ -104,7 +104,7 @@ cv::Mat1f pair_depth(const sfm::MatchImage& reference, const sfm::MatchImage& so
   const double at_farthest = focal * baseline / farthest;
   const double range = focal * baseline / nearest - at_farthest;
   const int disparities = std::min(kMaxDisparities, (static_cast<int>(range) / 16 + 1) * 16);
-  // Room to the left for what lies beyond the reference's edge in the source.
+  // Space at the left for points outside the reference's border in the source.
   const cv::Size canvas(static_cast<int>(box.sizes().x()) + 1 + disparities,
                         static_cast<int>(box.sizes().y()) + 1);
   if (canvas.area() > 8 * size.area()) return {};
@@ -135,7 +135,8 @@ cv::Mat1f pair_depth(const sfm::MatchImage& reference, const sfm::MatchImage& so
   return depth;
 }
 
-// Of each pixel the mean of the largest group of pairs that agree; two at least, where there are more.
+// For each pixel the mean of the largest group of pairs that agree; at least two if there are
+// several.
 cv::Mat1f joined(const std::vector<cv::Mat1f>& depths, cv::Size size) {
   cv::Mat1f result(size, 0.F);
   std::vector<float> values;

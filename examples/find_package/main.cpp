@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// ink IN OUT: an image as a pencil sketch, by the installed libraries.
+// ink IN OUT: converts an image to a pencil sketch with the installed libraries.
 #include "tarsier/cartoon/cartoonizer.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/media/image_file.h"
@@ -24,7 +24,7 @@ int main(int argc, char** argv) {
     tarsier::cartoon::CartoonOptions options;
     options.mode = tarsier::cartoon::Mode::kSketch;
     const auto cartoonizer = tarsier::cartoon::Cartoonizer::load({}, options);
-    tarsier::cartoon::CartoonizerState state;  // one for each stream of frames
+    tarsier::cartoon::CartoonizerState state;  // one per stream of frames
     tarsier::Frame frame;
     frame.image = tarsier::read_image(argv[1]);
     tarsier::write_image(argv[2], cartoonizer.process(frame, state).image);

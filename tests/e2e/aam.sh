@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Appearance models: drawn heads with their truth, a model learnt of them, fits judged against the truth, videos, what is refused.
+# Appearance models: synthetic heads with ground truth, a model trained on them, fits compared with the truth, videos,
+# errors.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 

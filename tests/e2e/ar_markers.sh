@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Markers: drawn images with their truth, found, posed, drawn on, as JSON and tables; videos; what cannot be used.
+# Markers: synthetic images with ground truth; detection, poses, drawing, JSON and tables; videos; unusable inputs.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 

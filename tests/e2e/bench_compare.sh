@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The guard of speed: two builds whose figures are known (scripts that play them), then the program against itself.
+# bench-compare.sh: two builds with known figures (scripts that imitate them), then the program against itself.
 . "$(dirname "$0")/lib.sh"
 command -v python3 >/dev/null || skip "no python3"
 compare=$TARSIER_SOURCE/scripts/bench-compare.sh

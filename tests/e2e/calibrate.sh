@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# A camera from images of a board, from a video, and every way to have none; sheets that print true to scale.
+# Calibration from images of a board and from a video, and all errors; sheets that print true to scale.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 images=/usr/share/doc/opencv-doc/examples/data

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Everything that can be wrong with inputs and outputs: the right exit status, one line that names the thing, no
-# half-written file.
+# All errors of inputs and outputs: the right exit status, one line that names the object, no partial file.
 . "$(dirname "$0")/lib.sh"
 unset DISPLAY WAYLAND_DISPLAY
 samples=/usr/share/doc/opencv-doc/examples/data

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Images, folders and videos through `cartoon run`: the right files, and JSON that says so.
+# Images, folders and videos through `cartoon run`: the right files, and JSON that lists them.
 . "$(dirname "$0")/lib.sh"
 samples=/usr/share/doc/opencv-doc/examples/data
 [ -r $samples/home.jpg ] || skip "no sample images (package opencv-doc)"

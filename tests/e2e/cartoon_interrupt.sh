@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Ctrl+C and kill: what was written stays and plays; exit status 130.
+# Ctrl+C and kill: written output stays and can be played; exit status 130.
 . "$(dirname "$0")/lib.sh"
 video=/usr/share/doc/opencv-doc/examples/data/vtest.avi
 [ -r $video ] || skip "no sample video (package opencv-doc)"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# A live network camera, played by ffmpeg: young frames; the camera killed, frozen and sending garbage: output is
-# back soon after it is.
+# A live network camera, simulated by ffmpeg: recent frames; when the camera is killed, frozen or sends garbage, the
+# output recovers soon after it.
 . "$(dirname "$0")/lib.sh"
 command -v ffmpeg >/dev/null || skip "no ffmpeg to play the camera"
 command -v python3 >/dev/null || skip "no python3"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The program as a network camera, and a second one that watches it: what a Pi and a PC do.
+# The program as a network camera, and a second one that reads it, like a Pi and a PC.
 . "$(dirname "$0")/lib.sh"
 command -v python3 >/dev/null || skip "no python3"
 video=/usr/share/doc/opencv-doc/examples/data/vtest.avi

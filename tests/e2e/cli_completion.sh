@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Completion of bash, as the shell calls it: areas, verbs, flags, values, files; at every cut of --flag=value.
+# Completion of bash, as called by the shell: areas, verbs, flags, values, files; at every split of --flag=value.
 . "$(dirname "$0")/lib.sh"
 
 run help --bash

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# --config: values from a file, the command line before it, sections for each verb, and errors that name the file.
+# --config: values from a file, precedence of the command line, sections for each verb, and errors that name the file.
 . "$(dirname "$0")/lib.sh"
 mkdir models-a models-b
 

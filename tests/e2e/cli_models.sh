@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# models list, info and verify: on no models, on good ones, and on a folder that was tampered with.
+# models list, info and verify: without models, with valid ones, and with a folder that was tampered with.
 . "$(dirname "$0")/lib.sh"
 
 mkdir empty

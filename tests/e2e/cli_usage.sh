@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Help, version, and one clear line for every way to get the command line wrong.
+# Help, version, and one clear line for every usage error.
 . "$(dirname "$0")/lib.sh"
 
 run --version

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# `tarsier bench`, `tarsier demo` and `tarsier serve` are programs of their own, which tarsier becomes: beside it, or in ../libexec/tarsier.
+# `tarsier bench`, `tarsier demo` and `tarsier serve` are separate programs that replace tarsier's process; they are
+# beside it, or in ../libexec/tarsier.
 . "$(dirname "$0")/lib.sh"
 programs=$(dirname "$TARSIER")
 

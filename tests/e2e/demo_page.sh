@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# demo writes a page that stands alone: all it refers to is beside it, and nothing of it is on a network.
+# demo writes a self-contained page: all files that it refers to are beside it, none on a network.
 . "$(dirname "$0")/lib.sh"
 
 # Videos take most of the time: `./test --all` draws those of plates, markers and targets too.

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# doctor: text for people, JSON for programs, on a machine with and without a display, and with a broken setting.
+# doctor: text for people, JSON for programs, on a machine with and without a display, and with an invalid setting.
 . "$(dirname "$0")/lib.sh"
 
 env_run() { # env_run VARIABLES.. -- ARGUMENTS..

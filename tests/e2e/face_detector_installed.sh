@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The face detector that a user can install beside the one that ships, with weights written by hand: import, use, going
-# without, and what is refused. That the real one finds faces is judged by tests/data.
+# The face detector that a user can install in addition to the shipped one, with weights written by hand: import, use,
+# missing file, and errors. tests/data evaluates the real one.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 here=$TARSIER_SOURCE/tests/e2e

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# landmarks annotate, import and show without a window: lines on stdin, killed in the middle, files that are broken.
+# landmarks annotate, import and show without a window: lines on stdin, a kill during the work, corrupt files.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 annotate() { # annotate ARGUMENTS.. <lines

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Points of faces: fitting and following with the model that ships, training from a set, measuring.
+# Landmarks of faces: fitting and tracking with the shipped model, training on a set, evaluation.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 images=/usr/share/doc/opencv-doc/examples/data

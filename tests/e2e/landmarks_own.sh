@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Models of one's own: a face detector from boxes, a tracker adapted to one person; looking into both.
+# A user's own models: a face detector trained on boxes, a tracker adapted to one person; `show` of both.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 images=/usr/share/doc/opencv-doc/examples/data

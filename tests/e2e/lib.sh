@@ -1,6 +1,6 @@
 # shellcheck shell=bash
 # SPDX-License-Identifier: MIT
-# What the end-to-end tests share. Meant to be sourced first: makes an empty folder $WORK and goes there.
+# Common parts of the end-to-end tests. Source it first: it makes an empty folder $WORK and changes to it.
 set -u
 : "${TARSIER:?the built program}"
 WORK=${WORK:-$(mktemp -d)}

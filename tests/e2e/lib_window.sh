@@ -1,6 +1,6 @@
 # shellcheck shell=bash
 # SPDX-License-Identifier: MIT
-# What the window tests share. Meant to be sourced first: runs the test again on a screen of its own (Xvfb).
+# Common parts of the window tests. Source it first: it runs the test again on a screen of its own (Xvfb).
 for tool in xvfb-run xdotool python3; do
   command -v $tool >/dev/null || { echo "skipped: no $tool"; exit 77; }
 done

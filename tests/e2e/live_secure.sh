@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# https and rtsps: only a server with a trusted certificate of its name is read, and gets a password.
+# https and rtsps: only a server with a trusted certificate for its name is read, and gets a password.
 . "$(dirname "$0")/lib.sh"
 here=$TARSIER_SOURCE/tests/e2e
 for tool in openssl ffmpeg python3; do command -v $tool >/dev/null || skip "no $tool to play the camera"; done

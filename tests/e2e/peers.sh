@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# bench/peers/run.py on a few drawn scenes: one table, judged by the program, peers that are not there said to be so.
+# bench/peers/run.py on a few synthetic scenes: one table, evaluated by the program; missing peers are reported.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 /usr/bin/python3 -c 'import cv2, numpy; cv2.aruco, cv2.SIFT_create' 2>/dev/null || skip "needs python3-opencv with cv2.aruco"

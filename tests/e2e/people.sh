@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# People: enrolling, naming, forgetting with proof, exporting, sightings, events, and what is refused.
+# People: enrolling, naming, forgetting with proof, exporting, sightings, events, and errors.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 images=/usr/share/doc/opencv-doc/examples/data

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Deep templates with a network that nobody trained: import, install, enrol, identify, verify, change of templates, export,
-# forgetting, and what is refused. Everything but being right, which tests/data judges with the real one.
+# Deep templates with an untrained network: import, install, enrol, identify, verify, change of templates, export,
+# forgetting, and errors. Accuracy is not tested here; tests/data evaluates the real network.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 python3 -c 'import sqlite3' || skip "needs python3"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Networks of one's own: --embedding and --detector-model with tiny ONNX files that nobody trained. Calibration, galleries that
-# know their network, licence and SHA-256, and files that are refused. Everything but being right.
+# A user's own networks: --embedding and --detector-model with tiny untrained ONNX files. Calibration, galleries that
+# record their network, licence and SHA-256, and refused files. Accuracy is not tested.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 [ -f "$(dirname "$TARSIER")/tarsier-onnx.so" ] || skip "needs OpenCV's dnn (tarsier-onnx.so is not built)"

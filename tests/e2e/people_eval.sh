@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# people eval judges what ships: with the background, at the rate a user asks for, with counts and intervals.
+# people eval of the shipped models: with the background, at the requested rate, with counts and intervals.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 

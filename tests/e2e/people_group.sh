@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Unknown people: grouped, named; corrections and their log; and what is refused, locked, full or killed.
+# Unknown people: grouping, naming; corrections and their log; refused, locked, full-disk and killed runs.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 python3 -c 'import sqlite3' || skip "needs python3"

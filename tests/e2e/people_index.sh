@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The index of a gallery: answers that are those of an exact search to the last digit, faces that are newer, files that are not
-# the gallery's, kills while it is made, and forgetting. The crowd is drawn: nobody looks so.
+# The index of a gallery: its answers equal those of an exact search to the last digit; newer faces, files of another
+# gallery, kills during its construction, and forgetting. The faces are synthetic.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 python3 -c 'import sqlite3' || skip "needs python3"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Enrolment killed at twenty moments: the gallery opens each time, and what was there before is there after: people_kill.py.
+# Enrolment killed at twenty moments: the gallery can be opened each time and keeps all earlier faces: people_kill.py.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 images=/usr/share/doc/opencv-doc/examples/data

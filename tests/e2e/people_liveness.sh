@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The challenge: drawn heads that do what is asked, and photographs of them that are turned before the camera. JSON events,
-# exit status. How often it is right is in docs/results.md.
+# The liveness challenge: synthetic heads that follow it, and photos of them rotated in front of the camera. JSON
+# events, exit status. docs/results.md has the error rates.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 film() { # film NAME head|photo SEED

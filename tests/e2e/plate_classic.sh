@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The textbook pipeline: training from files and folders, the study of the reader, segmenting, bad input.
+# The textbook pipeline: training from files and folders, the study of the reader, segmentation, invalid input.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 # Characters with a shape of their own, four of each of three classes and many of them.

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Corrected texts of a log: kept beside what was read, found by both, taken back, written as train-reader takes them.
+# Corrected texts of a log: stored beside the reading, searchable by both, undone, exported for train-reader.
 . "$(dirname "$0")/lib.sh"
 command -v python3 >/dev/null || skip 'no python3'
 umask 077

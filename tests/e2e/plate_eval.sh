@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# plate eval: the figures of results against a truth, beside a second scorer where one is there.
+# plate eval: the figures of results against a ground truth, compared with a second scorer if there is one.
 . "$(dirname "$0")/lib.sh"
 
 cat >truth.csv <<'CSV'

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Nodes, a broker and a hub in network namespaces, killed and cut off: plate_links.py.
+# Nodes, a broker and a hub in network namespaces, killed and disconnected: plate_links.py.
 . "$(dirname "$0")/lib.sh"
 [ -n "${TARSIER_TEST_ALL:-}" ] || skip 'long: ./test --all runs it'
 command -v python3 >/dev/null || skip 'no python3'

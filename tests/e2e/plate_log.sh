@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# plate log: listing, searching, exporting and deleting, and files that are broken, locked, full or
-# somebody else's. The file is written here as its first version is laid out: it must stay readable.
+# plate log: listing, searching, exporting and deleting, with corrupt, locked, full or foreign files. The test writes a
+# file in the layout of the first version, which must stay readable.
 . "$(dirname "$0")/lib.sh"
 umask 077 # what others may open is warned of (media/sqlite_test)
 command -v python3 >/dev/null || skip 'no python3'

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# plate read --log, killed at thirty moments: no vehicle that was certain is lost.
+# plate read --log, killed at thirty moments: no confirmed vehicle is lost.
 . "$(dirname "$0")/lib.sh"
 command -v python3 >/dev/null || skip 'no python3'
 run plate synth -o cars --count 1 --size 320x180

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# plate read: drawn cars and drives, JSON, images, logs, regions, and what it must refuse.
+# plate read: synthetic cars and drives, JSON, images, logs, regions, and errors.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run plate synth -o none --count 1 --kind nowhere

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# plate read of several cameras in one process: a file of --config, regions, one log, a camera that cannot be reached.
+# plate read of several cameras in one process: a file of --config, regions, one log, an unreachable camera.
 . "$(dirname "$0")/lib.sh"
 
 cat >site.toml <<'TOML'

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# plate watch: lists made, changed and asked; plate read --watch: events that say which entry matches, --on-watch, what
-# the log knew before.
+# plate watch: lists created, changed and queried; plate read --watch: events that name the matching entry, --on-watch,
+# earlier entries of the log.
 . "$(dirname "$0")/lib.sh"
 command -v python3 >/dev/null || skip 'no python3'
 export TZ=UTC

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The pose of an object of known points: a cube and a flat square seen by a known camera, hostile files.
+# The pose of an object with known points: a cube and a flat square seen by a known camera, hostile files.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Head poses: images and videos with the models that ship, drawn objects, training, measuring, hostile files.
+# Head poses: images and videos with the shipped models, drawn objects, training, evaluation, hostile files.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 images=/usr/share/doc/opencv-doc/examples/data

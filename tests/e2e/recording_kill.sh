@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# A recording of a live source that is killed at any moment plays, up to two seconds before; --segment cuts it.
+# A recording of a live source can be played after a kill at any moment, up to two seconds before it; --segment splits
+# it.
 . "$(dirname "$0")/lib.sh"
 
 program=

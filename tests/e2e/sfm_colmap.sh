@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm and COLMAP's files: our own come back, and where COLMAP is installed either program goes on with the other's work.
+# sfm and COLMAP's files: our files are read back, and if COLMAP is installed each program continues the other's work.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run sfm synth -o scene --images 6 --size 400x300 --seed 3

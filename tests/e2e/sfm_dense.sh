@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm dense: what is wrong with a model is said in one line; killed, it goes on; no image is left out silently.
+# sfm dense: one line for each error of a model; it resumes after a kill; no image is skipped silently.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run sfm synth -o scene --images 5 --size 200x150 --depth --quiet

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm: hours of work never end with nothing. Checks come first; what was mapped is written before it is placed; the
-# mapping goes on where it was killed, and Ctrl-C leaves the model so far.
+# sfm: an interruption never loses hours of work. Checks come first; a mapped model is written before it is placed;
+# mapping resumes after a kill, and Ctrl-C writes the model so far.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run sfm synth -o scene --images 10 --size 240x180 --seed 3

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm mesh: a surface of exact depth maps, its files, what is wrong with input and output.
+# sfm mesh: a surface from exact depth maps, its files, errors of input and output.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 check_glb=$TARSIER_SOURCE/tests/e2e/check_glb.py
 

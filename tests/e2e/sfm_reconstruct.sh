@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm: a drawn scene comes back, is placed, exported, resumed; followed points; bad input. (Videos: sfm_video.sh; what an
-# interruption or a bad end leaves: sfm_interrupted.sh.)
+# sfm: a synthetic scene is reconstructed, placed, exported, resumed; tracked points; invalid input. (Videos:
+# sfm_video.sh; interruptions and errors: sfm_interrupted.sh.)
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run sfm synth -o scene --images 6 --size 320x240 --seed 3

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm plan, features, match, map, merge: shards in any order, one of them killed, give the model of `sfm reconstruct` to the
-# byte; what is missing or broken is named with the command that makes it; the script for Slurm submits all stages.
+# sfm plan, features, match, map, merge: shards in any order, one of them killed, give the model of `sfm reconstruct` to
+# the byte. Missing and corrupt parts are named with the command that makes them. The Slurm script submits all stages.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run sfm synth -o scene --images 12 --size 320x240 --seed 5

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm plan --slurm on a cluster of two nodes on this host: one node dies while it works on a shard, and the model is that of
-# `sfm reconstruct`, byte for byte.
+# sfm plan --slurm on a cluster of two nodes on this host: one node dies while it works on a shard, and the model equals
+# that of `sfm reconstruct`, byte for byte.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 [ -n "${TARSIER_TEST_ALL:-}" ] || skip "a cluster of two nodes: runs with ./test --all"
 [ "$(id -u)" -eq 0 ] || skip "slurmd needs root"

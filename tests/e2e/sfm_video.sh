@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm: a video, followed points, and a model that grows while the video runs.
+# sfm: a video, tracked points, and a model that grows while the video runs.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 command -v ffmpeg >/dev/null || skip "no ffmpeg to make a video with"
 

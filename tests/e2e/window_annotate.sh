@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # shellcheck disable=SC2046 # two numbers, as two words
-# landmarks annotate with a real mouse: three frames of a video with ten points from nothing, killed in the middle.
-# The video shows a frame a second, so that it is still there however late the keys come; frames are then stepped through.
+# landmarks annotate with a real mouse: ten points on three frames of a video from nothing, killed during the work. The
+# video has one frame per second, so that it still runs if keys come late; frames are then stepped through.
 . "$(dirname "$0")/lib_window.sh"
 
 run cartoon run 'synth:portrait?size=640x480&frames=60&fps=1' --mode none -o video.avi --quiet

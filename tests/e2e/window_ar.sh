@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Augmented reality in a real window: what is drawn is switched by keys, frozen, saved.
+# Augmented reality in a real window: keys change what is drawn, freeze and save the image.
 . "$(dirname "$0")/lib_window.sh"
 
 "$TARSIER" ar markers 'synth:markers?size=480x360&fps=8&live=1&cover=0&speed=6' --focal 456 --draw cube --window --json \

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The calibration session in a real window: views taken by themselves, keys, the camera written at the end.
+# The calibration session in a real window: views taken automatically, keys, the camera written at the end.
 . "$(dirname "$0")/lib_window.sh"
 
 "$TARSIER" calibrate 'synth:board?size=480x360&fps=8&live=1' --board chess:9x6 --square 25mm --window --json \

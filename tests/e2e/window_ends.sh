@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Ways a window opens and ends: images one by one, q, the close button, SIGINT, the display gone, no display.
+# How a window opens and ends: images one by one, q, the close button, SIGINT, a lost display, no display.
 . "$(dirname "$0")/lib_window.sh"
 samples=/usr/share/doc/opencv-doc/examples/data
 [ -r $samples/home.jpg ] || skip "no sample images (package opencv-doc)"

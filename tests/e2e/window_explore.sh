@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# aam explore with a real mouse: a slider and keys change the face that is on the screen.
+# aam explore with a real mouse: a slider and keys change the face on the screen.
 . "$(dirname "$0")/lib_window.sh"
 
 command_line="tarsier aam explore --window"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Every key of the cartoon window does what it says: by the states, and by what is on the screen.
+# Every key of the cartoon window has its effect, on the states and on the screen.
 . "$(dirname "$0")/lib_window.sh"
 video=/usr/share/doc/opencv-doc/examples/data/vtest.avi
 [ -r $video ] || skip "no sample video (package opencv-doc)"

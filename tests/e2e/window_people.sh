@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# people live with a real mouse: two people from the first halves of two clips, known in the second, a third unknown.
+# people live with a real mouse: two people from the first halves of two clips, recognised in the second halves; a third
+# person stays unknown.
 . "$(dirname "$0")/lib_window.sh"
 [ -n "${TARSIER_TEST_ALL:-}" ] || skip "long: ./test --all runs it"
 grid=${TARSIER_DATA:-/nowhere}/face-videos/grid

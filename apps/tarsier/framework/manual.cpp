@@ -128,7 +128,7 @@ std::string flag_text(const FlagInfo& flag) {
   if (!flag.default_value.empty()) notes += "; default " + bold(flag.default_value);
   std::string body = roff(flag.description);
   if (!notes.empty()) body += (body.empty() ? "(" : " (") + notes.substr(2) + ')';
-  // \& : a description that begins with a dot is no request; nor is an empty line.
+  // \& prevents a description that begins with a dot, or is empty, from being read as a request.
   return fmt::format(".TP\n{}{}{}\n{}\n", names, value.empty() ? "" : " ", value,
                      body.empty() ? "\\&" : body);
 }

@@ -120,7 +120,7 @@ bool PeopleSession::act_in_panel(const std::function<bool()>& work) {
 
 // A correction was made here: it takes effect now.
 void PeopleSession::corrected() {
-  grouping_.reset();  // it sees by itself what changed, but may place what is somebody's now
+  grouping_.reset();  // it may group a sighting that now belongs to a person
   follow();
   reload_people();
   count_unknown();

@@ -83,7 +83,7 @@ LiveSession::LiveSession(Options options) : options_(std::move(options)) {
     }
     child.on_output = [this](std::string_view line) { note_line(output_, line); };
     child.on_message = [this](std::string_view line) { note_line(log_, line); };
-    ::fcntl(records.read_end, F_SETPIPE_SZ, 1 << 20);  // a smaller one works too
+    ::fcntl(records.read_end, F_SETPIPE_SZ, 1 << 20);  // a smaller one works, too
     ::fcntl(records.read_end, F_SETFL, O_NONBLOCK);
     ::fcntl(events.write_end, F_SETFL, O_NONBLOCK);
     if (options_.has_camera) ::fcntl(camera.write_end, F_SETFL, O_NONBLOCK);
@@ -112,7 +112,7 @@ LiveSession::~LiveSession() {
     is_over_ = true;
   }
   nudge();
-  thread_.join();  // before the child goes, which it may be about to interrupt
+  thread_.join();  // before the child is destroyed, which the thread may be about to interrupt
   child_.reset();  // kills
   close_fd(records_fd_);
   close_fd(events_fd_);
@@ -201,7 +201,7 @@ void LiveSession::write_events() {
       return;
     } else if (errno != EINTR) {
       outbox_.clear();
-      close_fd(events_fd_);  // EPIPE: its window is gone
+      close_fd(events_fd_);  // EPIPE: its window is closed
     }
   }
 }
@@ -302,7 +302,7 @@ void LiveSession::note_end(const ChildEnd& end) {
     const std::lock_guard lock(mutex_);
     end_ = end;
     constexpr std::string_view kMark = "error: ";
-    // Stopped by us: whatever it says then is no error.
+    // We stopped it: what it then reports is not an error.
     if (!is_closing_ && end.exit != 0) {
       for (auto line = log_.rbegin(); line != log_.rend() && error_.empty(); ++line) {
         const std::size_t at = line->find(kMark);
@@ -334,14 +334,14 @@ void LiveSession::fit_viewers() {
     widest = is_whole ? 0 : std::max(widest, viewer.max_width);
     quality = std::max(quality, viewer.quality);
   }
-  // Nobody watches: it stays as it is, so that a page that is loaded again changes nothing.
+  // Nobody watches: keep the settings, so that a reloaded page changes nothing.
   if (widest == kNoImages || end_) return;
   if (widest == max_width_ && quality == quality_) return;
   if (widest != max_width_) outbox_ += fmt::format("{{\"max_width\":{}}}\n", widest);
   if (quality != quality_) outbox_ += fmt::format("{{\"quality\":{}}}\n", quality);
   max_width_ = widest;
   quality_ = quality;
-  // One that was asked for before may be on its way.
+  // An image that was requested earlier may be in transit.
   fitting_ = image_.number + (is_wanted_ ? 2 : 1);
 }
 
@@ -392,7 +392,7 @@ nlohmann::json LiveSession::describe() const {
   else if (frame != state_json_.end() && frame->is_object())
     value["age_ms"] = member(*frame, "age_ms");
   if (!options_.secrets.empty()) {
-    // Names of sources stand in states, too.
+    // States contain names of sources, too.
     nlohmann::json cleaned = nlohmann::json::parse(without_secrets(to_text(value)), nullptr, false);
     if (!cleaned.is_discarded()) return cleaned;
   }

@@ -28,7 +28,8 @@ std::string default_workspace() {
   return std::string(home) + "/.local/share/tarsier";
 }
 
-// Beside this program as built, or ../../bin of libexec/tarsier as installed.
+// Searches tarsier beside this program (build tree), or in ../../bin from libexec/tarsier
+// (installed).
 std::string find_tarsier() {
   const std::filesystem::path folder = program_folder();
   for (const auto& path :
@@ -93,7 +94,7 @@ ExitStatus run_serve(const ServeOptions& options, Context& context) {
   if (!options.no_browser && !context.json && has_display && ::isatty(STDOUT_FILENO) == 1)
     web::open_browser(link);
   server.run();
-  // SIGTERM is how a service ends, and no interruption.
+  // SIGTERM is the normal end of a service, not an interruption.
   return stop_signal() == SIGINT ? ExitStatus::kInterrupted : ExitStatus::kDone;
 }
 

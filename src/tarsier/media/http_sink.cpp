@@ -66,11 +66,11 @@ class HttpSink final : public FrameSink {
         if (slot.get() != newest_ && !slot->encoding) free = slot.get();
       }
       if (free == nullptr) free = images_.emplace_back(std::make_unique<Image>()).get();
-      // Tells those who waited for its encoding that it is gone.
+      // Notifies those who wait for its encoding that it is replaced.
       free->number = 0;
       free->jpeg.reset();
     }
-    // Nobody else touches the pixels now: it is neither the newest nor being encoded.
+    // Nobody else uses the pixels now: the image is neither the newest nor being encoded.
     image.copyTo(free->raw);
     {
       const std::lock_guard lock(mutex_);

@@ -219,7 +219,7 @@ std::optional<ImageHeader> probe_webp(Bytes bytes) {
     Cursor cursor(bytes, 20);
     const auto signature = cursor.little(1);
     const auto bits = cursor.little(4);
-    constexpr unsigned kVersionAt = 29;  // three bits, 0: what libwebp reads
+    constexpr unsigned kVersionAt = 29;  // three bits, 0: the version that libwebp reads
     if (!bits || *signature != 0x2F || *bits >> kVersionAt != 0) return std::nullopt;
     header.width = static_cast<int>(*bits & 0x3FFFU) + 1;
     header.height = static_cast<int>(*bits >> 14U & 0x3FFFU) + 1;
@@ -267,8 +267,8 @@ std::optional<BmpHeader> parse_bmp(Bytes bytes) {
     (void)cursor.skip(2);
     bits = cursor.little(2);
     if (!bits) return std::nullopt;
-    // Signed; a negative height means that the first row is the top one. A negative width means
-    // nothing.
+    // Signed; a negative height means that the first row is the top one. A negative width is
+    // invalid.
     const auto signed_width = static_cast<std::int64_t>(static_cast<std::int32_t>(*width));
     const auto signed_height = static_cast<std::int64_t>(static_cast<std::int32_t>(*height));
     bmp.image.width = signed_width < 0 ? 0 : clamped(static_cast<std::uint64_t>(signed_width));
@@ -310,7 +310,7 @@ std::optional<PnmHeader> parse_pnm(Bytes bytes) {
     for (; at < bytes.size() && std::isdigit(bytes[at]) != 0; ++at) {
       value = std::min<std::uint64_t>(value * 10 + (bytes[at] - std::uint64_t{'0'}), 1ULL << 40U);
     }
-    // A number that ends with the bytes may go on behind them.
+    // A number at the end of the bytes may be incomplete.
     if (at == start || at >= bytes.size()) return std::nullopt;
     return value;
   };
@@ -328,7 +328,7 @@ std::optional<PnmHeader> parse_pnm(Bytes bytes) {
   return pnm;
 }
 
-// Counts the numbers of an image written in digits. Returns what is wrong.
+// Counts the numbers of an image in decimal digits. Returns what is wrong.
 std::string check_ascii_pnm(Bytes bytes, const PnmHeader& pnm, std::uint64_t numbers) {
   const bool bitmap = pnm.kind == '1';  // its digits need no space between them
   std::uint64_t found = 0;

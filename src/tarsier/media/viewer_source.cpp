@@ -27,8 +27,8 @@ using std::chrono::milliseconds;
 
 constexpr const char* kVariable = "TARSIER_VIEWER";
 constexpr std::size_t kLongestName = 64;
-constexpr double kCameraStartup_s = 10;    // someone has to allow it
-constexpr std::chrono::seconds kQuiet{1};  // from one warning to the next
+constexpr double kCameraStartup_s = 10;    // a person must allow it
+constexpr std::chrono::seconds kQuiet{1};  // between two warnings
 
 class ViewerBackend final : public LiveBackend {
  public:
@@ -61,7 +61,7 @@ class ViewerBackend final : public LiveBackend {
   std::int64_t not_warned_of_ = 0;
 };
 
-// Reads for 50 ms at most. False at the end of the records.
+// Reads for at most 50 ms. Returns false at the end of the records.
 bool ViewerBackend::drain(LiveRead& result) {
   const Clock::time_point end = Clock::now() + milliseconds(50);
   while (Clock::now() < end && !records_.is_broken()) {
