@@ -33,7 +33,7 @@ nlohmann::json provenance(const ClassicTrainFlags& flags, const Context& context
 }  // namespace
 
 void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags) {
-  verb.add_option("--features", flags.features, "pixels, hog, pca or lbp")
+  verb.add_option("--features", flags.features, "image features: pixels, hog, pca or lbp")
       .check(one_of({"pixels", "hog", "pca", "lbp"}))
       .show_default()
       .group("Classic");
