@@ -41,7 +41,7 @@ struct FaceSceneOptions {
             {"light_yaw", light_yaw, range(-90, 90)},
             {"noise", noise, range(0, 50), "--noise",
              "grey levels, standard deviation of the image noise"},
-            {"blur_px", blur_px, range(0, 20), "--blur", "px"}};
+            {"blur_px", blur_px, range(0, 20), "--blur", "px, standard deviation of the blur"}};
   }
   void check() const { check_fields(*this); }
 };
