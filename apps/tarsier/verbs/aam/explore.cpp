@@ -170,7 +170,7 @@ void add_flags(Command& verb, ExploreFlags& flags) {
       .check(range(40, 1000))
       .show_default();
   verb.add_flag("--window", flags.window, "show in a window (default without -o and --grid)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
 }
 
 }  // namespace

@@ -91,7 +91,7 @@ void add_flags(Command& verb, AdaptFlags& flags) {
   verb.add_option("--model,--base", flags.base, "model to start from [landmarks68.json, shipped]");
   verb.add_option("-o,--output", flags.output, "output model file (.json)").required();
   verb.add_option("--ridge", flags.ridge,
-                  "weight of the base model, in images; 0: chosen by cross-validation from 3 "
+                  "weight of the base model, in images; 0: chosen on held-out images from 3 "
                   "images on, else 0.3")
       .check(range(0.0, 1e6))
       .show_default();

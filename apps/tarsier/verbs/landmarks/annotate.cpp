@@ -265,7 +265,7 @@ void add_flags(Command& verb, AnnotateFlags& flags) {
       .check(one_of({"on", "off"}))
       .show_default();
   verb.add_flag("--window", flags.window, "annotate in a window (default without --actions)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
   verb.add_option("--size", flags.size, "size of the view, px").show_default();
   verb.add_option("--actions", flags.actions,
                   "-: no window; actions from stdin, one a line: NAME, 'key K', 'click X Y', 'drag "

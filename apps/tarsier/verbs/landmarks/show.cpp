@@ -274,7 +274,7 @@ void add_flags(Command& verb, ShowFlags& flags) {
                   "output: contact sheet (.png ..) of a set; parts (.png ..) or animated modes "
                   "(.gif) of a model [window]");
   verb.add_flag("--window", flags.window, "show in a window (default without -o)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
   const auto of_set = [](Flag& flag) { flag.group("Sets"); };
   of_set(verb.add_flag("--numbers", flags.numbers, "draw the landmark numbers"));
   of_set(verb.add_flag("--mirrored", flags.mirrored, "window: start with the mirrored view"));

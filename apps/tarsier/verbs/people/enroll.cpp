@@ -171,7 +171,7 @@ void add_flags(Command& verb, EnrollFlags& flags) {
   verb.add_flag("--largest", flags.largest, "use only the largest face of an image");
   verb.add_flag("--any-quality", flags.any_quality,
                 "also enrol small, blurred, turned, dark or uncertain faces");
-  verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time");
+  verb.add_flag("--sequence", flags.source.sequence, "treat still images as the frames of a video");
   (void)add_security_flags(verb, flags.source.security);
   bind_all(verb, flags.collect);
   add_face_flags(verb, flags.people);

@@ -333,8 +333,9 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, EvalFlags& flags) {
-  verb.add_option("LIST", flags.list,
-                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen")
+  verb.add_option(
+          "LIST", flags.list,
+          "list of images, path<TAB>label a line; optionally four more columns: the eyes x y x y")
       .required();
   verb.add_flag("--raw", flags.raw, "the images are face crops already");
   verb.add_option("--size", flags.size, "size of the resized images: 42x48");

@@ -204,7 +204,7 @@ void add_flags(Command& verb, TrainFlags& flags) {
                   "algorithm: default, eigen, fisher, lbph or deep; stored in the gallery");
   verb.add_flag("--raw", flags.raw, "the list's images are face crops already");
   verb.add_option("--size", flags.size, "size of the list's resized images: 42x48");
-  verb.add_option("-o,--output", flags.output, "model file to write");
+  verb.add_option("-o,--output", flags.output, "output model file");
   verb.add_option("--learn-background", flags.background_list,
                   "train the background model from a list of many people, one image each");
   verb.add_option("--terms", flags.terms,

@@ -198,7 +198,8 @@ void add_shared(Command& verb, TrainFlags& flags) {
   verb.add_flag("--wild", flags.wild,
                 "add synthetic worn and degraded plates in 200 random typefaces (by --seed)");
   verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
-  verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
+  verb.add_option("--pipeline", flags.pipeline,
+                  "default: neural networks; classic: the textbook pipeline (SVM, MLP)")
       .check(one_of({"default", "classic"}))
       .show_default();
 }

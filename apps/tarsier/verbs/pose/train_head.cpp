@@ -134,8 +134,8 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
 
 void add_flags(Command& verb, TrainHeadFlags& flags) {
   add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("-o,--output", flags.output, "output model file (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
   face::head::TrainHeadOptions& options = flags.options;
   bind_all(verb, options);
   verb.add_option("--outline", options.outline,

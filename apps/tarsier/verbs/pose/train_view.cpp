@@ -133,8 +133,8 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
   verb.add_option(
       "--annotated", flags.annotated.input,
       "annotated faces, as for `pose train-head`; the pose of their landmarks is the ground truth");
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)");
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("-o,--output", flags.output, "output model file (.json)");
+  verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
   verb.add_flag("--leave-out", flags.leave_out,
                 "print the error on held-out people, each in turn (--truth, --annotated: on a "
                 "seventh of the images)");

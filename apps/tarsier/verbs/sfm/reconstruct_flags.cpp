@@ -143,7 +143,7 @@ void add_match_flags(Command& verb, ReconstructFlags& flags, bool is_whole) {
                         "factor by which images are reduced for feature extraction")
             .show_default());
   match(verb.add_option("--pairs", flags.pairs,
-                        "image pairs: auto, exhaustive, sequential, retrieval, or a file with two "
+                        "auto, exhaustive, sequential, retrieval, or a file with two "
                         "names a line")
             .show_default());
   match(bind_field(verb, pipeline, pipeline.overlap));
@@ -282,7 +282,8 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   out(verb.add_flag(
       "--mesh", flags.mesh,
       "also compute a textured surface: mesh.glb, mesh.png, mesh.html; implies --dense"));
-  out(verb.add_option("--dense-quality", flags.dense_flags.quality, "draft, normal, high")
+  out(verb.add_option("--dense-quality", flags.dense_flags.quality,
+                      "dense quality: draft, normal, high")
           .check(one_of({"draft", "normal", "high"}))
           .show_default());
   add_turntable_flag(verb, flags,

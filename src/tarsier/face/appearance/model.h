@@ -52,7 +52,7 @@ struct AppearanceOptions {
              "share of the variance kept by the texture modes"},
             {"texture_modes", texture_modes, range(0, 1000), "--texture-modes",
              "maximum number of texture modes"},
-            {"mirror", mirror, "--mirror", "learn from mirrored images too"},
+            {"mirror", mirror, "--mirror", "add mirrored images to the training set"},
             {"to_the_right", to_the_right, range(-100, 100), "--to-the-right",
              "horizontal offset of the annotations to the right, px (1 for pixels counted from 1, "
              "as in faces68)"},

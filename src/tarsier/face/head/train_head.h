@@ -46,7 +46,7 @@ struct TrainHeadOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"modes", modes, range(0, 40), "--modes", "number of deformation modes"},
             {"iterations", iterations, range(1, 10000), "--iterations",
-             "iterations of expectation maximisation"},
+             "number of iterations of expectation maximisation"},
             {"outer_eye_mm", outer_eye_mm, range(10, 1000), "--outer-eye-mm",
              "distance of the outer eye corners, mm; sets the scale"},
             {"distance_mm", distance_mm, at_least(300), "--distance-mm",
