@@ -18,34 +18,34 @@ constexpr const char* kHelp = R"(tarsier - classical computer vision on an ordin
 
   tarsier <area> <verb> [inputs] [flags]
 
-See what it does, then use your own images, then your camera:
-  tarsier demo                                   a page of images: demo-out/index.html
-  tarsier cartoon run photo.jpg -o drawn.png     an image becomes a cartoon
-  tarsier landmarks track 0 --window             68 points of each face, live
-  tarsier plate read car.jpg                     a number plate
-  tarsier sfm reconstruct photos/ -o model       cameras and a cloud of points
+Start with the demo, then use your own images or camera:
+  tarsier demo                                   a page of examples: demo-out/index.html
+  tarsier cartoon run photo.jpg -o drawn.png     convert an image to a cartoon
+  tarsier landmarks track 0 --window             68 landmarks of each face, live
+  tarsier plate read car.jpg                     read a number plate
+  tarsier sfm reconstruct photos/ -o model       reconstruct cameras and a point cloud
 
 Areas:
   cartoon run              cartoons of images, videos and live cameras
-  landmarks fit|track|..   points of faces: annotate, train, fit, follow, judge
-  aam explore|fit|..       appearance models: train, play with, fit
-  pose track|solve|..      where heads look; the pose of a known object; a head in 3D
-  people enroll|live|..    who is it, or unknown: enrol, identify, forget, judge
-  plate read|train-..|..   number plates: read, train, judge, log
-  sfm reconstruct|mesh|..  images to camera poses, point clouds and surfaces
-  calibrate                a camera's lens from images of a printed board
-  ar marker-sheet|..       printed markers: sheets of them, and boards for calibrate
-  models list|info|verify  the trained models that came with the program
-  doctor                   what this machine has, and what to do about what it lacks
-  hub, merge               one log of many cameras' events (MQTT); one file of many shards
-  demo                     runs every area once and makes a page of it
-  serve                    the studio: all of it in a browser, on this machine
-  bench NAME               how fast it is here
+  landmarks fit|track|..   landmarks of faces: annotate, train, fit, track, evaluate
+  aam explore|fit|..       appearance models: train, explore, fit
+  pose track|solve|..      head poses; poses of known objects; a 3D head model
+  people enroll|live|..    face recognition: enrol, identify, delete, evaluate
+  plate read|train-..|..   number plates: read, train, evaluate, log
+  sfm reconstruct|mesh|..  camera poses, point clouds and surfaces from images
+  calibrate                calibrate a camera from images of a printed board
+  ar marker-sheet|..       printed markers and calibration boards; image targets
+  models list|info|verify  the trained models shipped with the program
+  doctor                   check what this machine has and lacks, with advice
+  hub, merge               store events of many cameras (MQTT); merge files of shards
+  demo                     run every area once and write a page of the results
+  serve                    run the studio: everything in a browser, on this machine
+  bench NAME               measure speed on this machine
 
 An input is an image, a folder, a glob, @list.txt, a video, a camera number or a URL.
 Everywhere: -o OUT, --json, --quiet, --threads N, --config FILE; `--help` after any verb.
 Exit status: 0 done, 1 nothing found, 2 usage, 3 bad input, 4 source lost, 5 bad model,
-6 cannot write, 130 interrupted. `tarsier --version` tells the version.
+6 cannot write, 130 interrupted. `tarsier --version` prints the version.
 )";
 
 // Separate programs, so that what only they need is neither linked nor loaded here.

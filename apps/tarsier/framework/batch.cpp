@@ -70,11 +70,12 @@ nlohmann::ordered_json header_of(const PartInfo& info, const BatchTable& table) 
 void add_batch_flags(Command& verb, BatchFlags& flags) {
   const auto group = [](Flag& flag) -> Flag& { return flag.group("Batches of images"); };
   group(verb.add_option("--shard", flags.shard,
-                        "only the i-th of N shares of the inputs, by a hash of their names: 3/20"));
+                        "process shard i of N of the inputs (by a hash of their names): 3/20"));
   Flag& results = group(verb.add_option(
       "--jsonl", flags.jsonl,
-      "JSON lines of all inputs without times, whole once the run has ended (`tarsier merge`)"));
-  group(verb.add_flag("--resume", flags.resume, "go on where a killed run of these --jsonl was"))
+      "file of JSON lines without times, complete once the run has ended (`tarsier merge`)"));
+  group(verb.add_flag("--resume", flags.resume,
+                      "resume an interrupted run with the same --jsonl file"))
       .needs(results);
 }
 

@@ -155,30 +155,30 @@ int run_checked(const CommandLine& program, const std::vector<std::string>& word
 void add_common_flags(Command& verb, Context& context) {
   const auto common = [](Flag& flag) { flag.group("Common"); };
   verb.add_version_flag("--version").group("");
-  common(verb.add_flag("--json", context.json, "JSON lines on stdout, logs on stderr"));
-  common(verb.add_flag("--quiet", context.quiet, "only warnings and errors on stderr"));
-  common(verb.add_option("--seed", context.seed, "of everything random")
+  common(verb.add_flag("--json", context.json, "write JSON lines to stdout, logs to stderr"));
+  common(verb.add_flag("--quiet", context.quiet, "log only warnings and errors"));
+  common(verb.add_option("--seed", context.seed, "seed of all random numbers")
              .check(Check([](const std::string& text) {
                return text.starts_with("-") ? "a seed is not negative" : std::string();
              }))
              .show_default());
-  common(verb.add_option("--threads", context.threads, "0: all cores")
+  common(verb.add_option("--threads", context.threads, "number of threads; 0: all cores")
              .check(range(0, 1024))
              .show_default());
   common(verb.add_option("--log-level", context.log_level)
              .check(one_of({"debug", "info", "warning", "error", "off"}))
              .show_default());
-  common(verb.add_option("--progress", context.progress_style, "how long work tells how far it is")
+  common(verb.add_option("--progress", context.progress_style, "progress display")
              .check(one_of({"auto", "bar", "json", "none"}))
              .show_default());
   // It is read before the parser runs (parse_command_line). It is declared here for the parser and
   // --help.
-  common(verb.add_unbound_option("--config", "TOML or INI file with values for these flags")
+  common(verb.add_unbound_option("--config", "TOML or INI file with values of these flags")
              .type_name("FILE"));
 }
 
 void add_debug_flag(Command& verb, Context& context) {
-  verb.add_option("--debug-dir", context.debug_dir, "folder for the images of each stage")
+  verb.add_option("--debug-dir", context.debug_dir, "output folder for the images of each stage")
       .group("Output");
 }
 

@@ -11,7 +11,7 @@ namespace tarsier::cli {
 
 Flag& add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when) {
   Flag& command = verb.add_option("--on-event", flags.command,
-                                  "program to run " + when + ", with its JSON on stdin");
+                                  "program to run " + when + ", with the event as JSON on stdin");
   command.group("Events");
   bind_field(verb, flags.options, flags.options.timeout_s).needs(command).group("Events");
   return command;

@@ -19,16 +19,16 @@ constexpr double kInterrupted_s = 1;  // s for pending events, instead of Publis
 }  // namespace
 
 std::vector<Flag*> add_mqtt_login_flags(Command& verb, mqtt::Login& login) {
-  Flag& certificate = verb.add_option("--mqtt-cert", login.certificate,
-                                      "PEM of this client's certificate, for mqtts:");
-  Flag& key = verb.add_option("--mqtt-key", login.key, "PEM of its key");
+  Flag& certificate =
+      verb.add_option("--mqtt-cert", login.certificate, "client certificate for mqtts: (PEM)");
+  Flag& key = verb.add_option("--mqtt-key", login.key, "key of the client certificate (PEM)");
   certificate.needs(key);
   key.needs(certificate);
-  return {&verb.add_option("--mqtt-user", login.user, "where the address names none"),
+  return {&verb.add_option("--mqtt-user", login.user, "user name, if the address has none"),
           &verb.add_option("--mqtt-password-file", login.password_file,
-                           "file whose first line is the password"),
+                           "file with the password in its first line"),
           &verb.add_option("--mqtt-ca-file", login.ca_file,
-                           "PEM of the authorities to trust for mqtts: [the system's]"),
+                           "trusted certificate authorities for mqtts: (PEM) [the system's]"),
           &certificate, &key};
 }
 
@@ -37,22 +37,21 @@ void add_publish_flags(Command& verb, PublishFlags& flags, const std::string& ki
   const auto group = [](Flag& flag) -> Flag& { return flag.group("Publishing"); };
   Flag& publish = group(verb.add_option(
       "--publish", flags.address,
-      "say events to an MQTT broker: mqtt://HOST[:PORT][/TOPIC], mqtts: by TLS; [tarsier/NAME of "
-      "this machine]"));
-  group(verb.add_option("--outbox", flags.options.outbox,
-                        "SQLite file in which events wait until a hub has stored them [in "
-                        "~/.local/state/tarsier]"))
+      "publish events by MQTT: mqtt://HOST[:PORT][/TOPIC], mqtts: with TLS [tarsier/HOSTNAME]"));
+  group(verb.add_option(
+            "--outbox", flags.options.outbox,
+            "SQLite queue of events until a hub has stored them [in ~/.local/state/tarsier]"))
       .needs(publish);
   group(bind_field(verb, flags.options, flags.options.max_events)).needs(publish);
   group(verb.add_flag("--homeassistant", flags.options.home_assistant,
-                      "Home Assistant finds it by itself"))
+                      "announce to Home Assistant by MQTT discovery"))
       .needs(publish);
-  Flag& crops = group(verb.add_option(
-      "--crops", flags.crops.url,
-      "http://127.0.0.1:8090/: images of what is published, by the hash that the events carry; "
-      "--listen-all and --token-file for other machines"));
+  Flag& crops = group(verb.add_option("--crops", flags.crops.url,
+                                      "address that serves the crops of events by hash: "
+                                      "http://127.0.0.1:8090/; for others see --listen-all"));
   crops.needs(publish);
-  group(verb.add_option("--crops-dir", flags.crops.folder, "their folder [beside the outbox]"))
+  group(
+      verb.add_option("--crops-dir", flags.crops.folder, "folder of the crops [beside the outbox]"))
       .needs(crops);
   group(bind_field(verb, flags.crops, flags.crops.max_crops)).needs(crops);
   for (Flag* flag : add_mqtt_login_flags(verb, flags.options.login)) group(*flag).needs(publish);

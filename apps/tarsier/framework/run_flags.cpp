@@ -18,9 +18,10 @@ namespace fs = std::filesystem;
 std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security) {
   Flag& ca_file =
       verb.add_option("--ca-file", security.ca_file,
-                      "https, rtsps: certificates (PEM) to trust instead of the system's");
-  Flag& insecure = verb.add_flag("--insecure", security.insecure,
-                                 "https, rtsps: trust whoever answers; passwords go there too");
+                      "https, rtsps: trusted certificates (PEM) instead of the system's");
+  Flag& insecure =
+      verb.add_flag("--insecure", security.insecure,
+                    "https, rtsps: skip the certificate check; passwords may reach an impostor");
   insecure.excludes(ca_file);
   return {&ca_file, &insecure};
 }
@@ -30,17 +31,18 @@ void add_run_flags(Command& verb, RunFlags& flags, bool batches) {
                   "image, folder, glob, @list.txt, video, camera number, URL, picam:, synth:NAME")
       .required()
       .type_name("");
-  verb.add_option(
-      "-o,--output", flags.output,
-      "image, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
-  verb.add_flag("--window", flags.window, "show it in a window (h: keys)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
-  verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
+  verb.add_option("-o,--output", flags.output,
+                  "image, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none [the window]");
+  verb.add_flag("--window", flags.window, "show the result in a window (h: keys)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
+  verb.add_option("--actions", flags.actions, "-: read actions by name from stdin, one a line")
       .check(one_of({"-"}));
-  verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
+  verb.add_option("--frames", flags.frames, "stop after this many frames; 0: all")
       .check(at_least(0))
       .show_default();
-  verb.add_option("--every", flags.every, "take every N-th frame").check(above(0)).show_default();
+  verb.add_option("--every", flags.every, "process every N-th frame")
+      .check(above(0))
+      .show_default();
 
   if (batches) add_batch_flags(verb, flags.batch);
 
@@ -49,14 +51,15 @@ void add_run_flags(Command& verb, RunFlags& flags, bool batches) {
   for (Flag* flag : add_security_flags(verb, flags.source.security)) flag->group(kSource);
 
   const auto sink = [](Flag& flag) { flag.group("Output"); };
-  sink(
-      verb.add_option("--segment", flags.segment,
-                      "video output: a file for each 10m, 1h ..: NAME-0001.mp4, NAME-0002.mp4 .."));
+  sink(verb.add_option(
+      "--segment", flags.segment,
+      "video output: start a new file every 10m, 1h ..: NAME-0001.mp4, NAME-0002.mp4 .."));
   sink(bind_field(verb, flags.sink, flags.sink.jpeg_quality));
   sink(bind_field(verb, flags.sink, flags.sink.listen_all));
   Flag& token = bind_field(verb, flags.sink, flags.sink.token);
   sink(token);
-  Flag& token_file = verb.add_option("--token-file", flags.token_file, "file that holds the token");
+  Flag& token_file =
+      verb.add_option("--token-file", flags.token_file, "file that contains the token");
   sink(token_file);
   token_file.excludes(token);
 }

@@ -43,9 +43,9 @@ struct PeopleSessionOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"false_accepts", false_accepts, inside(0, 1), "--far",
-             "share of strangers who may be taken for somebody"},
+             "false accept rate that sets the threshold"},
             {"max_faces", max_faces, range(1, 100'000), "--faces",
-             "faces collected of a person at a time, at most"},
+             "maximum number of faces to collect of a person at a time"},
             {"max_pooled", max_pooled, range(1, 1000)}};
   }
   void check() const;  // throws std::invalid_argument, UsageError for names

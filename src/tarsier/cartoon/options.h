@@ -35,12 +35,14 @@ struct SketchOptions {
   bool remove_pepper = true;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"sketch.threshold", threshold, range(0, 255), "--sketch-threshold",
-             "of the Laplacian; higher: fewer lines"},
-            {"sketch.median_size", median_size, odd_range(3, 7), "--sketch-median", "px"},
-            {"sketch.laplacian_size", laplacian_size, odd_range(1, 7), "--sketch-laplacian",
-             "aperture"},
-            {"sketch.remove_pepper", remove_pepper, "--pepper,!--no-pepper", "remove single dots"}};
+    return {
+        {"sketch.threshold", threshold, range(0, 255), "--sketch-threshold",
+         "threshold of the Laplacian; higher: fewer lines"},
+        {"sketch.median_size", median_size, odd_range(3, 7), "--sketch-median",
+         "px, size of the median filter"},
+        {"sketch.laplacian_size", laplacian_size, odd_range(1, 7), "--sketch-laplacian",
+         "aperture of the Laplacian"},
+        {"sketch.remove_pepper", remove_pepper, "--pepper,!--no-pepper", "remove isolated dots"}};
   }
 };
 
@@ -52,11 +54,14 @@ struct PaintOptions {
   double sigma_space = 7;  // px
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"paint.rounds", rounds, range(0, 50), "--paint-rounds", "of two bilateral filters each"},
-        {"paint.diameter", diameter, odd_range(3, 15), "--paint-diameter", "px"},
-        {"paint.sigma_color", sigma_color, above(0, 255), "--paint-sigma-color", "grey levels"},
-        {"paint.sigma_space", sigma_space, above(0, 100), "--paint-sigma-space", "px"}};
+    return {{"paint.rounds", rounds, range(0, 50), "--paint-rounds",
+             "number of rounds of two bilateral filters each"},
+            {"paint.diameter", diameter, odd_range(3, 15), "--paint-diameter",
+             "px, diameter of the bilateral filter"},
+            {"paint.sigma_color", sigma_color, above(0, 255), "--paint-sigma-color",
+             "grey levels, sigma of the bilateral filter in colour"},
+            {"paint.sigma_space", sigma_space, above(0, 100), "--paint-sigma-space",
+             "px, sigma of the bilateral filter in space"}};
   }
 };
 
@@ -67,9 +72,10 @@ struct EvilOptions {
   int median_size = 3;  // px; 1 disables it
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"evil.threshold", threshold, range(0, 255), "--evil-threshold", "of the Scharr gradient"},
-        {"evil.median_size", median_size, odd_range(1, 7), "--evil-median", "px; 1: none"}};
+    return {{"evil.threshold", threshold, range(0, 255), "--evil-threshold",
+             "threshold of the Scharr gradient"},
+            {"evil.median_size", median_size, odd_range(1, 7), "--evil-median",
+             "px, size of the median filter; 1: none"}};
   }
 };
 
@@ -96,9 +102,9 @@ struct SkinOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"skin.edge_threshold", edge_threshold, range(0, 255), "--skin-edge-threshold",
-             "of the half-size Laplacian"},
+             "threshold of the Laplacian at half size"},
             {"skin.learned_distance", learned_distance, above(0, 10), "--skin-distance",
-             "auto: Mahalanobis distance that is still skin"}};
+             "auto: maximum Mahalanobis distance of a skin colour"}};
   }
 };
 
@@ -114,11 +120,12 @@ struct SteadyOptions {
   int memory = 6;   // number of frames over which a still pixel is averaged
 
   [[nodiscard]] OptionFields fields() {
-    return {{"steady.hysteresis", hysteresis, range(0, 0.9), "--steady-hysteresis",
-             "share of a threshold either side of it"},
-            {"steady.motion", motion, range(1, 255), "--steady-motion",
-             "grey levels that count as moved"},
-            {"steady.memory", memory, range(1, 16), "--steady-memory", "frames"}};
+    return {
+        {"steady.hysteresis", hysteresis, range(0, 0.9), "--steady-hysteresis",
+         "half-width of the hysteresis, share of the threshold"},
+        {"steady.motion", motion, range(1, 255), "--steady-motion",
+         "grey levels, minimum change that counts as motion"},
+        {"steady.memory", memory, range(1, 16), "--steady-memory", "frames, length of the memory"}};
   }
 };
 

@@ -17,7 +17,7 @@
 //     double ratio = 0.8;
 //
 //     [[nodiscard]] OptionFields fields() {
-//       return {{"ratio", ratio, range(0.1, 1), "--ratio", "of the two best distances"}};
+//       return {{"ratio", ratio, range(0.1, 1), "--ratio", "maximum distance ratio"}};
 //     }
 //     void check() const { check_fields(*this); }
 //   };

@@ -22,7 +22,7 @@ struct CropServerOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_crops", max_crops, range(1, 1'000'000), "--max-crops",
-             "images that are kept; then the oldest are dropped"}};
+             "maximum number of crops; beyond, the oldest are dropped"}};
   }
   void check() const { check_fields(*this); }
 };

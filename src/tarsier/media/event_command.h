@@ -22,7 +22,7 @@ struct EventCommandOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"timeout_s", timeout_s, range(0.01, 3600), "--on-event-timeout",
-             "s after which it is killed; at the end events get as long in all"},
+             "s until the program is killed; also the total limit at the end of the run"},
             {"max_waiting", max_waiting, range(1, 100'000)},
             {"finish_s", finish_s, range(0, 3600)},
             {"interrupted_s", interrupted_s, range(0, 60)}};

@@ -54,10 +54,11 @@ struct SinkOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"fps", fps, above(0, 1000)},
             {"jpeg_quality", jpeg_quality, range(1, 100), "--jpeg-quality",
-             "of JPEG files and streams"},
+             "quality of JPEG files and streams"},
             {"listen_all", listen_all, "--listen-all",
-             "http output: for other machines too; needs a token"},
-            {"token", token, "--token", "http output: viewers must give it; 16 characters or more"},
+             "http output: accept connections from other machines; needs a token"},
+            {"token", token, "--token",
+             "http output: token that viewers must send, 16 characters or more"},
             {"max_viewers", max_viewers, range(1, 64)},
             {"segment_s", segment_s, at_least(0)}};
   }

@@ -80,17 +80,20 @@ struct SourceOptions {
   std::string capture_program;
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"width", width, range(0, 32768), "--width", "asked of a camera, px; 0: its own choice"},
-        {"height", height, range(0, 32768), "--height", "px"},
-        {"fps", fps, range(0, 1000), "--fps", "asked of a camera; of a --sequence; 0: its own"},
-        {"sequence", sequence, "--sequence", "stills follow each other in time"},
-        {"wait", wait, "--wait", "wait for ever for a source that is not there yet"},
-        {"connect_timeout_s", connect_timeout_s, above(0, 3600), "--connect-timeout",
-         "s until a live source must have given its first frame"},
-        {"stall_s", stall_s, above(0, 3600), "--stall",
-         "s without a frame: reopen the live source"},
-        {"give_up_s", give_up_s, at_least(0), "--give-up", "s without a frame: end; 0: never"}};
+    return {{"width", width, range(0, 32768), "--width",
+             "requested camera image width, px; 0: the camera's choice"},
+            {"height", height, range(0, 32768), "--height",
+             "px, requested camera image height; 0: the camera's choice"},
+            {"fps", fps, range(0, 1000), "--fps",
+             "requested frame rate of a camera; frame rate of a --sequence; 0: the source's own"},
+            {"sequence", sequence, "--sequence", "treat still images as the frames of a video"},
+            {"wait", wait, "--wait", "wait without limit for a source that does not exist yet"},
+            {"connect_timeout_s", connect_timeout_s, above(0, 3600), "--connect-timeout",
+             "s until a live source must deliver its first frame"},
+            {"stall_s", stall_s, above(0, 3600), "--stall",
+             "s without a frame until a live source is reopened"},
+            {"give_up_s", give_up_s, at_least(0), "--give-up",
+             "s without a frame until the run ends; 0: never"}};
   }
   void check() const { check_fields(*this); }
 };

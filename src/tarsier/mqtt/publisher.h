@@ -26,7 +26,7 @@ struct PublisherOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_events", max_events, range(100, 10'000'000), "--outbox-events",
-             "events that wait for a hub; then the oldest are dropped"},
+             "maximum number of events in the outbox; beyond, the oldest are dropped"},
             {"window", window, range(1, 100'000)},
             {"resend_s", resend_s, range(0.05, 3600)},
             {"finish_s", finish_s, range(0, 3600)}};

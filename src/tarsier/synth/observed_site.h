@@ -41,19 +41,19 @@ struct SiteOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"images", images, range(3, 100'000)},
             {"features", features, range(50, 10'000), "--features",
-             "of an image at most, of --observations"},
+             "maximum number of features in an image, with --observations"},
             {"neighbours", neighbours, range(2, 1000)},
             {"noise_px", noise_px, range(0, 20)},
             {"drop_out", drop_out, range(0, 0.9), "--drop-out",
-             "probability that a visible point is no feature, of --observations"},
+             "probability that a visible point is not detected, with --observations"},
             {"wrong_share", wrong_share, range(0, 0.9)},
             {"repeats", repeats, range(0, 1), "--repeats",
-             "share of the facades that look like others, of --observations; of the houses, of "
-             "--trajectory walk and city"},
-            {"sides", sides, range(2, 12), "--sides", "of the prism of --trajectory symmetric"},
+             "share of repeated facades (--observations) or houses (--trajectory walk and city)"},
+            {"sides", sides, range(2, 12), "--sides",
+             "number of sides of the prism of --trajectory symmetric"},
             {"details", details, range(0, 1), "--details",
-             "share of points that no other side has, of --trajectory symmetric; of the area, of "
-             "--content symmetric, temple and toy"}};
+             "share of points (--trajectory symmetric) or area (--content symmetric, ..) unique to "
+             "a side"}};
   }
   void check() const { check_fields(*this); }
 };

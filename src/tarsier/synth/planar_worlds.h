@@ -41,16 +41,16 @@ struct StillOptions {
     return {{"size.width", size.width, range(64, 8192)},
             {"size.height", size.height, range(64, 8192)},
             {"least", least, range(0, 16), "--min-markers",
-             "fewest markers in one image; their number is drawn at random"},
+             "minimum number of markers in an image (random)"},
             {"most", most, range(0, 16), "--max-markers",
-             "most markers in one image; their number is drawn at random"},
+             "maximum number of markers in an image (random)"},
             {"min_side_px", min_side_px, range(4, 8192), "--min-side",
-             "px, of a marker or target seen straight; of targets [80]"},
+             "px, minimum frontal side of a marker, or of a target [80]"},
             {"max_side_px", max_side_px, range(4, 8192), "--max-side",
-             "px; at most 0.6 of the image's height"},
-            {"tilt_deg", tilt_deg, range(0, 80), "--tilt", "degrees, at most"},
+             "px, maximum frontal side; at most 0.6 of the image height"},
+            {"tilt_deg", tilt_deg, range(0, 80), "--tilt", "degrees, maximum tilt"},
             {"part_hidden", part_hidden, range(0, 1), "--hidden",
-             "share of markers that a hand or a bar hides in part"}};
+             "share of markers partly occluded by a hand or a bar"}};
   }
   void check() const;
 };

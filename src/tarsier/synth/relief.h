@@ -66,9 +66,11 @@ struct SceneOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(32, 8192)},
             {"size.height", size.height, range(32, 8192)},
-            {"images", images, range(1, 100'000), "--images", "images to render"},
-            {"noise", noise, range(0, 64), "--noise", "grey levels"},
-            {"pure_rotation", pure_rotation, "--pure-rotation", "the camera only turns"}};
+            {"images", images, range(1, 100'000), "--images", "number of images to render"},
+            {"noise", noise, range(0, 64), "--noise",
+             "grey levels, standard deviation of the image noise"},
+            {"pure_rotation", pure_rotation, "--pure-rotation",
+             "rotate the camera without translation"}};
   }
   void check() const;  // throws std::invalid_argument, which names the bad value
 };

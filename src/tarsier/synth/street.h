@@ -38,7 +38,7 @@ struct StreetOptions {
     return {{"size.width", size.width, range(64, 8192)},
             {"size.height", size.height, range(48, 8192)},
             {"farthest", farthest, range(1, 100), "--far",
-             "how many times farther away than the nearest place the cars are at most"},
+             "maximum distance of the cars, in multiples of the minimum"},
             {"seconds", seconds, above(0, 86400)}};
   }
   void check() const;

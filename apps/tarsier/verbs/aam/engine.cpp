@@ -20,16 +20,17 @@ face::AppearanceStart parse_start(const std::string& name) {
 std::string shipped_appearance_model() { return ModelStore::find().path("aam68.json"); }
 
 void add_aam_flags(Command& verb, AamFlags& flags) {
-  verb.add_option("--model", flags.model, "model file [aam68.json, which ships]");
+  verb.add_option("--model", flags.model, "model file [aam68.json, shipped]");
   verb.add_option("--method", flags.method,
-                  "project-out (everything precomputed) or alternating (exact, dearer, better on "
-                  "what the model has not seen) [alternating]")
+                  "project-out (precomputed, fast) or alternating (exact, slower, better on unseen "
+                  "faces) [alternating]")
       .check(one_of({"auto", "project-out", "alternating"}));
   verb.add_option("--start", flags.start,
-                  "where fits begin: detector (faces), landmarks (the tracker of 68 points), "
-                  "search (the whole image) [detector where the model was learnt with one]")
+                  "initialisation: detector (faces), landmarks (68-point tracker), search (whole "
+                  "image) [detector if the model has one]")
       .check(one_of({"auto", "detector", "landmarks", "search"}));
-  verb.add_option("--starts", flags.starts, "fits around each start, of which the best stays")
+  verb.add_option("--starts", flags.starts,
+                  "number of fits around each initial position; the best is kept")
       .check(range(1, 100))
       .show_default();
   add_min_face_flag(verb, flags.min_face);

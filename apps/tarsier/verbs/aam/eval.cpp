@@ -206,21 +206,23 @@ void add_flags(Command& verb, EvalFlags& flags) {
   add_set_flags(verb, flags.set);
   add_aam_flags(verb, flags.aam);
   verb.add_option("--held-out", flags.held_out,
-                  "only every N-th sample (those that `train --hold-out N` left out); 0: all")
+                  "only every N-th sample (held out by `train --hold-out N`); 0: all")
       .check(range(0, 1000000))
       .show_default();
-  verb.add_option("--limit", flags.limit, "an error that counts as good, % of the eye distance")
+  verb.add_option("--limit", flags.limit, "maximum error of a good fit, % of the eye distance")
       .check(range(0.01, 100.0))
       .show_default();
-  verb.add_option("-o,--output", flags.output, "file for the fitted points, JSON lines");
-  verb.add_option("--csv", flags.csv, "table to write, one row an image");
+  verb.add_option("-o,--output", flags.output, "output file of the fitted landmarks, JSON lines");
+  verb.add_option("--csv", flags.csv, "CSV file, one row an image");
   verb.add_option("--convergence", flags.convergence,
-                  "study instead: how often fits converge from random starts; an image to write");
-  verb.add_option("--tries", flags.tries, "of the study, for each image and disturbance")
+                  "study: convergence of fits from random initial positions; output image");
+  verb.add_option("--tries", flags.tries,
+                  "number of tries for each image and disturbance of the study")
       .check(range(1, 1000))
       .show_default();
-  verb.add_option("--eyes", flags.eyes,
-                  "the two points whose distance is the unit [outer eye corners of known markups]")
+  verb.add_option(
+          "--eyes", flags.eyes,
+          "two landmarks whose distance normalises the errors [outer eye corners of known markups]")
       .delimiter(',')
       .expected(2);
 }
@@ -228,7 +230,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_aam_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "measures fits on annotated images", context, add_flags,
+  add_verb<EvalFlags>(area, "eval", "evaluate fits on annotated images", context, add_flags,
                       run_eval);
 }
 

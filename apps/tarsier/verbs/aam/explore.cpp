@@ -150,32 +150,33 @@ ExitStatus explore(ExploreFlags& flags, Context& context) {
 
 void add_flags(Command& verb, ExploreFlags& flags) {
   verb.add_option("MODEL", flags.model,
-                  "an appearance model, or shapes as text (.txt: 'N 2k', then N lines x1 y1 ..) "
-                  "[aam68.json, which ships]")
+                  "appearance model, or shapes as text (.txt: 'N 2k', then N lines x1 y1 ..) "
+                  "[aam68.json, shipped]")
       .type_name("");
-  verb.add_option("--on", flags.image, "an image that the face is drawn over");
+  verb.add_option("--on", flags.image, "image to draw the face on");
   verb.add_option("--set", flags.set,
-                  "a mode, in standard deviations: 'shape 1=2', 'look 3=-1'; of text: 'mode 1=2'")
+                  "value of a mode, in standard deviations: 'shape 1=2', 'look 3=-1'; text shapes: "
+                  "'mode 1=2'")
       .one_value_each();
-  verb.add_flag("--random", flags.random, "begin with a random face (--seed)");
-  verb.add_flag("--mesh", flags.mesh, "begin with the mesh");
-  verb.add_option("-o,--output", flags.output, "image to write instead of a window");
+  verb.add_flag("--random", flags.random, "start with a random face (--seed)");
+  verb.add_flag("--mesh", flags.mesh, "start with the mesh shown");
+  verb.add_option("-o,--output", flags.output, "output image instead of a window");
   verb.add_option("--grid", flags.grid,
-                  "image of the modes at -3 .. 3 standard deviations, and of random faces");
-  verb.add_option("--modes", flags.modes, "--grid: modes of the shape, and of the look")
+                  "output image of the modes at -3 .. 3 standard deviations, and of random faces");
+  verb.add_option("--modes", flags.modes, "--grid: number of shape modes, and of look modes")
       .check(range(1, 50))
       .show_default();
-  verb.add_option("--cell", flags.cell, "--grid: px, side of a face")
+  verb.add_option("--cell", flags.cell, "--grid: side of a face, px")
       .check(range(40, 1000))
       .show_default();
-  verb.add_flag("--window", flags.window, "in a window (as without -o and --grid)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_flag("--window", flags.window, "show in a window (default without -o and --grid)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
 }
 
 }  // namespace
 
 void add_aam_explore(Command& area, Context& context) {
-  add_verb<ExploreFlags>(area, "explore", "plays with a model: sliders for its modes", context,
+  add_verb<ExploreFlags>(area, "explore", "explore a model with sliders for its modes", context,
                          add_flags, explore);
 }
 

@@ -120,12 +120,12 @@ void add_flags(Command& verb, FitFlags& flags) {
   add_run_flags(verb, flags.run);
   add_aam_flags(verb, flags.aam);
   verb.add_option("--draw", flags.draw,
-                  "mesh, face (the model's own, over the image), points or nothing")
+                  "mesh, face (the model's, over the image), points or nothing")
       .show_default();
   verb.add_flag("--parameters", flags.parameters,
-                "--json: the parameters of shape and texture as well");
+                "--json: include the shape and texture parameters");
   verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, image, face, error, iterations, status, points");
+                  "CSV file: frame, time, image, face, error, iterations, status, points");
   bind_all(verb, flags.aam.track, "Videos and cameras");
 }
 
@@ -133,7 +133,7 @@ void add_flags(Command& verb, FitFlags& flags) {
 
 void add_aam_fit(Command& area, Context& context) {
   add_debug_flag(
-      add_verb<FitFlags>(area, "fit", "fits a model to images, videos and cameras (followed)",
+      add_verb<FitFlags>(area, "fit", "fit a model to images, videos and cameras (tracked)",
                          context, add_flags, run_fit),
       context);
 }

@@ -134,7 +134,7 @@ void add_flags(Command& verb, TrainFlags& flags) {
   face::appearance::AppearanceOptions& options = flags.options;
   verb.add_option(
           "--channels", flags.channels,
-          "what the fit sees at a pixel: grey, colour, gradient (2 numbers) or oriented (8)")
+          "channels of a pixel in the fit: grey, colour, gradient (2 numbers) or oriented (8)")
       .check(one_of({"grey", "colour", "gradient", "oriented"}))
       .show_default();
   bind_field(verb, options, options.frame_width);
@@ -144,19 +144,21 @@ void add_flags(Command& verb, TrainFlags& flags) {
   bind_field(verb, options, options.texture_modes);
   bind_field(verb, options, options.colour_width);
   bind_field(verb, options, options.colour_modes);
-  verb.add_flag("!--no-colour", options.colour, "no colour texture: the model only fits");
+  verb.add_flag("!--no-colour", options.colour,
+                "omit the colour texture; the model can then only be fitted");
   bind_field(verb, options, options.mirror);
   bind_field(verb, options, options.to_the_right);
   verb.add_option("--mesh", flags.mesh,
-                  "triangles, three point numbers (from 0) a line [Delaunay's of the mean shape]");
+                  "triangles: three landmark numbers (from 0) a line [Delaunay triangulation of "
+                  "the mean shape]");
   verb.add_flag("--no-detector", flags.no_detector,
-                "these are no faces: do not learn where they lie in a face detector's box");
+                "do not learn the position in a face detector's box (objects other than faces)");
 }
 
 }  // namespace
 
 void add_aam_train(Command& area, Context& context) {
-  add_verb<TrainFlags>(area, "train", "learns an appearance model from annotated images", context,
+  add_verb<TrainFlags>(area, "train", "train an appearance model on annotated images", context,
                        add_flags, train);
 }
 

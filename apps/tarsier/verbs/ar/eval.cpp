@@ -178,22 +178,24 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
 
 void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("truth", flags.truth,
-                  "JSON lines {\"image\", \"family\" or \"target\", \"K\", \"size\", \"markers\"}")
+                  "ground truth: JSON lines {\"image\", \"family\" or \"target\", \"K\", \"size\", "
+                  "\"markers\"}")
       .required();
-  verb.add_option("--family", flags.family, "only lines of this family");
+  verb.add_option("--family", flags.family, "evaluate only lines of this family");
   Flag& backend =
-      verb.add_option("--backend", flags.backend, "own, or opencv to compare with (markers)")
+      verb.add_option("--backend", flags.backend, "own, or opencv for comparison (markers)")
           .check(one_of({"own", "opencv"}))
           .show_default();
-  Flag& results = verb.add_option("--results", flags.results,
-                                  "judge these JSON lines {\"image\", \"markers\"} instead");
+  Flag& results =
+      verb.add_option("--results", flags.results,
+                      "evaluate these JSON lines {\"image\", \"markers\"} instead of detecting");
   results.excludes(backend);
-  verb.add_option("--tolerance", flags.tolerance,
-                  "mean error of the corners up to which one is found, share of its side; at "
-                  "least 3 px")
+  verb.add_option(
+          "--tolerance", flags.tolerance,
+          "maximum mean corner error of a correct detection, share of the side; at least 3 px")
       .check(range(0.01, 1.0))
       .show_default();
-  verb.add_option("-o,--output", flags.output, "file for what was found, JSON lines")
+  verb.add_option("-o,--output", flags.output, "output file of the detections, JSON lines")
       .excludes(results);
 }
 
@@ -201,8 +203,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
 
 void add_ar_eval(Command& ar, Context& context) {
   add_verb<EvalFlags>(ar, "eval",
-                      "measures detection and pose on images of known truth (of `ar synth`)",
-                      context, add_flags, run_eval);
+                      "evaluate detection and pose against ground truth (of `ar synth`)", context,
+                      add_flags, run_eval);
 }
 
 }  // namespace tarsier::cli

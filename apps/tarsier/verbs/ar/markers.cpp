@@ -158,35 +158,36 @@ void add_flags(Command& verb, MarkersFlags& flags) {
   verb.add_option("--family", flags.family,
                   "aruco-original (orig), 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11")
       .show_default();
-  verb.add_option("--size", flags.size, "side of the markers over their black frame: 50mm, 0.05")
+  verb.add_option("--size", flags.size, "side of the markers' black frame: 50mm, 0.05")
       .show_default();
   Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
-  verb.add_option("--focal", flags.tracker.focal_px, "focal length in px [the image's larger side]")
+  verb.add_option("--focal", flags.tracker.focal_px, "focal length, px [the longer image side]")
       .check(above(0))
       .excludes(camera);
-  verb.add_option("--backend", flags.backend, "own, or opencv to compare with")
+  verb.add_option("--backend", flags.backend, "own, or opencv for comparison")
       .check(one_of({"own", "opencv"}))
       .show_default();
   verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, id, place (m), rotation vector, error, corners");
+                  "CSV file: frame, time, id, position (m), rotation vector, error, corners");
   add_on_event_flags(verb, flags.on_event, "when a marker appears or is lost");
   add_publish_flags(verb, flags.publish, "marker");
   const auto drawing = [](Flag& flag) { flag.group("What is drawn"); };
   Flag& draw = verb.add_option("--draw", flags.draw, "none, ids, axes or cube");
   drawing(draw.check(one_of({"none", "ids", "axes", "cube"})).show_default());
   Flag& mesh =
-      verb.add_option("--mesh", flags.mesh, "Wavefront file (.obj) that stands on the markers");
+      verb.add_option("--mesh", flags.mesh, "Wavefront file (.obj) to draw on the markers");
   drawing(mesh.excludes(draw));
-  drawing(verb.add_option("--mesh-up", flags.up, "which of its axes is its height: y or z")
+  drawing(verb.add_option("--mesh-up", flags.up, "up axis of the mesh: y or z")
               .check(one_of({"y", "z"}))
               .needs(mesh)
               .show_default());
   drawing(bind_field(verb, flags.augment, flags.augment.scale));
-  drawing(verb.add_flag("--no-shadow", flags.no_shadow, "without shadows"));
+  drawing(verb.add_flag("--no-shadow", flags.no_shadow, "draw no shadows"));
   const auto finding = [](Flag& flag) { flag.group("Detection"); };
-  finding(verb.add_option("--smooth", flags.smooth,
-                          "of videos: none or one-euro (steady when still, quick when moving)")
+  finding(verb.add_option(
+                  "--smooth", flags.smooth,
+                  "smoothing in videos: none or one-euro (steady when still, quick when moving)")
               .check(one_of({"none", "one-euro"}))
               .show_default());
   finding(bind_field(verb, flags.tracker.detect.quads, flags.tracker.detect.quads.min_side_px));
@@ -197,11 +198,11 @@ void add_flags(Command& verb, MarkersFlags& flags) {
 }  // namespace
 
 void add_ar_markers(Command& ar, Context& context) {
-  add_debug_flag(add_verb<MarkersFlags>(ar, "markers",
-                                        "finds printed markers, where they are, and draws "
-                                        "objects that stand on them",
-                                        context, add_flags, run_markers),
-                 context);
+  add_debug_flag(
+      add_verb<MarkersFlags>(
+          ar, "markers", "detect printed markers, estimate their poses and draw objects on them",
+          context, add_flags, run_markers),
+      context);
 }
 
 }  // namespace tarsier::cli

@@ -90,25 +90,24 @@ ExitStatus run_sheet(const SheetFlags& flags, Context& context) {
 
 void add_flags(Command& verb, SheetFlags& flags) {
   verb.add_option("-o,--output", flags.output,
-                  ".pdf, .svg or .png (of several pages .svg and .png are numbered)")
+                  "output: .pdf, .svg or .png (pages of .svg and .png are numbered)")
       .required();
   Flag& family = verb.add_option("--family", flags.family,
                                  "aruco-original, 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11");
   family.show_default();
-  Flag& ids = verb.add_option("--ids", flags.ids, "0-9, or 3,5,8-10");
+  Flag& ids = verb.add_option("--ids", flags.ids, "marker ids: 0-9, or 3,5,8-10");
   ids.show_default();
-  Flag& size =
-      verb.add_option("--size", flags.size, "side of a marker over its black frame: 50mm, 5cm");
+  Flag& size = verb.add_option("--size", flags.size, "side of a marker's black frame: 50mm, 5cm");
   size.show_default();
-  Flag& board =
-      verb.add_option("--board", flags.board,
-                      "instead: chess:9x6, charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6");
+  Flag& board = verb.add_option(
+      "--board", flags.board,
+      "board instead of markers: chess:9x6, charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6");
   board.excludes(family).excludes(ids).excludes(size);
-  verb.add_option("--square", flags.square, "of a board: side of a square, distance of dots")
+  verb.add_option("--square", flags.square, "board: side of a square, or distance of dots")
       .needs(board);
   verb.add_option("--page", flags.page, "a3, a4, a5, letter, legal or 200x300mm").show_default();
-  verb.add_option("--margin", flags.margin, "that stays white: 10mm").show_default();
-  verb.add_option("--dpi", flags.dpi, "of .png, 36..2400")
+  verb.add_option("--margin", flags.margin, "white margin: 10mm").show_default();
+  verb.add_option("--dpi", flags.dpi, "resolution of .png, 36..2400 dpi")
       .check(range(36.0, 2400.0))
       .show_default();
 }
@@ -116,8 +115,9 @@ void add_flags(Command& verb, SheetFlags& flags) {
 }  // namespace
 
 void add_ar_marker_sheet(Command& ar, Context& context) {
-  add_verb<SheetFlags>(ar, "marker-sheet", "markers or a calibration board to print, true to scale",
-                       context, add_flags, run_sheet);
+  add_verb<SheetFlags>(ar, "marker-sheet",
+                       "write markers or a calibration board to print, true to scale", context,
+                       add_flags, run_sheet);
 }
 
 }  // namespace tarsier::cli

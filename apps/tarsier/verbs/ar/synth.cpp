@@ -130,10 +130,13 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("what", flags.what, "markers or planar (images as targets)")
       .required()
       .check(one_of({"markers", "planar"}));
-  verb.add_option("-o,--output,output", flags.output, "folder").required();
-  verb.add_option("--count", flags.count, "images").check(range(1, 100000)).show_default();
-  verb.add_option("--size", flags.size, "of the images, px").show_default();
-  verb.add_option("--level", flags.level, "of light, blur and noise: easy, medium, hard or all")
+  verb.add_option("-o,--output,output", flags.output, "output folder").required();
+  verb.add_option("--count", flags.count, "number of images")
+      .check(range(1, 100000))
+      .show_default();
+  verb.add_option("--size", flags.size, "image size, px").show_default();
+  verb.add_option("--level", flags.level,
+                  "level of light, blur and noise: easy, medium, hard or all")
       .check(one_of({"easy", "medium", "hard", "all"}))
       .show_default();
   bind_field(verb, flags.still, flags.still.tilt_deg);
@@ -141,16 +144,16 @@ void add_flags(Command& verb, SynthFlags& flags) {
   bind_field(verb, flags.still, flags.still.max_side_px);
   bind_field(verb, flags.still, flags.still.part_hidden);
   const auto markers = [](Flag& flag) { flag.group("Markers"); };
-  markers(verb.add_option("--family", flags.families, "of markers, several allowed")
+  markers(verb.add_option("--family", flags.families, "marker family, repeatable")
               .delimiter(',')
               .show_default());
-  markers(verb.add_option("--side", flags.side, "of a marker over its black frame").show_default());
+  markers(verb.add_option("--side", flags.side, "side of a marker's black frame").show_default());
   markers(bind_field(verb, flags.still, flags.still.least));
   markers(bind_field(verb, flags.still, flags.still.most));
   const auto planar = [](Flag& flag) { flag.group("Images as targets"); };
-  planar(
-      verb.add_option("--image", flags.images, "target, several allowed [posters]").delimiter(','));
-  planar(verb.add_option("--posters", flags.posters, "how many are drawn where none is given")
+  planar(verb.add_option("--image", flags.images, "image of a target, repeatable [posters]")
+             .delimiter(','));
+  planar(verb.add_option("--posters", flags.posters, "number of synthetic posters without --image")
              .check(range(1, 50))
              .show_default());
 }
@@ -159,8 +162,8 @@ void add_flags(Command& verb, SynthFlags& flags) {
 
 void add_ar_synth(Command& ar, Context& context) {
   add_verb<SynthFlags>(ar, "synth",
-                       "draws images of markers or of image targets: images/, truth.jsonl", context,
-                       add_flags, make_images);
+                       "render synthetic images of markers or image targets: images/, truth.jsonl",
+                       context, add_flags, make_images);
 }
 
 }  // namespace tarsier::cli

@@ -177,28 +177,27 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
 }
 
 void add_train_flags(Command& verb, TrainFlags& flags) {
-  verb.add_option("image", flags.image, "the flat image, seen squarely, without a margin")
+  verb.add_option("image", flags.image, "image of the flat target, frontal, without margin")
       .required();
-  verb.add_option("-o,--output", flags.output, "the target file: cover.target.json").required();
-  verb.add_option("--width", flags.width, "of the print: 20cm, 0.2m, 200mm").show_default();
-  verb.add_option("--name", flags.name, "what it is called [the image's name]");
-  verb.add_option("--draw", flags.draw, "image to write: how trackable it is, and where weak");
+  verb.add_option("-o,--output", flags.output, "output target file: cover.target.json").required();
+  verb.add_option("--width", flags.width, "width of the print: 20cm, 0.2m, 200mm").show_default();
+  verb.add_option("--name", flags.name, "name of the target [the image's name]");
+  verb.add_option("--draw", flags.draw, "output image of the trackability, with the weak regions");
   bind_all(verb, flags.options);
 }
 
 void add_track_flags(Command& verb, FollowFlags& flags) {
   add_run_flags(verb, flags.run);
   verb.add_option("--target", flags.targets,
-                  "file of `ar target-train`; several, each after its own --target or one after "
-                  "the other: they are numbered from 0");
-  verb.add_option("--camera", flags.camera,
-                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; without one "
-                  "there are no poses");
+                  "target file of `ar target-train`; repeatable; targets are numbered from 0");
+  verb.add_option(
+      "--camera", flags.camera,
+      "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; needed for poses");
   verb.add_option("--draw", flags.draw, "box, axes, outline or none (box and axes need a camera)")
       .check(one_of({"box", "axes", "outline", "none"}))
       .show_default();
   verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, id, confidence, corners, place (m), error");
+                  "CSV file: frame, time, id, confidence, corners, position (m), error");
   add_on_event_flags(verb, flags.on_event, "when a target appears or is lost");
   add_publish_flags(verb, flags.publish, "target");
   bind_all(verb, flags.tracker.track, "Videos and cameras");
@@ -208,16 +207,17 @@ void add_track_flags(Command& verb, FollowFlags& flags) {
 
 void add_ar_target_train(Command& ar, Context& context) {
   add_verb<TrainFlags>(ar, "target-train",
-                       "makes a target file of an image, to be found and followed in others",
-                       context, add_train_flags, run_train);
+                       "make a target file from an image, for detection and tracking", context,
+                       add_train_flags, run_train);
 }
 
 void add_ar_target_track(Command& ar, Context& context) {
-  add_debug_flag(add_verb<FollowFlags>(ar, "target-track",
-                                       "finds trained images in images, "
-                                       "videos and cameras, and their poses",
-                                       context, add_track_flags, run_follow),
-                 context);
+  add_debug_flag(
+      add_verb<FollowFlags>(
+          ar, "target-track",
+          "detect and track trained images in images, videos and cameras, with their poses",
+          context, add_track_flags, run_follow),
+      context);
 }
 
 }  // namespace tarsier::cli

@@ -124,49 +124,54 @@ void add_lens_flags(Command& verb, CalibrateFlags& flags) {
            .check(one_of({"pinhole", "rational", "fisheye"}))
            .show_default());
   lens(bind_field(verb, flags.lens_options, flags.lens_options.radial));
-  lens(verb.add_flag("--no-tangential", flags.no_tangential, "p1 and p2 are 0"));
-  lens(verb.add_flag("--square-pixels", flags.lens_options.square_pixels, "fy is fx"));
+  lens(verb.add_flag("--no-tangential", flags.no_tangential, "fix p1 and p2 to 0"));
+  lens(verb.add_flag("--square-pixels", flags.lens_options.square_pixels, "fix fy to fx"));
   lens(bind_field(verb, flags.lens_options, flags.lens_options.outlier));
 }
 
 void add_flags(Command& verb, CalibrateFlags& flags) {
   flags.run.output = "none";
-  verb.add_option("INPUT", flags.run.inputs,
-                  "images, folders, globs, @list.txt, videos; a camera or URL: a session")
+  verb.add_option(
+          "INPUT", flags.run.inputs,
+          "images, folders, globs, @list.txt, videos; or a camera or URL for a live session")
       .required()
       .type_name("");
   verb.add_option("--board", flags.board,
                   "chess:9x6 (inner corners), charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6")
       .required();
   verb.add_option("--square", flags.square,
-                  "side of a square, distance of dots: 25mm, 2.5cm, 0.025")
+                  "side of a square, or distance of dots: 25mm, 2.5cm, 0.025")
       .required();
-  verb.add_option("-o,--output", flags.output, "camera file to write (camera.yaml)");
-  verb.add_option("--format", flags.format, "of the camera file: tarsier, opencv, colmap")
+  verb.add_option("-o,--output", flags.output, "output camera file (camera.yaml)");
+  verb.add_option("--format", flags.format, "format of the camera file: tarsier, opencv, colmap")
       .check(one_of({"tarsier", "opencv", "colmap"}))
       .show_default();
-  verb.add_option("--csv", flags.csv, "table to write: one row an image");
-  verb.add_option("--draw", flags.draw, "folder for images with their corners, and coverage.png");
-  verb.add_option("--undistorted", flags.undistorted, "folder for the images, straightened");
-  verb.add_option("--views", flags.max_views, "so many images of a video, at most")
+  verb.add_option("--csv", flags.csv, "CSV file, one row an image");
+  verb.add_option("--draw", flags.draw,
+                  "output folder for images with detected corners, and coverage.png");
+  verb.add_option("--undistorted", flags.undistorted, "output folder for undistorted images");
+  verb.add_option("--views", flags.max_views, "maximum number of images taken from a video")
       .check(range(3, 500))
       .show_default();
-  verb.add_option("--every", flags.run.every, "of videos: look at fewer frames, N times")
+  verb.add_option("--every", flags.run.every, "videos: process every N-th frame")
       .check(range(1, 100000))
       .show_default();
   const auto live = [](Flag& flag) { flag.group("Session"); };
   live(verb.add_flag("--window", flags.run.window,
-                     "a session in a window, which takes views by itself (h: keys)"));
-  live(verb.add_flag("--fullscreen", flags.run.fullscreen, "the window fills the screen"));
-  live(verb.add_option("--actions", flags.run.actions, "-: actions by name on stdin, one a line")
+                     "live session in a window that takes views automatically (h: keys)"));
+  live(verb.add_flag("--fullscreen", flags.run.fullscreen, "show the window in full screen"));
+  live(verb.add_option("--actions", flags.run.actions,
+                       "-: read actions by name from stdin, one a line")
            .check(one_of({"-"})));
-  live(verb.add_option("--frames", flags.run.frames, "stop after so many frames; 0: all")
+  live(verb.add_option("--frames", flags.run.frames, "stop after this many frames; 0: all")
            .check(at_least(0))
            .show_default());
   SourceOptions& source = flags.run.source;
-  live(bind_field(verb, source, source.width, {}, "asked of a camera, px; 0: its choice"));
+  live(bind_field(verb, source, source.width, {},
+                  "requested camera image width, px; 0: the camera's choice"));
   live(bind_field(verb, source, source.height));
-  live(bind_field(verb, source, source.fps, {}, "asked of a camera; 0: its own"));
+  live(bind_field(verb, source, source.fps, {},
+                  "requested frame rate of a camera; 0: the camera's own"));
   for (Flag* flag : add_security_flags(verb, flags.run.source.security)) live(*flag);
   add_lens_flags(verb, flags);
 }
@@ -174,9 +179,10 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
 }  // namespace
 
 void add_calibrate(Command& app, Context& context) {
-  add_verb<CalibrateFlags>(app, "calibrate",
-                           "a camera's focal length, centre and distortion from images of a board",
-                           context, add_flags, run_calibrate);
+  add_verb<CalibrateFlags>(
+      app, "calibrate",
+      "calibrate a camera (focal length, principal point, distortion) from images of a board",
+      context, add_flags, run_calibrate);
 }
 
 }  // namespace tarsier::cli

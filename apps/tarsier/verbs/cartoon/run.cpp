@@ -97,11 +97,12 @@ void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
   for (const cartoon::Mode mode : cartoon::all_modes()) modes.push_back(cartoon::name_of(mode));
   verb.add_option("--mode", flags.mode, fmt::format("{}", fmt::join(modes, " "))).show_default();
   verb.add_option("--quality", flags.quality,
-                  "reference: the definition; fast: the same image; draft: for small machines")
+                  "reference: exact; fast: same image, faster; draft: for small machines")
       .show_default();
-  verb.add_flag("--steady", options.steady.on, "fewer flickering lines in videos");
-  verb.add_option("--save-dir", flags.save_folder, "folder for images saved with w").show_default();
-  verb.add_flag("--timings", flags.timings, "table of the time of each stage on stderr at the end");
+  verb.add_flag("--steady", options.steady.on, "reduce flicker of lines in videos");
+  verb.add_option("--save-dir", flags.save_folder, "folder for images saved with the key w")
+      .show_default();
+  verb.add_flag("--timings", flags.timings, "print the time of each stage to stderr at the end");
 
   constexpr const char* kLines = "Lines";
   bind_field(verb, options.sketch, options.sketch.threshold).group(kLines);
@@ -110,7 +111,7 @@ void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
   bind_field(verb, options.sketch, options.sketch.remove_pepper)
       .show_default(options.sketch.remove_pepper ? "on" : "off")
       .group(kLines);
-  verb.add_option("--evil-axes", flags.evil_axes, "x or xy")
+  verb.add_option("--evil-axes", flags.evil_axes, "gradient axes: x or xy")
       .check(one_of({"x", "xy"}))
       .show_default()
       .group(kLines);
@@ -120,13 +121,16 @@ void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
 
   const auto skin = [](Flag& flag) { flag.show_default().group("Skin (alien, smooth)"); };
   skin(verb.add_option("--skin-color", flags.skin_color, "a name, #rrggbb or r,g,b"));
-  skin(verb.add_option("--skin-style", flags.skin_style, "glow: added; tint: hue only")
+  skin(verb.add_option("--skin-style", flags.skin_style,
+                       "glow: add the colour; tint: change only the hue")
            .check(one_of({"glow", "tint"})));
   skin(verb.add_option("--face", flags.face,
-                       "outline: the user puts the face there; auto: faces are found")
+                       "outline: the user moves the face into an outline; auto: detect faces")
            .check(one_of({"outline", "auto"})));
-  skin(verb.add_option("--skin-lower", flags.skin_lower, "Y',Cr,Cb below the seed, each 0..255"));
-  skin(verb.add_option("--skin-upper", flags.skin_upper, "Y',Cr,Cb above the seed, each 0..255"));
+  skin(verb.add_option("--skin-lower", flags.skin_lower,
+                       "tolerance Y',Cr,Cb below the seed colour, each 0..255"));
+  skin(verb.add_option("--skin-upper", flags.skin_upper,
+                       "tolerance Y',Cr,Cb above the seed colour, each 0..255"));
   bind_all(verb, options.skin, "Skin (alien, smooth)");
 }
 
@@ -175,7 +179,7 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
 void add_cartoon(Command& app, Context& context) {
   Command& area = app.add_subcommand("cartoon", "cartoons of images, videos and live cameras");
   area.require_subcommand(1);
-  add_debug_flag(add_verb<CartoonFlags>(area, "run", "draw each image of INPUT", context,
+  add_debug_flag(add_verb<CartoonFlags>(area, "run", "convert images to cartoons", context,
                                         add_cartoon_flags, run_cartoon),
                  context);
 }

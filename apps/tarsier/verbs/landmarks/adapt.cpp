@@ -88,28 +88,27 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
 
 void add_flags(Command& verb, AdaptFlags& flags) {
   add_set_flags(verb, flags.set);
-  verb.add_option("--model,--base", flags.base,
-                  "model to start from [landmarks68.json, which ships]");
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--model,--base", flags.base, "model to start from [landmarks68.json, shipped]");
+  verb.add_option("-o,--output", flags.output, "output model file (.json)").required();
   verb.add_option("--ridge", flags.ridge,
-                  "how much the base is trusted, in images; 0: the best on images left out "
-                  "where there are three at least, else 0.3")
+                  "weight of the base model, in images; 0: chosen on held-out images from 3 "
+                  "images on, else 0.3")
       .check(range(0.0, 1e6))
       .show_default();
   bind_field(verb, flags.options, flags.options.starts);
   verb.add_option("--hold-out", flags.hold_out,
-                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+                  "hold out every N-th sample, for `landmarks eval --held-out N`; 0: none")
       .check(range(0, 1000000))
       .show_default();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
 }
 
 }  // namespace
 
 void add_landmarks_adapt(Command& area, Context& context) {
   add_verb<AdaptFlags>(area, "adapt",
-                       "adapts a model to one person or camera, from a few annotated images",
-                       context, add_flags, adapt);
+                       "adapt a model to one person or camera from a few annotated images", context,
+                       add_flags, adapt);
 }
 
 }  // namespace tarsier::cli

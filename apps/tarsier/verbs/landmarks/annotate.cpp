@@ -255,28 +255,29 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
 
 void add_flags(Command& verb, AnnotateFlags& flags) {
   verb.add_option("INPUT", flags.input,
-                  "video, folder, glob, list (.txt), image; without it: the set's own images")
+                  "video, folder, glob, list (.txt) or image [the set's own images]")
       .type_name("");
-  verb.add_option("-o,--output", flags.output, "the set's file; one that exists is gone on with")
+  verb.add_option("-o,--output", flags.output,
+                  "file of the annotated set; an existing file is continued")
       .required();
   verb.add_option("--proposals", flags.proposals,
-                  "propose the points of the next image, by what was learned so far")
+                  "propose the landmarks of the next image from those annotated so far")
       .check(one_of({"on", "off"}))
       .show_default();
-  verb.add_flag("--window", flags.window, "in a window (it always is, without --actions)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
-  verb.add_option("--size", flags.size, "of the view, px").show_default();
+  verb.add_flag("--window", flags.window, "annotate in a window (default without --actions)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
+  verb.add_option("--size", flags.size, "size of the view, px").show_default();
   verb.add_option("--actions", flags.actions,
-                  "-: no window; lines on stdin: an action, 'key K', 'click X Y', 'drag X Y X Y', "
-                  "'drag-all X Y X Y' (px of the image), 'frames N', 'look FILE.png'")
+                  "-: no window; actions from stdin, one a line: NAME, 'key K', 'click X Y', 'drag "
+                  "X Y X Y', 'drag-all X Y X Y' (image px), 'frames N', 'look FILE.png'")
       .check(one_of({"-"}));
 }
 
 }  // namespace
 
 void add_landmarks_annotate(Command& area, Context& context) {
-  add_verb<AnnotateFlags>(area, "annotate", "marks points on images or frames of a video", context,
-                          add_flags, annotate);
+  add_verb<AnnotateFlags>(area, "annotate", "annotate landmarks in images or frames of a video",
+                          context, add_flags, annotate);
 }
 
 }  // namespace tarsier::cli

@@ -8,34 +8,34 @@
 namespace tarsier::cli {
 
 void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
-  verb.add_option("--model", flags.model, "model file [landmarks68.json, which ships]");
-  verb.add_option("--method", flags.method,
-                  "mean (of trees, sdm and, if there is one, cnn), trees, sdm, cnn or patch [the "
-                  "best that the model has]");
+  verb.add_option("--model", flags.model, "model file [landmarks68.json, shipped]");
+  verb.add_option(
+      "--method", flags.method,
+      "mean (of trees, sdm and cnn if present), trees, sdm, cnn or patch [best of the model]");
   bind_field(verb, flags.fit, flags.fit.starts);
   add_min_face_flag(verb, flags.min_face);
-  verb.add_option("--face-detector", flags.detector,
-                  "detector of `landmarks train` that finds the faces, `own`: face-detector.json, "
-                  "which ships, or `cascades`: those of opencv-data [own, and beside it the one "
-                  "that scripts/get-model.sh face-detector installs]");
-  verb.add_flag("!--strict", flags.thorough,
-                "only faces that the frontal detector is sure of: faster where there are none");
+  verb.add_option(
+      "--face-detector", flags.detector,
+      "face detector: file of `landmarks train`, `own` (face-detector.json, shipped) or `cascades` "
+      "(opencv-data) [own, and the one of scripts/get-model.sh face-detector if installed]");
+  verb.add_flag(
+      "!--strict", flags.thorough,
+      "accept only confident detections of the frontal detector; faster on images without faces");
   add_rolled_flag(verb, flags.rolled);
 }
 
 Flag& add_min_face_flag(Command& verb, double& min_face) {
   return verb
       .add_option("--min-face", min_face,
-                  "px, width of the smallest face that is looked for [40; 24 in images of up to "
-                  "half a megapixel]")
+                  "px, minimum face width [40; 24 in images of up to half a megapixel]")
       .check(range(16, 4096));
 }
 
 Flag& add_rolled_flag(Command& verb, std::string& rolled) {
   return verb
       .add_option("--rolled", rolled,
-                  "when faces rolled by 20 to 60 degrees are looked for: auto (where no face is "
-                  "found upright), always, never")
+                  "search for faces rolled by 20 to 60 degrees: auto (if no upright face is "
+                  "found), always, never")
       .check(one_of({"auto", "always", "never"}))
       .show_default();
 }

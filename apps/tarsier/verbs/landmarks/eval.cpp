@@ -272,33 +272,33 @@ void add_flags(Command& verb, EvalFlags& flags) {
   add_set_flags(verb, flags.set);
   add_landmark_flags(verb, flags.landmarks);
   verb.add_option("--held-out", flags.held_out,
-                  "only every N-th sample (those that `train --hold-out N` left out); 0: all")
+                  "only every N-th sample (held out by `train --hold-out N`); 0: all")
       .check(range(0, 1000000))
       .show_default();
   verb.add_option("--results", flags.results,
-                  "judge these JSON lines {\"image\",\"points\"} or {\"image\",\"faces\"} instead "
-                  "of running a model");
-  verb.add_option("-o,--output", flags.output, "file for the fitted points, JSON lines");
-  verb.add_option("--csv", flags.csv, "table to write, one row an image");
-  verb.add_option("--eyes", flags.eyes,
-                  "the two points whose distance is the unit [outer eye corners of known markups]")
+                  "evaluate these JSON lines {\"image\",\"points\"} or {\"image\",\"faces\"} "
+                  "instead of a model");
+  verb.add_option("-o,--output", flags.output, "output file of the fitted landmarks, JSON lines");
+  verb.add_option("--csv", flags.csv, "CSV file, one row an image");
+  verb.add_option(
+          "--eyes", flags.eyes,
+          "two landmarks whose distance normalises the errors [outer eye corners of known markups]")
       .delimiter(',')
       .expected(2);
-  verb.add_flag("--by-person", flags.by_person,
-                "study: descent trained on other people against descent trained on the first half "
-                "of the person's own images");
+  verb.add_flag(
+      "--by-person", flags.by_person,
+      "study: compare descent trained on other people and on half of the person's own images");
   verb.add_flag(
       "--occlude", flags.occlude,
-      "draw something before each face (by --seed), and judge which points are said to be "
-      "hidden");
+      "occlude each face by a drawn object (by --seed) and evaluate the predicted visibility");
   verb.add_flag("--detection", flags.detection,
-                "judge where faces are found, not their points; SET may be a dlib .xml of boxes");
+                "evaluate face detection instead of landmarks; SET may be a dlib .xml of boxes");
 }
 
 }  // namespace
 
 void add_landmarks_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "measures accuracy on annotated images", context, add_flags,
+  add_verb<EvalFlags>(area, "eval", "evaluate accuracy on annotated images", context, add_flags,
                       run_eval);
 }
 

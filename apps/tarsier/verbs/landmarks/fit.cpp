@@ -89,18 +89,18 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
 void add_flags(Command& verb, FitFlags& flags) {
   add_run_flags(verb, flags.run);
   add_landmark_flags(verb, flags.landmarks);
-  verb.add_option("--csv", flags.csv, "table to write: frame, time, face, score, points");
+  verb.add_option("--csv", flags.csv, "CSV file: frame, time, face, score, points");
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
-  video(verb.add_option(
-      "--smooth", flags.smooth,
-      "how much points at rest are smoothed: 0 not at all, 1 as usual, 2 twice as much [1]"));
+  video(
+      verb.add_option("--smooth", flags.smooth,
+                      "smoothing of landmarks at rest: 0: none, 1: normal, 2: twice as much [1]"));
   bind_all(verb, flags.tracker, "Videos and cameras");
 }
 
 }  // namespace
 
 void add_landmarks_fit(Command& area, Context& context) {
-  add_debug_flag(add_verb<FitFlags>(area, "fit", "finds the points of the faces in images", context,
+  add_debug_flag(add_verb<FitFlags>(area, "fit", "fit landmarks to the faces in images", context,
                                     add_flags, run_fit),
                  context);
 }
@@ -111,7 +111,7 @@ void add_landmarks_track(Command& area, Context& context) {
     add_flags(verb, flags);
   };
   add_debug_flag(
-      add_verb<FitFlags>(area, "track", "follows faces and their points through videos and cameras",
+      add_verb<FitFlags>(area, "track", "track faces and their landmarks in videos and cameras",
                          context, add_track_flags, run_fit),
       context);
 }

@@ -74,26 +74,25 @@ ExitStatus import_set(ImportFlags& flags, const Context& context) {
 
 void add_flags(Command& verb, ImportFlags& flags) {
   verb.add_option("INPUT", flags.input,
-                  "folder, list (.txt: an image a line), .pts, .asf, MUCT .csv, dlib .xml")
+                  "folder, list (.txt: one image a line), .pts, .asf, MUCT .csv, dlib .xml")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags.output, "the set's file").required();
-  verb.add_option("--format", flags.format, "of INPUT; auto: by its ending")
+  verb.add_option("-o,--output", flags.output, "output file of the annotated set").required();
+  verb.add_option("--format", flags.format, "format of INPUT; auto: from the file extension")
       .check(one_of({"auto", "pts", "asf", "muct", "dlib"}))
       .show_default();
   verb.add_option("--offset", flags.options.pts_offset,
-                  ".pts: number of the first pixel, 1 where they come from Matlab")
+                  ".pts: index of the first pixel, 1 for files from Matlab")
       .check(one_of({0, 1}))
       .show_default();
-  verb.add_option("--images", flags.options.images,
-                  "folder of the images, where it is another (MUCT)");
+  verb.add_option("--images", flags.options.images, "folder of the images, if different (MUCT)");
 }
 
 }  // namespace
 
 void add_landmarks_import(Command& area, Context& context) {
-  add_verb<ImportFlags>(area, "import", "other programs' annotations become a set", context,
-                        add_flags, import_set);
+  add_verb<ImportFlags>(area, "import", "import annotations of other programs", context, add_flags,
+                        import_set);
 }
 
 }  // namespace tarsier::cli

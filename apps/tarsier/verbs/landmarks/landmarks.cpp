@@ -5,7 +5,7 @@ namespace tarsier::cli {
 
 void add_landmarks(Command& app, Context& context) {
   Command& area = app.add_subcommand(
-      "landmarks", "points of faces and other objects: annotate, train, fit, track");
+      "landmarks", "landmarks of faces and other objects: annotate, train, fit, track");
   area.require_subcommand(1);
   add_landmarks_annotate(area, context);
   add_landmarks_import(area, context);

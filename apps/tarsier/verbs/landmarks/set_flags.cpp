@@ -10,20 +10,21 @@ namespace tarsier::cli {
 
 void add_set_flags(Command& verb, SetFlags& flags) {
   verb.add_option("SET", flags.input,
-                  "annotated images: a set of `landmarks annotate` (.yaml, .json), or what "
-                  "`landmarks import` takes: a folder, list, .pts, .asf, .csv or .xml")
+                  "annotated images: set of `landmarks annotate` (.yaml, .json), folder, list, "
+                  ".pts, .asf, .csv or .xml")
       .required();
-  verb.add_option("--offset", flags.offset, "subtracted from the numbers of .pts files, px")
+  verb.add_option("--offset", flags.offset,
+                  "offset subtracted from the coordinates of .pts files, px")
       .show_default();
-  verb.add_option("--images", flags.images, "folder of the images, where it is another one");
+  verb.add_option("--images", flags.images, "folder of the images, if different");
 }
 
 void add_training_flags(Command& verb, TrainingFlags& flags, std::string_view eval) {
   add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("-o,--output", flags.output, "output model file (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
   verb.add_option("--hold-out", flags.hold_out,
-                  fmt::format("leave out every N-th sample, for `{} --held-out N`; 0: none", eval))
+                  fmt::format("hold out every N-th sample, for `{} --held-out N`; 0: none", eval))
       .check(range(0, 1000000))
       .show_default();
 }

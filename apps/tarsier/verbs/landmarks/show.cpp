@@ -267,36 +267,35 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, ShowFlags& flags) {
-  verb.add_option("FILE", flags.file, "a set, a shape model, a tracker or a face detector")
+  verb.add_option("FILE", flags.file, "annotated set, shape model, tracker or face detector")
       .required()
       .type_name("");
-  verb.add_option(
-      "-o,--output", flags.output,
-      "a set: contact sheet (.png ..); a model: its parts (.png ..) or its shape modes' "
-      "animation (.gif); without it: a window");
-  verb.add_flag("--window", flags.window, "in a window (as without -o)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_option("-o,--output", flags.output,
+                  "output: contact sheet (.png ..) of a set; parts (.png ..) or animated modes "
+                  "(.gif) of a model [window]");
+  verb.add_flag("--window", flags.window, "show in a window (default without -o)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
   const auto of_set = [](Flag& flag) { flag.group("Sets"); };
-  of_set(verb.add_flag("--numbers", flags.numbers, "numbers of the points"));
-  of_set(verb.add_flag("--mirrored", flags.mirrored, "window: begin with the mirrored view"));
-  of_set(verb.add_flag("--plain", flags.plain, "left and right points in one colour"));
-  of_set(verb.add_option("--columns", flags.columns, "of the sheet; 0: what fits")
+  of_set(verb.add_flag("--numbers", flags.numbers, "draw the landmark numbers"));
+  of_set(verb.add_flag("--mirrored", flags.mirrored, "window: start with the mirrored view"));
+  of_set(verb.add_flag("--plain", flags.plain, "draw left and right landmarks in one colour"));
+  of_set(verb.add_option("--columns", flags.columns, "number of columns of the sheet; 0: automatic")
              .check(range(0, 100))
              .show_default());
-  of_set(verb.add_option("--max-samples", flags.most, "samples on the sheet")
+  of_set(verb.add_option("--max-samples", flags.most, "maximum number of samples on the sheet")
              .check(range(1, 10000))
              .show_default());
   verb.add_option("--cell", flags.cell, "px, side of a cell of the sheet or strip")
       .check(range(40, 1000))
       .show_default();
-  verb.add_option("--modes", flags.modes, "shape model: modes to show")
+  verb.add_option("--modes", flags.modes, "shape model: number of modes to show")
       .check(range(1, 1000))
       .show_default();
   const auto of_tracker = [](Flag& flag) { flag.group("Trackers"); };
   of_tracker(verb.add_option("--on", flags.on,
-                             "image of a face: how each patch responds around its point there"));
+                             "face image: show the response of each patch around its landmark"));
   of_tracker(verb.add_option("--search", flags.search,
-                             "px, side of the region whose responses a sheet shows, odd")
+                             "px, side of the search region in the response sheet, odd")
                  .check(range(3, 101))
                  .show_default());
 }
@@ -304,7 +303,7 @@ void add_flags(Command& verb, ShowFlags& flags) {
 }  // namespace
 
 void add_landmarks_show(Command& area, Context& context) {
-  add_verb<ShowFlags>(area, "show", "looks into a set or a model", context, add_flags, show);
+  add_verb<ShowFlags>(area, "show", "show an annotated set or a model", context, add_flags, show);
 }
 
 }  // namespace tarsier::cli

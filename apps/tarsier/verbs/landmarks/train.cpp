@@ -37,7 +37,7 @@ struct TrainFlags : LearnFlags {
 
 void add_learn_flags(Command& verb, LearnFlags& flags) {
   add_training_flags(verb, flags);
-  verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
+  verb.add_flag("--mirror", flags.mirror, "add mirrored images to the training set");
 }
 
 // The training samples.
@@ -170,8 +170,8 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
     }
     if (kind == Kind::kTracker) {
       bind_field(verb, flags.turned, flags.turned.copies);
-      verb.add_option("--head", flags.head, "head model that turns them (.json)");
-      verb.add_option("--without", flags.without, "leave out a part: trees, sdm or patch")
+      verb.add_option("--head", flags.head, "3D head model for the rotated copies (.json)");
+      verb.add_option("--without", flags.without, "omit a part: trees, sdm or patch")
           .check(one_of({"trees", "sdm", "patch"}));
     }
   };
@@ -221,7 +221,7 @@ void add_part(Command& parent, Context& context, const char* name, const char* h
               const Run& run) {
   const auto add_flags = [](Command& verb, PartFlags<Options>& flags) {
     add_learn_flags(verb, flags);
-    verb.add_option("--model", flags.model, "tracker to add it to (.json)").required();
+    verb.add_option("--model", flags.model, "tracker file to extend (.json)").required();
     bind_all(verb, flags.options);
   };
   add_verb<PartFlags<Options>>(parent, name, help, context, add_flags, run);
@@ -253,19 +253,21 @@ ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
 }  // namespace
 
 void add_landmarks_train(Command& area, Context& context) {
-  Command& verb = area.add_subcommand("train", "learns the models from annotated images");
+  Command& verb = area.add_subcommand("train", "train the models on annotated images");
   verb.require_subcommand(1);
-  add_kind(verb, context, "shape", "how the points vary together", Kind::kShape);
-  add_kind(verb, context, "patches", "what is around each point", Kind::kPatches);
-  add_kind(verb, context, "detector", "where the points lie in a detector's box", Kind::kDetector);
-  add_kind(verb, context, "trees", "regression trees", Kind::kTrees);
-  add_kind(verb, context, "tracker", "all parts in one file", Kind::kTracker);
+  add_kind(verb, context, "shape", "train the shape model", Kind::kShape);
+  add_kind(verb, context, "patches", "train the patch of each landmark", Kind::kPatches);
+  add_kind(verb, context, "detector",
+           "train the landmark positions relative to a face detector's box", Kind::kDetector);
+  add_kind(verb, context, "trees", "train the cascade of regression trees", Kind::kTrees);
+  add_kind(verb, context, "tracker", "train all parts into one file", Kind::kTracker);
   add_part<face::landmarks::RegressionNetworkOptions>(
       verb, context, "network",
-      "adds to a tracker a convolutional network that sees the whole face", train_network);
+      "train a convolutional network on the whole face and add it to a tracker", train_network);
   add_part<face::landmarks::VisibilityOptions>(
       verb, context, "visibility",
-      "adds to a tracker which points are hidden, and how far off each may be", train_visibility);
+      "train the visibility and expected error of landmarks and add them to a tracker",
+      train_visibility);
   add_landmarks_train_detector(verb, context);
   add_landmarks_train_networks(verb, context);
 }

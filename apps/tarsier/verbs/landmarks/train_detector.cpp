@@ -113,18 +113,19 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
 void add_flags(Command& verb, DetectorFlags& flags) {
   add_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
-                  "folder of images without the object: fewer false alarms");
+                  "folder of images without the object; reduces false alarms");
   face::landmarks::HogOptions& options = flags.options;
   bind_all(verb, options);
-  verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored images too [on]");
+  verb.add_flag("--mirror,!--no-mirror", options.mirror,
+                "add mirrored images to the training set [on]");
 }
 
 }  // namespace
 
 void add_landmarks_train_detector(Command& parent, Context& context) {
   add_verb<DetectorFlags>(parent, "face-detector",
-                          "a detector of one's own, from boxes: of dlib's .xml or around landmarks",
-                          context, add_flags, train_detector);
+                          "train an object detector from boxes (dlib .xml) or landmarks", context,
+                          add_flags, train_detector);
 }
 
 }  // namespace tarsier::cli

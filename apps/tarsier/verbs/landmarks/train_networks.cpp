@@ -161,13 +161,13 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
 void add_flags(Command& verb, NetworkFlags& flags) {
   add_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
-                  "folders of images that show no face: what they learn not to find; every third "
-                  "decides what is sure")
+                  "folders of images without faces: negatives; every third is held out to set the "
+                  "threshold")
       .required();
   bind_field(verb, flags.options, flags.options.false_alarms);
   bind_field(verb, flags.turned, flags.turned.copies, {},
-             "copies of each face with points, turned in 3D, to learn from beside it");
-  verb.add_option("--head", flags.head, "head model that turns them (.json)");
+             "number of copies of each face with landmarks to add, rotated in 3D");
+  verb.add_option("--head", flags.head, "3D head model for the rotated copies (.json)");
   bind_field(verb, flags.options, flags.options.disguised);
   bind_field(verb, flags.options, flags.options.drawings);
   bind_field(verb, flags.options, flags.options.scan_steps);
@@ -178,9 +178,10 @@ void add_flags(Command& verb, NetworkFlags& flags) {
 }  // namespace
 
 void add_landmarks_train_networks(Command& parent, Context& context) {
-  add_verb<NetworkFlags>(parent, "face-networks",
-                         "the networks that find faces of any size, from boxes or landmarks",
-                         context, add_flags, train_networks);
+  add_verb<NetworkFlags>(
+      parent, "face-networks",
+      "train the face detection networks, for faces of any size, from boxes or landmarks", context,
+      add_flags, train_networks);
 }
 
 }  // namespace tarsier::cli

@@ -144,58 +144,59 @@ ExitStatus show_log(const LogFlags& flags, const Context& context) {
 }
 
 void add_faces_flag(Command& verb, CorrectFlags& flags, bool required) {
-  Flag& flag = verb.add_option("--face", flags.faces,
-                               "number of a face, as `people list --faces NAME` shows it; may come "
-                               "several times [none]");
+  Flag& flag = verb.add_option(
+      "--face", flags.faces,
+      "number of a face, as `people list --faces NAME` shows it; repeatable [none]");
   flag.check(at_least(1)).one_value_each();
   if (required) flag.required();
 }
 
 void add_not_flags(Command& verb, CorrectFlags& flags) {
   verb.add_option("--face", flags.face,
-                  "enrolled: its number, as `people list --faces NAME` has it [none]")
+                  "number of the enrolled face, as `people list --faces NAME` shows it [none]")
       .check(at_least(1));
   verb.add_option("--sighting", flags.sighting,
-                  "seen: its number, as `people list --sightings` has it [none]")
+                  "number of the sighting, as `people list --sightings` shows it [none]")
       .check(at_least(1));
   add_gallery_flag(verb, flags.people);
 }
 
 void add_move_flags(Command& verb, CorrectFlags& flags) {
-  verb.add_option("TO", flags.to, "whose they are; added where new").required();
+  verb.add_option("TO", flags.to, "name of the right person; enrolled if new").required();
   add_faces_flag(verb, flags, true);
   add_gallery_flag(verb, flags.people);
 }
 
 void add_merge_flags(Command& verb, CorrectFlags& flags) {
-  verb.add_option("FROM", flags.from, "name that goes; with --groups its number").required();
-  verb.add_option("INTO", flags.to, "name that stays; with --groups its number").required();
-  verb.add_flag("--groups", flags.groups, "two groups of unknown faces");
+  verb.add_option("FROM", flags.from, "name to remove; with --groups its number").required();
+  verb.add_option("INTO", flags.to, "name to keep; with --groups its number").required();
+  verb.add_flag("--groups", flags.groups, "merge two groups of unknown faces");
   add_gallery_flag(verb, flags.people);
 }
 
 void add_split_flags(Command& verb, CorrectFlags& flags) {
-  verb.add_option("FROM", flags.from, "a person");
-  verb.add_option("TO", flags.to, "name of a new one");
+  verb.add_option("FROM", flags.from, "name of the present person");
+  verb.add_option("TO", flags.to, "name of the new person");
   add_faces_flag(verb, flags, false);
-  verb.add_option("--group", flags.group, "of a group of unknown faces in place of a person [none]")
+  verb.add_option("--group", flags.group,
+                  "split a group of unknown faces instead of a person [none]")
       .check(at_least(1));
   verb.add_option("--sighting", flags.sightings,
-                  "number of a sighting of that group; may come several times [none]")
+                  "number of a sighting of the group; repeatable [none]")
       .check(at_least(1))
       .one_value_each();
   add_gallery_flag(verb, flags.people);
 }
 
 void add_undo_flags(Command& verb, CorrectFlags& flags) {
-  verb.add_option("ID", flags.id, "number of the correction [the last that holds]")
+  verb.add_option("ID", flags.id, "number of the correction [the last one in force]")
       .check(at_least(1));
   add_gallery_flag(verb, flags.people);
 }
 
 void add_log_flags(Command& verb, LogFlags& flags) {
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--limit", flags.limit, "the newest so many; 0: all")
+  verb.add_option("--limit", flags.limit, "maximum number of entries, newest first; 0: all")
       .check(at_least(0))
       .show_default();
 }
@@ -204,20 +205,20 @@ void add_log_flags(Command& verb, LogFlags& flags) {
 
 void add_people_correct(Command& area, Context& context) {
   Command& correct =
-      area.add_subcommand("correct", "puts right who is who; each is undone by `correct undo`");
+      area.add_subcommand("correct", "correct identities; `correct undo` takes a correction back");
   correct.require_subcommand(1);
   add_verb<CorrectFlags>(correct, "not",
-                         "this face is not this person: it speaks against them from now on",
+                         "mark a face as not this person; it then counts against this person",
                          context, add_not_flags, correct_not);
-  add_verb<CorrectFlags>(correct, "move", "faces are of another person", context, add_move_flags,
+  add_verb<CorrectFlags>(correct, "move", "move faces to another person", context, add_move_flags,
                          correct_move);
-  add_verb<CorrectFlags>(correct, "merge", "two people, or two groups, are one", context,
+  add_verb<CorrectFlags>(correct, "merge", "merge two people or two groups", context,
                          add_merge_flags, correct_merge);
-  add_verb<CorrectFlags>(correct, "split", "faces of a person, or of a group, are of a new one",
+  add_verb<CorrectFlags>(correct, "split", "move faces of a person or group to a new person",
                          context, add_split_flags, correct_split);
-  add_verb<CorrectFlags>(correct, "undo", "takes a correction back", context, add_undo_flags,
+  add_verb<CorrectFlags>(correct, "undo", "undo a correction", context, add_undo_flags,
                          correct_undo);
-  add_verb<LogFlags>(area, "log", "lists what was corrected: when, by whom, what", context,
+  add_verb<LogFlags>(area, "log", "list the corrections: time, author, change", context,
                      add_log_flags, show_log);
 }
 

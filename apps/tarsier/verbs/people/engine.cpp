@@ -29,36 +29,33 @@ constexpr std::string_view kNoBackground = "none";
 }  // namespace
 
 void add_gallery_flag(Command& verb, PeopleFlags& flags) {
-  verb.add_option("--gallery", flags.gallery, "file of the people who are enrolled").show_default();
+  verb.add_option("--gallery", flags.gallery, "gallery file: the enrolled people").show_default();
 }
 
 void add_face_flags(Command& verb, PeopleFlags& flags) {
   const auto group = [](Flag& flag) { flag.group("Faces"); };
-  group(verb.add_option("--eyes", flags.eyes, "how eyes are found: landmarks, cascades, 2splits")
+  group(verb.add_option("--eyes", flags.eyes, "eye finder: landmarks, cascades, 2splits")
             .show_default());
   group(add_min_face_flag(verb, flags.min_face));
   group(verb.add_flag("!--strict", flags.thorough,
-                      "only faces that the frontal detector is sure of: faster"));
+                      "accept only confident detections of the frontal detector; faster"));
   group(add_rolled_flag(verb, flags.rolled));
   group(verb.add_option("--detector-model", flags.detector_model,
-                        "ONNX file of the YuNet family that finds faces, in place of ours"));
+                        "ONNX face detector (YuNet family) to use instead of the shipped one"));
   add_template_flags(verb, flags);
 }
 
 void add_template_flags(Command& verb, PeopleFlags& flags) {
   const auto group = [](Flag& flag) { flag.group("Faces"); };
   group(verb.add_option("--template", flags.templates,
-                        "what faces are compared by: classic, deep (scripts/get-model.sh "
-                        "face-embedding), auto: what the gallery has, of a new one deep where it "
-                        "is installed")
+                        "face template: classic, deep, or auto: the gallery's; for a new one deep "
+                        "if installed")
             .show_default());
   group(verb.add_option("--embedding", flags.embedding,
-                        "ONNX file of your own that makes the deep templates (package "
-                        "tarsier-onnx)"));
+                        "ONNX file of your own network for deep templates (package tarsier-onnx)"));
   group(verb.add_option("--background", flags.background,
-                        "what is known of faces in general; none: nothing "
-                        "[people-background.json, which ships; of --embedding face.onnx "
-                        "face.people.json]"));
+                        "background model or none [people-background.json; with --embedding "
+                        "NAME.onnx: NAME.people.json]"));
 }
 
 std::string background_of(const PeopleFlags& flags) {

@@ -160,18 +160,18 @@ ExitStatus enroll(EnrollFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, EnrollFlags& flags) {
-  verb.add_option("NAME", flags.name, "any UTF-8 up to 200 bytes").required();
+  verb.add_option("NAME", flags.name, "name of the person, UTF-8, at most 200 bytes").required();
   verb.add_option("INPUT", flags.inputs, "image, folder, glob, @list.txt, video, camera number")
       .required();
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--note", flags.note, "of consent: who agreed to what, when");
-  verb.add_option("--faces", flags.most, "stop after so many faces")
+  verb.add_option("--note", flags.note, "note on the consent: who agreed to what, and when");
+  verb.add_option("--faces", flags.most, "stop after this many faces")
       .check(range(1, 100000))
       .show_default();
-  verb.add_flag("--largest", flags.largest, "of several faces in an image the largest");
+  verb.add_flag("--largest", flags.largest, "use only the largest face of an image");
   verb.add_flag("--any-quality", flags.any_quality,
-                "also small, blurred, turned, dark, uncertain faces");
-  verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time");
+                "also enrol small, blurred, turned, dark or uncertain faces");
+  verb.add_flag("--sequence", flags.source.sequence, "treat still images as the frames of a video");
   (void)add_security_flags(verb, flags.source.security);
   bind_all(verb, flags.collect);
   add_face_flags(verb, flags.people);
@@ -180,8 +180,7 @@ void add_flags(Command& verb, EnrollFlags& flags) {
 }  // namespace
 
 void add_people_enroll(Command& area, Context& context) {
-  add_verb<EnrollFlags>(area, "enroll",
-                        "adds faces of a person to the gallery: images, videos or a camera",
+  add_verb<EnrollFlags>(area, "enroll", "enrol faces of a person from images, videos or a camera",
                         context, add_flags, enroll);
 }
 

@@ -333,37 +333,41 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, EvalFlags& flags) {
-  verb.add_option("LIST", flags.list,
-                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen")
+  verb.add_option(
+          "LIST", flags.list,
+          "list of images, path<TAB>label a line; optionally four more columns: the eyes x y x y")
       .required();
-  verb.add_flag("--raw", flags.raw, "images are cut faces already");
-  verb.add_option("--size", flags.size, "images are resized to, e.g. 42x48");
+  verb.add_flag("--raw", flags.raw, "the images are face crops already");
+  verb.add_option("--size", flags.size, "size of the resized images: 42x48");
   Flag& training =
-      verb.add_option("-k,--training", flags.training, "images of each person that train")
+      verb.add_option("-k,--training", flags.training, "training images of each person")
           .check(range(1, 10000))
           .show_default();
   Flag& train_list =
-      verb.add_option("--train-list", flags.train_list,
-                      "a second list: its images train, all of LIST are asked for; for other "
-                      "light, poses or years than those enrolled")
+      verb.add_option(
+              "--train-list", flags.train_list,
+              "second list to train on; all of LIST are probes (other light, poses or years)")
           .excludes(training);
-  verb.add_option("--seeds", flags.seeds, "random draws, with seeds 0, 1, 2 ..")
+  verb.add_option("--seeds", flags.seeds, "random splits, with seeds 0, 1, 2 ..")
       .check(range(1, 1000))
       .show_default();
-  verb.add_option("--algorithm", flags.algorithms, "only these: eigen,fisher,lbph,default,deep")
+  verb.add_option("--algorithm", flags.algorithms,
+                  "algorithms to evaluate: eigen,fisher,lbph,default,deep")
       .delimiter(',');
   verb.add_option("--enrolled", flags.enrolled,
-                  "people who are enrolled where the others are strangers [half of them]")
+                  "number of enrolled people; the others are unknown [half of them]")
       .check(range(1, 1000000));
-  verb.add_option("--far", flags.rate, "rate that each model's own threshold is asked for")
+  verb.add_option("--far", flags.rate, "false accept rate that sets each model's threshold")
       .check(range(1e-6, 0.5))
       .show_default();
-  verb.add_option("--csv", flags.csv, "table to write, a line for each draw");
-  verb.add_option("--cmc", flags.cmc, "plot of ranks to write, .png or .svg");
-  verb.add_option("--roc", flags.roc, "plot of accepts to write, .png or .svg");
-  verb.add_flag("--fit-same-camera", flags.fit_same_camera,
-                "instead: how much more alike strangers in these images are than the background "
-                "expects")
+  verb.add_option("--csv", flags.csv, "CSV file, one row a split");
+  verb.add_option("--cmc", flags.cmc,
+                  "plot of the identification rate over the rank (CMC), .png or .svg");
+  verb.add_option("--roc", flags.roc,
+                  "plot of true accepts over false accepts (ROC), .png or .svg");
+  verb.add_flag(
+          "--fit-same-camera", flags.fit_same_camera,
+          "measure the rise of impostor scores above the background's, for images of one camera")
       .excludes(train_list);
   add_face_flags(verb, flags.people);
 }
@@ -371,7 +375,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_people_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "how well the recognisers do, side by side", context, add_flags,
+  add_verb<EvalFlags>(area, "eval", "evaluate recognisers on a labelled list", context, add_flags,
                       evaluate_people);
 }
 

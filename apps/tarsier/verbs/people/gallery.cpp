@@ -263,43 +263,44 @@ ExitStatus export_people(const GalleryFlags& flags, Context& context) {
 
 void add_list_flags(Command& verb, GalleryFlags& flags) {
   add_gallery_flag(verb, flags.people);
-  Flag& sightings = verb.add_flag("--sightings", flags.sightings, "who was seen, newest first");
+  Flag& sightings =
+      verb.add_flag("--sightings", flags.sightings, "list the sightings, newest first");
   Flag& faces = verb.add_option("--faces", flags.faces_of,
-                                "the enrolled faces of this person, with their numbers");
+                                "list the enrolled faces of this person, with their numbers");
   faces.excludes(sightings);
-  verb.add_option("--draw", flags.draw, "image to write: these faces, each with its number")
+  verb.add_option("--draw", flags.draw, "write an image of these faces with their numbers")
       .needs(faces);
-  verb.add_option("--limit", flags.limit, "of the sightings the newest so many; 0: all")
+  verb.add_option("--limit", flags.limit, "maximum number of sightings, newest first; 0: all")
       .check(at_least(0))
       .show_default();
-  verb.add_option("--keep", flags.keep, "delete sightings that are older: 30d, 12h, 90m ..")
+  verb.add_option("--keep", flags.keep, "delete sightings older than this: 30d, 12h, 90m ..")
       .excludes(sightings);
 }
 
 void add_forget_flags(Command& verb, GalleryFlags& flags) {
-  verb.add_option("NAME", flags.name, "as `people list` shows it");
-  verb.add_option("--group", flags.group, "in place of a name: a group of unknown faces [none]")
+  verb.add_option("NAME", flags.name, "name as `people list` shows it");
+  verb.add_option("--group", flags.group,
+                  "forget a group of unknown faces instead of a person [none]")
       .check(at_least(1));
   add_gallery_flag(verb, flags.people);
-  verb.add_flag("--yes", flags.yes, "do not ask");
+  verb.add_flag("--yes", flags.yes, "do not ask for confirmation");
 }
 
 void add_export_flags(Command& verb, GalleryFlags& flags) {
-  verb.add_option("-o,--output", flags.output, "a folder that is not there yet").required();
+  verb.add_option("-o,--output", flags.output, "output folder; must not exist").required();
   add_gallery_flag(verb, flags.people);
 }
 
 }  // namespace
 
 void add_people_gallery(Command& area, Context& context) {
-  add_verb<GalleryFlags>(area, "list", "who is enrolled, or who was seen", context, add_list_flags,
-                         list_people);
+  add_verb<GalleryFlags>(area, "list", "list the enrolled people, or the sightings", context,
+                         add_list_flags, list_people);
   add_verb<GalleryFlags>(
       area, "forget",
-      "removes a person for good and proves it by searching the files in and below the folder",
+      "delete a person for good and confirm it by searching all files of the gallery's folder",
       context, add_forget_flags, forget_person);
-  add_verb<GalleryFlags>(area, "export",
-                         "writes all that the gallery holds: faces, faces.lst, people.json",
+  add_verb<GalleryFlags>(area, "export", "export the whole gallery: faces, faces.lst, people.json",
                          context, add_export_flags, export_people);
 }
 

@@ -178,7 +178,7 @@ ExitStatus name_group(const NameFlags& flags, Context& context) {
 }
 
 void add_group_flags(Command& verb, GroupFlags& flags) {
-  verb.add_option("GALLERY,--gallery", flags.people.gallery, "file of the people who are enrolled")
+  verb.add_option("GALLERY,--gallery", flags.people.gallery, "gallery file: the enrolled people")
       .show_default();
   bind_field(verb, flags.grouping, flags.grouping.false_merges);
   add_template_flags(verb, flags.people);
@@ -186,25 +186,26 @@ void add_group_flags(Command& verb, GroupFlags& flags) {
 
 void add_groups_flags(Command& verb, GroupsFlags& flags) {
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--group", flags.group, "the sightings of this one alone [all groups]")
+  verb.add_option("--group", flags.group, "list the sightings of this group only [all groups]")
       .check(at_least(1));
-  verb.add_option("--least", flags.least, "only groups of so many sightings, at least")
+  verb.add_option("--least", flags.least, "list only groups of at least this many sightings")
       .check(at_least(1))
       .show_default();
-  verb.add_option("--draw", flags.draw,
-                  "image to write: the best faces of each, a row a group; of one group all faces, "
-                  "each with its number");
+  verb.add_option(
+      "--draw", flags.draw,
+      "write an image of the best faces, one row a group; with --group of all its faces");
 }
 
 void add_name_flags(Command& verb, NameFlags& flags) {
-  verb.add_option("GROUP", flags.group, "its number, as `people groups` shows it")
+  verb.add_option("GROUP", flags.group, "number of the group, as `people groups` shows it")
       .required()
       .check(at_least(1));
-  verb.add_option("NAME", flags.name, "any UTF-8 up to 200 bytes; of a person who is there: theirs")
+  verb.add_option("NAME", flags.name,
+                  "name of the person, UTF-8, at most 200 bytes; an existing person gets the faces")
       .required();
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--note", flags.note, "of consent: who agreed to what, when");
-  verb.add_option("--faces", flags.most, "enrol the best so many faces")
+  verb.add_option("--note", flags.note, "note on the consent: who agreed to what, and when");
+  verb.add_option("--faces", flags.most, "maximum number of faces to enrol, best first")
       .check(range(1, 1000))
       .show_default();
   add_template_flags(verb, flags.people);
@@ -213,13 +214,13 @@ void add_name_flags(Command& verb, NameFlags& flags) {
 }  // namespace
 
 void add_people_groups(Command& area, Context& context) {
-  add_verb<GroupFlags>(area, "group",
-                       "puts the unknown faces that identify --keep has seen into groups, one a "
-                       "person",
-                       context, add_group_flags, group_faces);
-  add_verb<GroupsFlags>(area, "groups", "lists the groups of unknown faces", context,
+  add_verb<GroupFlags>(
+      area, "group",
+      "group the unknown faces stored by `people identify --keep`, one group a person", context,
+      add_group_flags, group_faces);
+  add_verb<GroupsFlags>(area, "groups", "list the groups of unknown faces", context,
                         add_groups_flags, list_groups);
-  add_verb<NameFlags>(area, "name", "says who a group of unknown faces is, and enrols it", context,
+  add_verb<NameFlags>(area, "name", "name a group of unknown faces and enrol it", context,
                       add_name_flags, name_group);
 }
 

@@ -88,17 +88,18 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
 void add_flags(Command& verb, IdentifyFlags& flags) {
   add_run_flags(verb, flags.run);
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--model", flags.model, "model of `people train -o` in place of the gallery");
-  verb.add_flag("--raw", flags.raw, "images are cut faces already");
+  verb.add_option("--model", flags.model,
+                  "model of `people train -o` to use instead of the gallery");
+  verb.add_flag("--raw", flags.raw, "the images are face crops already");
   bind_field(verb, flags.naming, flags.naming.false_accepts);
-  verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, image, face, nearest person, confidence, known, "
-                  "box (px)");
+  verb.add_option(
+      "--csv", flags.csv,
+      "CSV file: frame, time, image, face, nearest person, confidence, known, box (px)");
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
   add_publish_flags(verb, flags.publish, "person");
-  verb.add_option("--keep", flags.keep,
-                  "write into the gallery who was seen, known or not, with the faces, and delete "
-                  "what is older: 30d, 12h ..");
+  verb.add_option(
+      "--keep", flags.keep,
+      "store sightings with their faces in the gallery; delete older ones: 30d, 12h ..");
   add_face_flags(verb, flags.people);
 }
 
@@ -106,8 +107,7 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
 
 void add_people_identify(Command& area, Context& context) {
   add_debug_flag(
-      add_verb<IdentifyFlags>(area, "identify",
-                              "names the faces in images, videos and cameras, or says unknown",
+      add_verb<IdentifyFlags>(area, "identify", "identify the faces in images, videos and cameras",
                               context, add_flags, identify_faces),
       context);
 }

@@ -94,10 +94,10 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, IndexFlags& flags) {
-  verb.add_option("GALLERY,--gallery", flags.people.gallery, "file of the people who are enrolled")
+  verb.add_option("GALLERY,--gallery", flags.people.gallery, "gallery file: the enrolled people")
       .show_default();
-  verb.add_flag("--check", flags.check, "is there one that is used? Exit status 0: yes, 1: no");
-  verb.add_option("--least", flags.least, "faces that are worth an index")
+  verb.add_flag("--check", flags.check, "only check for a valid index; exit status 0: yes, 1: no");
+  verb.add_option("--least", flags.least, "minimum number of faces for an index")
       .check(at_least(1))
       .show_default();
   bind_field(verb, flags.index, flags.index.memory_gb);
@@ -109,7 +109,7 @@ void add_flags(Command& verb, IndexFlags& flags) {
 
 void add_people_index(Command& area, Context& context) {
   add_verb<IndexFlags>(area, "index",
-                       "makes the index of a large gallery, which identify and live then use",
+                       "build the index of a large gallery for `people identify` and `people live`",
                        context, add_flags, index_gallery);
 }
 

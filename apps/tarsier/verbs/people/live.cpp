@@ -96,33 +96,35 @@ void add_flags(Command& verb, LiveFlags& flags) {
   add_run_flags(verb, flags.run);
   add_gallery_flag(verb, flags.people);
   verb.add_option("--names", flags.session.names,
-                  "of the people who are added, in turn; then Person 1, Person 2 ..")
+                  "names of the people to add, in turn; then Person 1, Person 2 ..")
       .delimiter(',');
-  verb.add_option("--note", flags.session.note, "of consent, for those who are added");
-  verb.add_option("--keep", flags.keep,
-                  "write into the gallery who was seen, known or not, with the faces, and delete "
-                  "what is older: 30d, 12h ..");
-  verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, image, face, nearest person, confidence, known, "
-                  "box (px)");
+  verb.add_option("--note", flags.session.note, "note on the consent of the people to add");
+  verb.add_option(
+      "--keep", flags.keep,
+      "store sightings with their faces in the gallery; delete older ones: 30d, 12h ..");
+  verb.add_option(
+      "--csv", flags.csv,
+      "CSV file: frame, time, image, face, nearest person, confidence, known, box (px)");
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
   add_publish_flags(verb, flags.publish, "person");
-  verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher, lbph or deep");
+  verb.add_option("--algorithm", flags.algorithm,
+                  "algorithm: default, eigen, fisher, lbph or deep");
   bind_field(verb, flags.session, flags.session.max_faces);
   bind_field(verb, flags.session, flags.session.false_accepts);
   face::people::CollectOptions& collect = flags.session.collect;
-  bind_field(verb, collect, collect.min_seconds, {}, "s between two faces that are taken");
-  bind_field(verb, collect, collect.min_difference, {}, "from the face that was taken last");
+  bind_field(verb, collect, collect.min_seconds, {}, "s, minimum time between two faces taken");
+  bind_field(verb, collect, collect.min_difference, {},
+             "minimum difference from the last face taken");
   add_face_flags(verb, flags.people);
 }
 
 }  // namespace
 
 void add_people_live(Command& area, Context& context) {
-  add_debug_flag(add_verb<LiveFlags>(area, "live",
-                                     "enrols and recognises in a window: click Add Person, "
-                                     "then elsewhere to train",
-                                     context, add_flags, live),
+  add_debug_flag(add_verb<LiveFlags>(
+                     area, "live",
+                     "enrol and identify in a window: click Add Person, click elsewhere to train",
+                     context, add_flags, live),
                  context);
 }
 

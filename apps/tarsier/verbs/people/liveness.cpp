@@ -73,17 +73,17 @@ void add_flags(Command& verb, LivenessFlags& flags) {
   add_run_flags(verb, flags.run, false);
   bind_field(verb, flags.options, flags.options.tasks);
   bind_field(verb, flags.options, flags.options.task_s);
-  verb.add_flag("--fixed-order", flags.fixed_order,
-                "the order of --seed, for videos that were made to it; else by chance");
+  verb.add_flag(
+      "--fixed-order", flags.fixed_order,
+      "take the order of tasks from --seed, for videos made with that seed [random order]");
 }
 
 }  // namespace
 
 void add_people_liveness(Command& area, Context& context) {
-  add_verb<LivenessFlags>(area, "liveness",
-                          "asks the face before a camera to blink and to turn: a face, or an image "
-                          "of one? Exit status 0: it did, 1: not",
-                          context, add_flags, ask);
+  add_verb<LivenessFlags>(
+      area, "liveness", "check liveness by blink and turn tasks; exit status 0: passed, 1: failed",
+      context, add_flags, ask);
 }
 
 }  // namespace tarsier::cli

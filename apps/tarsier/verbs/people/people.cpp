@@ -4,8 +4,8 @@
 namespace tarsier::cli {
 
 void add_people(Command& app, Context& context) {
-  Command& area =
-      app.add_subcommand("people", "who is it? enroll, identify, group, correct, forget, judge");
+  Command& area = app.add_subcommand(
+      "people", "recognise people: enroll, identify, verify, group, correct, forget, evaluate");
   area.require_subcommand(1);
   add_people_enroll(area, context);
   add_people_gallery(area, context);

@@ -183,26 +183,26 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, ShowFlags& flags) {
-  verb.add_option("MODEL", flags.model, "model file; without it the gallery's");
+  verb.add_option("MODEL", flags.model, "model file [the gallery's model]");
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--face", flags.face, "an image: what the model makes of its face");
-  verb.add_flag("--raw", flags.raw, "that image is a cut face already");
-  verb.add_option("--stages", flags.stages, "an image: how its face is prepared");
-  verb.add_option("--components", flags.components, "eigenfaces or fisherfaces shown")
+  verb.add_option("--face", flags.face, "image of a face to reconstruct and identify by the model");
+  verb.add_flag("--raw", flags.raw, "the image of --face is a face crop already");
+  verb.add_option("--stages", flags.stages, "image of a face: show the stages of its preparation");
+  verb.add_option("--components", flags.components, "number of eigenfaces or fisherfaces to show")
       .check(range(0, 500))
       .show_default();
-  verb.add_option("-o,--output", flags.output, "image to write");
-  verb.add_option("--size", flags.size, "of that image").show_default();
+  verb.add_option("-o,--output", flags.output, "output image");
+  verb.add_option("--size", flags.size, "size of the output image").show_default();
   add_face_flags(verb, flags.people);
 }
 
 }  // namespace
 
 void add_people_show(Command& area, Context& context) {
-  add_verb<ShowFlags>(area, "show",
-                      "looks inside: mean face, eigenfaces, reconstruction, "
-                      "nearest faces, evidence, stages",
-                      context, add_flags, show);
+  add_verb<ShowFlags>(
+      area, "show",
+      "show a model: mean face, eigenfaces, reconstruction, nearest faces, evidence, stages",
+      context, add_flags, show);
 }
 
 }  // namespace tarsier::cli

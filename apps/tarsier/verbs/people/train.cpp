@@ -197,24 +197,26 @@ ExitStatus train(const TrainFlags& flags, Context& context) {
 
 void add_flags(Command& verb, TrainFlags& flags) {
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--list", flags.list,
-                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen");
+  verb.add_option(
+      "--list", flags.list,
+      "list of images, path<TAB>label a line; optionally four more columns: the eyes x y x y");
   verb.add_option("--algorithm", flags.algorithm,
-                  "default, eigen, fisher, lbph or deep; the gallery remembers it");
-  verb.add_flag("--raw", flags.raw, "the list's images are cut faces already");
-  verb.add_option("--size", flags.size, "images of the list are resized to, e.g. 42x48");
-  verb.add_option("-o,--output", flags.output, "model file to write");
+                  "algorithm: default, eigen, fisher, lbph or deep; stored in the gallery");
+  verb.add_flag("--raw", flags.raw, "the list's images are face crops already");
+  verb.add_option("--size", flags.size, "size of the list's resized images: 42x48");
+  verb.add_option("-o,--output", flags.output, "output model file");
   verb.add_option("--learn-background", flags.background_list,
-                  "list of many people, an image each: what faces are like in general");
+                  "train the background model from a list of many people, one image each");
   verb.add_option("--terms", flags.terms,
-                  "terms of the images of --learn-background, kept in the model");
+                  "terms of use of the images of --learn-background, stored in the model");
   add_face_flags(verb, flags.people);
 }
 
 }  // namespace
 
 void add_people_train(Command& area, Context& context) {
-  add_verb<TrainFlags>(area, "train", "learns from the gallery, or from a list into a file",
+  add_verb<TrainFlags>(area, "train",
+                       "train the recogniser of the gallery, or a model from a list of images",
                        context, add_flags, train);
 }
 

@@ -114,10 +114,10 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, VerifyFlags& flags) {
-  verb.add_option("NAME", flags.name, "as `people list` shows it").required();
-  verb.add_option("INPUT", flags.inputs, "images").required();
+  verb.add_option("NAME", flags.name, "name as `people list` shows it").required();
+  verb.add_option("INPUT", flags.inputs, "images of the person").required();
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--far", flags.rate, "share of others who may pass")
+  verb.add_option("--far", flags.rate, "false accept rate that sets the threshold")
       .check(range(1e-9, 0.999))
       .show_default();
   add_batch_flags(verb, flags.batch);
@@ -127,8 +127,8 @@ void add_flags(Command& verb, VerifyFlags& flags) {
 }  // namespace
 
 void add_people_verify(Command& area, Context& context) {
-  add_verb<VerifyFlags>(area, "verify", "is it this person? Exit status 0: yes, 1: no", context,
-                        add_flags, verify);
+  add_verb<VerifyFlags>(area, "verify", "verify a person's identity; exit status 0: yes, 1: no",
+                        context, add_flags, verify);
 }
 
 }  // namespace tarsier::cli

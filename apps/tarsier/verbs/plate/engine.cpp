@@ -7,20 +7,22 @@ namespace tarsier::cli {
 void add_plate_flags(Command& verb, PlateFlags& flags) {
   plate::ReaderOptions& reader = flags.reader;
   verb.add_option("--country", reader.countries,
-                  "es, sk, us .. or a group (eu); several allowed; any: all that are known")
+                  "country code es, sk, us .. or group (eu), repeatable; any: all known countries")
       .delimiter(',')
       .type_name("CODE");
-  verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
+  verb.add_option("--pipeline", flags.pipeline,
+                  "default: neural networks; classic: the textbook pipeline (SVM, MLP)")
       .check(one_of({"default", "classic"}))
       .show_default();
   bind_field(verb, reader, reader.max_candidates);
   bind_field(verb, reader, reader.min_confidence);
   const auto model = [](Flag& flag) { flag.group("Models"); };
-  model(verb.add_option("--detector", reader.detector_model, "file; default: what ships"));
-  model(verb.add_option("--reader,--model", reader.reader_model, "file; default: what ships"));
+  model(verb.add_option("--detector", reader.detector_model, "model file [the shipped model]"));
+  model(verb.add_option("--reader,--model", reader.reader_model, "model file [the shipped model]"));
   model(verb.add_option("--countries-dir", reader.countries_folder,
-                        "folder of layouts (*.txt); default: what ships"));
-  model(verb.add_option("--classic-reader", flags.classic_reader, "mlp: the textbook's; hog")
+                        "folder of plate layouts (*.txt) [the shipped ones]"));
+  model(verb.add_option("--classic-reader", flags.classic_reader,
+                        "mlp: the textbook's reader; hog: linear, on gradients")
             .check(one_of({"mlp", "hog"}))
             .show_default());
   constexpr const char* kTuning = "Finding and decoding";

@@ -202,18 +202,17 @@ ExitStatus evaluate(const EvalFlags& flags, const ImageReading& reading, const C
 
 void add_plate_eval(Command& plate, Context& context, ImageReading reading) {
   Command& verb =
-      plate.add_subcommand("eval", "how much of what was read is right, against a truth file");
+      plate.add_subcommand("eval", "evaluate detection and reading against ground truth");
   const auto flags = std::make_shared<EvalFlags>();
   verb.add_option("INPUT", flags->inputs,
-                  "results: a .jsonl file of `plate read --json`, - for standard input; or the "
-                  "images themselves")
+                  "results: .jsonl file of `plate read --json`, - for stdin; or the images to read")
       .required();
   verb.add_option("--truth", flags->truths,
-                  "CSV with the columns image,x,y,w,h,text; may be given several times")
+                  "ground truth CSV with columns image,x,y,w,h,text; repeatable")
       .required();
   bind_all(verb, flags->options);
-  verb.add_flag("--errors", flags->errors, "list what was missed or misread");
-  verb.add_option("--csv", flags->csv, "write each plate and what became of it; - for stdout");
+  verb.add_flag("--errors", flags->errors, "list missed and misread plates");
+  verb.add_option("--csv", flags->csv, "CSV file: result of each plate; - for stdout");
   if (reading.add_flags) reading.add_flags(verb);
   add_common_flags(verb, context);
   set_run(verb, context, [&context, flags, reading = std::move(reading)] {

@@ -295,47 +295,48 @@ ExitStatus run_log(const LogFlags& flags, const Context& context) {
 }
 
 void add_flags(Command& verb, LogFlags& flags) {
-  verb.add_option("LOG", flags.path, "the log's file").required();
+  verb.add_option("LOG", flags.path, "log file").required();
   std::vector<Flag*> listing;
-  listing.push_back(&verb.add_option("--text", flags.text,
-                                     "only this text; * stands for any characters, ? for any one"));
-  listing.push_back(&verb.add_flag("--near", flags.near,
-                                   "also texts with one wrong, missing or additional character"));
-  listing.push_back(&verb.add_option("--since", flags.since,
-                                     "in sight at or after: 2024-05-01, 2024-05-01T12:30 (UTC), or "
-                                     "12h for twelve hours ago"));
+  listing.push_back(&verb.add_option(
+      "--text", flags.text, "only this text; * matches any characters, ? any one character"));
+  listing.push_back(&verb.add_flag(
+      "--near", flags.near, "also match texts with one wrong, missing or additional character"));
+  listing.push_back(&verb.add_option(
+      "--since", flags.since,
+      "seen at or after: 2024-05-01, 2024-05-01T12:30 (UTC), or 12h for twelve hours ago"));
   listing.push_back(
-      &verb.add_option("--until", flags.until, "in sight at or before; a day is whole"));
+      &verb.add_option("--until", flags.until, "seen at or before; a date includes the whole day"));
   listing.push_back(
-      &verb.add_option("--source", flags.source, "only this source, as it was logged"));
-  listing.push_back(&verb.add_option("--limit", flags.limit, "the newest so many; 0: all")
-                         .check(at_least(0))
-                         .show_default());
-  listing.push_back(&verb.add_option("--csv", flags.csv, "write CSV to this file; - for stdout"));
-  listing.push_back(&verb.add_option("--crops", flags.crops, "write the images into this folder"));
+      &verb.add_option("--source", flags.source, "only this source, as named in the log"));
+  listing.push_back(
+      &verb.add_option("--limit", flags.limit, "maximum number of entries, newest first; 0: all")
+           .check(at_least(0))
+           .show_default());
+  listing.push_back(&verb.add_option("--csv", flags.csv, "CSV file; - for stdout"));
+  listing.push_back(&verb.add_option("--crops", flags.crops, "output folder for the plate crops"));
   Flag& keep = verb.add_option("--keep", flags.keep,
-                               "delete what was last in sight longer ago: 30d, 12h, 90m ..");
+                               "delete entries last seen longer ago than: 30d, 12h, 90m ..");
   for (Flag* flag : listing) keep.excludes(*flag);
   flags.keep_flag = &keep;
   const auto group = [](Flag& flag) -> Flag& { return flag.group("Corrections"); };
-  Flag& correct = group(verb.add_option("--correct", flags.correct,
-                                        "id of an entry and its right text; what was read stays "
-                                        "beside it")
-                            .expected(2)
-                            .type_name("ID TEXT"));
+  Flag& correct =
+      group(verb.add_option("--correct", flags.correct,
+                            "id of an entry and its correct text; the original reading is kept")
+                .expected(2)
+                .type_name("ID TEXT"));
   Flag& undo = group(verb.add_option("--undo-correction", flags.undo,
-                                     "id of an entry whose last correction is taken back [none]")
+                                     "id of an entry whose last correction to undo [none]")
                          .check(at_least(1)));
-  group(verb.add_option("--author", flags.author, "who corrects [the name of this user]")
+  group(verb.add_option("--author", flags.author, "author of the correction [the user's name]")
             .needs(correct));
-  Flag& corrections = group(verb.add_option(
-      "--corrections", flags.corrections,
-      "write the corrected plates into this folder, as `plate train-reader` takes them"));
+  Flag& corrections = group(
+      verb.add_option("--corrections", flags.corrections,
+                      "output folder for the corrected plates, as input of `plate train-reader`"));
   group(verb.add_option("--detector", flags.reader.detector_model,
-                        "model that finds their corners; default: what ships"))
+                        "model that finds the corners of corrected plates [the shipped model]"))
       .needs(corrections);
   group(verb.add_option("--reader", flags.reader.reader_model,
-                        "model that finds their characters; default: what ships"))
+                        "model that finds the characters of corrected plates [the shipped model]"))
       .needs(corrections);
   Flag* const works[] = {&keep, &correct, &undo, &corrections};
   for (Flag* one : works) {
@@ -353,8 +354,7 @@ void add_flags(Command& verb, LogFlags& flags) {
 
 void add_plate_log(Command& plate, Context& context) {
   add_verb<LogFlags>(plate, "log",
-                     "lists, searches, exports and deletes what `plate read "
-                     "--log` wrote, newest first",
+                     "list, search, export and delete entries of `plate read --log`, newest first",
                      context, add_flags, run_log);
 }
 

@@ -30,7 +30,7 @@ ImageReading image_reading(Context& context) {
 }  // namespace
 
 void add_plate(Command& app, Context& context) {
-  Command& plate = app.add_subcommand("plate", "number plates: find, read, train, judge");
+  Command& plate = app.add_subcommand("plate", "number plates: find, read, train, evaluate");
   plate.require_subcommand(1);
   add_plate_read(plate, context);
   add_plate_segment(plate, context);

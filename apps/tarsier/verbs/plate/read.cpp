@@ -129,12 +129,12 @@ void add_flags(Command& verb, ReadFlags& flags) {
   add_run_flags(verb, flags.run);
   add_plate_flags(verb, flags.plate);
   verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, image, text, confidence, country, box (px)");
+                  "CSV file: frame, time, image, text, confidence, country, box (px)");
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
   video(verb.add_option("--roi", flags.region,
-                        "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
-                        "shares of the image where no number is above 1"));
-  video(verb.add_flag("--events", flags.events_only, "JSON: only events, no line for each frame"));
+                        "keep only plates whose centre is in x,y,w,h or polygon 'x,y x,y x,y'; px, "
+                        "or shares if all <= 1"));
+  video(verb.add_flag("--events", flags.events_only, "JSON: write only events, no frames"));
   bind_all(verb, flags.tracker, "Videos and cameras");
   add_report_flags(verb, flags.reports);
   add_site_flags(verb, flags.site);
@@ -143,10 +143,9 @@ void add_flags(Command& verb, ReadFlags& flags) {
 }  // namespace
 
 void add_plate_read(Command& plate, Context& context) {
-  add_debug_flag(
-      add_verb<ReadFlags>(plate, "read", "reads the plates of images, videos and cameras", context,
-                          add_flags, run_read),
-      context);
+  add_debug_flag(add_verb<ReadFlags>(plate, "read", "read plates in images, videos and cameras",
+                                     context, add_flags, run_read),
+                 context);
 }
 
 }  // namespace tarsier::cli

@@ -93,18 +93,18 @@ plate::SourceTimes times_of(const std::string& name, const ReportFlags& flags,
 
 void add_report_flags(Command& verb, ReportFlags& flags) {
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
-  video(verb.add_option("--log", flags.log, "SQLite file that every vehicle is written to"));
-  video(
-      verb.add_option("--start", flags.start,
-                      "when a video file begins: 2024-05-01T12:30 (UTC) [when it was last written, "
-                      "less its length]"));
-  Flag& watch = verb.add_option("--watch", flags.watch,
-                                "list of plates that matter (`plate watch`): events say which "
-                                "entry matches; read again when it changes");
+  video(verb.add_option("--log", flags.log, "SQLite log of all vehicles"));
+  video(verb.add_option(
+      "--start", flags.start,
+      "start time of a video file: 2024-05-01T12:30 (UTC) [file time minus duration]"));
+  Flag& watch = verb.add_option(
+      "--watch", flags.watch,
+      "watch list (`plate watch`): events name the matching entry; reloaded on change");
   watch.group("Events");
   Flag& command =
       add_on_event_flags(verb, flags.on_event, "when a vehicle is opened, closed or withdrawn");
-  verb.add_flag("--on-watch", flags.on_watch, "--on-event only for vehicles of the --watch list")
+  verb.add_flag("--on-watch", flags.on_watch,
+                "run --on-event only for vehicles on the --watch list")
       .needs(watch)
       .needs(command)
       .group("Events");

@@ -117,20 +117,20 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
 
 void add_flags(Command& verb, SegmentFlags& flags) {
   verb.add_option("INPUT", flags.inputs, "images, folders, globs, videos").required().type_name("");
-  verb.add_option("-o,--output", flags.output, "folder").required();
-  verb.add_flag("--no-sort", flags.unsorted, "all into unsorted/");
-  verb.add_flag("--characters", flags.characters, "the characters of plates, 20x20");
-  verb.add_option("--detector", flags.detector, "SVM file; default: what ships");
-  verb.add_option("--reader", flags.reader, "file; default: what ships");
+  verb.add_option("-o,--output", flags.output, "output folder").required();
+  verb.add_flag("--no-sort", flags.unsorted, "save all into unsorted/");
+  verb.add_flag("--characters", flags.characters, "save the characters of plates, 20x20 px");
+  verb.add_option("--detector", flags.detector, "SVM file [the shipped one]");
+  verb.add_option("--reader", flags.reader, "model file [the shipped model]");
 }
 
 }  // namespace
 
 void add_plate_segment(Command& plate, Context& context) {
-  add_verb<SegmentFlags>(plate, "segment",
-                         "saves what looks like a plate (or its characters), "
-                         "sorted, for labelling",
-                         context, add_flags, run_segment);
+  add_verb<SegmentFlags>(
+      plate, "segment",
+      "save plate candidates, or their characters, sorted into folders for labelling", context,
+      add_flags, run_segment);
 }
 
 }  // namespace tarsier::cli

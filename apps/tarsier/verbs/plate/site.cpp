@@ -108,7 +108,7 @@ void print_reports(const std::vector<plate::CameraReport>& reports, const Contex
 void add_site_flags(Command& verb, SiteFlags& flags) {
   constexpr const char* kGroup = "Several cameras";
   verb.add_option("--camera-roi", flags.regions,
-                  "--roi of one camera, NAME=x,y,w,h; of each camera one")
+                  "--roi of one camera, NAME=x,y,w,h; one for each camera")
       .one_value_each()
       .group(kGroup);
   bind_all(verb, flags.options, kGroup);

@@ -90,11 +90,11 @@ ExitStatus run_sweep(SweepFlags& flags, Context& context) {
 
 void add_flags(Command& verb, SweepFlags& flags) {
   verb.add_option("DATA", flags.input,
-                  "OCR.xml, a folder with a folder for each symbol, or labelled plates")
+                  "OCR.xml, a folder with one folder for each symbol, or labelled plates")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags.output, "plot: .png .jpg .svg");
-  verb.add_option("--csv", flags.csv, "table of means and deviations");
+  verb.add_option("-o,--output", flags.output, "output plot: .png .jpg .svg");
+  verb.add_option("--csv", flags.csv, "CSV file of means and standard deviations");
   verb.add_option("--reader", flags.reader, "mlp, or hog: the default reader on the same splits")
       .check(one_of({"mlp", "hog"}))
       .show_default();
@@ -105,8 +105,8 @@ void add_flags(Command& verb, SweepFlags& flags) {
 
 void add_plate_sweep(Command& plate, Context& context) {
   add_verb<SweepFlags>(plate, "sweep",
-                       "studies the character reader: feature sizes and hidden neurons", context,
-                       add_flags, run_sweep);
+                       "study the character reader: accuracy over input size and hidden neurons",
+                       context, add_flags, run_sweep);
 }
 
 }  // namespace tarsier::cli

@@ -138,26 +138,31 @@ ExitStatus run_synth(const SynthFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, SynthFlags& flags) {
-  verb.add_option("-o,--output", flags.output, "folder: images/, truth.csv, truth.jsonl")
+  verb.add_option("-o,--output", flags.output, "output folder: images/, truth.csv, truth.jsonl")
       .required();
-  verb.add_option("--count", flags.count, "images").check(range(1, 1000000)).show_default();
+  verb.add_option("--count", flags.count, "number of images")
+      .check(range(1, 1000000))
+      .show_default();
   std::vector<std::string> names;
   for (const auto& [name, kind] : kinds()) names.push_back(name);
-  verb.add_option("--kind", flags.kinds, "of plates, several allowed")
+  verb.add_option("--kind", flags.kinds, "plate kinds, repeatable")
       .delimiter(',')
       .check(one_of(names))
       .show_default();
-  verb.add_option("--size", flags.size, "of the images").show_default();
-  verb.add_option("--noise", flags.noise, "standard deviation, grey levels")
+  verb.add_option("--size", flags.size, "image size, px").show_default();
+  verb.add_option("--noise", flags.noise, "standard deviation of the image noise, grey levels")
       .check(range(0.0, 64.0))
       .show_default();
   bind_field(verb, flags.street, flags.street.farthest);
-  Flag& night = verb.add_flag("--night", flags.night, "lamps glow, plates are lit");
-  verb.add_flag("--infrared", flags.infrared, "grey: plates throw the light back").excludes(night);
-  Flag& faces = verb.add_flag("--faces", flags.faces, "plates alone, with boxes of characters");
+  Flag& night = verb.add_flag("--night", flags.night, "night scenes: lamps on, plates illuminated");
+  verb.add_flag("--infrared", flags.infrared,
+                "infrared camera: grey images, retroreflective plates")
+      .excludes(night);
+  Flag& faces = verb.add_flag("--faces", flags.faces,
+                              "draw plates without cars, with boxes of the characters");
   Flag& wild = verb.add_flag("--wild", flags.wild,
-                             "worn plates with slogans, in typefaces that are made up from --seed");
-  verb.add_flag("--plain", flags.plain, "with --faces: the regulation's look, nothing random")
+                             "draw worn plates with slogans in random typefaces (by --seed)");
+  verb.add_flag("--plain", flags.plain, "with --faces: regular plates without random changes")
       .needs(faces)
       .excludes(wild);
 }
@@ -165,8 +170,10 @@ void add_flags(Command& verb, SynthFlags& flags) {
 }  // namespace
 
 void add_plate_synth(Command& plate, Context& context) {
-  add_verb<SynthFlags>(plate, "synth", "draws cars with plates, or plates alone, with their truth",
-                       context, add_flags, run_synth);
+  add_verb<SynthFlags>(
+      plate, "synth",
+      "render synthetic images of cars with plates, or of plates only, with ground truth", context,
+      add_flags, run_synth);
 }
 
 }  // namespace tarsier::cli

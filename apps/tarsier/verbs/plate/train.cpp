@@ -194,20 +194,20 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
 }
 
 void add_shared(Command& verb, TrainFlags& flags) {
-  verb.add_option("-o,--output", flags.output, "the model file").required();
+  verb.add_option("-o,--output", flags.output, "output model file").required();
   verb.add_flag("--wild", flags.wild,
-                "drawn plates of any typeface (200 are made up from --seed), as worn and as badly "
-                "seen as they are met");
-  verb.add_option("--terms", flags.terms, "of the data, kept in the file");
-  verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
+                "add synthetic worn and degraded plates in 200 random typefaces (by --seed)");
+  verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
+  verb.add_option("--pipeline", flags.pipeline,
+                  "default: neural networks; classic: the textbook pipeline (SVM, MLP)")
       .check(one_of({"default", "classic"}))
       .show_default();
 }
 
 void add_detector_flags(Command& verb, TrainFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
-                  "folders with truth.csv (image,x,y,w,h,text) or of images without plates; "
-                  "classic: SVM.xml, or a folder with plate/ and no-plate/")
+                  "folders with truth.csv (image,x,y,w,h,text) or without plates; classic: "
+                  "SVM.xml, or plate/ and no-plate/")
       .required()
       .type_name("");
   add_shared(verb, flags);
@@ -218,34 +218,31 @@ void add_detector_flags(Command& verb, TrainFlags& flags) {
 void add_reader_flags(Command& verb, TrainFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
                   "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
-                  "OCR.xml, or a folder with one folder a class; with --confidence-only as --found")
+                  "OCR.xml or class folders")
       .type_name("");
   add_shared(verb, flags);
-  verb.add_option("--scenes", flags.scenes, "folders of images behind the drawn plates")
+  verb.add_option("--scenes", flags.scenes, "folders of background images for synthetic plates")
       .type_name("");
   verb.add_option("--found", flags.found,
-                  "folders of images with truth.csv, or without plates: in the end the confidence, "
-                  "and the chance that a place is a plate, are fitted to what is found in them")
+                  "folders of images with truth.csv or without plates, to calibrate the confidence "
+                  "on detections")
       .type_name("");
   verb.add_option("--detector", flags.detector,
-                  "model whose corners the confidence is fitted with; default: what ships");
-  Flag& from = verb.add_option(
-      "--from", flags.from,
-      "model to go on from (a file, or plate-reader: what ships), for one typeface more: some "
-      "hundred steps and a few labelled plates are enough");
-  verb.add_flag(
-          "--confidence-only", flags.confidence_only,
-          "learn no characters: only the confidence is fitted again, to drawn plates "
-          "(--calibration) and then, with INPUT, to what is found in images, as is the chance "
-          "that a place is a plate")
+                  "detector model for the confidence calibration [the shipped model]");
+  Flag& from = verb.add_option("--from", flags.from,
+                               "model to continue from: file, or plate-reader (shipped); a new "
+                               "typeface takes a few hundred steps");
+  verb.add_flag("--confidence-only", flags.confidence_only,
+                "only recalibrate the confidence: on synthetic plates (--calibration) and "
+                "detections in INPUT")
       .needs(from);
   bind_field(verb, flags.options, flags.options.line_steps);
   bind_field(verb, flags.options, flags.options.keep).needs(from);
   verb.add_option("--calibration", flags.calibration,
-                  "drawn plates that the confidence is fitted to; 0: not fitted")
+                  "number of synthetic plates for the confidence calibration; 0: no calibration")
       .show_default();
   verb.add_option("--hold-out", flags.hold_out,
-                  "share of the labelled plates that is not learnt but judged by, 0..0.9")
+                  "share of the labelled plates held out for evaluation, 0..0.9")
       .check(range(0.0, 0.9))
       .show_default();
   add_classic_reader_flags(verb, flags.classic);
@@ -255,10 +252,10 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
 
 void add_plate_train(Command& plate, Context& context) {
   add_verb<TrainFlags>(plate, "train-detector",
-                       "learns to find plates: from images with boxes and drawn plates", context,
+                       "train the plate detector on labelled images and synthetic plates", context,
                        add_detector_flags, train_detector);
   add_verb<TrainFlags>(plate, "train-reader",
-                       "learns to read characters: from labelled plates and drawn ones", context,
+                       "train the character reader on labelled and synthetic plates", context,
                        add_reader_flags, train_reader);
 }
 

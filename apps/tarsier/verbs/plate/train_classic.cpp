@@ -33,7 +33,7 @@ nlohmann::json provenance(const ClassicTrainFlags& flags, const Context& context
 }  // namespace
 
 void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags) {
-  verb.add_option("--features", flags.features, "pixels, hog, pca or lbp")
+  verb.add_option("--features", flags.features, "image features: pixels, hog, pca or lbp")
       .check(one_of({"pixels", "hog", "pca", "lbp"}))
       .show_default()
       .group("Classic");
@@ -41,7 +41,7 @@ void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags) {
 }
 
 void add_classic_reader_flags(Command& verb, ClassicTrainFlags& flags) {
-  verb.add_option("--reader", flags.reader, "hog: gradients, linear; mlp: the textbook's")
+  verb.add_option("--reader", flags.reader, "hog: linear, on gradients; mlp: the textbook's reader")
       .check(one_of({"hog", "mlp"}))
       .show_default()
       .group("Classic");

@@ -132,54 +132,55 @@ void add_list_input(Command& verb, WatchFlags& flags, const char* help) {
 }
 
 void add_add_flags(Command& verb, WatchFlags& flags) {
-  add_list_input(verb, flags, "the list's file; it is made if it is missing");
-  verb.add_option("PLATE", flags.plate, "a text; * stands for any characters, ? for any one")
+  add_list_input(verb, flags, "watch list file; created if missing");
+  verb.add_option("PLATE", flags.plate, "plate text; * matches any characters, ? any one character")
       .required();
-  verb.add_option("--label", flags.label, "whose it is, why it matters");
-  verb.add_option("--tolerate", flags.errors,
-                  "reading errors: 1 for any edit, 0.25 or 0.5 for what the reader often confuses")
+  verb.add_option("--label", flags.label, "label: owner or reason");
+  verb.add_option(
+          "--tolerate", flags.errors,
+          "maximum reading error: 1 allows any one edit, 0.25 or 0.5 only common confusions")
       .check(range(0.0, WatchEntry::kMaxErrors))
       .show_default();
   std::vector<std::string> names;
   for (const plate::Direction direction : plate::kDirections)
     names.emplace_back(name_of(direction));
-  verb.add_option("--direction", flags.direction, "only vehicles that move so")
+  verb.add_option("--direction", flags.direction, "only vehicles that move in this direction")
       .check(one_of(names));
-  verb.add_option("--hours", flags.hours, "of this machine's clock: 22:00-06:00");
-  verb.add_option("--days", flags.days, "on which the hours begin: mon-fri, 'sat sun'");
+  verb.add_option("--hours", flags.hours, "only at these hours, local time: 22:00-06:00");
+  verb.add_option("--days", flags.days, "days on which the hours begin: mon-fri, 'sat sun'");
 }
 
 void add_remove_flags(Command& verb, WatchFlags& flags) {
-  add_list_input(verb, flags, "the list's file");
-  verb.add_option("PLATE", flags.plate, "as the list has it").required();
+  add_list_input(verb, flags, "watch list file");
+  verb.add_option("PLATE", flags.plate, "plate text as in the list").required();
 }
 
 void add_list_flags(Command& verb, WatchFlags& flags) {
-  add_list_input(verb, flags, "the list's file");
+  add_list_input(verb, flags, "watch list file");
 }
 
 void add_test_flags(Command& verb, WatchFlags& flags) {
-  add_list_input(verb, flags, "the list's file");
-  verb.add_option("TEXT", flags.texts, "texts as a camera reads them").required();
-  verb.add_option("--at", flags.at, "when it is seen: 2024-05-01T12:30 (UTC) [now]");
+  add_list_input(verb, flags, "watch list file");
+  verb.add_option("TEXT", flags.texts, "plate texts as read by a camera").required();
+  verb.add_option("--at", flags.at, "time of the reading: 2024-05-01T12:30 (UTC) [now]");
   std::vector<std::string> names;
   for (const plate::Direction direction : plate::kDirections)
     names.emplace_back(name_of(direction));
-  verb.add_option("--direction", flags.direction, "how it moves [any]").check(one_of(names));
+  verb.add_option("--direction", flags.direction, "direction of motion [any]").check(one_of(names));
 }
 
 }  // namespace
 
 void add_plate_watch(Command& plate, Context& context) {
   Command& watch =
-      plate.add_subcommand("watch", "lists of plates that matter, for `plate read --watch`");
+      plate.add_subcommand("watch", "manage watch lists of plates for `plate read --watch`");
   watch.require_subcommand(1);
-  add_verb<WatchFlags>(watch, "add", "puts a plate into a list, or changes its entry", context,
+  add_verb<WatchFlags>(watch, "add", "add a plate to a list, or change its entry", context,
                        add_add_flags, run_add);
-  add_verb<WatchFlags>(watch, "remove", "takes a plate out of a list", context, add_remove_flags,
+  add_verb<WatchFlags>(watch, "remove", "remove a plate from a list", context, add_remove_flags,
                        run_remove);
-  add_verb<WatchFlags>(watch, "list", "shows a list", context, add_list_flags, run_list);
-  add_verb<WatchFlags>(watch, "test", "tells which entries a text matches", context, add_test_flags,
+  add_verb<WatchFlags>(watch, "list", "show a list", context, add_list_flags, run_list);
+  add_verb<WatchFlags>(watch, "test", "show which entries match a text", context, add_test_flags,
                        run_test);
 }
 

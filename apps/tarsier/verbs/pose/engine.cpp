@@ -12,32 +12,28 @@ namespace tarsier::cli {
 
 void add_pose_flags(Command& verb, PoseFlags& flags) {
   add_landmark_flags(verb, flags.landmarks);
-  verb.add_option("--head", flags.head, "head model [head.json, which ships]");
+  verb.add_option("--head", flags.head, "head model [head.json, shipped]");
   verb.add_option("--mapping", flags.mapping,
-                  "which landmark each head point is: lines \"head_point landmark\", from 0");
+                  "landmark of each head point: lines \"head_point landmark\", from 0");
   Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
-  verb.add_option("--focal", flags.focal, "focal length in px [1.3 times the image's larger side]")
+  verb.add_option("--focal", flags.focal, "focal length, px [1.3 times the longer image side]")
       .check(above(0))
       .excludes(camera);
   verb.add_option(
           "--fit", flags.fit,
-          "what finds the points: landmarks, or aam, an active appearance model that begins "
-          "from them and is followed by itself")
+          "landmark source: landmarks, or aam: an active appearance model initialised by landmarks")
       .check(one_of({"landmarks", "aam"}))
       .show_default();
   verb.add_option("--appearance", flags.appearance,
-                  "appearance model of --fit aam, and of `pose track --edit` [aam68.json, which "
-                  "ships]");
-  verb.add_option(
-          "--refine", flags.refine,
-          "auto: the direction is corrected by what the whole head looks like (of --fit aam: "
-          "with --view only); none: from the points alone")
+                  "appearance model for --fit aam and `pose track --edit` [aam68.json, shipped]");
+  verb.add_option("--refine", flags.refine,
+                  "auto: correct the direction by the head's appearance (--fit aam: only with "
+                  "--view); none: landmarks only")
       .check(one_of({"auto", "none"}))
       .show_default();
   verb.add_option("--view", flags.view,
-                  "what corrects it, a file of `pose train-view` [head-view.json among the models, "
-                  "if it is there]");
+                  "pose correction model of `pose train-view` [head-view.json, if installed]");
 }
 
 face::head::HeadModel read_head(const std::string& path) {

@@ -141,27 +141,24 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
 void add_flags(Command& verb, EvalFlags& flags) {
   add_pose_flags(verb, flags.pose);
   verb.add_option("--pointing", flags.pointing,
-                  "folder of the Pointing'04 head pose set: names carry the angles");
+                  "folder of the Pointing'04 head pose set; file names contain the angles");
   verb.add_option("--truth", flags.truth,
-                  "JSON lines {\"image\", \"rotation\": [9 numbers]} (or \"R\", or "
-                  "\"euler\": "
-                  "[pitch, yaw, roll] as BIWI has them; \"translation\" in mm if known)");
+                  "ground truth: JSON lines {\"image\", \"rotation\": [9 numbers]} (or \"R\", or "
+                  "BIWI's \"euler\": [pitch, yaw, roll]; optional \"translation\" in mm)");
   verb.add_option("--results", flags.results,
-                  "judge these JSON lines (of `pose track --json`) instead of "
-                  "running the models");
-  verb.add_option("--compare", flags.compare,
-                  "file of 3D landmarks: how far the mean head is from it");
+                  "evaluate these JSON lines (of `pose track --json`) instead of the models");
+  verb.add_option("--compare", flags.compare, "file of 3D landmarks to compare the mean head with");
   verb.add_flag("--occlude", flags.occlude,
-                "draw something before each face of --truth (by --seed)");
-  verb.add_option("-o,--output", flags.output, "file for the poses found, JSON lines");
-  verb.add_option("--csv", flags.csv, "table of --pointing to write, one row an image");
+                "occlude each face of --truth by a drawn object (by --seed)");
+  verb.add_option("-o,--output", flags.output, "output file of the estimated poses, JSON lines");
+  verb.add_option("--csv", flags.csv, "CSV file of --pointing, one row an image");
 }
 
 }  // namespace
 
 void add_pose_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "measures head poses on images of known truth", context,
-                      add_flags, run_eval);
+  add_verb<EvalFlags>(area, "eval", "evaluate head poses against ground truth", context, add_flags,
+                      run_eval);
 }
 
 }  // namespace tarsier::cli

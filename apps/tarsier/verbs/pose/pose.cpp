@@ -4,8 +4,7 @@
 namespace tarsier::cli {
 
 void add_pose(Command& app, Context& context) {
-  Command& area =
-      app.add_subcommand("pose", "where heads look, and the pose of any object of known points");
+  Command& area = app.add_subcommand("pose", "head poses, and poses of objects with known points");
   area.require_subcommand(1);
   add_pose_solve(area, context);
   add_pose_train_head(area, context);

@@ -230,43 +230,45 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, SolveFlags& flags) {
-  verb.add_option("--object", flags.object, "its points: x y z a line, '#' begins a comment")
+  verb.add_option("--object", flags.object, "object points: x y z a line, '#' begins a comment")
       .required();
   verb.add_option("--points", flags.points,
-                  "where they are seen, in the same order: x y a line, px, x right, y down")
+                  "image points in the same order: x y a line, px, x right, y down")
       .required();
   Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags.focal,
-                  "focal length, px; the principal point is the middle [none: this or --camera]")
+                  "focal length, px; principal point at the image centre [none: this or --camera]")
       .check(above(0))
       .excludes(camera);
   verb.add_option("--origin", flags.origin,
-                  "where 0 0 is: corner (the middle of the top left pixel) or center (the "
-                  "principal point) [corner with --image or --camera, else center]")
+                  "origin of image points: corner (middle of the top left pixel) or center "
+                  "(principal point) [corner with --image or --camera, else center]")
       .check(one_of({"corner", "center"}));
   verb.add_option("--method", flags.method,
                   "posit (homogeneous), posit-classic, planar (both poses of a flat object), or "
-                  "auto: planar where the object is nearly flat, else posit")
+                  "auto: planar for nearly flat objects, else posit")
       .check(one_of({"auto", "posit", "posit-classic", "planar"}))
       .show_default();
-  verb.add_option("--reference", flags.reference,
-                  "point whose projection posit-classic takes as exact")
+  verb.add_option(
+          "--reference", flags.reference,
+          "index of the reference point of posit-classic, whose projection is taken as exact")
       .check(range(0, 1000000))
       .show_default();
   verb.add_flag("--no-refine", flags.no_refine,
-                "POSIT alone, without Levenberg-Marquardt (planar poses are always refined)");
+                "POSIT without Levenberg-Marquardt refinement (planar poses are always refined)");
   verb.add_option("--image", flags.image, "image to draw on");
   verb.add_option("-o,--output", flags.output,
-                  "image to write: the axes, the points (dots) and their projections (crosses)");
-  verb.add_option("--axes", flags.axes, "length of the axes, object units [0.6 of its extent]")
+                  "output image: axes, image points (dots) and reprojections (crosses)");
+  verb.add_option("--axes", flags.axes,
+                  "length of the axes, object units [0.6 of the object's extent]")
       .check(above(0));
 }
 
 }  // namespace
 
 void add_pose_solve(Command& area, Context& context) {
-  add_verb<SolveFlags>(area, "solve", "the pose of an object whose points are seen in one image",
+  add_verb<SolveFlags>(area, "solve", "estimate the pose of an object from its points in one image",
                        context, add_flags, run_solve);
 }
 

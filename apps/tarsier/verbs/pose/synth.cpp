@@ -253,43 +253,53 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, SynthFlags& flags) {
-  verb.add_option("-o,--output", flags.output, "folder").required();
+  verb.add_option("-o,--output", flags.output, "output folder").required();
   verb.add_option("--count", flags.count, "images").check(range(1, 100000)).show_default();
-  verb.add_option("--people", flags.people,
-                  "different ones, in turn; 0: one an image, in a video one")
+  verb.add_option(
+          "--people", flags.people,
+          "number of different people, in turn; 0: a new one for each image; with --video one")
       .check(range(0, 100000))
       .show_default();
-  verb.add_flag("--video", flags.video, "one head that turns, frame by frame");
+  verb.add_flag("--video", flags.video, "render one rotating head, frame by frame");
   verb.add_option("--challenge", flags.challenge,
-                  "instead a video (15 images a second) of what `people liveness --fixed-order` "
-                  "asks of the same --seed: by a head that turns and blinks, or by a photo of it "
-                  "that is turned")
+                  "render a video (15 fps) for `people liveness --fixed-order` with this --seed: "
+                  "of a live head or a rotated photo")
       .check(one_of({"head", "photo"}));
-  verb.add_option("--tasks", flags.tasks, "of --challenge").check(range(1, 20)).show_default();
+  verb.add_option("--tasks", flags.tasks, "number of tasks of --challenge")
+      .check(range(1, 20))
+      .show_default();
   verb.add_option("--size", flags.size, "px").show_default();
-  verb.add_option("--yaw", flags.yaw, "degrees, at most, either way")
+  verb.add_option("--yaw", flags.yaw, "degrees, maximum absolute yaw")
       .check(range(0.0, 80.0))
       .show_default();
-  verb.add_option("--pitch", flags.pitch, "degrees").check(range(0.0, 60.0)).show_default();
-  verb.add_option("--roll", flags.roll, "degrees").check(range(0.0, 180.0)).show_default();
-  verb.add_option("--near", flags.near, "distance, mm").check(range(200.0, 10000.0)).show_default();
-  verb.add_option("--far", flags.far, "distance, mm").check(range(200.0, 10000.0)).show_default();
-  verb.add_option("--spread", flags.spread, "how different people are; 1: as in life")
+  verb.add_option("--pitch", flags.pitch, "degrees, maximum absolute pitch")
+      .check(range(0.0, 60.0))
+      .show_default();
+  verb.add_option("--roll", flags.roll, "degrees, maximum absolute roll")
+      .check(range(0.0, 180.0))
+      .show_default();
+  verb.add_option("--near", flags.near, "minimum distance, mm")
+      .check(range(200.0, 10000.0))
+      .show_default();
+  verb.add_option("--far", flags.far, "maximum distance, mm")
+      .check(range(200.0, 10000.0))
+      .show_default();
+  verb.add_option("--spread", flags.spread, "variation between people; 1: as in reality")
       .check(range(0.0, 2.0))
       .show_default();
   bind_field(verb, flags.scene, flags.scene.noise);
   bind_field(verb, flags.scene, flags.scene.blur_px);
-  verb.add_option("--appearance", flags.appearance, "appearance model [aam68.json, which ships]");
-  verb.add_option("--head", flags.head, "head model [head.json, which ships]");
+  verb.add_option("--appearance", flags.appearance, "appearance model [aam68.json, shipped]");
+  verb.add_option("--head", flags.head, "head model [head.json, shipped]");
 }
 
 }  // namespace
 
 void add_pose_synth(Command& area, Context& context) {
-  add_verb<SynthFlags>(area, "synth",
-                       "draws heads that nobody has, with their truth: "
-                       "images/, truth.jsonl, set.json, camera.yaml",
-                       context, add_flags, make_faces);
+  add_verb<SynthFlags>(
+      area, "synth",
+      "render synthetic heads with ground truth: images/, truth.jsonl, set.json, camera.yaml",
+      context, add_flags, make_faces);
 }
 
 }  // namespace tarsier::cli

@@ -151,17 +151,17 @@ void add_flags(Command& verb, TrackFlags& flags) {
                   "between the eyes, x right, y down, z away from the camera)")
       .show_default();
   verb.add_option("--edit", flags.edits,
-                  "what is done to the faces: mouth (opened), brows (raised); both with a comma")
+                  "edit the faces: mouth (open), brows (raise); both with a comma")
       .delimiter(',')
       .check(one_of({"mouth", "brows"}));
-  verb.add_option("--edit-amount", flags.amount, "how much, 1 is natural")
+  verb.add_option("--edit-amount", flags.amount, "strength of the edit, 1: natural")
       .check(range(0.0, 2.0))
       .show_default();
   verb.add_option("--csv", flags.csv,
-                  "table to write: frame, time, face, score, angles, place (mm), error, standard "
+                  "CSV file: frame, time, face, score, angles, place (mm), error, standard "
                   "deviations of the angles");
   verb.add_flag("--no-identity", flags.no_identity,
-                "the mean head for everyone: the shape is not fitted");
+                "use the mean head for everyone; do not fit the shape");
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
   video(
       verb.add_option("--smooth", flags.smooth,
@@ -174,11 +174,12 @@ void add_flags(Command& verb, TrackFlags& flags) {
 }  // namespace
 
 void add_pose_track(Command& area, Context& context) {
-  add_debug_flag(add_verb<TrackFlags>(area, "track",
-                                      "where heads look: yaw, pitch, roll and place, in "
-                                      "images, videos and cameras",
-                                      context, add_flags, run_track),
-                 context);
+  add_debug_flag(
+      add_verb<TrackFlags>(
+          area, "track",
+          "estimate head poses (yaw, pitch, roll, position) in images, videos and cameras", context,
+          add_flags, run_track),
+      context);
 }
 
 }  // namespace tarsier::cli

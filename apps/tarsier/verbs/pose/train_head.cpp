@@ -134,25 +134,25 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
 
 void add_flags(Command& verb, TrainHeadFlags& flags) {
   add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("-o,--output", flags.output, "output model file (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
   face::head::TrainHeadOptions& options = flags.options;
   bind_all(verb, options);
   verb.add_option("--outline", options.outline,
-                  "points of the face's outline, which slide [0..16 of 68]")
+                  "landmarks on the face outline, which slide [0..16 of 68]")
       .delimiter(',');
-  verb.add_option("--eyes", flags.eyes, "the outer eye corners, left and right [known markups]")
+  verb.add_option("--eyes", flags.eyes,
+                  "landmarks of the outer eye corners, left and right [known markups]")
       .delimiter(',')
       .expected(2);
-  verb.add_option("--compare", flags.compare,
-                  "file of 3D landmarks: tells how far the mean head is from it");
+  verb.add_option("--compare", flags.compare, "file of 3D landmarks to compare the mean head with");
 }
 
 }  // namespace
 
 void add_pose_train_head(Command& area, Context& context) {
   add_verb<TrainHeadFlags>(area, "train-head",
-                           "learns the head in 3D from the points of faces in images", context,
+                           "train the 3D head model on facial landmarks in images", context,
                            add_flags, run_train);
 }
 

@@ -116,29 +116,28 @@ ExitStatus run_train(TrainViewFlags& flags, Context& context) {
 
 void add_flags(Command& verb, TrainViewFlags& flags) {
   add_landmark_flags(verb, flags.pose.landmarks);
-  verb.add_option("--head", flags.pose.head, "head model [head.json, which ships]");
+  verb.add_option("--head", flags.pose.head, "head model [head.json, shipped]");
   verb.add_option("--mapping", flags.pose.mapping,
-                  "which landmark each head point is: lines \"head_point landmark\", from 0");
-  verb.add_option("--focal", flags.pose.focal,
-                  "focal length in px [1.3 times the image's larger side]")
+                  "landmark of each head point: lines \"head_point landmark\", from 0");
+  verb.add_option("--focal", flags.pose.focal, "focal length, px [1.3 times the longer image side]")
       .check(above(0));
   verb.add_option("--pointing", flags.pointing,
-                  "folder of the Pointing'04 head pose set: names carry the angles");
+                  "folder of the Pointing'04 head pose set; file names contain the angles");
   verb.add_option("--tilt-share", flags.tilt_share,
-                  "how much of the tilts in Pointing'04's names heads really tilted")
+                  "ratio of the true tilt to the tilt in Pointing'04's file names")
       .check(range(0.1, 1.5))
       .show_default();
   verb.add_option("--truth", flags.truths,
-                  "JSON lines {\"image\", \"rotation\": [9 numbers]}, as `pose synth` writes them; "
-                  "several may be given");
-  verb.add_option("--annotated", flags.annotated.input,
-                  "annotated faces, as `pose train-head` takes them: their truth is the pose of "
-                  "the annotated points");
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)");
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+                  "ground truth: JSON lines {\"image\", \"rotation\": [9 numbers]}, as of `pose "
+                  "synth`; repeatable");
+  verb.add_option(
+      "--annotated", flags.annotated.input,
+      "annotated faces, as for `pose train-head`; the pose of their landmarks is the ground truth");
+  verb.add_option("-o,--output", flags.output, "output model file (.json)");
+  verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
   verb.add_flag("--leave-out", flags.leave_out,
-                "prints how good it is on people it has not seen: each is left out in turn "
-                "(of --truth and --annotated, a seventh of the images)");
+                "print the error on held-out people, each in turn (--truth, --annotated: on a "
+                "seventh of the images)");
   face::head_view::TrainViewOptions& options = flags.options;
   bind_all(verb, options);
 }
@@ -146,10 +145,10 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
 }  // namespace
 
 void add_pose_train_view(Command& area, Context& context) {
-  add_verb<TrainViewFlags>(area, "train-view",
-                           "learns from images of known poses how heads "
-                           "look, to correct poses (--view)",
-                           context, add_flags, run_train);
+  add_verb<TrainViewFlags>(
+      area, "train-view",
+      "train the appearance-based pose correction (--view) on images with known poses", context,
+      add_flags, run_train);
 }
 
 }  // namespace tarsier::cli

@@ -25,21 +25,19 @@ struct BenchInfo {
   std::string_view help;
 };
 inline constexpr auto kBenches = std::to_array<BenchInfo>({
-    {"aam", "fitting an appearance model: an iteration, a fit, a video with the head's pose"},
-    {"cartoon", "every mode at three sizes: reference against fast, speed and likeness"},
-    {"eyes", "how often each way finds both eyes of a face, and how long it takes"},
-    {"landmarks", "fitting the points of a face by each method, and following it"},
-    {"people", "a gallery that grows: enrol, learn, name, forget; --size: faces, e.g. 100000"},
-    {"plate", "finding, aligning and reading number plates"},
-    {"calibrate", "boards of a calibration: found how exactly and how fast, the camera they give"},
-    {"markers", "markers found in drawn scenes, beside OpenCV's aruco and the AprilTag library"},
-    {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP"},
-    {"render", "drawing a mesh of ten thousand triangles into an image"},
-    {"sfm", "reconstruction of drawn rings of 12 and 60 images: seconds and counts of each stage"},
-    {"steady", "how much less the lines of a video flicker with --steady"},
-    {"targets",
-     "images found in stills and followed through videos, beside ORB and SIFT with "
-     "RANSAC"},
+    {"aam", "fit of an appearance model: an iteration, a fit, a video with head pose"},
+    {"cartoon", "all modes at three sizes: fast against reference, speed and similarity"},
+    {"eyes", "success rate and time of each eye finder"},
+    {"landmarks", "landmark fit by each method, and tracking"},
+    {"people", "a growing gallery: enrol, train, identify, delete; --size: faces, e.g. 100000"},
+    {"plate", "detection, alignment and reading of number plates"},
+    {"calibrate", "board detection and calibration: accuracy and time"},
+    {"markers", "marker detection in synthetic scenes, against OpenCV's aruco and AprilTag"},
+    {"posit", "pose of a simulated head: error and time of POSIT against SQPNP"},
+    {"render", "rendering of a mesh of ten thousand triangles"},
+    {"sfm", "reconstruction of synthetic rings of 12 and 60 images: time and counts of each stage"},
+    {"steady", "flicker reduction of lines in videos by --steady"},
+    {"targets", "target detection and tracking, against ORB and SIFT with RANSAC"},
 });
 
 // Adds `bench` with one verb for each entry of kBenches; `run` gets the name of the chosen verb.

@@ -5,8 +5,8 @@ namespace tarsier::cli {
 namespace {
 
 void add_flags(Command& verb, DemoOptions& options) {
-  verb.add_option("-o,--output", options.output, "folder of the page").show_default();
-  verb.add_option("--only", options.only, "only these areas")
+  verb.add_option("-o,--output", options.output, "output folder of the page").show_default();
+  verb.add_option("--only", options.only, "run only these areas")
       .delimiter(',')
       .check(one_of({kDemoAreas.begin(), kDemoAreas.end()}));
 }
@@ -14,7 +14,7 @@ void add_flags(Command& verb, DemoOptions& options) {
 }  // namespace
 
 void add_demo(Command& app, Context& context, const RunDemo& run) {
-  add_verb<DemoOptions>(app, "demo", "runs every area once and makes a page of it", context,
+  add_verb<DemoOptions>(app, "demo", "run every area once and write a page of the results", context,
                         add_flags, run);
 }
 

@@ -555,7 +555,7 @@ ExitStatus examine(const Context& context) {
 
 void add_doctor(Command& app, Context& context) {
   Command& verb =
-      app.add_subcommand("doctor", "what this machine has, and what to do about what it lacks");
+      app.add_subcommand("doctor", "check what this machine has and lacks, with advice");
   add_common_flags(verb, context);
   set_run(verb, context, [&context] { return examine(context); });
 }

@@ -68,12 +68,14 @@ ExitStatus run_help(const Command& root, const Context& context, const HelpOptio
 }  // namespace
 
 void add_help(Command& app, Context& context) {
-  Command& verb = app.add_subcommand("help", "the help of a verb; all verbs for other programs");
+  Command& verb = app.add_subcommand(
+      "help", "show the help of a verb, or describe all verbs for other programs");
   verb.group("");  // hidden: messages refer to `--help` after a verb
   const auto options = std::make_shared<HelpOptions>();
-  verb.add_option("VERB", options->words, "area and verb, e.g. plate read");
-  Flag& manual = verb.add_option("--man", options->manual, "folder to write manual pages into");
-  verb.add_flag("--bash", options->bash, "completion script for bash, on stdout").excludes(manual);
+  verb.add_option("VERB", options->words, "area and verb: plate read");
+  Flag& manual = verb.add_option("--man", options->manual, "output folder for manual pages");
+  verb.add_flag("--bash", options->bash, "write a completion script for bash to stdout")
+      .excludes(manual);
   add_common_flags(verb, context);
   set_run(verb, context, [&app, &context, options] { return run_help(app, context, *options); });
 }

@@ -67,20 +67,21 @@ ExitStatus run_hub(const HubFlags& flags, const Context& context) {
 }
 
 void add_flags(Command& verb, HubFlags& flags) {
-  verb.add_option("ADDRESS", flags.address,
-                  "mqtt://HOST[:PORT][/TOPIC], mqtts: by TLS; the events of TOPIC/+ are stored "
-                  "[tarsier]");
+  verb.add_option(
+      "ADDRESS", flags.address,
+      "mqtt://HOST[:PORT][/TOPIC], mqtts: with TLS; stores the events of TOPIC/+ [tarsier]");
   verb.add_option("--log", flags.log,
-                  "SQLite file that each event is stored in once, or postgresql://HOST/DATABASE")
+                  "SQLite file, or postgresql://HOST/DATABASE, that stores each event once")
       .required();
-  verb.add_flag("--list", flags.list, "show what is stored, and end; asks no broker");
+  verb.add_flag("--list", flags.list,
+                "list the stored events and exit, without a connection to the broker");
   for (Flag* flag : add_mqtt_login_flags(verb, flags.login)) flag->group("Login");
 }
 
 }  // namespace
 
 void add_hub(Command& app, Context& context) {
-  add_verb<HubFlags>(app, "hub", "stores the events that many cameras publish (MQTT)", context,
+  add_verb<HubFlags>(app, "hub", "store the events that many cameras publish (MQTT)", context,
                      add_flags, run_hub);
 }
 

@@ -32,19 +32,18 @@ ExitStatus run_merge(const MergeFlags& flags, const Context& context) {
 }
 
 void add_flags(Command& verb, MergeFlags& flags) {
-  verb.add_option("PART", flags.parts, "files of --jsonl or --csv: all shards of one batch")
+  verb.add_option("PART", flags.parts, "files of --jsonl or --csv of all shards of one batch")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags.output, "file to write").required();
+  verb.add_option("-o,--output", flags.output, "output file").required();
 }
 
 }  // namespace
 
 void add_merge(Command& app, Context& context) {
   add_verb<MergeFlags>(app, "merge",
-                       "makes one file of the parts that runs with --shard wrote, as one run "
-                       "would have written it",
-                       context, add_flags, run_merge);
+                       "merge the files of all --shard runs into the file of a single run", context,
+                       add_flags, run_merge);
 }
 
 }  // namespace tarsier::cli

@@ -257,26 +257,24 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
 }  // namespace
 
 void add_models(Command& app, Context& context) {
-  Command& models = app.add_subcommand(
-      "models", "the trained models: those that came with the program, and your own");
+  Command& models = app.add_subcommand("models", "the trained models: shipped ones and your own");
   models.require_subcommand(1);
   const auto options = std::make_shared<ModelsOptions>();
   const auto add = [&](const char* name, const char* help, auto run) -> Command& {
     Command& verb = models.add_subcommand(name, help);
-    verb.add_option(
-        "--models-dir", options->folder,
-        "folder of models (default: $TARSIER_MODELS, else the one that came with the program)");
+    verb.add_option("--models-dir", options->folder,
+                    "folder of models [$TARSIER_MODELS, else the one shipped with the program]");
     add_common_flags(verb, context);
     set_run(verb, context, [&context, options, run] { return run(context, *options); });
     return verb;
   };
-  add("list", "name, type, version, size, terms and use of each model, and how to do without it",
+  add("list", "list the models: name, type, version, size, terms, use, and alternative",
       list_models);
-  add("info", "what a model is, what it was made from, and its card", show_model)
-      .add_option("NAME", options->name, "as `models list` shows it, or an ONNX file")
+  add("info", "show what a model is, its training data and its model card", show_model)
+      .add_option("NAME", options->name, "name as `models list` shows it, or an ONNX file")
       .required();
-  add("verify", "checks the files against models/SHA256SUMS", verify_models)
-      .add_option("NAME", options->name, "only this one");
+  add("verify", "check the model files against models/SHA256SUMS", verify_models)
+      .add_option("NAME", options->name, "check only this model");
   add_models_import(models, context);
   add_models_install(models, context);
 }

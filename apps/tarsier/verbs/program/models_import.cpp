@@ -141,20 +141,17 @@ ExitStatus import_model(const Context& context, const ImportOptions& options) {
 void add_models_import(Command& models, Context& context) {
   add_verb<ImportOptions>(
       models, "import",
-      "makes the network of deep face templates, or a face detector, from another program's file "
-      "(scripts/get-model.sh fetches it)",
-      context,
+      "import the deep face embedding or a face detector (files of scripts/get-model.sh)", context,
       [](Command& verb, ImportOptions& flags) {
-        verb.add_option("MANIFEST", flags.manifest,
-                        "face_recognition_model-weights_manifest.json, or that of "
-                        "tiny_face_detector_model, of the npm package @vladmandic/face-api; its "
-                        "shard lies beside it")
+        verb.add_option(
+                "MANIFEST", flags.manifest,
+                "face_recognition_model-weights_manifest.json or that of tiny_face_detector_model, "
+                "of the npm package @vladmandic/face-api; with its shard beside it")
             .required();
         verb.add_option("-o,--output", flags.output,
-                        "model file (default: face-embedding.json or face-anchors.json in the "
-                        "user's models folder, ~/.local/share/tarsier/models)");
-        verb.add_flag("--any-weights", flags.any_weights,
-                      "other weights of this form than those whose SHA-256 is known");
+                        "output model file [face-embedding.json or face-anchors.json in "
+                        "~/.local/share/tarsier/models]");
+        verb.add_flag("--any-weights", flags.any_weights, "accept weights with an unknown SHA-256");
       },
       [](const ImportOptions& flags, Context& run_context) {
         return import_model(run_context, flags);

@@ -250,19 +250,19 @@ void add_models_install(Command& models, Context& context) {
   const auto add = [&](const char* name, const char* help, auto run) -> Command& {
     Command& verb = models.add_subcommand(name, help);
     verb.add_option("--own-dir", options->folder,
-                    "folder of your own models (default: $TARSIER_OWN_MODELS)");
+                    "folder of your own models [$TARSIER_OWN_MODELS]");
     add_common_flags(verb, context);
     set_run(verb, context, [&context, options, run] { return run(context, *options); });
     return verb;
   };
-  Command& install_verb = add(
-      "install", "takes a model of your own in place of one that ships, for all verbs", install);
-  install_verb.add_option("FILE", options->file, "that a train verb has written").required();
-  install_verb.add_option("--as", options->as,
-                          "the one whose place it takes, as `models list` shows it (default: the "
-                          "only one of its type)");
-  add("remove", "goes back to the model that ships", remove)
-      .add_option("NAME", options->file, "as `models list` shows it")
+  Command& install_verb =
+      add("install", "use your own model instead of a shipped one in all verbs", install);
+  install_verb.add_option("FILE", options->file, "model file written by a train verb").required();
+  install_verb.add_option(
+      "--as", options->as,
+      "name of the shipped model to replace, as `models list` shows it [the only one of its type]");
+  add("remove", "remove your own model and use the shipped one again", remove)
+      .add_option("NAME", options->file, "name as `models list` shows it")
       .required();
 }
 

@@ -98,20 +98,19 @@ ExitStatus make_dense(const Flags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, Flags& flags) {
-  verb.add_option("MODEL", flags.model,
-                  "folder of a model: of sfm reconstruct, or COLMAP's text files")
+  verb.add_option("MODEL", flags.model, "model folder of `sfm reconstruct`, or COLMAP's text files")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags.output, "folder for depth maps and cloud").required();
+  verb.add_option("-o,--output", flags.output, "output folder for depth maps and cloud").required();
   verb.add_option("--images", flags.images, "folder of the model's images [as report.json says]");
   verb.add_option("--quality", flags.dense.quality,
-                  "draft: a quarter of the size; normal: half; high: all")
+                  "draft: a quarter of the image size; normal: half; high: full")
       .check(one_of({"draft", "normal", "high"}))
       .show_default();
-  verb.add_option("--memory", flags.dense.memory, "images are looked at smaller to stay below")
+  verb.add_option("--memory", flags.dense.memory, "memory limit; images are reduced to stay below")
       .show_default();
   verb.add_option("--views", flags.dense.views,
-                  "images that each image is compared with [as --quality says]")
+                  "number of source images for each depth map [as --quality says]")
       .check(range(1, 16));
   bind_field(verb, flags.dense.options, flags.dense.options.min_depth);
   bind_field(verb, flags.dense.options, flags.dense.options.max_depth);
@@ -155,8 +154,8 @@ ExitStatus run_dense(const sfm::DenseReconstructor& reconstructor, const sfm::De
 }
 
 void add_sfm_dense(Command& sfm, Context& context) {
-  add_debug_flag(add_verb<Flags>(sfm, "dense", "depth maps and a dense cloud of a model", context,
-                                 add_flags, make_dense),
+  add_debug_flag(add_verb<Flags>(sfm, "dense", "compute depth maps and a dense cloud of a model",
+                                 context, add_flags, make_dense),
                  context);
 }
 

@@ -89,26 +89,28 @@ ExitStatus make_mesh(Flags& flags, Context& context) {
 
 void add_flags(Command& verb, Flags& flags) {
   MeshFlags& mesh = flags.mesh;
-  verb.add_option("DENSE", flags.dense, "folder of sfm dense, or COLMAP's dense workspace")
+  verb.add_option("DENSE", flags.dense, "folder of `sfm dense`, or COLMAP's dense workspace")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", mesh.output, "surface: .ply, .obj (with .mtl and .png) or .glb")
+  verb.add_option("-o,--output", mesh.output,
+                  "output mesh: .ply, .obj (with .mtl and .png) or .glb")
       .required();
   bind_field(verb, mesh.options, mesh.options.faces);
   add_field(verb, {"texture", mesh.texture, range(0, 16384), "--texture",
-                   "px, largest side; 0: colours of vertices [4096; of .ply: 0]"});
+                   "px, longest side of the texture; 0: vertex colours [4096; of .ply: 0]"});
   bind_field(verb, mesh.options.volume, mesh.options.volume.voxel);
   bind_field(verb, mesh.options.volume, mesh.options.volume.trim_px);
   bind_field(verb, mesh.options.volume, mesh.options.volume.dark_level);
   bind_field(verb, mesh.options, mesh.options.close_holes);
   bind_field(verb, mesh.options, mesh.options.smoothing);
   bind_field(verb, mesh.options, mesh.options.min_part);
-  verb.add_option("--memory", mesh.memory, "voxels are made larger to stay below").show_default();
+  verb.add_option("--memory", mesh.memory, "memory limit; voxels are enlarged to stay below")
+      .show_default();
   add_scale_flags(verb, flags.scale, "Scale");
-  verb.add_option("--view", mesh.view, "image of the surface: view.png");
-  verb.add_option("--turntable", mesh.turntable, "the surface, turning: mesh.gif");
+  verb.add_option("--view", mesh.view, "image of the mesh: view.png");
+  verb.add_option("--turntable", mesh.turntable, "animation of the rotating mesh: mesh.gif");
   verb.add_option("--page", mesh.page,
-                  "page for a browser, with cloud and cameras; measures and cuts: mesh.html");
+                  "interactive page for a browser with mesh, cloud and cameras: mesh.html");
 }
 
 }  // namespace
@@ -175,7 +177,7 @@ ExitStatus run_mesh(const MeshFlags& flags, const sfm::SurfaceOptions& options, 
 }
 
 void add_sfm_mesh(Command& sfm, Context& context) {
-  add_verb<Flags>(sfm, "mesh", "a surface of a dense folder: triangles and texture", context,
+  add_verb<Flags>(sfm, "mesh", "compute a textured triangle mesh from a dense folder", context,
                   add_flags, make_mesh);
 }
 

@@ -21,28 +21,30 @@ using Clock = std::chrono::steady_clock;
 }  // namespace
 
 void add_online_flags(Command& verb, OnlineFlags& flags) {
-  Flag& online =
-      verb.add_flag("--online", flags.online,
-                    "the model grows with the frames of a video, camera or folder, and is shown")
-          .group("Online");
+  Flag& online = verb.add_flag("--online", flags.online,
+                               "reconstruct while the frames of a video, camera or folder arrive, "
+                               "and show the model")
+                     .group("Online");
   const auto needing = [&](Flag& flag) { flag.group("Online").needs(online); };
-  needing(verb.add_flag("--window", flags.window, "show it in a window (h: keys)"));
-  needing(verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen"));
+  needing(verb.add_flag("--window", flags.window, "show the result in a window (h: keys)"));
+  needing(verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen"));
   needing(verb.add_option("--online-view", flags.view,
-                          "write what is shown: .mp4, folder, http://127.0.0.1:8080/"));
+                          "output of the view: .mp4, folder, http://127.0.0.1:8080/"));
   needing(verb.add_option("--online-every", flags.every,
-                          "key frames from one growth of the model to the next")
+                          "number of key frames between updates of the model")
               .check(range(1, 1000))
               .show_default());
-  needing(verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
-              .check(one_of({"-"})));
-  needing(verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
+  needing(
+      verb.add_option("--actions", flags.actions, "-: read actions by name from stdin, one a line")
+          .check(one_of({"-"})));
+  needing(verb.add_option("--frames", flags.frames, "stop after this many frames; 0: all")
               .check(at_least(0))
               .show_default());
   needing(bind_field(verb, flags.source, flags.source.width));
-  needing(bind_field(verb, flags.source, flags.source.height, {}, "px; 0: its own choice"));
-  needing(bind_field(verb, flags.source, flags.source.fps, {},
-                     "asked of a camera; of a folder that is shown; 0: its own"));
+  needing(bind_field(verb, flags.source, flags.source.height, {}, "px; 0: the camera's choice"));
+  needing(
+      bind_field(verb, flags.source, flags.source.fps, {},
+                 "requested frame rate of a camera; frame rate of a folder; 0: the source's own"));
   for (Flag* flag : add_security_flags(verb, flags.source.security)) needing(*flag);
 }
 

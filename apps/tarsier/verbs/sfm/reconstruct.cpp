@@ -183,7 +183,7 @@ ExitStatus status_of(const sfm::ReconstructorResult& result) {
 
 void add_sfm_reconstruct(Command& sfm, Context& context) {
   add_debug_flag(
-      add_verb<ReconstructFlags>(sfm, "reconstruct", "makes a model of images: cameras and points",
+      add_verb<ReconstructFlags>(sfm, "reconstruct", "reconstruct cameras and points from images",
                                  context, add_reconstruct_flags, reconstruct),
       context);
 }

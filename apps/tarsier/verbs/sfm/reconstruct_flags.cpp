@@ -118,37 +118,42 @@ void complete_placement(const ReconstructFlags& flags, sfm::ReconstructorOptions
 void add_lens_flags(Command& verb, ReconstructFlags& flags) {
   sfm::PipelineOptions& pipeline = flags.options.pipeline;
   const auto lens = [](Flag& flag) { flag.group("Lens"); };
-  lens(verb.add_option("--camera", flags.camera, "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], px"));
+  lens(verb.add_option("--camera", flags.camera,
+                       "camera parameters fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], px"));
   lens(verb.add_option("--camera-file", flags.camera_file,
-                       "camera.yaml, OpenCV's YAML, COLMAP's cameras.txt"));
-  lens(verb.add_option("--refine", flags.refine, "focal, center, distortion; or none")
+                       "camera file: camera.yaml, OpenCV's YAML, COLMAP's cameras.txt"));
+  lens(verb.add_option("--refine", flags.refine,
+                       "camera parameters to refine: focal, center, distortion; or none")
            .delimiter(',')
            .check(one_of({"focal", "center", "distortion", "none"})));
   lens(bind_field(verb, pipeline, pipeline.ignore_exif));
   lens(verb.add_flag("--per-image-camera", flags.per_image_camera,
-                     "a camera for each image, not one for all of a size"));
+                     "estimate one camera for each image, not one for all images of a size"));
 }
 
 // `is_whole`: for a verb that runs all stages. It may also take matches from elsewhere.
 void add_match_flags(Command& verb, ReconstructFlags& flags, bool is_whole) {
   sfm::PipelineOptions& pipeline = flags.options.pipeline;
   const auto match = [](Flag& flag) { flag.group("Features and matches"); };
-  match(verb.add_option("--features", flags.features, "sift, orb, akaze")
+  match(verb.add_option("--features", flags.features, "feature type: sift, orb, akaze")
             .check(one_of({"sift", "orb", "akaze"}))
             .show_default());
   bind_all(verb, pipeline.features, "Features and matches");
-  match(verb.add_option("--downscale", flags.downscale, "look at images reduced by this")
+  match(verb.add_option("--downscale", flags.downscale,
+                        "factor by which images are reduced for feature extraction")
             .show_default());
   match(verb.add_option("--pairs", flags.pairs,
-                        "auto, exhaustive, sequential, retrieval, or a file with two names a line")
+                        "auto, exhaustive, sequential, retrieval, or a file with two "
+                        "names a line")
             .show_default());
   match(bind_field(verb, pipeline, pipeline.overlap));
   match(bind_field(verb, pipeline, pipeline.nearest));
   if (is_whole) {
-    match(verb.add_option("--database", pipeline.database,
-                          "COLMAP's database: features, matches and lenses of the images by name"));
+    match(verb.add_option(
+        "--database", pipeline.database,
+        "COLMAP database with features, matches and cameras of the images, by name"));
     match(verb.add_option("--matches", flags.matches,
-                          "sift: descriptors; flow: follow points from frame to frame")
+                          "sift: match descriptors; flow: track points from frame to frame")
               .check(one_of({"sift", "flow"}))
               .show_default());
   }
@@ -167,28 +172,26 @@ void add_mapping_flags(Command& verb, ReconstructFlags& flags) {
 
 void add_start_flags(Command& verb, ReconstructFlags& flags) {
   sfm::PipelineOptions& pipeline = flags.options.pipeline;
-  verb.add_option(
-          "--start-model", pipeline.start_model,
-          "go on from this folder with a model of COLMAP or of an earlier run: its poses and "
-          "cameras are the start, images are found by name")
+  verb.add_option("--start-model", pipeline.start_model,
+                  "start from the poses and cameras of this model (COLMAP or earlier run); images "
+                  "match by name")
       .group("Mapping");
-  verb.add_flag(
-          "--fixed-poses", pipeline.fixed_poses,
-          "poses of --start-model stay as they are: points are triangulated, other images added")
+  verb.add_flag("--fixed-poses", pipeline.fixed_poses,
+                "keep the poses of --start-model fixed; triangulate points, register other images")
       .group("Mapping");
   verb.add_flag("--only-start-images", pipeline.only_start,
-                "leave out images that --start-model does not have")
+                "use only images that are in --start-model")
       .group("Mapping");
 }
 
 void add_placement_flags(Command& verb, ReconstructFlags& flags) {
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_option("--align", flags.align,
-                      "name,x,y,z lines with where images were taken; or gps: from EXIF"));
+                      "align to camera positions: file of name,x,y,z lines; or gps: from EXIF"));
   add_scale_flags(verb, flags.scale, "Result");
   out(verb.add_option("--export", flags.exports,
-                      "undistorted: images and model for dense tools; binary: COLMAP's binary "
-                      "model; database: COLMAP's database.db with features and matches")
+                      "undistorted: images and model for dense tools; binary: COLMAP model; "
+                      "database: COLMAP database.db")
           .check(one_of({"undistorted", "binary", "database"})));
 }
 
@@ -198,11 +201,11 @@ void add_turntable_flag(Command& verb, ReconstructFlags& flags, const char* help
 
 void add_cache_flags(Command& verb, ReconstructFlags& flags) {
   sfm::PipelineOptions& pipeline = flags.options.pipeline;
-  verb.add_flag("--no-cache", flags.no_cache, "keep nothing for a second run").group("Result");
+  verb.add_flag("--no-cache", flags.no_cache, "do not cache features and matches for later runs")
+      .group("Result");
   verb.add_option(
           "--memory", flags.memory,
-          "2GB, 800MB: descriptors and matches leave memory, for the disk, where the program "
-          "takes up more [when they are not being used]")
+          "move descriptors and matches to disk above this memory: 2GB, 800MB [when not in use]")
       .group("Result");
   bind_field(verb, pipeline, pipeline.checkpoint_s).group("Result");
 }
@@ -244,10 +247,10 @@ sfm::ReconstructorOptions map_options_of(const ReconstructFlags& flags) {
 }
 
 void add_plan_flags(Command& verb, ReconstructFlags& flags) {
-  verb.add_option("PHOTOS", flags.inputs, "folder, images, glob, @list.txt, or a video")
+  verb.add_option("PHOTOS", flags.inputs, "folder, images, glob, @list.txt or video")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags.options.folder, "folder that all shards work in").required();
+  verb.add_option("-o,--output", flags.options.folder, "work folder of all shards").required();
   add_lens_flags(verb, flags);
   add_match_flags(verb, flags, false);
   add_mapping_flags(verb, flags);
@@ -255,19 +258,19 @@ void add_plan_flags(Command& verb, ReconstructFlags& flags) {
 }
 
 void add_map_flags(Command& verb, ReconstructFlags& flags, bool needs_output) {
-  Flag& output = verb.add_option("-o,--output", flags.options.folder, "folder for the model");
+  Flag& output = verb.add_option("-o,--output", flags.options.folder, "output folder of the model");
   if (needs_output) output.required();
   add_placement_flags(verb, flags);
-  add_turntable_flag(verb, flags, "turntable.gif: the cloud, turning");
+  add_turntable_flag(verb, flags, "write turntable.gif, the rotating point cloud");
   add_cache_flags(verb, flags);
 }
 
 void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   verb.add_option("PHOTOS", flags.inputs,
-                  "folder, images, glob, @list.txt, or a video; with --online also a camera; none: "
-                  "all of --database, which needs no images")
+                  "folder, images, glob, @list.txt or video; with --online also a camera; none: "
+                  "all of --database")
       .type_name("");
-  verb.add_option("-o,--output", flags.options.folder, "folder for the model").required();
+  verb.add_option("-o,--output", flags.options.folder, "output folder of the model").required();
   add_lens_flags(verb, flags);
   add_match_flags(verb, flags, true);
   add_mapping_flags(verb, flags);
@@ -275,18 +278,20 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   add_placement_flags(verb, flags);
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_flag("--dense", flags.dense,
-                    "dense/: depth maps and a dense cloud, as sfm dense makes them"));
+                    "also compute depth maps and a dense cloud in dense/, as `sfm dense` does"));
   out(verb.add_flag(
       "--mesh", flags.mesh,
-      "mesh.glb, mesh.png, mesh.html: a textured surface, as sfm mesh makes it; does --dense"));
-  out(verb.add_option("--dense-quality", flags.dense_flags.quality, "draft, normal, high")
+      "also compute a textured surface: mesh.glb, mesh.png, mesh.html; implies --dense"));
+  out(verb.add_option("--dense-quality", flags.dense_flags.quality,
+                      "dense quality: draft, normal, high")
           .check(one_of({"draft", "normal", "high"}))
           .show_default());
-  add_turntable_flag(verb, flags, "turntable.gif: the cloud, turning; mesh.gif");
+  add_turntable_flag(verb, flags,
+                     "write turntable.gif, the rotating point cloud; with --mesh also mesh.gif");
   out(verb.add_flag("--match-images", flags.options.match_images,
-                    "matches/: each pair, kept green, removed red"));
+                    "write an image of each pair to matches/: inliers green, outliers red"));
   out(verb.add_flag("--growing", flags.growing,
-                    "growing/: the model so far, each second at most, until it is done"));
+                    "write the unfinished model to growing/, at most once a second"));
   add_cache_flags(verb, flags);
   bind_all(verb, flags.options.keyframes, "Videos");
   add_online_flags(verb, flags.online);

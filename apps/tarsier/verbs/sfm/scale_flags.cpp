@@ -27,15 +27,17 @@ sfm::FindMarkers finder_of(const std::string& family) {
 void add_scale_flags(Command& verb, ScaleFlags& flags, std::string_view group) {
   const auto out = [&](Flag& flag) -> Flag& { return flag.group(std::string(group)); };
   out(verb.add_option("--distance", flags.distance,
-                      "between two cameras, in any unit: the result's from then on [none]"));
+                      "known distance between two cameras, in any unit; sets the scale [none]"));
   Flag& between =
-      out(verb.add_option("--distance-between", flags.distance_between, "their images' names")
+      out(verb.add_option("--distance-between", flags.distance_between, "names of these two images")
               .expected(2));
-  Flag& size = out(verb.add_option("--marker-size", flags.marker_size,
-                                   "of markers in the scene, over their black frame, 50mm: the "
-                                   "result is in metres"))
-                   .excludes(between);
-  out(verb.add_option("--marker-family", flags.marker_family, "as of `ar markers --family`")
+  Flag& size =
+      out(verb.add_option(
+              "--marker-size", flags.marker_size,
+              "side of the black frame of markers in the scene, 50mm; the result is in metres"))
+          .excludes(between);
+  out(verb.add_option("--marker-family", flags.marker_family,
+                      "marker family, as for `ar markers --family`")
           .show_default())
       .needs(size);
 }

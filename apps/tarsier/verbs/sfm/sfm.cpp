@@ -115,20 +115,21 @@ ExitStatus evaluate(const EvalFlags& flags, const Context& context) {
 }
 
 void add_eval_flags(Command& verb, EvalFlags& flags) {
-  verb.add_option("MODEL", flags.model, "folder with cameras.txt, images.txt, points3D.txt")
+  verb.add_option("MODEL", flags.model, "model folder with cameras.txt, images.txt, points3D.txt")
       .required()
       .type_name("");
   verb.add_option("--truth,--gt", flags.truth,
-                  "lines of JSON {\"name\",\"R\",\"C\"}, or a folder like MODEL")
+                  "ground truth: JSON lines {\"name\",\"R\",\"C\"}, or a folder like MODEL")
       .required();
   Flag& dense =
       verb.add_flag("--dense", flags.dense,
-                    "MODEL is a folder of sfm dense, and the truth is truth/ of sfm synth --depth");
-  verb.add_option("--mesh", flags.mesh,
-                  ".ply or .obj of sfm mesh in the units of MODEL, compared with truth/mesh.ply")
+                    "evaluate a folder of `sfm dense` against truth/ of `sfm synth --depth`");
+  verb.add_option(
+          "--mesh", flags.mesh,
+          ".ply or .obj of `sfm mesh` to compare with truth/mesh.ply, in the units of MODEL")
       .needs(dense);
   verb.add_option("--errors", flags.errors,
-                  "folder for images of the depths' errors, and the mesh coloured by its own")
+                  "output folder for depth error images and the mesh coloured by error")
       .needs(dense);
 }
 
@@ -144,7 +145,7 @@ void add_sfm(Command& app, Context& context) {
   add_sfm_dense(sfm, context);
   add_sfm_mesh(sfm, context);
   add_sfm_synth(sfm, context);
-  add_verb<EvalFlags>(sfm, "eval", "compares a model's poses with the truth", context,
+  add_verb<EvalFlags>(sfm, "eval", "evaluate a model's poses against ground truth", context,
                       add_eval_flags, evaluate);
 }
 

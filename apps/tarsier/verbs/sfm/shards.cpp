@@ -84,14 +84,14 @@ ExitStatus make_plan(const PlanFlags& flags, Context& context) {
 
 void add_flags(Command& verb, PlanFlags& flags) {
   add_plan_flags(verb, flags.reconstruct);
-  verb.add_option("--shards", flags.shards, "that features and matches are shared among")
+  verb.add_option("--shards", flags.shards, "number of shards for features and matches")
       .check(range(1, sfm::kMaxShards))
       .show_default();
-  verb.add_option("--cluster-size", flags.cluster_size,
-                  "map clusters of so many images apart, for sfm merge [all images together]")
+  verb.add_option(
+          "--cluster-size", flags.cluster_size,
+          "map clusters of this many images separately, for `sfm merge` [all images together]")
       .check(range(sfm::kMinClusterSize, 1'000'000));
-  verb.add_flag("--slurm", flags.slurm,
-                "sfm.sbatch in the folder: a script that submits all stages");
+  verb.add_flag("--slurm", flags.slurm, "write sfm.sbatch, a script that submits all stages");
 }
 
 struct ShardFlags {
@@ -155,19 +155,18 @@ ExitStatus match(const ShardFlags& flags, Context& context) {
 }
 
 void add_work_folder(Command& verb, std::string& folder) {
-  verb.add_option("WORK", folder, "folder of sfm plan").required().type_name("");
+  verb.add_option("WORK", folder, "work folder of `sfm plan`").required().type_name("");
 }
 
 void add_shard_flags(Command& verb, ShardFlags& flags) {
   add_work_folder(verb, flags.folder);
-  verb.add_option("--shard", flags.shard,
-                  "the i-th of the plan's N shards: 3/8 [all that are not done]");
+  verb.add_option("--shard", flags.shard, "shard i of N, 3/8 [all unfinished shards]");
 }
 
 void add_match_flags(Command& verb, ShardFlags& flags) {
   add_shard_flags(verb, flags);
   verb.add_flag("--pairs-only", flags.pairs_only,
-                "only choose which images to compare, once for all shards");
+                "only select the image pairs, once for all shards");
 }
 
 struct MapFlags {
@@ -220,8 +219,7 @@ ExitStatus map(const MapFlags& flags, Context& context) {
 
 void add_flags(Command& verb, MapFlags& flags) {
   add_work_folder(verb, flags.folder);
-  verb.add_option("--cluster", flags.cluster,
-                  "the i-th of the plan's clusters alone: 3/8; all: those that are not done");
+  verb.add_option("--cluster", flags.cluster, "cluster i of N, 3/8; all: all unfinished clusters");
   add_map_flags(verb, flags.reconstruct, false);
 }
 
@@ -251,8 +249,9 @@ ExitStatus merge(const MergeFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, MergeFlags& flags) {
-  verb.add_option("WORK", flags.folders,
-                  "folder of sfm plan whose clusters are mapped; or folders of two models or more")
+  verb.add_option(
+          "WORK", flags.folders,
+          "work folder of `sfm plan` with mapped clusters, or folders of two or more models")
       .required()
       .type_name("");
   add_map_flags(verb, flags.reconstruct, true);
@@ -262,18 +261,18 @@ void add_flags(Command& verb, MergeFlags& flags) {
 
 void add_sfm_shards(Command& sfm, Context& context) {
   add_verb<PlanFlags>(
-      sfm, "plan", "freezes images and options, for a reconstruction shared among many runs",
-      context, [](Command& verb, PlanFlags& flags) { add_flags(verb, flags); }, make_plan);
-  add_verb<ShardFlags>(sfm, "features", "finds the features of one shard of a plan", context,
+      sfm, "plan", "plan a reconstruction that is divided among several runs", context,
+      [](Command& verb, PlanFlags& flags) { add_flags(verb, flags); }, make_plan);
+  add_verb<ShardFlags>(sfm, "features", "extract the features of one shard", context,
                        add_shard_flags, find_features);
-  add_verb<ShardFlags>(sfm, "match", "compares the pairs of images of one shard of a plan", context,
-                       add_match_flags, match);
+  add_verb<ShardFlags>(sfm, "match", "match the image pairs of one shard", context, add_match_flags,
+                       match);
   add_verb<MapFlags>(
-      sfm, "map", "makes the model of a plan whose shards are done", context,
+      sfm, "map", "compute the model of a plan from its finished shards", context,
       [](Command& verb, MapFlags& flags) { add_flags(verb, flags); }, map);
   add_verb<MergeFlags>(
-      sfm, "merge", "joins the models of clusters, or any that share images, where that is safe",
-      context, [](Command& verb, MergeFlags& flags) { add_flags(verb, flags); }, merge);
+      sfm, "merge", "merge models that share images, if the merge is reliable", context,
+      [](Command& verb, MergeFlags& flags) { add_flags(verb, flags); }, merge);
 }
 
 }  // namespace tarsier::cli

@@ -175,34 +175,32 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, SynthFlags& flags) {
-  verb.add_option("-o,--output", flags.output, "folder").required();
+  verb.add_option("-o,--output", flags.output, "output folder").required();
   bind_field(verb, flags.scene, flags.scene.images);
-  verb.add_option("--size", flags.size, "px").show_default();
-  verb.add_option("--trajectory", flags.trajectory, "of the camera")
+  verb.add_option("--size", flags.size, "image size, px").show_default();
+  verb.add_option("--trajectory", flags.trajectory, "camera trajectory")
       .check(one_of({"arc", "ring", "line", "grid", "walk", "city", "symmetric"}))
       .show_default();
   verb.add_option("--content", flags.content,
-                  "what there is to see; else relief, and houses of --trajectory walk and city")
+                  "scene content [relief; houses with --trajectory walk or city]")
       .check(one_of(names_of(kContents)));
   bind_field(verb, flags.scene, flags.scene.noise);
-  verb.add_flag(
-      "--depth", flags.depth,
-      "truth/: exact cameras, points, depth maps and surface, as sfm dense and mesh have them");
-  verb.add_option("--focal", flags.scene.focal_px, "px; 0: the larger side").show_default();
+  verb.add_flag("--depth", flags.depth,
+                "also write truth/: exact cameras, points, depth maps and surface");
+  verb.add_option("--focal", flags.scene.focal_px, "px; 0: the longer image side").show_default();
   bind_field(verb, flags.scene, flags.scene.pure_rotation);
   verb.add_flag("--observations", flags.observations,
-                "database.db with features and matches instead of images, for sfm reconstruct "
-                "--database; of --trajectory ring, grid, walk, city, symmetric");
+                "write features and matches to database.db instead of images, for `sfm reconstruct "
+                "--database`");
   bind_all(verb, flags.site, "Observations, symmetric objects and streets");
 }
 
 }  // namespace
 
 void add_sfm_synth(Command& sfm, Context& context) {
-  add_verb<SynthFlags>(sfm, "synth",
-                       "draws images of a scene with known cameras: "
-                       "images/, camera.yaml, truth.jsonl; or only what they would show",
-                       context, add_flags, make_scene);
+  add_verb<SynthFlags>(
+      sfm, "synth", "render images of a synthetic scene with known cameras, or only their features",
+      context, add_flags, make_scene);
 }
 
 }  // namespace tarsier::cli

@@ -66,17 +66,19 @@ struct FitOptions {
   bool trace = false;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"iterations", iterations, range(1, 10000), "--iterations", "at most, for each level"},
+    return {{"iterations", iterations, range(1, 10000), "--iterations",
+             "maximum number of iterations a level"},
             {"tolerance", tolerance, above(0)},
             {"error_tolerance", error_tolerance, at_least(0)},
             {"sigmas", sigmas, above(0), "--sigmas",
-             "how far a shape mode may go, standard deviations"},
+             "maximum absolute value of a shape mode, standard deviations"},
             {"shape_prior", shape_prior, at_least(0), "--shape-prior",
-             "pull towards the mean shape, in units of the texture's noise; 0: none"},
+             "weight of the shape prior, in units of the texture noise; 0: none"},
             {"texture_prior", texture_prior, at_least(0)},
             {"refresh", refresh, at_least(0), "--refresh",
-             "alternating: share of change of the texture at which its images are made again"},
-            {"robust", robust, "--robust", "pixels that fit badly (hidden) count less"},
+             "alternating: relative texture change at which the steepest-descent images are "
+             "recomputed"},
+            {"robust", robust, "--robust", "give badly fitting (occluded) pixels less weight"},
             {"coarse_modes", coarse_modes, above(0, 1)}};
   }
   void check() const;

@@ -43,24 +43,24 @@ struct AppearanceOptions {
   std::vector<shape::Triangle> mesh{};
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"frame_width", frame_width, range(16, 1000), "--width",
-         "px, of the mean frame in which the fit works"},
-        {"levels", levels, range(1, 5), "--levels",
-         "levels of resolution, each half of the one before"},
-        {"margin", margin, range(0, 1)},
-        {"texture_variance", texture_variance, above(0, 1), "--texture-variance",
-         "share that the texture modes keep"},
-        {"texture_modes", texture_modes, range(0, 1000), "--texture-modes",
-         "texture modes at most"},
-        {"mirror", mirror, "--mirror", "learn from mirrored images too"},
-        {"to_the_right", to_the_right, range(-100, 100), "--to-the-right",
-         "how far the set's points lie to the right of where a symmetric annotation has them, px "
-         "(1 where pixels are counted from 1, as in faces68)"},
-        {"colour_width", colour_width, range(16, 1000), "--colour-width",
-         "px, of the frame in which faces are drawn"},
-        {"colour_variance", colour_variance, above(0, 1)},
-        {"colour_modes", colour_modes, range(0, 1000), "--colour-modes", "colour modes at most"}};
+    return {{"frame_width", frame_width, range(16, 1000), "--width",
+             "px, width of the mean frame of the fit"},
+            {"levels", levels, range(1, 5), "--levels",
+             "number of pyramid levels, each half the size of the one before"},
+            {"margin", margin, range(0, 1)},
+            {"texture_variance", texture_variance, above(0, 1), "--texture-variance",
+             "share of the variance kept by the texture modes"},
+            {"texture_modes", texture_modes, range(0, 1000), "--texture-modes",
+             "maximum number of texture modes"},
+            {"mirror", mirror, "--mirror", "add mirrored images to the training set"},
+            {"to_the_right", to_the_right, range(-100, 100), "--to-the-right",
+             "horizontal offset of the annotations to the right, px (1 for pixels counted from 1, "
+             "as in faces68)"},
+            {"colour_width", colour_width, range(16, 1000), "--colour-width",
+             "px, width of the frame in which faces are drawn"},
+            {"colour_variance", colour_variance, above(0, 1)},
+            {"colour_modes", colour_modes, range(0, 1000), "--colour-modes",
+             "maximum number of colour modes"}};
   }
   void check() const;
 };

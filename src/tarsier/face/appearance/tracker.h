@@ -28,13 +28,13 @@ struct TrackOptions {
   double hold_error = 1.3;
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"search_every", search_every, at_least(1), "--search-every",
-         "frames between searches for new faces"},
-        {"max_objects", max_objects, range(1, 100), "--max-faces", "objects followed at a time"},
-        {"remember_s", remember_s, at_least(0)},
-        {"worse", worse, at_least(1)},
-        {"hold_error", hold_error, at_least(1)}};
+    return {{"search_every", search_every, at_least(1), "--search-every",
+             "frames between searches for new faces"},
+            {"max_objects", max_objects, range(1, 100), "--max-faces",
+             "maximum number of objects tracked at a time"},
+            {"remember_s", remember_s, at_least(0)},
+            {"worse", worse, at_least(1)},
+            {"hold_error", hold_error, at_least(1)}};
   }
   void check() const { check_fields(*this); }
 };

@@ -46,18 +46,19 @@ struct FaceTrainingOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"scan_steps", scan_steps, range(3, 1'000'000), "--scan-steps",
-         "batches that the first network learns from"},
-        {"judge_steps", judge_steps, range(3, 1'000'000), "--judge-steps", "batches of the second"},
-        {"check_steps", check_steps, range(3, 1'000'000), "--check-steps", "batches of the third"},
-        {"drawings", drawings, range(0, 10'000), "--drawings",
-         "images without faces that the program draws and learns from as well"},
-        {"false_alarms", false_alarms, range(0, 10'000), "--false-alarms",
-         "how many there may be in 1000 of the images held out"},
-        {"disguised", disguised, range(0, 1), "--disguised",
-         "share of the faces with 68 points that wear drawn sunglasses, caps, beards or hold "
-         "something; above 0 faces are rolled further, too"}};
+    return {{"scan_steps", scan_steps, range(3, 1'000'000), "--scan-steps",
+             "training steps of the first network"},
+            {"judge_steps", judge_steps, range(3, 1'000'000), "--judge-steps",
+             "training steps of the second network"},
+            {"check_steps", check_steps, range(3, 1'000'000), "--check-steps",
+             "training steps of the third network"},
+            {"drawings", drawings, range(0, 10'000), "--drawings",
+             "number of synthetic images without faces to add"},
+            {"false_alarms", false_alarms, range(0, 10'000), "--false-alarms",
+             "allowed false alarms in 1000 of the held-out images"},
+            {"disguised", disguised, range(0, 1), "--disguised",
+             "share of the 68-point faces with drawn sunglasses, caps, beards or hands; above 0 "
+             "also more roll"}};
   }
   void check() const { check_fields(*this); }
 };

@@ -43,9 +43,9 @@ struct LivenessOptions {
   BlinkOptions blink;          // eyes that are shut for longer than its time are no blink
 
   [[nodiscard]] OptionFields fields() {
-    return {{"tasks", tasks, range(2, 20), "--tasks", "tasks that are asked"},
+    return {{"tasks", tasks, range(2, 20), "--tasks", "number of tasks"},
             {"look_s", look_s, range(0.1, 10)},
-            {"task_s", task_s, range(1, 60), "--task-time", "s for each task"},
+            {"task_s", task_s, range(1, 60), "--task-time", "s, time limit of each task"},
             {"lost_s", lost_s, range(0, 10)},
             {"turn_deg", turn_deg, range(5, 60)},
             {"min_parallax", min_parallax, range(0, 1)}};

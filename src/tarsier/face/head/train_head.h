@@ -44,13 +44,13 @@ struct TrainHeadOptions {
   std::uint64_t seed = 1;       // of the initial modes
 
   [[nodiscard]] OptionFields fields() {
-    return {{"modes", modes, range(0, 40), "--modes", "how many ways to deform are learnt"},
+    return {{"modes", modes, range(0, 40), "--modes", "number of deformation modes"},
             {"iterations", iterations, range(1, 10000), "--iterations",
-             "iterations of expectation maximisation"},
+             "number of iterations of expectation maximisation"},
             {"outer_eye_mm", outer_eye_mm, range(10, 1000), "--outer-eye-mm",
-             "between the outer eye corners: images alone have no scale"},
+             "distance of the outer eye corners, mm; sets the scale"},
             {"distance_mm", distance_mm, at_least(300), "--distance-mm",
-             "from the camera to the heads, typically"},
+             "typical distance from camera to head, mm"},
             {"outline_yaw_deg", outline_yaw_deg, above(0)},
             {"robust_sigmas", robust_sigmas, above(0)}};
   }

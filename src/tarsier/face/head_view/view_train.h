@@ -36,21 +36,21 @@ struct TrainViewOptions {
   bool mirror = true;  // train on mirrored views too
 
   [[nodiscard]] OptionFields fields() {
-    return {{"components", components, range(1, 500), "--components",
-             "numbers that PCA leaves of gradients and offsets"},
-            {"offset_weight", offset_weight, range(0, 1000), "--offset-weight",
-             "weight of the landmarks' offsets from the mean head beside the gradients"},
-            {"angle_weight", angle_weight, above(0, 1000), "--angle-weight",
-             "weight of the landmarks' angles beside the gradients"},
-            {"gamma", gamma, above(0, 1000), "--gamma",
-             "of the Gaussian kernel: the larger, the sooner likeness ends"},
-            {"ridge", ridge, above(0, 1e6), "--ridge",
-             "weight of smoothness against the images of Pointing'04"},
-            {"exact_ridge", exact_ridge, above(0, 1e6), "--exact-ridge",
-             "weight of smoothness against images of --truth and --annotated"},
-            {"group_error", group_error, range(0, 1000), "--person-error",
-             "variance of the constant error that a person's angles in Pointing'04 may have, in "
-             "that of the corrections; 0: none"}};
+    return {
+        {"components", components, range(1, 500), "--components",
+         "number of PCA components of gradients and offsets"},
+        {"offset_weight", offset_weight, range(0, 1000), "--offset-weight",
+         "weight of the landmark offsets from the mean head, relative to the gradients"},
+        {"angle_weight", angle_weight, above(0, 1000), "--angle-weight",
+         "weight of the landmark angles, relative to the gradients"},
+        {"gamma", gamma, above(0, 1000), "--gamma",
+         "gamma of the Gaussian kernel; higher: narrower"},
+        {"ridge", ridge, above(0, 1e6), "--ridge", "regularisation for the images of Pointing'04"},
+        {"exact_ridge", exact_ridge, above(0, 1e6), "--exact-ridge",
+         "regularisation for the images of --truth and --annotated"},
+        {"group_error", group_error, range(0, 1000), "--person-error",
+         "variance of a person's constant angle error in Pointing'04, relative to the corrections; "
+         "0: none"}};
   }
   void check() const { check_fields(*this); }
 };

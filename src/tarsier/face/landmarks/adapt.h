@@ -35,7 +35,8 @@ struct AdaptOptions {
     return {{"ridge", ridge, above(0, 1e6)},
             {"usual", usual, above(0, 1e6)},
             {"choices", choices, above(0, 1e6)},
-            {"starts", starts, range(4, 200), "--starts", "scattered around each face"}};
+            {"starts", starts, range(4, 200), "--starts",
+             "number of random initial shapes for each face"}};
   }
   void check() const;
 };

@@ -57,12 +57,12 @@ struct HogOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"window", window, range(40, 200), "--window",
-             "px, detection window (square root of its area): the smallest object it sees"},
-            {"c", c, range(1e-6, 1e6), "--c", "weight of mistakes against a large margin"},
+             "px, detection window (square root of its area): the smallest object found"},
+            {"c", c, range(1e-6, 1e6), "--c", "cost C of a training error, against a large margin"},
             {"epsilon", epsilon, range(1e-4, 1), "--epsilon", "accuracy of the optimisation"},
             {"rounds", rounds, range(1, 100000)},
             {"upsample", upsample, range(0, 3), "--upsample",
-             "times that images with objects smaller than the window are doubled"},
+             "number of times to double images with objects smaller than the window"},
             {"largest", largest, range(100, 4000)}};
   }
   void check() const { check_fields(*this); }

@@ -69,7 +69,7 @@ struct FitOptions {
   PatchFitOptions patches;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"starts", starts, range(1, 5), "--starts", "fits of the trees that are averaged"}};
+    return {{"starts", starts, range(1, 5), "--starts", "number of averaged fits of the trees"}};
   }
   void check() const;
 };

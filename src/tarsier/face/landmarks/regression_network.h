@@ -42,9 +42,8 @@ struct RegressionNetworkOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"steps", steps, range(1, 1'000'000), "--steps", "steps of the training, of 32 faces each"},
-        {"occluded", occluded, range(0, 1)}};
+    return {{"steps", steps, range(1, 1'000'000), "--steps", "training steps, batches of 32 faces"},
+            {"occluded", occluded, range(0, 1)}};
   }
   void check() const { check_fields(*this); }
 };

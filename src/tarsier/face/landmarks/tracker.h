@@ -27,10 +27,11 @@ struct TrackerOptions {
     return {{"search_every", search_every, range(1, 100000), "--search-every",
              "frames between searches for new faces"},
             {"min_score", min_score, range(0, 1), "--min-score",
-             "a face whose fit is worth less is lost and looked for again"},
+             "minimum fit score; below, the face is lost and searched again"},
             {"min_new", min_new, range(0, 1)},
             {"remember_s", remember_s, at_least(0)},
-            {"max_faces", max_faces, range(1, 100), "--max-faces", "faces followed at a time"}};
+            {"max_faces", max_faces, range(1, 100), "--max-faces",
+             "maximum number of faces tracked at a time"}};
   }
   void check() const;
 };

@@ -42,7 +42,8 @@ struct TrainModelOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"starts", starts, range(1, 200), "--scatter", "starts scattered around each face"},
+    return {{"starts", starts, range(1, 200), "--scatter",
+             "number of random initial shapes for each face"},
             {"shaped_starts", shaped_starts, range(1, 200)}};
   }
   void check() const;

@@ -38,9 +38,9 @@ struct TreesOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"levels", levels, range(1, 30), "--levels", "of the cascade of trees"},
-            {"trees", trees, range(1, 2000), "--trees", "a level"},
-            {"depth", depth, range(1, 8), "--depth", "of a tree"},
+    return {{"levels", levels, range(1, 30), "--levels", "number of levels of the cascade"},
+            {"trees", trees, range(1, 2000), "--trees", "number of trees a level"},
+            {"depth", depth, range(1, 8), "--depth", "depth of a tree"},
             {"shrinkage", shrinkage, above(0, 1)},
             {"features", features, range(10, 4000)},
             {"tests", tests, range(1, 1000)},

@@ -55,9 +55,8 @@ struct VisibilityOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {
-        {"steps", steps, range(1, 1'000'000), "--steps", "steps of the training, of 32 fits each"},
-        {"occluded", occluded, inside(0, 1)}};
+    return {{"steps", steps, range(1, 1'000'000), "--steps", "training steps, batches of 32 fits"},
+            {"occluded", occluded, inside(0, 1)}};
   }
   void check() const { check_fields(*this); }
 };

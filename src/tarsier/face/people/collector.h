@@ -20,9 +20,9 @@ struct CollectOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_difference", min_difference, range(0, 4), "--min-difference",
-             "videos: how far a face differs from the last that was taken"},
+             "videos: minimum difference from the last face taken"},
             {"min_seconds", min_seconds, range(0, 3600), "--min-seconds",
-             "videos: and how many seconds later it is"}};
+             "videos: minimum time since the last face taken, s"}};
   }
   void check() const;
 };

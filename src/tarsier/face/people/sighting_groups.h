@@ -26,8 +26,8 @@ struct GroupingOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"false_merges", false_merges, range(0, 0.5), "--false-merges",
-             "share of pairs of strangers that may be taken for one person; 0: 0.005 of deep, 0.05 "
-             "of classic templates, and a second pass over these from 60 faces on"}};
+             "share of impostor pairs merged by mistake; 0: 0.005 for deep, 0.05 for classic "
+             "templates"}};
   }
   void check() const { check_fields(*this); }
 };

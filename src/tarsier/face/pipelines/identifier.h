@@ -112,7 +112,7 @@ struct NamingOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"false_accepts", false_accepts, inside(0, 1), "--far",
-             "share of strangers who may be taken for somebody"},
+             "false accept rate that sets the threshold"},
             {"max_pooled", max_pooled, range(1, 1000)}};
   }
   void check() const { check_fields(*this); }

@@ -32,11 +32,11 @@ struct CellIndexOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"cells", cells, range(0, 65536), "--cells",
-             "parts that the templates are divided into; 0: by their number"},
+             "cells of the index; 0: by the number of templates"},
             {"learn_from", learn_from, range(1, 1000)},
             {"rounds", rounds, range(1, 100)},
             {"memory_gb", memory_gb, range(0.01, 1000), "--memory",
-             "GB for the templates of one pass: with less there are more passes"}};
+             "GB of memory for the templates; less memory takes more passes"}};
   }
   void check() const { check_fields(*this); }
 };

@@ -21,8 +21,9 @@ struct ShapeModelOptions {
   bool mirror = false;  // also train on mirrored shapes; needs the symmetry
 
   [[nodiscard]] OptionFields fields() {
-    return {{"variance", variance, above(0, 1), "--variance", "share that the shape modes keep"},
-            {"max_modes", max_modes, range(1, 1000), "--modes", "shape modes at most"},
+    return {{"variance", variance, above(0, 1), "--variance",
+             "share of the variance kept by the shape modes"},
+            {"max_modes", max_modes, range(1, 1000), "--modes", "maximum number of shape modes"},
             {"iterations", iterations, range(1, 1000)}};
   }
   void check() const { check_fields(*this); }

@@ -84,7 +84,7 @@ struct CopyOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"copies", copies, range(0, 20), "--turned",
-             "copies of each face, turned in 3D, to learn from beside it"},
+             "number of copies of each face to add, rotated in 3D"},
             {"min_pitch_deg", min_pitch_deg, range(0, 45)},
             {"max_pitch_deg", max_pitch_deg, range(0, 45)},
             {"max_yaw_deg", max_yaw_deg, range(0, 45)},

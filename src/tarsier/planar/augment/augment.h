@@ -41,7 +41,7 @@ struct AugmentOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"scale", scale, range(0.01, 100), "--scale",
-             "of cube, axes or mesh, by the marker's side"}};
+             "size of cube, axes or mesh, in marker sides"}};
   }
   void check() const;  // throws std::invalid_argument
 };

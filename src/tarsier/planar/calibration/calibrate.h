@@ -31,9 +31,9 @@ struct CalibrateOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"radial", radial, range(0, 3), "--radial",
-             "radial numbers of a pinhole; fewer for few views"},
+             "number of radial coefficients of a pinhole lens; fewer for few views"},
             {"outlier", outlier, range(2, 1e6), "--outlier",
-             "a view that fits so many times worse than most is left out"},
+             "reject views whose error exceeds the typical one by this factor"},
             {"outlier_px", outlier_px, at_least(0)},
             {"min_views", min_views, at_least(2)}};
   }

@@ -27,11 +27,11 @@ struct TrackOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"steady_px", steady_px, range(0, 5), "--smooth",
-             "px: motion below about this is smoothed over time; 0: none"},
+             "motion below about this is smoothed over time, px; 0: none"},
             {"detect_every", detect_every, range(1, 1000), "--search-every",
-             "frames between searches for targets that are missing while others are followed"},
+             "frames between searches for lost targets while others are tracked"},
             {"search_px", search_px, range(0, 400), "--search-px",
-             "px, how far from its predicted place a target is searched"},
+             "px, search radius around the predicted position of a target"},
             {"good_part", good_part, range(0, 1)},
             {"good_patches", good_patches, range(4, 100)}};
   }

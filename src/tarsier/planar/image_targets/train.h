@@ -22,12 +22,12 @@ struct TrainOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"width", width, above(0, 100)},
             {"longer_side", longer_side, range(64, 2000), "--side",
-             "px that the image's longer side is reduced to"},
+             "px, longer side of the reduced image"},
             {"frontal_features", frontal_features, range(50, 5000)},
             {"tilted_features", tilted_features, range(0, 5000)},
             {"max_features", max_features, range(50, 20'000)},
             {"trials", trials, range(0, 500), "--trials",
-             "random views that choose the features and rate the image"}};
+             "number of random views that select the features and rate the image"}};
   }
   void check() const { check_fields(*this); }
 };

@@ -49,7 +49,7 @@ struct DecodeOptions {
             {"min_contrast", min_contrast, range(1, 255)},
             {"frame_errors", frame_errors, range_below(0, 0.5)},
             {"min_correlation", min_correlation, range(0, 1), "--min-correlation",
-             "how well the image of a small marker must agree with it"},
+             "minimum correlation of the image of a small marker with its pattern"},
             {"min_blurred_correlation", min_blurred_correlation, at_least(0)}};
   }
   void check() const { check_fields(*this); }

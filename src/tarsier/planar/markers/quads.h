@@ -28,7 +28,7 @@ struct QuadOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_side_px", min_side_px, range(4, 1000), "--min-side",
-             "px, of the shortest side of a marker"},
+             "px, minimum length of the shortest side of a marker"},
             {"min_contrast", min_contrast, range(2, 255)},
             {"halvings", halvings, range(0, 6)},
             {"straight", straight, inside(0, 0.5)}};

@@ -42,7 +42,7 @@ struct CharacterReaderOptions {
   double cost = 5;  // of the linear SVMs on gradients
 
   [[nodiscard]] OptionFields fields() {
-    return {{"low", low, range(1, kCharacterSize), "--low", "px of the mlp's small image"},
+    return {{"low", low, range(1, kCharacterSize), "--low", "px, side of the mlp's input image"},
             {"cost", cost, above(0)}};
   }
   void check() const;

@@ -30,7 +30,7 @@ struct MlpOptions {
   int iterations = 100;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"hidden", hidden, range(1, 1000), "--neurons", "hidden, of the mlp"},
+    return {{"hidden", hidden, range(1, 1000), "--neurons", "number of hidden neurons of the mlp"},
             {"iterations", iterations, range(1, 100000)}};
   }
   void check() const { check_fields(*this); }

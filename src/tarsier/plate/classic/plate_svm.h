@@ -31,7 +31,7 @@ struct PlateSvmOptions {
   int components = 40;  // maximum, for kPca
 
   [[nodiscard]] OptionFields fields() {
-    return {{"cost", cost, above(0, 1e6), "--cost", "of the SVM"},
+    return {{"cost", cost, above(0, 1e6), "--cost", "cost parameter C of the SVM"},
             {"iterations", iterations, range(1, 1'000'000)},
             {"components", components, range(1, 500)}};
   }

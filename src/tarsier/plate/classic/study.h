@@ -23,11 +23,12 @@ struct StudyOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"lows", lows, range(1, 20), "--features", "px of the small image"},
-            {"neurons", neurons, range(1, 1000), "--neurons", "hidden"},
-            {"seeds", seeds, range(1, 1000), "--splits,--seeds", "random splits of each"},
-            {"train", train, at_least(30), "--train", "characters to learn from; the rest judges"},
-            {"iterations", iterations, range(1, 100000), "--iterations", "of the training"}};
+    return {{"lows", lows, range(1, 20), "--features", "px, sides of the input image"},
+            {"neurons", neurons, range(1, 1000), "--neurons", "numbers of hidden neurons"},
+            {"seeds", seeds, range(1, 1000), "--splits,--seeds", "random splits for each setting"},
+            {"train", train, at_least(30), "--train",
+             "number of training characters; the rest is the test set"},
+            {"iterations", iterations, range(1, 100000), "--iterations", "training iterations"}};
   }
   void check() const;
 };

@@ -45,9 +45,9 @@ struct DetectorOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"threshold", threshold, inside(0, 1), "--find-threshold",
-             "of the detector; lower: more, slower"},
+             "detector score threshold; lower: more candidates, slower"},
             {"max_pixels", max_pixels, range(1e4, 1e8), "--find-pixels",
-             "larger images are searched at this many; more: smaller plates, slower"},
+             "reduce larger images to this many pixels; higher: finds smaller plates, slower"},
             {"overlap", overlap, inside(0, 1)},
             {"most", most, range(1, 10000)},
             {"small_plate", small_plate, range(kPlateLow, 10000)},

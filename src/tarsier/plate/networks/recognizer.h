@@ -62,9 +62,10 @@ struct RecognizerOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {
-        {"min_plate", min_plate, inside(0, 1), "--plate-threshold", "of the aligner's plate score"},
+        {"min_plate", min_plate, inside(0, 1), "--plate-threshold",
+         "minimum plate score of the aligner"},
         {"min_evidence", min_evidence, range(-100, 100), "--evidence",
-         "ln(p / (1 - p)) of the chance p that it is a plate; lower: more, of which more are none"},
+         "minimum log odds ln(p / (1 - p)) of being a plate; lower: more plates and false alarms"},
         {"refinements", refinements, range(1, 5)}};
   }
   void check() const;

@@ -47,8 +47,9 @@ struct ReaderOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_confidence", min_confidence, range(0, 1), "--min-confidence",
-             "leave out plates below"},
-            {"max_candidates", max_candidates, range(1, 100), "--top", "candidates of each plate"}};
+             "minimum confidence of a reported plate"},
+            {"max_candidates", max_candidates, range(1, 100), "--top",
+             "number of candidate texts for each plate"}};
   }
   void check() const;  // throws std::invalid_argument that names the value
 };

@@ -19,7 +19,7 @@ struct MotionOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"threshold", threshold, range(0, 255), "--motion",
-             "grey levels of a change that counts; 0: each frame is read"},
+             "grey levels, minimum change that counts as motion; 0: read every frame"},
             {"min_cells", min_cells, range(1, 10'000)},
             {"learning", learning, range(0, 1)},
             {"learning_moving", learning_moving, range(0, 1)}};

@@ -27,15 +27,15 @@ struct SiteOptions {
   int threads = 1;          // threads that read plates
 
   [[nodiscard]] OptionFields fields() {
-    return {{"max_fps", max_fps, above(0, 1000), "--camera-fps",
-             "frames a second that are looked at, of each camera"},
-            {"hold", hold, range(0, 3600), "--motion-hold",
-             "s after the last motion in which frames are read"},
-            {"idle", idle, above(0, 3600), "--idle",
-             "s between frames that are read where nothing moves"},
-            {"restart", restart, above(0, 3600)},
-            {"max_restart", max_restart, above(0, 3600)},
-            {"threads", threads, range(1, 1024)}};
+    return {
+        {"max_fps", max_fps, above(0, 1000), "--camera-fps",
+         "frames per second to process, for each camera"},
+        {"hold", hold, range(0, 3600), "--motion-hold",
+         "s, how long frames are read after the last motion"},
+        {"idle", idle, above(0, 3600), "--idle", "s between frames that are read without motion"},
+        {"restart", restart, above(0, 3600)},
+        {"max_restart", max_restart, above(0, 3600)},
+        {"threads", threads, range(1, 1024)}};
   }
   void check() const;  // throws std::invalid_argument that names the value
 };

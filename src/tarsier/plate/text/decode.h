@@ -30,7 +30,7 @@ struct DecodeOptions {
     return {{"candidates", candidates, range(1, 100)},
             {"beam", beam, range(4, 1000)},
             {"free_penalty", free_penalty, range(0, 50), "--free-penalty",
-             "nats against texts that fit no country's layout"},
+             "nats, penalty of texts that match no country's layout"},
             {"layout_strength", layout_strength, range(0, 10)},
             {"specificity", specificity, range(0, 1)},
             {"min_length", min_length, range(1, 12)},

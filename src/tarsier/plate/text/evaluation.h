@@ -94,8 +94,8 @@ struct EvaluationOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"iou", iou, range(0.01, 1), "--iou",
-             "least overlap of a found plate, intersection over union"},
-            {"fold", fold, "--fold", "take 0, O, Q and D for one, and 1 and I"}};
+             "minimum intersection over union of a correct detection"},
+            {"fold", fold, "--fold", "treat 0, O, Q and D as equal, and 1 and I"}};
   }
   void check() const { check_fields(*this); }
 };

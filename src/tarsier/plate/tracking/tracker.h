@@ -44,21 +44,21 @@ struct TrackerOptions {
   VoteOptions voting;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"lost_after", lost_after, range(0.05, 60), "--lost-after",
-             "s without a reading after which a vehicle is out of sight"},
-            {"return_within", return_within, range(0, 3600), "--return-within",
-             "s in which the same text is the same vehicle, come back"},
-            {"parked_return_within", parked_return_within, range(0, 86400),
-             "--parked-return-within", "s, the same of one that stood still"},
-            {"min_readings", min_readings, range(1, 1000), "--min-readings",
-             "frames in which a vehicle must be read"},
-            {"min_confidence", min_confidence, range(0, 1)},
-            {"min_standing", min_standing, range(0, 1)},
-            {"min_standing_odds", min_standing_odds, range(-100, 100)},
-            {"min_single", min_single, range(0, 1)},
-            {"words", words, "--words",
-             "texts without a digit are vehicles too (a few plates; many signs)"},
-            {"max_readings", max_readings, range(10, 100'000)}};
+    return {
+        {"lost_after", lost_after, range(0.05, 60), "--lost-after",
+         "s without a reading until a vehicle counts as gone"},
+        {"return_within", return_within, range(0, 3600), "--return-within",
+         "s in which the same text means the same vehicle again"},
+        {"parked_return_within", parked_return_within, range(0, 86400), "--parked-return-within",
+         "s, the same for a vehicle that stood still"},
+        {"min_readings", min_readings, range(1, 1000), "--min-readings",
+         "frames in which a vehicle must be read"},
+        {"min_confidence", min_confidence, range(0, 1)},
+        {"min_standing", min_standing, range(0, 1)},
+        {"min_standing_odds", min_standing_odds, range(-100, 100)},
+        {"min_single", min_single, range(0, 1)},
+        {"words", words, "--words", "also accept texts without a digit (a few plates, many signs)"},
+        {"max_readings", max_readings, range(10, 100'000)}};
   }
   void check() const;
 };

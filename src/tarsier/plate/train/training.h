@@ -26,13 +26,14 @@ struct TrainingOptions {
   double keep = 0;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"detector_steps", detector_steps, range(1, 1'000'000), "--steps",
-             "batches of 32 for finding"},
-            {"aligner_steps", aligner_steps, range(1, 1'000'000), "--aligner-steps",
-             "batches of 32 for corners"},
-            {"line_steps", line_steps, range(1, 1'000'000), "--steps", "batches of 32"},
-            {"keep", keep, range(0, 1), "--keep",
-             "share of the numbers of --from in the model: 0.5 is the mean of before and after"}};
+    return {
+        {"detector_steps", detector_steps, range(1, 1'000'000), "--steps",
+         "training steps of the detector, batches of 32"},
+        {"aligner_steps", aligner_steps, range(1, 1'000'000), "--aligner-steps",
+         "training steps of the aligner (corners), batches of 32"},
+        {"line_steps", line_steps, range(1, 1'000'000), "--steps", "training steps, batches of 32"},
+        {"keep", keep, range(0, 1), "--keep",
+         "weight of the parameters of --from in the result; 0.5: mean of old and new"}};
   }
   void check() const { check_fields(*this); }
 };

@@ -43,8 +43,10 @@ struct DenseOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"reduce", reduce, range(1, 64)},
             {"min_side", min_side, range(64, 32766)},
-            {"min_depth", min_depth, at_least(0), "--min-depth", "world units; 0: from the points"},
-            {"max_depth", max_depth, at_least(0), "--max-depth", "world units; 0: from the points"},
+            {"min_depth", min_depth, at_least(0), "--min-depth",
+             "minimum depth, world units; 0: from the points"},
+            {"max_depth", max_depth, at_least(0), "--max-depth",
+             "maximum depth, world units; 0: from the points"},
             {"memory_gb", memory_gb, range(0.25, 1024)}};
   }
   void check() const;  // throws std::invalid_argument, which names the value

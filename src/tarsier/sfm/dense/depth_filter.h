@@ -21,7 +21,7 @@ struct DepthFilterOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"max_cost", max_cost, range(0, 2)},
             {"min_consistent", min_consistent, range(0, 16), "--min-consistent",
-             "other images whose depths must agree"},
+             "minimum number of other images with consistent depth"},
             {"max_reprojection_px", max_reprojection_px, above(0, 100)},
             {"max_depth_difference", max_depth_difference, above(0, 1)},
             {"min_segment_px", min_segment_px, range(0, 1e9)}};

@@ -19,7 +19,8 @@ struct FusionOptions {
   double max_normal_angle_deg = 35;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"min_views", min_views, range(1, 17), "--min-views", "images that show a point"},
+    return {{"min_views", min_views, range(1, 17), "--min-views",
+             "minimum number of images that observe a point"},
             {"max_reprojection_px", max_reprojection_px, above(0, 100)},
             {"max_depth_difference", max_depth_difference, above(0, 1)},
             {"max_normal_angle_deg", max_normal_angle_deg, above(0, 180)}};

@@ -29,12 +29,12 @@ struct FeatureOptions {
   [[nodiscard]] OptionFields fields() {
     return {
         {"max_count", max_count, range(100, 100'000), "--max-features",
-         "features of an image, at most"},
+         "maximum number of features in an image"},
         {"max_pixels", max_pixels, range(1e4, 1e9)},
         {"contrast", contrast, range(0.001, 0.2), "--contrast",
-         "min contrast of SIFT, share of the grey range"},
+         "minimum contrast of SIFT features, share of the grey range"},
         {"wide", wide, "--wide",
-         "wide baselines: SIFT of simulated views of each image as well, 5 to 10 times slower"}};
+         "wide baselines: SIFT on simulated views of each image as well; 5 to 10 times slower"}};
   }
   void check() const { check_fields(*this); }
 };

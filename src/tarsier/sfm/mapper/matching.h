@@ -15,7 +15,8 @@ struct MatchOptions {
   double ratio = 0.8;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"ratio", ratio, range(0.1, 1), "--ratio", "of the two best distances"}};
+    return {{"ratio", ratio, range(0.1, 1), "--ratio",
+             "maximum ratio of the best to the second best descriptor distance"}};
   }
   void check() const { check_fields(*this); }
 };

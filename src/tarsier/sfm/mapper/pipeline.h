@@ -64,14 +64,14 @@ struct PipelineOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"overlap", overlap, range(1, 1000), "--overlap",
-             "images that each is matched with, of --pairs sequential"},
-            {"nearest", nearest, range(1, 1000), "--nearest",
-             "images that each is matched with, of --pairs retrieval"},
-            {"ignore_exif", ignore_exif, "--ignore-exif",
-             "guess the focal length even where EXIF tells it"},
-            {"checkpoint_s", checkpoint_s, range(0, 1e6), "--checkpoint",
-             "seconds between checkpoints of the mapping; 0: at each step"}};
+    return {
+        {"overlap", overlap, range(1, 1000), "--overlap",
+         "number of neighbours each image is matched with, for --pairs sequential"},
+        {"nearest", nearest, range(1, 1000), "--nearest",
+         "number of similar images each image is matched with, for --pairs retrieval"},
+        {"ignore_exif", ignore_exif, "--ignore-exif", "guess the focal length even if EXIF has it"},
+        {"checkpoint_s", checkpoint_s, range(0, 1e6), "--checkpoint",
+         "seconds between checkpoints of the mapping; 0: after each step"}};
   }
   void check() const;
 };

@@ -20,7 +20,8 @@ struct TwoViewOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"threshold_px", threshold_px, range(0.1, 20), "--epipolar-px", "of an inlier"},
+    return {{"threshold_px", threshold_px, range(0.1, 20), "--epipolar-px",
+             "maximum epipolar error of an inlier, px"},
             {"min_inliers", min_inliers, range(8, 10000)}};
   }
   void check() const { check_fields(*this); }

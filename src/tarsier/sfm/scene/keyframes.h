@@ -21,9 +21,9 @@ struct KeyframeOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_motion", min_motion, range(0.001, 0.5), "--key-motion",
-             "of the image's diagonal, between key frames"},
+             "minimum motion between key frames, share of the image diagonal"},
             {"window", window, range(1, 100)},
-            {"max_count", max_count, at_least(1), "--max-frames", "key frames"}};
+            {"max_count", max_count, at_least(1), "--max-frames", "maximum number of key frames"}};
   }
   void check() const { check_fields(*this); }
 };

@@ -21,16 +21,17 @@ struct VolumeOptions {
   double memory_gb = 2;  // for the volume and its surface
 
   [[nodiscard]] OptionFields fields() {
-    return {{"voxel", voxel, at_least(0), "--voxel",
-             "world units, side of a voxel; 0: 1.5 pixels of the depth maps"},
-            {"truncation", truncation, range(2, 16)},
-            {"min_cosine", min_cosine, range(0, 0.9)},
-            {"trim_px", trim_px, range(0, 100), "--trim",
-             "px of a depth map, left out next to what is unknown in it"},
-            {"carving", carving, range(0, 1)},
-            {"dark_level", dark_level, range(0, 255), "--dark-level",
-             "grey level up to which a background is empty; 0: none is"},
-            {"memory_gb", memory_gb, range(0.01, 1024)}};
+    return {
+        {"voxel", voxel, at_least(0), "--voxel",
+         "voxel size, world units; 0: 1.5 pixels of the depth maps"},
+        {"truncation", truncation, range(2, 16)},
+        {"min_cosine", min_cosine, range(0, 0.9)},
+        {"trim_px", trim_px, range(0, 100), "--trim",
+         "px of each depth map removed next to unknown depth"},
+        {"carving", carving, range(0, 1)},
+        {"dark_level", dark_level, range(0, 255), "--dark-level",
+         "maximum grey level of a dark background, taken as empty space; 0: no such background"},
+        {"memory_gb", memory_gb, range(0.01, 1024)}};
   }
   void check() const { check_fields(*this); }  // throws std::invalid_argument
 };

@@ -28,12 +28,12 @@ struct SurfaceOptions {
 
   [[nodiscard]] OptionFields fields() {
     return {
-        {"faces", faces, at_least(0), "--faces", "triangles at most; 0: all"},
-        {"smoothing", smoothing, range(0, 100), "--smoothing", "rounds that take noise away"},
+        {"faces", faces, at_least(0), "--faces", "maximum number of triangles; 0: all"},
+        {"smoothing", smoothing, range(0, 100), "--smoothing", "number of smoothing iterations"},
         {"close_holes", close_holes, range(0, 1), "--close-holes",
-         "widest hole to close, of the extent; 1: all"},
+         "maximum width of a hole to close, share of the extent; 1: all holes"},
         {"min_part", min_part, range(0, 1), "--min-part",
-         "smallest part to keep, of the faces of the largest"},
+         "minimum size of a connected part, share of the faces of the largest"},
         {"texture", texture, range(0, 16384)},
         {"scale", scale, above(0)},
     };

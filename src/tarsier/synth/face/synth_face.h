@@ -39,8 +39,9 @@ struct FaceSceneOptions {
     return {{"ambient", ambient, range(0, 2)},
             {"diffuse", diffuse, range(0, 2)},
             {"light_yaw", light_yaw, range(-90, 90)},
-            {"noise", noise, range(0, 50), "--noise", "grey levels"},
-            {"blur_px", blur_px, range(0, 20), "--blur", "px"}};
+            {"noise", noise, range(0, 50), "--noise",
+             "grey levels, standard deviation of the image noise"},
+            {"blur_px", blur_px, range(0, 20), "--blur", "px, standard deviation of the blur"}};
   }
   void check() const { check_fields(*this); }
 };
