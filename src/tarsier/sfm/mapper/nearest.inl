@@ -21,7 +21,7 @@ constexpr int kColumns = kVectors * kLanes;  // columns of a panel of the second
 constexpr int kRows = TARSIER_TILE_ROWS;
 #if TARSIER_BYTE_DOTS
 using Number = std::uint8_t;
-constexpr int kGroup = 4;  // products that one lane adds in one instruction
+constexpr int kGroup = 4;     // products that one lane adds in one instruction
 constexpr int kOffset = 128;  // vpdpbusd needs a signed second factor
 #else
 using Number = std::int16_t;
@@ -89,7 +89,7 @@ struct Buffers {
   Number* left;           // the first rows, padded to whole tiles and groups
   std::int32_t* squares;  // their squared lengths, corrected for kOffset
   std::int32_t* seconds;  // their Nearest::second
-  Number* panel;  // the numbers of kColumns second rows, group by group
+  Number* panel;          // the numbers of kColumns second rows, group by group
 
   static std::size_t place(void* scratch, int count, int depth, Buffers& buffers) {
     char* const base = static_cast<char*>(scratch);

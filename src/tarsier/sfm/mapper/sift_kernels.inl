@@ -288,9 +288,9 @@ void orientations(const FloatPlane& image, float x, float y, float sigma,
   for (int k = 0; k < kOrientations; ++k) histogram[k] = bins[k];
 }
 
-constexpr int kCellSamples = 4;  // samples across a cell, which is 3 sigma wide
+constexpr int kCellSamples = 4;                  // samples across a cell, which is 3 sigma wide
 constexpr int kPatchSamples = 5 * kCellSamples;  // four cells and half a cell on each side
-constexpr int kCells = 6;  // four cells and one on each side, which is dropped
+constexpr int kCells = 6;                        // four cells and one on each side, which is dropped
 
 // Shares of a sample column (or row) in two neighbouring cells, times a Gaussian with a sigma of
 // two cells. Cells are counted from the dropped one.
