@@ -19,7 +19,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// A face-coloured ellipse with eyes before shapes on a gradient, with sensor noise.
+// A face-coloured ellipse with eyes in front of shapes on a gradient, with sensor noise.
 cv::Mat test_frame(cv::Size size = {320, 240}, std::uint64_t seed = 1, double noise = 2) {
   cv::Mat frame(size, CV_8UC3);
   for (int y = 0; y < size.height; ++y) {

@@ -21,7 +21,7 @@
 namespace tarsier::cartoon {
 namespace {
 
-// A box on a noisy ground; `step` moves it.
+// A box on a noisy background; `step` moves it.
 Frame frame_of(int step = 0) {
   Frame frame;
   frame.image.create(96, 128, CV_8UC3);
@@ -71,7 +71,7 @@ TEST(Cartoonizer, TellsModeTimeAndFaces) {
   EXPECT_EQ(to_json(result).dump(), R"({"mode":"evil-sketch","ms":1.23,"faces":[[1,2,30,40]]})");
 }
 
-// --- what is remembered from frame to frame ---
+// --- state between frames ---
 
 TEST(Cartoonizer, RemembersTheFramesOfAVideoAndForgetsThemInAnother) {
   const auto cartoonizer = Cartoonizer::load({}, steady_sketch());
@@ -84,7 +84,7 @@ TEST(Cartoonizer, RemembersTheFramesOfAVideoAndForgetsThemInAnother) {
   const cv::Mat followed = cartoonizer.process(frame_of(6), state).image.clone();
   EXPECT_FALSE(same(followed, fresh(frame_of(6)))) << "lines are not steady";
   Frame earlier = frame_of(9);
-  earlier.time = 0.2;  // another video, or the same from its start
+  earlier.time = 0.2;  // another video, or the same video from its start
   EXPECT_TRUE(same(cartoonizer.process(earlier, state).image, fresh(earlier)));
   Frame still = frame_of(3);
   still.time = 0.9;
@@ -101,7 +101,7 @@ TEST(Cartoonizer, DrawsAFrameAgainWithOtherOptions) {
     (void)cartoonizer.process(frame_of(step), twice);
   }
   CartoonOptions options = steady_sketch();
-  options.mode = Mode::kPaint;  // draws no lines, and forgets none
+  options.mode = Mode::kPaint;  // draws no lines, and keeps the lines of the state
   cartoonizer.set_options(options);
   EXPECT_EQ(cartoonizer.process(frame_of(4), twice).mode, Mode::kPaint);
   cartoonizer.set_options(steady_sketch());
@@ -116,12 +116,12 @@ TEST(Cartoonizer, LeavesAnImageThatIsHeld) {
   const cv::Mat copy = held.image.clone();
   (void)cartoonizer.process(frame_of(20), state);
   EXPECT_TRUE(same(held.image, copy));
-  // One that nobody holds is drawn into.
+  // An output image that nobody else holds is used again.
   const auto* first = cartoonizer.process(frame_of(21), state).image.data;
   EXPECT_EQ(cartoonizer.process(frame_of(22), state).image.data, first);
 }
 
-// --- what is looked at before ---
+// --- checks of the input ---
 
 TEST(Cartoonizer, NamesAFrameThatIsTooSmall) {
   const auto cartoonizer = Cartoonizer::load({}, {});
@@ -151,7 +151,7 @@ TEST_F(FaceCascade, IsLookedForBeforeTheFirstFrame) {
   options.skin.face = FaceMode::kAuto;
   options.skin.cascade = path("missing.xml");
   EXPECT_THROW((void)Cartoonizer::load({}, options), ModelError);
-  options.mode = Mode::kCartoon;  // needs none
+  options.mode = Mode::kCartoon;  // needs no model
   auto cartoonizer = Cartoonizer::load({}, options);
   options.mode = Mode::kSmooth;
   EXPECT_THROW(cartoonizer.set_options(options), ModelError);

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: MIT
-// The kernels of kernels.h over the vectors of simd_*.h. Included once for each instruction set by
-// a file that has included one of these headers and defined TARSIER_KERNELS, the name of its
-// accessor function.
+// The kernels of kernels.h, written with the vectors of simd_*.h. Included once for each
+// instruction set. The including file includes one of these headers and defines TARSIER_KERNELS,
+// the name of its accessor function.
 //
-// No header of the C++ library is included here: an inline function of it, compiled with the flags
-// of a newer processor, could be picked by the linker for the whole program.
+// This file includes no header of the C++ library. An inline function of it would be compiled with
+// the flags of a newer processor, and the linker could use it in the whole program.
 
 namespace {
 
 // --- bilateral filter ---
 
-// Differences c - v saturate at +-127, where the weight is zero anyway. The planes hold value - 128
-// so that the saturating subtraction of signed bytes is at hand on every instruction set.
+// Differences c - v saturate at +-127, where the weight is zero in any case. The planes hold value
+// - 128, because every instruction set has a saturating subtraction of signed bytes.
 struct Neighbour {
   U8 weight;
   U8 b;
@@ -81,8 +81,8 @@ TARSIER_INLINE void order(U8& a, U8& b) {
   a = least;
 }
 
-// The best known network for 7 inputs, 16 comparators (Knuth, TAOCP 3, 5.3.4). Results that are not
-// used cost nothing: the compiler drops them.
+// The best known network for 7 inputs, 16 comparators (Knuth, TAOCP 3, 5.3.4). The compiler removes
+// comparators with unused results.
 TARSIER_INLINE void sort7(U8* v) {
   order(v[0], v[6]), order(v[2], v[3]), order(v[4], v[5]);
   order(v[0], v[2]), order(v[1], v[4]), order(v[3], v[6]);
@@ -160,11 +160,11 @@ TARSIER_INLINE void load_sorted7(const std::uint8_t* p, U8* v) {
   sort7(v);
 }
 
-// With all 7 columns of the window sorted, and then the 7 values of equal rank sorted too, the
-// value at rank i of the columns and j of its row has at least (i + 1)(j + 1) - 1 others below or
-// equal and (7 - i)(7 - j) - 1 above or equal. Where either count reaches 25 it is not needed to
-// find the median (rank 24 of 49). 29 values stay, 10 are known to be below and 10 above: the
-// median is rank 14 of the 29, which are seven sorted lists.
+// The 7 columns of the window are sorted, and then the 7 values of equal rank. The value at rank i
+// of the columns and rank j of its row has at least (i + 1)(j + 1) - 1 other values below or equal,
+// and (7 - i)(7 - j) - 1 above or equal. If either count reaches 25, the value cannot be the median
+// (rank 24 of 49). 29 values remain; 10 are known to be below and 10 above. So the median is rank
+// 14 of the 29, which form seven sorted lists.
 TARSIER_INLINE U8 median49(const std::uint8_t* ranks, std::ptrdiff_t stride) {
   U8 row[7];
   U8 a6[6];
@@ -208,8 +208,7 @@ TARSIER_INLINE U8 median49(const std::uint8_t* ranks, std::ptrdiff_t stride) {
   }
   load_sorted7(ranks + 3 * stride, row);
   Merge<10, 5>::run(b10, row + 1, b);
-  // The 15th smallest of both lists: i of one and 15 - i of the other are not larger, for the best
-  // i.
+  // The 15th smallest of both lists: the min over i of the max of a[i - 1] and b[14 - i].
   U8 median = b[14];
 #pragma GCC unroll 14
   for (int i = 1; i <= 14; ++i) median = min(median, max(a[i - 1], b[14 - i]));
@@ -319,8 +318,8 @@ void whiten_row(const std::uint8_t* mask, const std::uint8_t* const marks[3], st
 
 // --- pixels of three bytes, sixteen at a time ---
 
-// Part of a row that is no multiple of 16 pixels goes through copies on the stack, because what
-// lies behind the caller's rows is not ours.
+// If the width is no multiple of 16 pixels, the last part of a row is copied to the stack. The
+// memory behind the caller's rows must not be accessed.
 constexpr int kGroup = 16;
 
 void split_row(const std::uint8_t* bgr, std::uint8_t* const dst[3], int width) {
@@ -333,7 +332,7 @@ void split_row(const std::uint8_t* bgr, std::uint8_t* const dst[3], int width) {
   }
 }
 
-// Stores sixteen pixels of unsigned planes, or the first `count` of them.
+// Stores sixteen pixels of unsigned planes, or only the first `count`.
 TARSIER_INLINE void store_pixels(std::uint8_t* bgr, const std::uint8_t* b, const std::uint8_t* g,
                                  const std::uint8_t* r, int count) {
   if (count >= kGroup) {
@@ -402,9 +401,9 @@ void enlarge_plane_row(const std::uint8_t* near, const std::uint8_t* far, std::u
   }
 }
 
-// (x + 127) / 255, rounded towards zero, of x = (to - from) w, whose size is at most 255 * 255. With
-// y = |x| + 127 for x > 0, else max(|x| - 127, 0), it is y / 255 with the sign of x, and
-// y / 255 = (y + 1 + (y + 1) / 256) / 256 for all y below 65535.
+// (x + 127) / 255 rounded towards zero, for x = (to - from) w with |x| <= 255 * 255. Let y = |x| +
+// 127 for x > 0, else y = max(|x| - 127, 0). Then the result is y / 255 with the sign of x, and y /
+// 255 = (y + 1 + (y + 1) / 256) / 256 for all y below 65535.
 TARSIER_INLINE Sum16 blended(const Sum16& from, const Sum16& to, const Sum16& w) {
   const Sum16 up = subtract_to_zero(to, from);
   const Sum16 down = subtract_to_zero(from, to);
@@ -412,7 +411,7 @@ TARSIER_INLINE Sum16 blended(const Sum16& from, const Sum16& to, const Sum16& w)
     const Sum16 above = y + sum_splat(1);
     return shift_right<8>(above + shift_right<8>(above));
   };
-  // One of the two is zero: 127 / 255 and max(0 - 127, 0) / 255 are zero as well.
+  // `up` or `down` is zero, and its term is then zero too: 127 / 255 = max(0 - 127, 0) / 255 = 0.
   return from + quotient(multiply_low(up, w) + sum_splat(127)) -
          quotient(subtract_to_zero(multiply_low(down, w), sum_splat(127)));
 }

@@ -19,8 +19,8 @@
 namespace tarsier::cartoon {
 namespace {
 
-// Flat areas, edges and noise: ties and extremes for medians, all distances for the bilateral
-// weights.
+// Flat areas, edges and noise. They give ties and extremes for medians, and all distances for the
+// bilateral weights.
 cv::Mat test_image(cv::Size size, int channels, std::uint64_t seed) {
   Rng rng(seed);
   cv::Mat image(size, CV_8UC(channels));
@@ -55,7 +55,7 @@ Plane plane_of(const cv::Mat& image) {
   return plane;
 }
 
-// Every instruction set, on sizes that are no multiple of any vector.
+// Tests every instruction set on sizes that are no multiple of any vector.
 class KernelTest : public testing::TestWithParam<std::tuple<SimdLevel, std::pair<int, int>>> {
  protected:
   void SetUp() override {
@@ -69,7 +69,7 @@ class KernelTest : public testing::TestWithParam<std::tuple<SimdLevel, std::pair
     output_.resize(width, height);
   }
 
-  // Runs row(y, rows above and below by `reach`) with the margin mirrored or copied.
+  // Runs row(y, rows above and below up to `reach`) with the margin mirrored or copied.
   template <int kRows, typename Row>
   void run(bool copies, const Row& row) {
     constexpr int kReach = kRows / 2;
@@ -157,7 +157,7 @@ TEST_P(KernelTest, ThresholdCountsEqualAsBelow) {
   }
 }
 
-// Pixels of three bytes on any width, with nothing written behind the row.
+// Pixels of three bytes at any width. Nothing may be written behind the row.
 TEST_P(KernelTest, PixelsAreSplitAndJoined) {
   const cv::Mat image = test_image(image_.size(), 3, 11);
   const int width = image.cols;
@@ -183,7 +183,7 @@ TEST_P(KernelTest, BlendIsTheFormula) {
   std::vector<std::uint8_t> weight(static_cast<size_t>(width));
   std::vector<std::uint8_t> out(static_cast<size_t>(3 * width + 1), 77);
   for (int y = 0; y < image_.rows; ++y) {
-    // None for some groups of pixels, all, and what is between.
+    // Weights of 0 for some groups of pixels, 255 for some pixels, and other weights between.
     for (int x = 0; x < width; ++x) {
       weight[static_cast<size_t>(x)] = x / 20 % 3 == 0 ? 0
                                        : x % 5 == 0    ? 255
@@ -265,8 +265,8 @@ TEST(Enlarger, IsTheResizeOfOpenCvWithLines) {
   }
 }
 
-// Diameter 9 has a kernel of its own on some processors, which works in strips of 512 pixels; with
-// the larger sigma its tables do not fit.
+// Diameter 9 has its own kernel on some processors. It works in strips of 512 pixels, and the
+// tables of the larger sigma do not fit into it.
 TEST(BilateralPainter, AllInstructionSetsGiveTheSameBytes) {
   for (const auto& [size, options] :
        {std::pair(cv::Size(131, 37), PaintOptions{}), std::pair(cv::Size(16, 16), PaintOptions{}),
@@ -279,7 +279,8 @@ TEST(BilateralPainter, AllInstructionSetsGiveTheSameBytes) {
     for (const SimdLevel level :
          {SimdLevel::kBaseline, SimdLevel::kSse41, SimdLevel::kAvx2, SimdLevel::kAvx512}) {
       if (level > hardware_simd_level()) continue;
-      // limit_simd_level only lowers: one process for each level would be the alternative.
+      // Passes the kernels directly, since limit_simd_level() can only lower the level of the
+      // process.
       BilateralPainter painter;
       cv::Mat painted = image.clone();
       painter.paint_with(*kernels_of(level), painted, options, 4);
@@ -302,7 +303,7 @@ TEST(BilateralPainter, IsTheBilateralFilterOfOpenCv) {
     cv::bilateralFilter(image, wanted, options.diameter, options.sigma_color, options.sigma_space);
     cv::Mat painted = image.clone();
     BilateralPainter().paint(painted, options, 1);
-    // One pass: weights in 127 steps may round a value to its neighbour, no more.
+    // After one pass, weights in 127 steps may change a value by 1 at most.
     EXPECT_LE(cv::norm(painted, wanted, cv::NORM_INF), 1) << options.diameter;
     EXPECT_GT(cv::PSNR(painted, wanted), 55) << options.diameter;
   }
@@ -315,14 +316,15 @@ TEST(BilateralPainter, WeightsThatDoNotFitAreRefused) {
 }
 
 TEST(BilateralPainter, SumsCannotOverflow) {
-  // One pixel that differs from all its neighbours by the worst amount in every channel.
+  // One pixel that differs from all its neighbours by the max amount in every channel.
   for (const int step : {3, 9, 12, 31}) {
     cv::Mat image(33, 33, CV_8UC3, cv::Scalar::all(100));
     image.at<cv::Vec3b>(16, 16) = {static_cast<std::uint8_t>(100 + step), 100, 100};
     cv::Mat wanted;
     cv::bilateralFilter(image, wanted, 9, 9, 7);
     BilateralPainter().paint(image, {}, 1);
-    // 48 weights below half a step are rounded away: at most 4 levels. An overflow is off by tens.
+    // 48 weights below half a step are rounded to 0: at most 4 levels of error. An overflow would
+    // give errors of tens of levels.
     EXPECT_LE(cv::norm(image, wanted, cv::NORM_INF), 4) << step;
   }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Every mode draws the same pixels on every processor: with each instruction set of this one, and,
-// as the sums below are written down, on x86-64 and arm64 alike.
+// Every mode draws the same pixels on every processor. The test compares all instruction sets of
+// this processor. The fixed checksums below compare x86-64 and arm64.
 #include "tarsier/cartoon/cartoonize.h"
 #include "tarsier/cartoon/kernels.h"
 #include "tarsier/core/cpu.h"
@@ -17,8 +17,8 @@
 namespace tarsier::cartoon {
 namespace {
 
-// An image of integers alone: shaded areas with edges, thin lines, noise, and a patch of skin
-// colour in the middle, where the seeds of alien and smooth lie.
+// An image made with integer arithmetic: shaded areas with edges, thin lines, noise. A patch of
+// skin colour in the middle covers the seeds of alien and smooth.
 cv::Mat image(int width, int height, std::uint64_t seed) {
   Rng rng(seed);
   cv::Mat result(height, width, CV_8UC3);
@@ -95,7 +95,8 @@ TEST(PixelsTest, AreTheSameOnEveryProcessor) {
        {SimdLevel::kBaseline, SimdLevel::kSse41, SimdLevel::kAvx2, SimdLevel::kAvx512}) {
     if (level > hardware_simd_level()) continue;
     limit_simd_level(level);
-    // Plain C++ leaves painting to OpenCV, whose weights are not rounded; no processor is that old.
+    // The plain C++ level uses OpenCV for painting, which does not round its weights. No supported
+    // processor has this level.
     if (!kernels().vectorized) continue;
     for (const Mode mode : all_modes()) {
       for (const auto& [width, height] : {std::pair{333, 247}, std::pair{128, 96}}) {
@@ -105,7 +106,7 @@ TEST(PixelsTest, AreTheSameOnEveryProcessor) {
           options.steady.on = steady;
           CartoonState state;
           std::uint64_t sum = 0;
-          for (std::uint64_t frame = 0; frame < 3; ++frame) {  // --steady remembers
+          for (std::uint64_t frame = 0; frame < 3; ++frame) {  // --steady keeps state
             sum = sum * 31 + sum_of(cartoonize(image(width, height, frame), options, state));
           }
           const std::string name =

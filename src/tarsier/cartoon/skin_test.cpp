@@ -20,7 +20,8 @@ TEST(Skin, SeedsAreTheSixPointsOfTheOutline) {
 }
 
 TEST(Skin, EdgesBoundTheFill) {
-  cv::Mat painting(120, 160, CV_8UC3, kSkin);  // all of one colour: only the edge stops the fill
+  // All of one colour: only the edge stops the flood fill.
+  cv::Mat painting(120, 160, CV_8UC3, kSkin);
   cv::Mat response = cv::Mat::zeros(240, 320, CV_8UC1);
   cv::circle(response, {160, 120}, 100, 255, 5);
   SkinBuffers buffers;
@@ -45,7 +46,7 @@ TEST(Skin, LearnedColourFollowsThePersonNotTheWall) {
   EXPECT_EQ(skin.at<std::uint8_t>(20, 40), 0) << "the wall beside the face is no skin";
 }
 
-// Where Cr is larger, Cb is smaller, as of skin in light and shadow: the two belong together.
+// Cr and Cb are anticorrelated, as for skin in light and shadow.
 TEST(Skin, LearnedColourKnowsHowCrAndCbChangeTogether) {
   cv::Mat ycrcb(104, 104, CV_8UC3);
   for (int y = 0; y < ycrcb.rows; ++y) {
@@ -58,7 +59,7 @@ TEST(Skin, LearnedColourKnowsHowCrAndCbChangeTogether) {
   const SkinColor color = learn_skin_color(ycrcb, {0, 0, 104, 104});
   EXPECT_NEAR(color.mean[0], 150, 0.3);
   EXPECT_NEAR(color.mean[1], 110, 0.3);
-  // -6..6: a variance of 14, 9 are added to both.
+  // Values -6..6 have a variance of 14; 9 is added to both variances.
   const cv::Matx22d expected = cv::Matx22d(14 + 9, -14, -14, 14 + 9).inv();
   for (int k = 0; k < 4; ++k)
     EXPECT_NEAR(color.inverse_covariance.val[k], expected.val[k], 0.004) << k;
@@ -92,8 +93,8 @@ TEST(Skin, TintKeepsTheBrightness) {
   EXPECT_GT(after[1], after[2]) << "green now";
 }
 
-// Only a part of the image is worked on; nothing may show where it ends, at borders neither, and
-// the painting outside it is not looked at.
+// Only a part of the image is processed. The limits of this part must not be visible, also at image
+// borders. Pixels of the painting outside it are not read.
 TEST(Skin, SmoothingIsTheFormulaOverTheWholeImage) {
   Rng rng(3);
   const cv::Size small(97, 61);

@@ -243,7 +243,8 @@ TEST(Words, NumbersAreWholeWordsAndFinite) {
 }
 
 TEST(EndOnSignals, EndsAtTheFirstSignal) {
-  // In a child whose token nobody looks at; without the object it would go on and exit with 0.
+  // Runs in a child process that does not check the stop token. Without EndOnSignals it would
+  // continue and exit with 0.
   const auto work = [](bool at_once) {
     static_cast<void>(stop_on_signals());
     std::optional<EndOnSignals> ends;

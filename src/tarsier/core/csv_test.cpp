@@ -21,7 +21,7 @@ TEST(Csv, FieldsAreQuotedWhereTheyMustBe) {
   EXPECT_EQ(csv_field("\xC3\xA4"), "\xC3\xA4");
 }
 
-// A record is a line, also for readers that know no quotes.
+// A record is one line, also for readers that do not handle quotes.
 TEST(Csv, LineBreaksBecomeSpaces) {
   EXPECT_EQ(csv_field("a\nb"), "a b");
   EXPECT_EQ(csv_field("a,\r\nb"), "\"a,  b\"");

@@ -107,7 +107,7 @@ TEST(Quantiles, ThatAreOneOfTheValues) {
 TEST(Quantiles, OfOtherTypesOfNumbers) {
   const std::vector<float> values = {9, 1, 5, 2};
   EXPECT_EQ(upper_median(values), 5.0F);
-  EXPECT_EQ(values, (std::vector<float>{9, 1, 5, 2}));  // a copy was put in order
+  EXPECT_EQ(values, (std::vector<float>{9, 1, 5, 2}));  // a copy was sorted
   EXPECT_EQ(upper_median(std::vector<std::uint8_t>{200, 7, 9}), 9);
   EXPECT_EQ(upper_median(std::vector<int>{}), 0);
 }
@@ -122,7 +122,7 @@ TEST(Logistic, IsTheInverseOfTheLogOdds) {
   EXPECT_TRUE(std::isnan(logistic(std::nan(""))));
 }
 
-// Scores of networks are floats: theirs is the value of float arithmetic.
+// Scores of networks are floats, so the result must equal float arithmetic.
 TEST(Logistic, OfFloatIsComputedInFloat) {
   const float x = 0.3F;
   EXPECT_EQ(logistic(x), 1.0F / (1.0F + std::exp(-x)));

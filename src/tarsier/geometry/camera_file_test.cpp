@@ -124,7 +124,7 @@ TEST_F(CameraFileTest, OpenCvsYamlAndXml) {
   EXPECT_EQ(yaml.cy, 240);
   EXPECT_EQ(yaml.distortion, (std::array<double, 8>{0.1, 0.2, 0.3, 0.4, 0.5}));
   EXPECT_EQ(yaml.rms, 0.25);
-  // As OpenCV itself writes them, with the names that its programs and tutorials use.
+  // Files as OpenCV writes them, with the names of its programs and tutorials.
   const std::vector<std::array<std::string, 4>> names{
       {"camera_matrix", "distortion_coefficients", "image_width", "image_height"},
       {"Camera_Matrix", "Distortion_Coefficients", "image_Width", "image_Height"},
@@ -196,7 +196,7 @@ TEST_F(CameraFileTest, BadFilesOfOpenCvAreRefused) {
   EXPECT_THAT(refusal("<?xml"), HasSubstr("cut short"));
 }
 
-// With cv::FileStorage in their place, some of these end the program.
+// cv::FileStorage would end the program for some of these files.
 TEST_F(CameraFileTest, DeepAndCutFilesOfOpenCvAreRefused) {
   const auto repeated = [](const std::string& text, int times) {
     std::string result;
@@ -249,7 +249,7 @@ TEST_F(CameraFileTest, ColmapsCamerasLoseHalfAPixel) {
 }
 
 TEST_F(CameraFileTest, AMatrixIsNineNumbers) {
-  // As the strecha benchmark writes it.
+  // The form of the strecha benchmark.
   const Camera camera = read("2759.48 0.0 1520.69 \n0.0 2764.16 1006.81 \n0.0 0.0 1.0 \n");
   EXPECT_EQ(camera.fx, 2759.48);
   EXPECT_EQ(camera.fy, 2764.16);
@@ -276,7 +276,7 @@ TEST_F(CameraFileTest, WhatIsNoCameraIsSaidSo) {
   EXPECT_THROW((void)read_camera_file(folder_), InputError);
 }
 
-// All three lenses through all three forms of file.
+// All three lens models through all three file formats.
 TEST_F(CameraFileTest, EveryLensComesBackFromEveryForm) {
   const std::vector<Camera> cameras{
       {640, 480, 500.1, 501.2, 320.3, 240.4, {-0.1, 0.2, 1e-3, -2e-3, 0.01}, 0.25},

@@ -102,7 +102,7 @@ TEST(CameraTest, TheInverseIsExactUpToWhereTheDistortionTurns) {
       ASSERT_TRUE(back) << r;
       EXPECT_LT(cv::norm(*back - r * direction), 1e-10) << r;
     }
-    // No light comes to the pixels outside, though the equation has a solution for them, on the
+    // No light reaches the pixels outside. The equation has a solution for them, but it lies on the
     // other side and far away.
     const double edge = turn * (1 - 0.3 * turn * turn);
     for (const double r : {1.01 * edge, 1.5 * edge, 5 * edge, 1e6}) {
@@ -110,7 +110,7 @@ TEST(CameraTest, TheInverseIsExactUpToWhereTheDistortionTurns) {
       EXPECT_FALSE(camera.normalized_of(pixel)) << r;
     }
   }
-  // With k2 it turns, and turns again: the second rise is no image either.
+  // With k2 the function has two turning points. The second rising part is not valid either.
   camera.distortion = {-1, 0.25, 0, 0, 0};
   const cv::Point2d far(3, 0);
   EXPECT_FALSE(camera.normalized_of(camera.pixel_of(far)));

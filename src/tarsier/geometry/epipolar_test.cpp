@@ -65,7 +65,7 @@ TEST(FivePoint, FindsTheMotionOfExactPoints) {
     for (int k = 0; k < count; ++k) {
       const Eigen::Matrix3d& e = essentials[static_cast<std::size_t>(k)];
       nearest = std::min(nearest, away(e, essential_of(views.motion)));
-      // Whatever it is, it is an essential matrix that the points fit.
+      // Every solution is an essential matrix that fits the points.
       EXPECT_LT(std::abs(e.determinant()), 1e-6);
       EXPECT_LT((2 * e * e.transpose() * e - (e * e.transpose()).trace() * e).norm(), 1e-5);
       for (std::size_t i = 0; i < 5; ++i)
@@ -73,7 +73,7 @@ TEST(FivePoint, FindsTheMotionOfExactPoints) {
     }
     found += nearest < 1e-6 ? 1 : 0;
   }
-  EXPECT_GE(found, 197);  // roots beyond 100 are not looked for
+  EXPECT_GE(found, 197);  // roots beyond 100 are not searched
 }
 
 TEST(FivePoint, PointsThatAreAllOneHaveNoAnswerOrAFiniteOne) {

@@ -31,8 +31,8 @@ Rigid3 pose_of(double tilt, double about, double roll, const Eigen::Vector3d& tr
   const Eigen::Vector3d axis(std::cos(about), std::sin(about), 0);
   const Eigen::Matrix3d turned = rotation_by(axis * tilt);
   const Eigen::Matrix3d rolled = rotation_by({0, 0, roll});
-  const Eigen::Matrix3d facing{
-      {1, 0, 0}, {0, -1, 0}, {0, 0, -1}};  // the plane's z comes to the camera
+  // The plane's z axis points to the camera.
+  const Eigen::Matrix3d facing{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
   return {turned * rolled * facing, translation};
 }
 
@@ -66,14 +66,15 @@ TEST(PlanarPose, RecoversExactlyWithoutNoise) {
 
 TEST(PlanarPose, BothSolutionsOfASmallTiltedSquareAreGiven) {
   const Camera camera = test_camera();
-  const Rigid3 truth = pose_of(0.6, 0.3, 0.2, {0.02, 0.01, 2.0});  // 18 px: hardly any perspective
+  // 18 px wide: nearly no perspective.
+  const Rigid3 truth = pose_of(0.6, 0.3, 0.2, {0.02, 0.01, 2.0});
   const auto found = planar_poses(kSquare, seen(camera, truth, kSquare), camera);
   ASSERT_TRUE(found);
   ASSERT_TRUE(found->other);
   EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 0.1);
   EXPECT_GT(degrees_between(found->other->camera_from_plane, truth), 20);
   EXPECT_LT(found->other->rms_px, 1.0);
-  EXPECT_GT(found->ambiguity_ratio(), 10);  // without noise they are distinct
+  EXPECT_GT(found->ambiguity_ratio(), 10);  // without noise the two solutions differ clearly
 }
 
 TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {
@@ -168,7 +169,7 @@ TEST(PlanarPose, PixelsCountAsSurelyAsTheyAreKnown) {
   std::vector<cv::Point2d> pixels;
   for (const cv::Point2d& p : plane)
     pixels.push_back(camera.project(truth * Eigen::Vector3d(p.x, p.y, 0)).value());
-  pixels[4] += {3, -4};  // known to be bad
+  pixels[4] += {3, -4};  // a known outlier
   PlanarPoseOptions options;
   options.information.assign(100, 0);
   for (std::size_t i = 0; i < 10; ++i) options.information[i * 11] = i < 8 ? 100 : 1e-8;

@@ -72,7 +72,7 @@ Video recorded(int frames, double noise_px, const std::function<Rigid3(double)>&
 }
 
 TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
-  // 50 px wide, tilted by 8 degrees: single images choose wrongly now and then.
+  // 50 px wide, tilted by 8 degrees: single images sometimes choose the wrong solution.
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const Video video = recorded(
         300, 0.15,
@@ -81,7 +81,7 @@ TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
         },
         {}, seed);
     double farthest = 0;
-    for (std::size_t i = 25; i < video.tracked.size(); ++i) {  // once it has settled
+    for (std::size_t i = 25; i < video.tracked.size(); ++i) {  // after the start
       const double turned = angle_of(video.tracked[i].steady.rotation *
                                      video.tracked[i - 1].steady.rotation.transpose()) *
                             180 / CV_PI;
@@ -105,7 +105,7 @@ TEST(PlanarTrack, MovingVideosRarelyFlip) {
     for (std::size_t i = 0; i < video.tracked.size(); ++i) {
       ++frames;
       if (video.error_deg(i, false) > 15) ++flips;
-      // The better of the two alone.
+      // Uses only the better solution of each image.
       const TrackedPlane& t = video.tracked[i];
       const bool is_best = !t.other || t.pose.rms_px <= t.other->rms_px;
       const Rigid3& best = is_best ? t.pose.camera_from_plane : t.other->camera_from_plane;
@@ -126,7 +126,8 @@ TEST(PlanarTrack, AWrongStartIsMended) {
   PlanarTrackState state;
   auto tracked = track_plane(kSquare, pixels, camera, 0, {}, state);
   ASSERT_TRUE(tracked && tracked->other);
-  state.kept = tracked->other->camera_from_plane;  // as if the first image had lied
+  // As if the first image had chosen the wrong solution.
+  state.kept = tracked->other->camera_from_plane;
   state.evidence = 2;
   bool is_switched = false;
   for (int i = 1; i < 6 && !is_switched; ++i) {
@@ -145,7 +146,7 @@ TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
   };
   const Video still = recorded(300, 0.15, [](double) { return pose_of(35, 0.4, {0, 0, 0.6}); });
   EXPECT_LT(spread(still, true), 0.4 * spread(still, false));
-  // 15 px a frame.
+  // Moves 15 px per frame.
   const auto path = [](double t) { return pose_of(35, 0.4, {0.15 * std::sin(2.4 * t), 0, 0.6}); };
   const Video moving = recorded(300, 0.15, path);
   const Camera camera = test_camera();

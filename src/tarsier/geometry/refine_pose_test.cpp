@@ -12,7 +12,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Points in space and where a true pose takes them: residuals are distances in space.
+// Points in space and their positions after a true pose. Residuals are distances in space.
 struct Cloud {
   std::vector<Vector3d> points{{0, 0, 0}, {1, 0, 0}, {0, 2, 0}, {0, 0, 3}, {-1, 2, 1}};
   Matrix3d rotation = Eigen::AngleAxisd(0.9, Vector3d(1, 2, -1).normalized()).toRotationMatrix();
@@ -69,7 +69,7 @@ TEST(RefinePose, NoStepsGiveTheCostOfTheStart) {
 
 TEST(RefinePose, TriesNoMorePosesThanAskedFor) {
   const Cloud cloud;
-  int tried = -1;  // the start is none
+  int tried = -1;  // no step was tried at the start
   Matrix3d rotation = Matrix3d::Identity();
   Vector3d translation = Vector3d::Zero();
   const auto never_better = [&](const Matrix3d& r, const Vector3d& t) {
@@ -82,7 +82,7 @@ TEST(RefinePose, TriesNoMorePosesThanAskedFor) {
                     {.max_steps = 9, .max_trials = 4});
   EXPECT_EQ(tried, 4);
   EXPECT_EQ(rotation, Matrix3d::Identity());
-  // Also those that were better count.
+  // Also steps that lower the cost count.
   int better = -1;
   const auto counted = [&](const Matrix3d& r, const Vector3d& t) {
     ++better;
@@ -93,7 +93,7 @@ TEST(RefinePose, TriesNoMorePosesThanAskedFor) {
   EXPECT_EQ(better, 2);
 }
 
-// Steps into what cannot be are not taken; one that is there already stays.
+// Steps to invalid values are refused. A start with invalid values is not changed.
 TEST(RefinePose, KeepsAPoseThatNoStepImproves) {
   const Cloud cloud;
   Matrix3d rotation = cloud.rotation;

@@ -104,7 +104,7 @@ TEST(Rotation, QuaternionsComeBackAlsoFromHalfTurns) {
     const Vector4d back = quaternion_of(r);
     EXPECT_GE(back[0], 0);
     EXPECT_NEAR(back.norm(), 1, 1e-15);
-    // At a half turn both signs are the same rotation.
+    // At a half rotation, both signs give the same rotation.
     EXPECT_LT(std::min((back - q).norm(), q[0] < 1e-6 ? (back + q).norm() : 1.0), 1e-14);
   }
 }
@@ -122,7 +122,7 @@ TEST(Rotation, RotationVectorsComeBack) {
   for (const double angle : {0.0, 1e-9, 1e-4, 0.7, 3.1})
     EXPECT_LT((rotation_vector(rotation_by(angle * axis)) - angle * axis).norm(), 1e-14) << angle;
   EXPECT_NEAR(std::abs(rotation_vector(rotation_by(kPi * axis)).dot(axis)), kPi, 1e-14);
-  // More than a half turn is a turn the other way.
+  // A rotation by more than 180 degrees is a smaller rotation in the other direction.
   EXPECT_LT((rotation_vector(rotation_by(4 * axis)) - (4 - 2 * kPi) * axis).norm(), 1e-14);
 }
 
@@ -141,7 +141,7 @@ TEST(Rotation, InterpolatesAtEvenSpeedAlongTheShorterWay) {
   const Matrix3d b = rotation_by({0, 1, 0}) * a;
   for (const double part : {0.0, 0.25, 0.5, 1.0})
     EXPECT_LT((interpolate(a, b, part) - rotation_by({0, part, 0}) * a).norm(), 1e-14) << part;
-  const Matrix3d far = rotation_by({0, 6, 0}) * a;  // 0.28 the other way
+  const Matrix3d far = rotation_by({0, 6, 0}) * a;  // 0.28 in the other direction
   EXPECT_NEAR(angle_of(interpolate(a, far, 0.5) * a.transpose()), kPi - 3, 1e-14);
 }
 

@@ -77,7 +77,7 @@ TEST(Sim3Test, IsFoundFromPoints) {
   }
 }
 
-// The least sum of squares: no similarity nearby has less.
+// The min of the sum of squares: no neighbouring similarity has a lower sum.
 TEST(Sim3Test, IsTheBestOneUnderNoise) {
   Rng rng(4);
   const Matrix3Xd from = cloud(rng, 12);

@@ -9,7 +9,7 @@
 namespace tarsier::geometry {
 namespace {
 
-// A straight dark line of the world, y = 0.2 + 0.1 x, as the camera sees it.
+// A straight dark line in the world, y = 0.2 + 0.1 x, as the camera images it.
 cv::Mat line_through(const Camera& camera) {
   cv::Mat image(camera.height, camera.width, CV_8UC1);
   for (int v = 0; v < image.rows; ++v) {
@@ -22,7 +22,7 @@ cv::Mat line_through(const Camera& camera) {
   return image;
 }
 
-// Largest distance of the line's middle from the straight one, px.
+// Largest distance between the line's middle and the ideal line, px.
 double bend_of_line(const cv::Mat& image, const Camera& camera) {
   double worst = 0;
   for (int u = 0; u < image.cols; u += 7) {

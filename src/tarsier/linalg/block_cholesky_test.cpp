@@ -6,7 +6,7 @@
 namespace tarsier::linalg {
 namespace {
 
-// Entries in [-1, 1] that a generator of full period gives: the same on every machine.
+// Entries in [-1, 1] from a generator of full period, the same on every machine.
 Eigen::MatrixXf random_matrix(Eigen::Index rows, Eigen::Index columns, unsigned seed) {
   Eigen::MatrixXf values(rows, columns);
   for (Eigen::Index i = 0; i < values.size(); ++i) {

@@ -32,7 +32,7 @@ std::vector<int> all_of(const Graph& neighbours) {
   return all;
 }
 
-// Numbers of the factor below its diagonal.
+// Number of entries of the factor below its diagonal.
 std::size_t fill(const Graph& neighbours, const std::vector<int>& order) {
   std::vector<std::size_t> place(neighbours.size());
   for (std::size_t k = 0; k < order.size(); ++k) place[static_cast<std::size_t>(order[k])] = k;
@@ -51,21 +51,21 @@ std::size_t fill(const Graph& neighbours, const std::vector<int>& order) {
 
 TEST(Dissection, OrdersEachVariableOnce) {
   Graph neighbours = grid(20);
-  neighbours.resize(450);  // fifty that have no neighbours
+  neighbours.resize(450);  // fifty without neighbours
   std::vector<int> order = dissection_order(neighbours, all_of(neighbours));
   std::sort(order.begin(), order.end());
   EXPECT_EQ(order, all_of(neighbours));
   EXPECT_TRUE(dissection_order(neighbours, {}).empty());
 }
 
-// Row by row it would be 61 000 numbers.
+// In row order it would be 61 000 entries.
 TEST(Dissection, AGridFillsLittle) {
   const Graph neighbours = grid(40);
   EXPECT_LT(fill(neighbours, dissection_order(neighbours, all_of(neighbours))), 28'000U);
   EXPECT_GT(fill(neighbours, all_of(neighbours)), 60'000U);
 }
 
-// Not of a grid whose middle row is absent: no variable of one half needs one of the other.
+// No fill between the two halves of a grid whose middle row is missing.
 TEST(Dissection, WhatIsAbsentTiesNothing) {
   const Graph neighbours = grid(9);
   std::vector<int> without = all_of(neighbours);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Included once for each instruction set, with TARSIER_VECTOR_BYTES (16, 32, 64), TARSIER_TILE_ROWS
-// (rows of a register tile) and TARSIER_GEMM (the function's name) defined.
+// Included once for each instruction set. The including file defines TARSIER_VECTOR_BYTES (16, 32,
+// 64), TARSIER_TILE_ROWS (rows of a register tile) and TARSIER_GEMM (the function's name).
 #include "tarsier/linalg/gemm.h"
 
 #include <cstring>
@@ -29,7 +29,7 @@ struct Left {
   std::ptrdiff_t column;
 };
 
-// Where row k of the right factor begins.
+// Start of row k of the right factor.
 struct Dense {
   const float* data;
   std::ptrdiff_t stride;
@@ -41,7 +41,7 @@ struct Scattered {
   const float* operator()(int k) const { return data + offsets[k]; }
 };
 
-// A tile of Rows x kTileColumns stays in registers while the depth runs.
+// A tile of Rows x kTileColumns stays in registers during the loop over the depth.
 template <int Rows, typename Right>
 inline void tile(int depth, const Left& left, const Right& right, std::ptrdiff_t first,
                  float* out) {
@@ -154,7 +154,7 @@ inline Shorts widened(const std::int8_t* p) {
   return __builtin_convertvector(bytes, Shorts);
 }
 
-// Two products of at most 127^2 fit into 16 bits together.
+// The sum of two products of at most 127^2 fits into 16 bits.
 void byte_dots(int rows, int length, const std::int8_t* a, const std::int8_t* b,
                std::int32_t* out) {
   constexpr int kHalf = TARSIER_VECTOR_BYTES / 2;

@@ -21,7 +21,7 @@ Network with_biases(Network network, Rng& rng) {
   return network;
 }
 
-// Borders of several widths, a dilation, both kinds of maximum; the output has many pixels.
+// Borders of several widths, a dilation, both kinds of max pooling. The output has many pixels.
 Network wide_network(Rng& rng) {
   Network network;
   network.layers = {convolution(2, 5, 3, 3), maximum(5, 2, 2),
@@ -51,7 +51,7 @@ TEST_P(Stack, GivesWhatEachMapGivesAlone) {
   StackWorkspace stacked;
   Workspace alone;
   const std::size_t pixels = 14 * 20;
-  for (const int count : {7, 1, 30}) {  // smaller and larger than the one before
+  for (const int count : {7, 1, 30}) {  // smaller and larger than the previous one
     const auto maps = static_cast<std::size_t>(count);
     const std::vector<float> input = noise(2 * maps * pixels, rng);
     const std::vector<float> result = run_stack(network, input.data(), shape, count, stacked);

@@ -87,7 +87,8 @@ TEST_P(Gemm, AgreesWithTheDefinition) {
 
 INSTANTIATE_TEST_SUITE_P(Levels, Gemm, testing::Values(&gemm_baseline, &gemm_avx2, &gemm_avx512));
 
-// A stride of 1 reads windows in place, others are gathered; rows shorter and longer than a panel.
+// With a stride of 1, windows are read in place; others are gathered. Rows are shorter and longer
+// than a panel.
 struct ConvolutionForm {
   int stride;
   Shape shape;
@@ -106,7 +107,7 @@ TEST_P(Convolution, AgreesWithItsEquation) {
   const Network network{{layer}};
   const std::vector<float> input = noise(shape.size(), rng);
   Workspace workspace;
-  // A larger map before it: nothing of that may be left in the buffers.
+  // First a larger map: its values must not remain in the buffers.
   const Shape larger{3, 40, 60};
   (void)run(network, noise(larger.size(), rng).data(), larger, workspace);
   const std::vector<float>& output = run(network, input.data(), shape, workspace);
@@ -143,7 +144,8 @@ INSTANTIATE_TEST_SUITE_P(Forms, Convolution,
                                          ConvolutionForm{1, {3, 9, 120}}));
 
 TEST(Losses, TheDerivativeOfAMapAgreesWithFiniteDifferences) {
-  // Something with known numbers, something without, nothing, and a cell that does not count.
+  // A cell with an object and known values, one without values, one empty cell, and one ignored
+  // cell.
   const Shape shape{3, 2, 2};
   const std::vector<float> target = {1, 1, 0, kIgnoredCell, 1, 0, 0, 0, 0.2F,
                                      0, 0, 0, -0.7F,        0, 0, 0};
@@ -162,7 +164,7 @@ TEST(Losses, TheDerivativeOfAMapAgreesWithFiniteDifferences) {
     EXPECT_NEAR(derivative[i], (above - below) / (2 * static_cast<double>(kStep)), 2e-3) << i;
   }
   EXPECT_EQ(derivative[3], 0.0F);  // ignored
-  EXPECT_EQ(derivative[5], 0.0F);  // numbers that are not known
+  EXPECT_EQ(derivative[5], 0.0F);  // unknown values
 }
 
 TEST(Network, ThreadsChangeNothing) {
@@ -224,7 +226,7 @@ TEST_P(Backward, AgreesWithFiniteDifferences) {
   }
 }
 
-// Which of two stripes of a noisy image is the brighter.
+// Decides which of two stripes of a noisy image is brighter.
 void make_stripes(std::int64_t, Rng& rng, Example& example) {
   example.shape = {1, 8, 8};
   example.input.assign(64, 0);

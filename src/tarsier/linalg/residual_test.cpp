@@ -11,7 +11,7 @@
 namespace tarsier::linalg {
 namespace {
 
-// Plain loops in double precision, layer after layer: what residual.cpp is compared to.
+// Plain loops in double precision, layer by layer: the reference for residual.cpp.
 struct Map {
   Shape shape;
   std::vector<double> values;
@@ -93,8 +93,8 @@ ResidualBlock random_block(int in, int out, int stride, Rng& rng) {
   return {random_layer(in, out, 3, stride, true, rng), random_layer(out, out, 3, 1, false, rng)};
 }
 
-// Every kind of block; maps of odd and even sizes, some with a row and column of zeros beside the
-// shortcut (of 95 x 95: 22 -> 10 beside 11, then 5 and 2).
+// Every kind of block, on maps of odd and even sizes. Some pad the shortcut with a row and column
+// of zeros (for 95 x 95: 22 -> 10 beside 11, then 5 and 2).
 ResidualNetwork random_network(Rng& rng) {
   ResidualNetwork network;
   network.stem = random_layer(3, 4, 7, 2, true, rng);
@@ -166,7 +166,7 @@ TEST(Residual, CountsItsMultiplications) {
   ResidualNetwork network = random_network(rng);
   network.blocks.resize(1);
   network.head = convolution(4, 10, 1, 1, false);
-  // 47 -> 21 by the stem, 10 by the maximum.
+  // 47 -> 21 by the stem, 10 by the max pooling.
   EXPECT_DOUBLE_EQ(network.cost({3, 47, 47}),
                    21.0 * 21 * 4 * 147 + 2 * 10.0 * 10 * 4 * 36 + 4 * 10);
 }
@@ -184,7 +184,7 @@ TEST(Residual, RefusesWhatDoesNotFitTogether) {
   EXPECT_THROW(bad.check(), std::invalid_argument);
   bad = good;
   bad.blocks.pop_back();
-  bad.blocks.pop_back();  // 8 channels for a head of 16
+  bad.blocks.pop_back();  // 8 channels, but the head needs 16
   EXPECT_THROW(bad.check(), std::invalid_argument);
   bad = good;
   bad.blocks[0].first.weights.pop_back();

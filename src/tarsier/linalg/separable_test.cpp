@@ -30,7 +30,7 @@ SeparableStage random_stage(Rng& rng, int in, int out, int pool) {
   return stage;
 }
 
-// The definition, pixel by pixel.
+// The direct definition, pixel by pixel.
 std::vector<double> defined(const SeparableStage& stage, const std::vector<float>& input,
                             Shape shape) {
   const auto at = [&](int c, int y, int x) {

@@ -8,7 +8,7 @@
 namespace tarsier::linalg {
 namespace {
 
-// A chain of springs, each end held: the upper triangle.
+// The upper triangle of a chain of springs with both ends fixed.
 Eigen::SparseMatrix<double> chain(int n, double diagonal) {
   std::vector<Eigen::Triplet<double>> numbers;
   for (int i = 0; i < n; ++i) {
@@ -40,7 +40,8 @@ TEST(SparseCholesky, FindsAMatrixThatIsNotPositiveDefinite) {
   EXPECT_TRUE(cholesky.factorize(chain(20, 2)));
 }
 
-// Variables of two numbers and one of three, each tied to the next; by elements, as the factor is thin.
+// Two variables of two numbers and one of three, each connected to the next. The factor is thin, so
+// it is computed element by element.
 TEST(SparseCholesky, TakesAMatrixByBlocks) {
   const BlockPattern pattern{{0, 2, 4, 7}, {{0, 0}, {0, 1}, {1, 1}, {1, 2}, {2, 2}}};
   const std::vector<double> values{4,  9,  1,  5, .1, .2, .3, .4, 6, 9, 1, 7, .5, .6,
@@ -62,7 +63,8 @@ TEST(SparseCholesky, TakesAMatrixByBlocks) {
   }
 }
 
-// Of blocks of two numbers, each tied to all others; `tie` between two, and `own` on the diagonal.
+// A matrix of blocks of two numbers, each connected to all others: `tie` between two, `own` on the
+// diagonal.
 struct FullBlocks {
   BlockPattern pattern;
   std::vector<double> values;
@@ -98,7 +100,7 @@ TEST(SparseCholesky, SolvesAMatrixNearTheOneItFactorized) {
   ASSERT_TRUE(solution);
   EXPECT_LT((*solution - x).norm(), 1e-8);
   EXPECT_GT((cholesky.solve(b) - x).norm(), 1e-2) << "not that of the other matrix";
-  // The same matrix takes one iteration, another one more than two.
+  // The same matrix takes one iteration, the changed one more than two.
   EXPECT_TRUE(cholesky.solve_near(first.values, first.matrix * x, 1e-10, 1));
   EXPECT_FALSE(cholesky.solve_near(near.values, b, 1e-10, 2));
   const FullBlocks negative(40, -90, 1);
@@ -113,7 +115,7 @@ TEST(SparseCholesky, FullMatricesAreCostlyAndSmallOnesAreNot) {
   EXPECT_TRUE(cholesky.is_costly());
 }
 
-// A factor that is rather full, which is made by tiles, then one of a chain by the same object.
+// A nearly full factor, computed by tiles, and then the factor of a chain, by the same object.
 TEST(SparseCholesky, TakesFullAndThinOnesInTurn) {
   constexpr int kSize = 900;
   std::vector<Eigen::Triplet<double>> numbers;

@@ -15,7 +15,7 @@
 namespace tarsier::linalg {
 namespace {
 
-// A matrix by blocks.
+// A matrix of blocks.
 struct Blocks {
   BlockPattern pattern;
   std::vector<double> values;
@@ -35,8 +35,8 @@ Blocks blocks_of(const Eigen::SparseMatrix<double>& a) {
   return result;
 }
 
-// The upper triangle of a positive definite matrix: a ring of variables, each tied to those within `reach` of it, in a mixed
-// order, one that has no neighbours, and one that is tied to all.
+// The upper triangle of a positive definite matrix: a ring of variables in a mixed order, each
+// connected to those within `reach`. One variable has no neighbours, and one is connected to all.
 Eigen::SparseMatrix<double> ring(int size, int reach, std::uint64_t seed) {
   Rng rng(seed);
   std::vector<int> number(static_cast<std::size_t>(size));
@@ -98,14 +98,14 @@ TEST(TileCholesky, WhatIsNotPositiveDefiniteIsRefused) {
   }
 }
 
-// A ring takes the work of a band, not that of a full matrix.
+// A ring costs as much as a band matrix, not as a full matrix.
 TEST(TileCholesky, LeavesOutWhatIsEmpty) {
   TileCholesky factor;
   factor.analyze(blocks_of(ring(4800, 48, 3)).pattern);
   EXPECT_LT(factor.operations(), 0.05 * 4800.0 * 4800.0 * 4800.0 / 6);
 }
 
-// Poses of six numbers and a lens of seven, as in a bundle adjustment: those of a lens are of two tiles.
+// Poses of six numbers and lenses of seven, as in a bundle adjustment. A lens occupies two tiles.
 Blocks poses_and_lens(int poses, int reach) {
   Rng rng(5);
   Blocks result;
@@ -136,7 +136,8 @@ Eigen::MatrixXd full(const Blocks& blocks) {
   return a.selfadjointView<Eigen::Upper>();
 }
 
-// A square grid of variables of six numbers, each tied to those at most `reach` rows and columns away.
+// A square grid of variables of six numbers, each connected to those within `reach` rows and
+// columns.
 Blocks grid(int side, int reach) {
   Rng rng(5);
   Blocks result;
@@ -154,7 +155,7 @@ Blocks grid(int side, int reach) {
   return result;
 }
 
-// By a narrow order alone it would be 2.8e9.
+// A narrow band order alone would give 2.8e9.
 TEST(TileCholesky, AGridIsDissected) {
   TileCholesky factor;
   factor.analyze(grid(40, 2).pattern);

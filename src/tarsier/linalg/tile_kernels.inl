@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Included once for each instruction set, with TARSIER_VECTOR_BYTES (16, 32, 64), TARSIER_STRIPS and TARSIER_COLUMNS (of a
-// product, that stay in registers), and TARSIER_TILE_KERNELS (the function's name) defined. Multiplications and additions
-// are not contracted, and each number takes its terms one after the other: all sets round alike.
+// Included once for each instruction set. The including file defines TARSIER_VECTOR_BYTES (16, 32,
+// 64), TARSIER_STRIPS and TARSIER_COLUMNS (the part of a product that stays in registers), and
+// TARSIER_TILE_KERNELS (the function's name). Multiplications and additions are not fused, and each
+// sum adds its terms in order. So all instruction sets round in the same way.
 #include "tarsier/linalg/tile_kernels.h"
 
 #include <cstring>
@@ -11,7 +12,7 @@ namespace {
 
 using Vector = double __attribute__((vector_size(TARSIER_VECTOR_BYTES)));
 constexpr int kLanes = TARSIER_VECTOR_BYTES / 8;
-constexpr int kOfStrip = kStrip / kLanes;  // vectors
+constexpr int kOfStrip = kStrip / kLanes;  // vectors in a strip
 constexpr int kVectors = TARSIER_STRIPS * kOfStrip;
 constexpr int kColumns = TARSIER_COLUMNS;
 constexpr std::ptrdiff_t kStripNumbers = std::ptrdiff_t{kStrip} * kTileSize;
@@ -25,12 +26,12 @@ inline Vector load(const double* p) {
 
 inline void store(double* p, Vector v) { std::memcpy(p, &v, sizeof v); }
 
-// Where vector v of a column begins, from the column's first strip on.
+// Offset of vector v of a column from the column's first strip.
 constexpr std::ptrdiff_t place(int v) {
   return v / kOfStrip * kStripNumbers + std::ptrdiff_t{v % kOfStrip} * kLanes;
 }
 
-// `b` points to its first row that belongs to a column of `c`.
+// `b` points to its first row that corresponds to a column of `c`.
 inline void subtract_block(const double* a, const double* b, double* c) {
   Vector sum[kVectors][kColumns];
   for (int n = 0; n < kColumns; ++n)

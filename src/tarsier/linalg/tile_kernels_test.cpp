@@ -20,7 +20,7 @@ std::vector<double> drawn(std::uint64_t seed) {
   return tile;
 }
 
-// A lower triangle whose inverse is not large.
+// A lower triangle with a small inverse.
 std::vector<double> triangle() {
   std::vector<double> tile = drawn(4);
   for (int k = 0; k < kTileSize; ++k) tile[in_tile(k, k)] = 12 + k;

@@ -148,11 +148,12 @@ TEST_F(ArchiveTest, LongTextsComeBackInTheirPlaces) {
                       {"z", other}};
   for (const int indent : {-1, 1}) EXPECT_EQ(parse_json(value.dump(indent), "x"), value);
   EXPECT_EQ(parse_json('"' + data + '"', "x"), json(data));
-  for (std::size_t size = 250; size < 400; ++size) {  // around what is long, and its blocks
+  // Sizes around the limit of long texts and their blocks.
+  for (std::size_t size = 250; size < 400; ++size) {
     const json text = {std::string(size, 'x'), "y"};
     EXPECT_EQ(parse_json(text.dump(), "x"), text);
   }
-  // Of the same name: the last one.
+  // Of two entries with the same name, the last one counts.
   EXPECT_EQ(parse_json(R"({"a": ")" + data + R"(", "a": ")" + other + R"("})", "x")["a"], other);
 }
 
@@ -235,7 +236,7 @@ TEST(Pack, HalfPrecisionKeepsElevenBits) {
   EXPECT_THROW((void)pack_half({{1}, {1e6F}}), std::invalid_argument);
   EXPECT_THROW((void)pack_half({{1}, {NAN}}), std::invalid_argument);
   EXPECT_THROW((void)pack_half({{2}, {1}}), std::invalid_argument);
-  // Infinity, and an array of other numbers.
+  // Infinity, and an array of another type.
   const json infinite{{"dtype", "f2"}, {"shape", {1}}, {"data", "AHw="}};
   EXPECT_THROW((void)unpack<float>(infinite, "m", "a", {1}), ModelError);
   EXPECT_THROW((void)unpack<double>(pack_half({{1}, {1}}), "m", "a", {1}), ModelError);

@@ -37,8 +37,8 @@ TEST_F(AtomicFileTest, WritesAndReplaces) {
   EXPECT_EQ(files(), 1U);
 }
 
-// Of a program that was killed, which the folder's next writer tidies up; of one that still writes
-// it stays, and so does what only looks alike.
+// The next writer in the folder removes the temporary file of a killed program. It keeps the file
+// of a running program, and files with similar names.
 TEST_F(AtomicFileTest, RemovesWhatAKilledProgramLeft) {
   std::ofstream(path(".a.tarsier-00ab12.png")) << "half";
   std::ofstream(path(".a.b.tarsier-ffffff")) << "half";
@@ -60,7 +60,7 @@ TEST_F(AtomicFileTest, RemovesWhatAKilledProgramLeft) {
   EXPECT_EQ(contents(path("a.png")), "whole");
 }
 
-// What may be hours of work is named and not removed.
+// A file that may hold hours of work is reported and not removed.
 TEST_F(AtomicFileTest, KeepsLargeLeftoversAndNamesThem) {
   const std::string video = path(".video.tarsier-00ab12.mp4");
   const std::string model = path(".model.tarsier-00ab12");
@@ -145,7 +145,7 @@ TEST_F(AtomicFileTest, WithoutCommitNothingIsLeft) {
 
 TEST_F(AtomicFileTest, ALimitOnFileSizeLeavesTheOldFile) {
   write_file_atomically(path("a"), std::string_view("old"));
-  // As on a full disk: the write fails half-way.
+  // As on a full disk: the write fails in the middle.
   struct ::rlimit before {};
   ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
   const auto handler = std::signal(SIGXFSZ, SIG_IGN);

@@ -28,7 +28,7 @@ class CropServerTest : public FolderTest {
   }
   static cv::Mat image(int gray) { return {24, 60, CV_8UC3, cv::Scalar::all(gray)}; }
 
-  // The whole answer to a request for `url`.
+  // The complete response to a request for `url`.
   static std::string get(const std::string& url, const std::string& more = {}) {
     const std::size_t slash = url.find('/', 7);
     const std::size_t colon = url.rfind(':', slash);

@@ -20,14 +20,14 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-// Nothing here sleeps: commands wait for the test, and the test for commands, at named pipes.
+// Nothing here sleeps. Commands and test wait for each other at named pipes.
 class EventCommandTest : public FolderTest {
  protected:
   [[nodiscard]] std::string pipe(const std::string& name) const {
     EXPECT_EQ(::mkfifo(path(name).c_str(), 0600), 0);
     return path(name);
   }
-  // All that comes until nobody holds the pipe's other end.
+  // Reads until nobody holds the other end of the pipe.
   static std::string read_all(const std::string& pipe) {
     const int file = ::open(pipe.c_str(), O_RDONLY | O_CLOEXEC);
     std::string text;
@@ -67,7 +67,7 @@ TEST_F(EventCommandTest, ACommandThatHangsBlocksNobodyAndTheOldestAreDropped) {
   EventCommandOptions options;
   options.timeout_s = options.finish_s = 3600;
   options.max_waiting = 3;
-  // The first one hangs at the gate.
+  // The first command waits at the gate.
   EventCommand command("read -r line; echo \"$line\" >>'" + path("events") +
                            "'; [ \"$line\" != 0 ] "
                            "|| { echo >'" +
@@ -75,7 +75,7 @@ TEST_F(EventCommandTest, ACommandThatHangsBlocksNobodyAndTheOldestAreDropped) {
                        options);
   command.post("0");
   (void)read_all(started);
-  for (int k = 1; k <= 10; ++k) command.post(std::to_string(k));  // while it hangs
+  for (int k = 1; k <= 10; ++k) command.post(std::to_string(k));  // while the first one waits
   EXPECT_EQ(command.counts().dropped, 7);
   EXPECT_EQ(command.counts().ended, 0);
   open_gate(gate);
@@ -86,7 +86,7 @@ TEST_F(EventCommandTest, ACommandThatHangsBlocksNobodyAndTheOldestAreDropped) {
 
 TEST_F(EventCommandTest, ACommandNeedNotReadItsEvent) {
   EventCommand command("exit 0", {});
-  const std::string large(1'000'000, 'x');  // more than a pipe holds
+  const std::string large(1'000'000, 'x');  // more than a pipe can hold
   command.post(large);
   command.post("small");
   command.finish();
@@ -106,12 +106,12 @@ TEST_F(EventCommandTest, TheTimeoutKillsTheChildrenOfTheChild) {
   EventCommandOptions options;
   options.timeout_s = 0.2;
   options.finish_s = 3600;
-  // It ignores what asks nicely, and neither it nor its child ever reads or ends.
+  // The command ignores SIGTERM and SIGINT. It and its child neither read nor end.
   EventCommand command("trap '' TERM INT; (trap '' TERM; while :; do sleep 1; done) >'" + held +
                            "' & wait; while :; do sleep 1; done",
                        options);
   command.post(std::string(1'000'000, 'x'));
-  EXPECT_EQ(read_all(held), "");  // ends when the last of them has ended
+  EXPECT_EQ(read_all(held), "");  // returns when the last of them has ended
   command.finish();
   EXPECT_EQ(command.counts().killed, 1);
 }

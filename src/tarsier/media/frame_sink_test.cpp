@@ -230,10 +230,10 @@ INSTANTIATE_TEST_SUITE_P(Containers, VideoSinkTest, testing::Values(".mp4", ".av
 
 // --- recordings ---
 
-// Frames of one level each, which survive the codec.
+// Frames with one grey level each, which the codec preserves.
 cv::Mat numbered(int number) { return filled(64, 48, 8 * (number % 30) + 8); }
 
-// How many frames can be read, in order from the first.
+// The number of frames that can be read in order from the first.
 int frames_in(const std::string& file) {
   cv::VideoCapture video(file, cv::CAP_FFMPEG);
   cv::Mat frame;
@@ -244,9 +244,10 @@ int frames_in(const std::string& file) {
   return count;
 }
 
-constexpr char kTaken = '\a';  // printed by nobody else
+constexpr char kTaken = '\a';  // printed by nothing else
 
-// Not a test of its own: the program that is killed. It says when each frame was taken.
+// No test: this program is started and killed by another test. It reports each frame that was
+// taken.
 TEST(Recording, DISABLED_Writer) {
   const char* file = std::getenv("TARSIER_TEST_RECORDING");
   if (file == nullptr) GTEST_SKIP() << "started by another test";
@@ -260,7 +261,7 @@ TEST(Recording, DISABLED_Writer) {
   }
 }
 
-// Starts the writer above, kills it when it has said `frames`, and returns how many it said.
+// Starts the writer above, kills it after `frames` reports, and returns the number of reports.
 int record_and_kill(const std::string& file, int frames) {
   int output[2];
   if (::pipe2(output, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
@@ -357,7 +358,7 @@ TEST_F(FrameSinkTest, SegmentsAreFilesOfTheirOwnAndNumbersGoOn) {
   for (int i = 1; i <= 6; ++i) {
     EXPECT_EQ(frames_in(path("v-000" + std::to_string(i) + ".mkv")), i % 3 == 0 ? 5 : 20) << i;
   }
-  // One that was cut off counts, too.
+  // An incomplete recording also uses a number.
   std::ofstream(path("v-0007.part.mkv")) << "x";
   options.recording = true;
   testing::internal::CaptureStderr();

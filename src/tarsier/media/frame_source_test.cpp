@@ -206,7 +206,7 @@ TEST_F(FrameSourceTest, ABatchKeepsItsNumbersAndTellsWhatItSkips) {
   EXPECT_TRUE(frame->still);
   EXPECT_EQ(skipped, std::vector<std::int64_t>{70});
   EXPECT_TRUE(source->ended());
-  // One that cannot be read is no error here, and there may be none.
+  // An unreadable file is no error here, and there may be no file.
   const auto broken = make_batch_source({{5, path("2.jpg")}}, on_skip);
   EXPECT_FALSE(broken->next(std::chrono::milliseconds(0), {}).has_value());
   EXPECT_EQ(skipped.back(), 5);
@@ -228,7 +228,7 @@ TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndTold) {
   const auto mixed = open_sources({video("v.avi", 1, 10), path("2.jpg"), path("3.jpg")});
   EXPECT_THAT(read_all(*mixed).numbers, ElementsAre(0, 3));
   EXPECT_EQ(mixed->skipped().size(), 1U);
-  // A list may name what is not there any more.
+  // A list may contain files that no longer exist.
   const auto list = open_source("@" + write("list.txt", "gone.jpg\n1.jpg\n"));
   EXPECT_THAT(read_all(*list).numbers, ElementsAre(1));
   EXPECT_EQ(list->skipped().size(), 1U);

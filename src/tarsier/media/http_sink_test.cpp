@@ -37,7 +37,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
 
-constexpr int kPatienceMs = 300'000;  // only where something hangs
+constexpr int kPatienceMs = 300'000;  // only reached if something hangs
 
 int port_of(const FrameSink& sink) {
   const std::string text = sink.description();
@@ -45,7 +45,7 @@ int port_of(const FrameSink& sink) {
   return std::stoi(text.substr(text.rfind(':', slash) + 1));
 }
 
-// A client with nothing between the test and the socket.
+// A client that uses the socket directly.
 class Client {
  public:
   // `from`: the last number of the client's own address, 127.0.0.x.
@@ -82,7 +82,7 @@ class Client {
            const std::string& method = "GET") const {
     send(method + " " + path + " HTTP/1.1\r\n" + headers + "\r\n");
   }
-  // More bytes into buffer(); false at the end of the stream.
+  // Reads more bytes into buffer(); false at the end of the stream.
   bool more() {
     ::pollfd ready{fd_, POLLIN, 0};
     if (::poll(&ready, 1, kPatienceMs) != 1) throw std::runtime_error("nothing came");
@@ -158,7 +158,7 @@ cv::Mat decoded(const std::string& jpeg) {
   return decode_image({reinterpret_cast<const std::uint8_t*>(jpeg.data()), jpeg.size()}, "part");
 }
 
-// The next part of a stream whose head has been read and first boundary passed.
+// The next part of a stream, after the head and the first boundary were read.
 std::string read_part(Client& client, const std::string& boundary) {
   std::string line = client.line();
   EXPECT_EQ(line, "Content-Type: image/jpeg");
@@ -191,7 +191,7 @@ cv::Mat filled(int value, int width = 64, int height = 48) {
 
 nlohmann::json health(int port) { return nlohmann::json::parse(ask(port, "/healthz").body); }
 
-// Asks until `done`; the test's own time limit ends what never comes.
+// Polls until `done`; the time limit of the test ends an endless wait.
 void wait_until(const std::function<bool()>& done) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(kPatienceMs);
   while (!done()) {
@@ -238,13 +238,13 @@ TEST(HttpSink, AViewerThatComesBeforeTheFirstImageWaitsForIt) {
 TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
   const auto sink = open_local();
   const int port = port_of(*sink);
-  cv::Mat noise(480, 640, CV_8UC3);  // about 500 kB as JPEG: more than the socket holds
+  cv::Mat noise(480, 640, CV_8UC3);  // about 500 kB as JPEG: more than the socket's buffer
   cv::randu(noise, 0, 256);
   (void)sink->write(noise, {});
   Client slow(port);
   slow.get("/stream.mjpg");
   wait_until([&] { return health(port)["viewers"] == 1; });
-  // A hundred images, each of which the other viewer has seen before the next comes.
+  // Writes a hundred images. The other viewer receives each image before the next is written.
   Client quick(port);
   const std::string boundary = start_stream(quick);
   (void)read_part(quick, boundary);
@@ -255,7 +255,7 @@ TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
       EXPECT_NEAR(decoded(jpeg).at<cv::Vec3b>(9, 9)[0], 200, 3);
     }
   }
-  // The slow one wakes up: it gets few of them, whole, and the last.
+  // The slow client reads again: it gets a few complete images, and the last one.
   const Reply head = read_head(slow);
   const std::string type = header(head.headers, "Content-Type");
   const std::string mark = type.substr(type.find('=') + 1);
@@ -294,8 +294,8 @@ TEST(HttpSink, EndsAtOnceWithViewersThatDoNotRead) {
   }
   wait_until([&] { return health(port)["viewers"] == 4; });
   for (int i = 0; i < 20; ++i) (void)sink->write(noise, {});
-  const Client idle(port);  // has asked for nothing
-  sink.reset();             // hangs here if it does not end
+  const Client idle(port);  // has sent no request
+  sink.reset();             // hangs here if the idle client is not closed
   EXPECT_THROW(Client{port}, std::runtime_error);
 }
 
@@ -391,12 +391,12 @@ TEST(HttpSink, OnlyGetAndHeadOfKnownPaths) {
 TEST(HttpSink, OneNeighbourDoesNotShutTheOthersOut) {
   const auto sink = open_local();
   const int port = port_of(*sink);
-  std::vector<std::unique_ptr<Client>> idle;  // more than all viewers together may have
+  std::vector<std::unique_ptr<Client>> idle;  // more than the max number of all viewers
   for (int i = 0; i < 40; ++i) idle.push_back(std::make_unique<Client>(port, false, 2));
   Client other(port, false, 3);
   other.get("/healthz");
   EXPECT_EQ(read_head(other).status, 200);
-  // Those beyond the limit were hung up on, and the others are soon.
+  // Connections beyond the limit were closed, and the others are closed soon.
   for (const auto& client : idle) {
     bool open = true;
     try {
@@ -417,7 +417,7 @@ TEST(HttpSink, GarbageAndOversizedRequestsDoNoHarm) {
     Client client(port);
     try {
       client.send(text);
-    } catch (const std::runtime_error&) {  // closed before it had read all
+    } catch (const std::runtime_error&) {  // closed before all was read
     }
   }
   EXPECT_EQ(ask(port, "/healthz").status, 200);

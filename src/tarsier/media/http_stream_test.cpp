@@ -113,7 +113,7 @@ TEST(HttpResponse, NonsenseIsBrokenAndBounded) {
   }
 }
 
-// A few are answered by waiting; a server that sends nothing else is left.
+// A few such responses are waited out. A server that sends nothing else is given up.
 TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
   using State = HttpResponseParser::State;
   const std::string interim = "HTTP/1.1 100 \n\n";
@@ -122,7 +122,7 @@ TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
   for (int i = 0; i < HttpResponseParser::kMaxInterim; ++i) {
     few += i % 2 == 0 ? interim : "HTTP/1.1 103 Early Hints\r\nLink: x\r\n\r\n";
   }
-  std::string many;  // as many as fit into one piece of the reader: 256 KiB
+  std::string many;  // as many as fit into one read of 256 KiB
   for (int i = 0; i < 18'700; ++i) many += interim;
   for (const std::size_t piece : {std::size_t{1}, std::size_t{5}, std::size_t{1} << 20}) {
     const Parsed good = parse(few + real, piece);
@@ -136,7 +136,7 @@ TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
   }
 }
 
-// Reads until `count` frames came or something else happened.
+// Reads until `count` frames arrived or another event happened.
 struct Outcome {
   std::vector<int> numbers;
   LiveFailure failure;

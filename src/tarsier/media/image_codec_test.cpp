@@ -16,7 +16,8 @@ namespace {
 
 using Data = std::vector<std::uint8_t>;
 
-// Noise over a ramp, of odd size: every code path of the predictors and of the chroma's halves.
+// Noise over a ramp, of odd size: covers every code path of the predictors and of the halved
+// chroma.
 cv::Mat noisy(int type, int width = 61, int height = 47) {
   cv::Mat image(height, width, type);
   Rng rng(5);
@@ -39,8 +40,8 @@ cv::Mat decoded(const Data& bytes, bool gray) {
   return header ? decode_plain(bytes, *header, gray) : cv::Mat();
 }
 
-// Exactly the same of the OpenCV that this follows; of others, whose weights for grey may be
-// rounded otherwise, within a grey level.
+// Equal to the result of the OpenCV version that this code follows. Other versions may round the
+// weights for grey differently: within one grey level.
 constexpr bool kIsExact = CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR == 6;
 
 bool same(const cv::Mat& one, const cv::Mat& other) {
@@ -85,7 +86,7 @@ void expect_same_file(const std::string& ending, const cv::Mat& image, int quali
 TEST(ImageCodec, EncodesAsOpenCv) {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     const cv::Mat whole = noisy(type);
-    const cv::Mat part = whole(cv::Rect(3, 5, 40, 30));  // rows are not one behind the other
+    const cv::Mat part = whole(cv::Rect(3, 5, 40, 30));  // rows are not contiguous
     for (const cv::Mat& image : {whole, part}) {
       expect_same_file(".png", image, 95);
       for (const int quality : {1, 50, 95, 100}) expect_same_file(".jpg", image, quality);
@@ -114,7 +115,7 @@ TEST(ImageCodec, LeavesTheRestToOpenCv) {
   EXPECT_EQ(encode_image(".png", deep, "x"), by_opencv(".png", deep));
 }
 
-// EXIF behind the start of the image, orientation 6: turned by a quarter.
+// EXIF after the start of the image, orientation 6: rotated by 90 degrees.
 TEST(ImageCodec, LeavesTurnedImagesToOpenCv) {
   Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
   const Data exif{0xFF, 0xE1, 0, 34, 'E', 'x', 'i', 'f', 0, 0,  // APP1
@@ -125,7 +126,7 @@ TEST(ImageCodec, LeavesTurnedImagesToOpenCv) {
   EXPECT_EQ(decode_image(bytes, "x").size(), cv::Size(47, 61));
 }
 
-// Many cameras send JPEGs like this one: they must not be decoded twice.
+// Many cameras send JPEGs like this one. They must not be decoded twice.
 TEST(ImageCodec, TakesAJpegWithBytesToSpare) {
   Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
   const cv::Mat plain = decoded(bytes, false);

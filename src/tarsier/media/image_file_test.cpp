@@ -28,7 +28,7 @@ namespace {
 using ::testing::HasSubstr;
 using Data = std::vector<std::uint8_t>;
 
-// Smooth, so that lossy formats come close, and different at every corner.
+// Smooth, so that lossy formats are close, and different at every corner.
 cv::Mat test_image(int width = 64, int height = 48) {
   cv::Mat image(height, width, CV_8UC3);
   for (int y = 0; y < height; ++y) {
@@ -77,7 +77,7 @@ std::uint32_t crc(const std::uint8_t* bytes, std::size_t count) {
   return ~c;
 }
 
-// With a right checksum: only the size is a lie.
+// The checksum is right; only the size is wrong.
 Data png_of_claimed_size(std::uint32_t width, std::uint32_t height) {
   Data bytes = encoded(".png", test_image());
   put_big(bytes, 16, width);
@@ -90,7 +90,7 @@ struct Format {
   std::string ending;
   std::vector<int> parameters;
   ImageFormat format;
-  double error;  // greatest mean difference, grey levels
+  double error;  // max mean difference, grey levels
 };
 
 const std::vector<Format>& formats() {
@@ -202,7 +202,7 @@ TEST(ImageFile, HugeSizesAreRefusedBeforeDecoding) {
   put_little(bmp, 18, 60000);
   put_little(bmp, 22, 60000);
   EXPECT_THAT(refusal(bmp), HasSubstr("60000x60000"));
-  put_little(bmp, 22, 0x80000000U);  // the one height that has no absolute value
+  put_little(bmp, 22, 0x80000000U);  // the only height without an absolute value
   EXPECT_THAT(refusal(bmp), HasSubstr("limit"));
   put_little(bmp, 18, 0xFFFFFFFFU);
   EXPECT_NE(refusal(bmp), "accepted");
@@ -218,7 +218,7 @@ TEST(ImageFile, HugeSizesAreRefusedBeforeDecoding) {
   EXPECT_THAT(refusal(encoded(".png", test_image()), limits), HasSubstr("bytes"));
 }
 
-// OpenCV's reader of DICOM ends the process for such a file, so it must never get one.
+// OpenCV's DICOM reader ends the process for such a file, so the file must not reach it.
 TEST(ImageFile, AnImageThatIsADicomFileAsWellIsRefused) {
   Data bytes = encoded(".webp", test_image(), {cv::IMWRITE_WEBP_QUALITY, 101});
   bytes.resize(std::max<std::size_t>(bytes.size(), 200));
@@ -243,7 +243,7 @@ TEST(ImageFile, AWrongChecksumInAPngIsNamed) {
 
 TEST(ImageFile, TextAndProfilesInAPngAreLeftOut) {
   Data bytes = encoded(".png", test_image());
-  // A text chunk that claims to be compressed and is not: libpng would complain on stderr.
+  // A text chunk that is marked as compressed but is not: libpng would write to stderr.
   Data chunk{0, 0, 0, 5, 'z', 'T', 'X', 't', 'a', 0, 0, 9, 9, 0, 0, 0, 0};
   put_big(chunk, 13, crc(&chunk[4], 9));
   bytes.insert(bytes.begin() + 33, chunk.begin(), chunk.end());
@@ -254,7 +254,7 @@ TEST(ImageFile, TextAndProfilesInAPngAreLeftOut) {
 
 TEST(ImageFile, AJpegOfThousandsOfScansIsRefused) {
   const Data whole = encoded(".jpg", test_image(), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
-  // The last scan again and again, before the end marker.
+  // Repeats the last scan many times before the end marker.
   std::size_t at = whole.size() - 3;
   while (!(whole[at] == 0xFF && whole[at + 1] == 0xDA)) --at;
   const Data scan(whole.begin() + static_cast<std::ptrdiff_t>(at), whole.end() - 2);
@@ -305,7 +305,7 @@ TEST(ImageFile, BmpFromTheTopDown) {
 
 TEST(ImageFile, ExifRotationIsApplied) {
   Data bytes = encoded(".jpg", test_image());
-  // Orientation 6: turn by 90 degrees clockwise to show.
+  // Orientation 6: rotate by 90 degrees clockwise to display.
   const Data exif{0xFF, 0xE1, 0,    34,   'E', 'x', 'i', 'f', 0, 0, 'I', 'I', 42, 0, 8, 0, 0, 0,
                   1,    0,    0x12, 0x01, 3,   0,   1,   0,   0, 0, 6,   0,   0,  0, 0, 0, 0, 0};
   bytes.insert(bytes.begin() + 2, exif.begin(), exif.end());

@@ -54,7 +54,7 @@ std::unique_ptr<FrameSource> http_source(const HttpServer& server,
       url, url, [url, options] { return make_http_backend(url, options); }, options, timing);
 }
 
-// Long enough for any machine; only a failing test waits for so long.
+// Long enough for any machine; only a failing test waits this long.
 constexpr seconds kPatience{300};
 
 Frame next_frame(FrameSource& source) {
@@ -63,7 +63,7 @@ Frame next_frame(FrameSource& source) {
   return *frame;
 }
 
-// Waits for a condition, without taking frames.
+// Waits for a condition and takes no frames.
 bool eventually(const std::function<bool()>& condition) {
   const auto end = Clock::now() + kPatience;
   while (Clock::now() < end) {
@@ -85,16 +85,15 @@ int open_descriptors() {
 
 bool has_children() { return ::waitpid(-1, nullptr, WNOHANG) == 0 || errno != ECHILD; }
 
-// Whether a process of this group still runs. One that has ended but was not waited for counts as
-// gone: whose orphan it is may take its time (in a container often nobody does), and kill() finds
-// it until then.
+// Whether a process of this group still runs. A process that ended but was not reaped counts as
+// gone. Its new parent may reap it late or, in a container, never, and kill() finds it until then.
 bool group_runs(int group) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator("/proc", ignored)) {
     std::ifstream file(entry.path() / "stat");
     std::string line;
     if (!std::getline(file, line)) continue;
-    const std::size_t name_end = line.rfind(')');  // the name may hold anything
+    const std::size_t name_end = line.rfind(')');  // the name may hold any character
     if (name_end == std::string::npos) continue;
     std::istringstream fields(line.substr(name_end + 1));
     char state = 'Z';
@@ -132,7 +131,7 @@ TEST_F(LiveSourceTest, GivesTheNewestFrameAndCountsTheOthers) {
   server.period_ms = 5;
   const auto source = http_source(server);
   const Frame first = next_frame(*source);
-  // The frame that opened the source, or a later one where this thread came late.
+  // The frame that opened the source, or a later one if this thread was late.
   EXPECT_GE(first.index, 0);
   EXPECT_GE(first.time, 0);
   EXPECT_FALSE(first.still);
@@ -140,7 +139,7 @@ TEST_F(LiveSourceTest, GivesTheNewestFrameAndCountsTheOthers) {
   ASSERT_TRUE(eventually([&] { return source->status().received >= first.index + 20; }));
   const std::int64_t before = source->status().received;
   const Frame later = next_frame(*source);
-  EXPECT_GE(later.index, before - 1);  // none of those that were passed over
+  EXPECT_GE(later.index, before - 1);  // skipped frames are not delivered later
   EXPECT_EQ(testing::number_of(later.image),
             (testing::number_of(first.image) + later.index - first.index) % 32);
   EXPECT_GT(later.time, first.time);
@@ -190,8 +189,8 @@ TEST_F(LiveSourceTest, ComesBackAfterTheServerVanishedWhateverTheBackOff) {
   next_frame(*source);
   server.stop();
   ASSERT_TRUE(reaches(*source, SourceState::kLost));
-  // The first retry after "the server ended the stream" is soon, for it had answered; then nothing
-  // listens.
+  // After "the server ended the stream" the first retry comes soon, because the server had
+  // answered. Then nothing listens.
   ASSERT_TRUE(eventually([&] {
     return source->status().detail.find("refused") != std::string::npos &&
            source->status().state == SourceState::kLost;
@@ -302,7 +301,7 @@ TEST_F(LiveSourceTest, StoppingAndDestroyingDoNotWait) {
   EXPECT_FALSE(source->next(seconds(1000), stopper.get_token()).has_value());
 }
 
-// --- Children. ---
+// --- child processes ---
 
 std::string capture_program() {
   return (fs::read_symlink("/proc/self/exe").parent_path() / "tarsier-capture").string();
@@ -350,7 +349,7 @@ TEST_F(LiveSourceTest, AFrozenChildIsKilledAndStartedAnew) {
                           record_of(cv::Mat(48, 64, CV_8UC3, cv::Scalar(8, 16, 24)), 3));
   const int before = open_descriptors();
   {
-    // Starts a child of its own, which must go with it.
+    // Starts a child process, which must end together with it.
     const auto source = child_source(
         shell("echo $$ >> '" + (folder_ / "pids").string() + "'; cat '" + frames + "'; sleep 1000",
               ChildCommand::Format::kRecords));
@@ -416,7 +415,7 @@ TEST_F(LiveSourceTest, ChildrenGetNoDescriptorsNoBlockedSignalsAndNoInput) {
   sigset_t before;
   sigfillset(&all);
   ::pthread_sigmask(SIG_BLOCK, &all,
-                    &before);  // as in the program, whose main blocks SIGINT and SIGTERM
+                    &before);  // as in the program, whose main() blocks SIGINT and SIGTERM
   const std::string seen = (folder_ / "seen").string();
   const std::string jpeg = write("jpeg", testing::jpeg_of(4));
   const auto source =
@@ -433,7 +432,7 @@ TEST_F(LiveSourceTest, ChildrenGetNoDescriptorsNoBlockedSignalsAndNoInput) {
   std::getline(file, descriptors, 'S');
   std::getline(file, mask);
   std::getline(file, input);
-#ifndef __SANITIZE_THREAD__  // whose posix_spawn() keeps the mask
+#ifndef __SANITIZE_THREAD__  // its posix_spawn() keeps the mask
   EXPECT_EQ(mask, "igBlk:\t0000000000000000");
 #endif
   EXPECT_EQ(input, "/dev/null");
@@ -497,7 +496,7 @@ TEST_F(LiveSourceTest, TheCaptureProgramReadsANetworkStream) {
   const auto source = child_source(ffmpeg_command(server.url("/cam.mjpg"), options), options);
   const Frame frame = next_frame(*source);
   EXPECT_EQ(frame.image.size(), cv::Size(64, 48));
-  // The frame may be there a moment before the supervising thread says so.
+  // The frame may arrive a moment before the supervising thread changes the state.
   ASSERT_TRUE(reaches(*source, SourceState::kLive));
   EXPECT_EQ(source->status().detail.substr(0, 5), "64x48");
 }
@@ -505,7 +504,7 @@ TEST_F(LiveSourceTest, TheCaptureProgramReadsANetworkStream) {
 TEST_F(LiveSourceTest, TheCaptureProgramSaysWhatIsWrong) {
   SourceOptions options = quick_options();
   options.capture_program = capture_program();
-  options.stall_s = 20;  // also for the program's start, which an emulator draws out
+  options.stall_s = 20;  // also covers the start of the program, which is slow in an emulator
   HttpServer server;
   server.stop();
   EXPECT_THROW(
@@ -518,7 +517,7 @@ TEST_F(LiveSourceTest, TheCaptureProgramSaysWhatIsWrong) {
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("no such device (/dev/video99)"), std::string::npos);
   }
-  // Becoming another program keeps the promise to die with us.
+  // After exec, the program still ends when its parent dies.
   ChildCommand command;
   command.arguments = {capture_program(), "exec", "/bin/cat", write("jpeg", testing::jpeg_of(7))};
   command.format = ChildCommand::Format::kMjpeg;

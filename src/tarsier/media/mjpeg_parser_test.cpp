@@ -18,7 +18,7 @@ std::span<const std::uint8_t> bytes_of(std::string_view text) {
 
 std::string text_of(const std::vector<std::uint8_t>& bytes) { return {bytes.begin(), bytes.end()}; }
 
-// Images with rich content, so that coded data holds FF 00.
+// Images with rich content, so that their coded data contains FF 00.
 std::string textured_jpeg(int number) {
   cv::Mat image(48, 64, CV_8UC3);
   cv::RNG rng(static_cast<std::uint64_t>(number) + 1);
@@ -29,7 +29,7 @@ std::string textured_jpeg(int number) {
   return text_of(bytes);
 }
 
-// Feeds in pieces of random size and returns every image.
+// Feeds pieces of random size and returns every image.
 std::vector<std::string> images_in(std::string_view stream, std::uint64_t seed, int largest) {
   MjpegParser parser;
   Rng rng(seed);
@@ -115,7 +115,7 @@ TEST(MjpegParser, ResumesAfterGarbageAndCutImages) {
     MjpegParser parser;
     parser.feed(bytes_of(garbage));
     parser.feed(bytes_of(cut));
-    // A false start may swallow one segment (64 kB at most) before it is found out.
+    // A false start may swallow one segment (at most 64 kB) before it is detected.
     int completed = 0;
     for (int i = 0; i < 40; ++i) completed += parser.feed(bytes_of(testing::part_of(jpeg)));
     EXPECT_GE(completed, 20) << "round " << round;
@@ -126,7 +126,7 @@ TEST(MjpegParser, ResumesAfterGarbageAndCutImages) {
 TEST(MjpegParser, MemoryIsBounded) {
   constexpr std::size_t kLimit = 100'000;
   MjpegParser parser(kLimit);
-  // An image whose coded data never end, then one that is fine.
+  // An image with endless coded data, then a valid one.
   std::string endless = testing::jpeg_of(1);
   endless.resize(endless.size() - 2);
   parser.feed(bytes_of(endless));
@@ -140,12 +140,12 @@ TEST(MjpegParser, MemoryIsBounded) {
   EXPECT_GT(parser.skipped_bytes(), 9'900'000U);
 }
 
-// What follows an image that is too large is found, however much of it came in one piece.
+// The data behind an oversized image is parsed, however much of it arrives in one piece.
 TEST(MjpegParser, ImagesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
   constexpr std::size_t kLimit = 2048;
   const std::string good = testing::jpeg_of(2);
   ASSERT_LT(good.size(), kLimit);
-  // A segment that says it has 60 000 bytes.
+  // A segment with a stated length of 60 000 bytes.
   const std::string endless = "\xff\xd8\xff\xe0\xea\x60" + std::string(3000, 'x');
   const std::string stream = endless + good + endless + good;
   for (const std::size_t size : {std::size_t{1}, std::size_t{7}, kLimit - 1, kLimit, kLimit + 1,
@@ -159,8 +159,8 @@ TEST(MjpegParser, ImagesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
   }
 }
 
-// The worst that a server can send, each in pieces of several sizes. The work is counted, not
-// timed.
+// The worst streams that a server can send, each in pieces of several sizes. The test counts work
+// instead of time.
 TEST(MjpegParser, HostileStreamsCostABoundedNumberOfStepsAByte) {
   using std::string_literals::operator""s;
   constexpr std::size_t kSize = 1'000'000;
@@ -169,13 +169,13 @@ TEST(MjpegParser, HostileStreamsCostABoundedNumberOfStepsAByte) {
     while (text.size() < kSize) text += unit;
     return text;
   };
-  // Starts that all lead into the same chain of segments, which is broken at its end.
+  // Many starts that lead into the same chain of segments, which is broken at its end.
   std::string chain;
   for (int i = 0; i < 200; ++i) chain += "\xff\xe0\x00\x02"s;
   chain += "xx";
   std::string funnel;
   for (std::size_t left = 9000; left > 0; left -= 6) {
-    const std::size_t length = left - 6 + 2;  // from its length's first byte to the chain
+    const std::size_t length = left - 6 + 2;  // from the first byte of the length to the chain
     funnel +=
         "\xff\xd8\xff\xe0"s + static_cast<char>(length >> 8U) + static_cast<char>(length & 0xffU);
   }

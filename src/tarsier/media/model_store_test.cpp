@@ -20,7 +20,7 @@ namespace {
 using testing::HasSubstr;
 namespace fs = std::filesystem;
 
-// A folder with one model, and TARSIER_MODELS as it was afterwards.
+// A folder with one model; restores TARSIER_MODELS afterwards.
 class Models : public testing::Test {
  protected:
   Models() {
@@ -63,7 +63,7 @@ TEST_F(Models, AreFoundByName) {
   EXPECT_EQ(store.place_of("other.json"), (fs::path(folder()) / "other.json").string());
 }
 
-// What a user installed counts beside the folder of the program, and only there.
+// Models that a user installed are used with the program's own folder, and only there.
 TEST_F(Models, OfTheUserAreFoundWhereTheProgramsOwnAre) {
   const std::optional<std::string> before =
       std::getenv("XDG_DATA_HOME") ? std::optional(std::string(std::getenv("XDG_DATA_HOME")))
@@ -132,7 +132,7 @@ TEST_F(Models, OfTheUsersOwnAreTakenInPlaceOfThoseThatShip) {
   EXPECT_EQ(store.place_of("head.json"), mine);
   EXPECT_EQ(store.shipped().path("head.json"), (fs::path(folder()) / "head.json").string());
   EXPECT_FALSE(store.shipped().is_own("head.json"));
-  // A folder that was named is that folder alone, and one that is not there holds nothing.
+  // If a folder is given, only that folder is used. A folder that does not exist has no models.
   EXPECT_FALSE(ModelStore::find(folder()).is_own("head.json"));
   ::setenv("TARSIER_OWN_MODELS", "/nowhere", 1);
   EXPECT_FALSE(ModelStore::find().is_own("head.json"));

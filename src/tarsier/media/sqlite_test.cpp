@@ -91,7 +91,7 @@ TEST_F(SqliteTest, FilesAreTheOwnersAlone) {
     ASSERT_EQ(stat(entry.path().c_str(), &found), 0);
     EXPECT_EQ(found.st_mode & 0777U, 0600U) << entry.path();
   }
-  EXPECT_EQ(files(), 3U);  // the log and its index beside it
+  EXPECT_EQ(files(), 3U);  // the log and its index beside the file
 }
 
 TEST_F(SqliteTest, FilesThatOthersMayOpenAreTightenedWhenWrittenTo) {
@@ -132,7 +132,7 @@ TEST_F(SqliteTest, WhatIsCommittedOutlivesACrash) {
     add(database, "kept");
     const Transaction transaction(database);
     add(database, "never committed");
-    _exit(7);  // without closing anything
+    _exit(7);  // closes nothing
   }
   int status = 0;
   ASSERT_EQ(waitpid(child, &status, 0), child);
@@ -152,7 +152,7 @@ TEST_F(SqliteTest, ALockedOneIsAnErrorAndLosesNothing) {
   } catch (const OutputError& error) {
     EXPECT_THAT(error.what(), HasSubstr("notes.db: is locked by another program"));
   }
-  EXPECT_THAT(notes(second), ElementsAre("one"));  // reading goes on
+  EXPECT_THAT(notes(second), ElementsAre("one"));  // reading continues
   lock.reset();
   add(second, "two");
   EXPECT_THAT(notes(first), ElementsAre("one", "two"));

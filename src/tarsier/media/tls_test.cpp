@@ -53,7 +53,7 @@ std::string redirect_to(const std::string& place) {
   return "HTTP/1.1 302 Found\r\nLocation: " + place + "\r\nContent-Length: 0\r\n\r\n";
 }
 
-// What came of it: a first frame, or why there is none.
+// The result: a first frame, or the reason why there is none.
 struct Outcome {
   cv::Mat image;
   std::string detail;
@@ -121,7 +121,7 @@ TEST_F(TlsTest, AServerWithACertificateOfTheCaFileIsRead) {
   EXPECT_FALSE(read_http("https://localhost:" + std::to_string(other.port()) + "/").image.empty());
 }
 
-// Nothing is sent to a server that is not who it should be: not the request, not the password.
+// Neither the request nor the password is sent to a server with a wrong certificate.
 TEST_F(TlsTest, OtherServersAreRefusedBeforeAnythingIsSent) {
   const Certificate wrong_name("camera.example", &authority_);
   const Certificate expired("127.0.0.1", &authority_, std::time(nullptr) - 3600);
@@ -143,7 +143,7 @@ TEST_F(TlsTest, OtherServersAreRefusedBeforeAnythingIsSent) {
     EXPECT_FALSE(
         read_http(server.url(), options_of({.ca_file = "", .insecure = true})).image.empty());
   }
-  // The system's authorities have not signed it.
+  // Not signed by the system's authorities.
   const TlsServer server(good_, [](const std::string&) { return video(); });
   const Outcome outcome = read_http(server.url(), SourceOptions{});
   EXPECT_THAT(outcome.failure.reason, HasSubstr("option 'ca_file'"));
@@ -198,7 +198,7 @@ TEST_F(TlsTest, ASnapshotIsAskedForOverAConnectionOfItsOwn) {
   EXPECT_GE(server.requests().size(), 3U);
 }
 
-// FFmpeg does not check what a playlist points to.
+// FFmpeg does not check the URLs inside a playlist.
 TEST_F(TlsTest, PlaylistsAreRefusedUnlessInsecure) {
   const TlsServer server(good_, [](const std::string&) {
     return std::string(
@@ -229,7 +229,7 @@ TEST_F(TlsTest, OtherVideosGoThroughFfmpegVerified) {
                     HasSubstr("Host: 127.0.0.1:" + std::to_string(server.port()) + "\r\n")));
 }
 
-// The same by the capture program alone, where FFmpeg's own options do not hold.
+// The same with the capture program, where FFmpeg's own options do not apply.
 TEST_F(TlsTest, TheCaptureProgramTrustsAndFollowsNobodyElse) {
   const TlsServer server(good_, [](const std::string&) { return video(); });
   EXPECT_FALSE(read_child(server.url(), options_).image.empty());
@@ -245,7 +245,7 @@ TEST_F(TlsTest, TheCaptureProgramTrustsAndFollowsNobodyElse) {
   EXPECT_THAT(outcome.failure.reason, HasSubstr("redirects"));
   EXPECT_EQ(plain.connections(), 0);
 
-  // rtsps: FFmpeg 5.1 takes any certificate.
+  // rtsps: FFmpeg 5.1 accepts any certificate.
   const Certificate stranger("127.0.0.1");
   const TlsServer camera(stranger, [](const std::string&) { return std::string(); });
   outcome = read_child(camera.url("/", "me:secret@", "rtsps"), options_);

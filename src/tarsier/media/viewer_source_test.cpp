@@ -27,7 +27,7 @@ using ::testing::HasSubstr;
 using Bytes = std::vector<std::uint8_t>;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::chrono::seconds kPatience{300};  // only a failing test waits for so long
+constexpr std::chrono::seconds kPatience{300};  // only a failing test waits this long
 
 Bytes jpeg(int value, cv::Size size = {64, 48}) {
   return encode_image(".jpg", cv::Mat(size, CV_8UC3, cv::Scalar::all(value)), "test", 90);
@@ -156,7 +156,7 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   send(record(Bytes(good.begin(), good.end() - 60)));
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
-  // All segments are there, but a table of codes is none: found when it is decoded.
+  // All segments are present, but a code table is invalid. The decoder finds this.
   Bytes broken = jpeg(90);
   const Bytes table{0xff, 0xc4};
   const auto at = std::search(broken.begin(), broken.end(), table.begin(), table.end());

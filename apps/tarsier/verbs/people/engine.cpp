@@ -68,7 +68,7 @@ std::string background_of(const PeopleFlags& flags) {
 
 face::SharedNetwork own_network(const PeopleFlags& flags) {
   if (flags.embedding.empty()) return nullptr;
-  // A verb asks in several places.
+  // A verb may call this several times.
   static std::map<std::string, face::SharedNetwork> read;
   face::SharedNetwork& network = read[flags.embedding];
   if (!network) network = face::onnx::load_embedding(flags.embedding);
@@ -107,16 +107,16 @@ face::IdentifierOptions identifier_options(const PeopleFlags& flags) {
 }
 
 face::Identifier load_identifier(const face::IdentifierOptions& options) {
-  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  const EndOnSignals at_once;  // loading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
   return face::Identifier::load(ModelStore::find(), options);
 }
 
 face::people::FaceReader make_face_reader(const PeopleFlags& flags, UncertainFaces uncertain) {
   const face::people::FaceReaderOptions options = reading_options(flags, uncertain);
-  // A wrong path is reported before anything is written, also where the file is needed only at the end.
+  // A wrong path is reported before anything is written, even if the file is needed only later.
   if (!flags.background.empty()) static_cast<void>(find_background(flags));
-  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  const EndOnSignals at_once;  // loading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
   return face::FaceReaderModel::load(ModelStore::find(), options).make_reader();
 }
@@ -208,7 +208,7 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
 }
 
 std::string time_text(std::int64_t ms) {
-  constexpr std::int64_t kEnd = 253'402'300'799'999;  // of the year 9999
+  constexpr std::int64_t kEnd = 253'402'300'799'999;  // end of the year 9999
   return plate::moment_text(
       plate::Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(ms, 0, kEnd))));
 }

@@ -29,7 +29,7 @@ struct EnrollFlags {
   face::people::CollectOptions collect;
 };
 
-// Reads faces from the inputs and enrols those that are good, each as it comes.
+// Reads faces from the inputs and enrols each good face as soon as it is found.
 class Enrolment {
  public:
   Enrolment(const EnrollFlags& flags, Context& context)
@@ -43,8 +43,8 @@ class Enrolment {
 
   ExitStatus operator()() {
     const auto source = open_sources(flags_.inputs, flags_.source, input_schemes());
-    // Before this person is there: whom the faces would be taken for. What is due is learned, so
-    // that the new faces get their templates as they come.
+    // Whom the gallery would identify these faces as, before this person is in it. Pending learning
+    // is done, so that new faces get their templates at once.
     if (auto known = model(face::people::Searching::kByIndex)) {
       coordinates_ = known->space < 0;
       before_.emplace(gallery_, background(), std::move(known), face::people::Searching::kByIndex);
@@ -61,7 +61,7 @@ class Enrolment {
                   other);
     report(others);
     if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
-    // Ready for the next question. In a large gallery the templates are there already.
+    // Prepares the model for the next verb. A large gallery has its templates already.
     const bool fixed = coordinates_ && !face::has_deep_templates(gallery_);
     if (taken() > 0 && !fixed) (void)model(face::people::Searching::kNothing);
     return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
@@ -78,7 +78,7 @@ class Enrolment {
     try {
       return load_model(gallery_, background(), context_, face::people::Learn::kWhenDue, searching);
     } catch (const InputError& error) {
-      log_warning("{}", error.what());  // Fisherfaces with one person
+      log_warning("{}", error.what());  // e.g. Fisherfaces with one person
       return std::nullopt;
     }
   }
@@ -136,14 +136,14 @@ class Enrolment {
 
   const EnrollFlags& flags_;
   Context& context_;
-  const face::Identifier identifier_{face::NamingOptions()};  // finds; nobody is named
+  const face::Identifier identifier_{face::NamingOptions()};  // only finds faces
   face::IdentifierState faces_;
   face::people::Collector collector_;
   face::people::Gallery gallery_;
   std::optional<face::recognition::Background> background_;
   face::Enroller enroller_;
   std::optional<face::people::GalleryFollower> before_;
-  bool coordinates_ = false;  // faces are kept as these
+  bool coordinates_ = false;  // the gallery keeps faces as coordinates
   std::vector<cv::Mat> crops_;
   std::string source_name_;
 };
@@ -151,7 +151,7 @@ class Enrolment {
 ExitStatus enroll(EnrollFlags& flags, Context& context) {
   face::people::check_name(flags.name);
   face::people::check_note(flags.note);
-  // Nothing is written where what is asked for is not there.
+  // Nothing is written if a requested model is missing.
   if (template_kind(flags.people) == face::TemplateKind::kDeep)
     static_cast<void>(face::load_deep_network(ModelStore::find(), own_network(flags.people)));
   if (!flags.people.embedding.empty()) static_cast<void>(find_deep_background(flags.people));

@@ -49,7 +49,7 @@ nlohmann::ordered_json json_of(const Rate& rate) {
           {"low", rounded(rate.interval.low, 4)}, {"high", rounded(rate.interval.high, 4)}};
 }
 
-// Uncertain faces count as probes, and images without a face as probes that are wrong in every draw.
+// Uncertain faces count as probes. An image without a face counts as a wrong probe in every split.
 Rate identified_of_all(const EvaluationResult& result, std::size_t missed) {
   Rate out = result.rate(&SeedResult::identified);
   const Rate uncertain = result.rate(&SeedResult::uncertain_identified);
@@ -62,7 +62,7 @@ Rate identified_of_all(const EvaluationResult& result, std::size_t missed) {
   return out;
 }
 
-// Faces that are asked for, and do not train.
+// Faces that are probes and do not train.
 std::ptrdiff_t count_uncertain(const ListedFaces& listed) {
   return std::count(listed.trusted.begin(), listed.trusted.end(), false);
 }
@@ -192,8 +192,8 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
   return ExitStatus::kDone;
 }
 
-// The faces of --train-list, if there is one, then those of the list. `gallery`: how many of them
-// train. Throws InputError where nobody whose face was found is in both.
+// The faces of --train-list (if given), then those of the list. `gallery` returns the number of
+// training faces. Throws InputError if a person of the list has no detected face in --train-list.
 ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::FaceReader* reader,
                        Context& context, int& gallery) {
   ListedFaces asked =
@@ -242,17 +242,17 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
                                              face::has_deep_templates(ModelStore::find()))))
     algorithms.push_back(Algorithm::kDeep);
   const bool deep = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDeep) > 0;
-  // Deep templates have a background of their own; one that is named is theirs only if they are
-  // alone.
+  // Deep templates have their own background. --background names it only if no other algorithm is
+  // evaluated.
   std::optional<face::recognition::Background> deep_background;
   if (deep)
     deep_background =
         algorithms.size() == 1
             ? find_deep_background(flags.people)
             : face::load_deep_background(ModelStore::find(), {}, own_network(flags.people));
-  // As a gallery is trained: with what ships, unless another or none was asked for. Images that
-  // were cut in another way are not like those that it was learnt from: like `people train --raw`,
-  // they go without unless one is named.
+  // The installed background is used, as for a gallery, unless the user names another one or none.
+  // Raw images are cropped differently from the faces of that background. So they are evaluated
+  // without it, unless one is named (as in `people train --raw`).
   const bool named = !flags.people.background.empty();
   const bool general = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDefault) > 0;
   std::optional<face::recognition::Background> background;
@@ -267,7 +267,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   if (!flags.raw)
     reader.emplace(make_face_reader(
         flags.people, flags.fit_same_camera ? UncertainFaces::kNone : UncertainFaces::kToo));
-  // The cut faces serve all; the classical preparation is made from them.
+  // All algorithms share these crops; the classical preparation is computed from them.
   face::recognition::EvaluationOptions options;
   const ListedFaces listed =
       read_faces(flags, size, reader ? &*reader : nullptr, context, options.gallery);

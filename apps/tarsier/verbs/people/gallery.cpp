@@ -69,7 +69,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     }
     return ExitStatus::kDone;
   }
-  // To be written where it can be: an older gallery is brought up to date.
+  // Opened for writing if possible, so that an older gallery is upgraded.
   face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
   if (flags.sightings) {
     const auto sightings = gallery.sightings(flags.limit);
@@ -90,7 +90,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
                         s.known       ? printable(s.name)
                         : s.group > 0 ? fmt::format("unknown, group {}", s.group)
                                       : std::string("unknown"),
-                        // A group that was named by hand.
+                        // A group that a user named.
                         s.known && s.confidence < 0.5 ? std::string("named")
                                                       : fmt::format("{:.0f} %", 100 * s.confidence),
                         printable(s.source)));
@@ -116,7 +116,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
   return people.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-// Only a person at a terminal can be asked.
+// Asks the user, which needs a terminal.
 bool agreed(const std::string& name, const std::string& what) {
   if (isatty(STDIN_FILENO) == 0)
     throw UsageError("forgetting cannot be undone: say --yes where nobody can be asked");
@@ -139,7 +139,7 @@ std::string_view index_word(face::people::IndexFate fate) {
   return "none";
 }
 
-// What was removed, what was looked for and where, and what was not proven.
+// What was removed, how far copies were searched for, and what could not be proven.
 std::string forget_text(const std::string& name, const face::people::ForgetReport& report) {
   const face::people::SearchReport& search = report.search;
   std::string text = fmt::format(

@@ -24,7 +24,7 @@ struct GroupFlags {
   face::people::GroupingOptions grouping;
 };
 
-// The directions that faces of this gallery are compared in, enrolled or not.
+// The background that defines the comparison of this gallery's faces, enrolled or not.
 face::recognition::Background directions_of(face::people::Gallery& gallery,
                                             const PeopleFlags& flags) {
   face::settle_templates(gallery, template_kind(flags), ModelStore::find(), true,
@@ -63,11 +63,11 @@ struct GroupsFlags {
   std::string draw;
 };
 
-// The best faces of each group, a row each.
+// Draws the best faces of each group, one row per group.
 void draw_groups(face::people::Gallery& gallery,
                  const std::vector<face::people::SightingGroup>& groups, const std::string& path) {
   constexpr std::size_t kColumns = 8;
-  constexpr std::size_t kMost = 200;  // rows: larger images are of no use
+  constexpr std::size_t kMost = 200;  // max rows: larger images are of no use
   std::vector<cv::Mat> rows;
   for (const auto& group : groups) {
     if (rows.size() == kMost) {
@@ -172,7 +172,7 @@ ExitStatus name_group(const NameFlags& flags, Context& context) {
                     "{}` takes it back\n",
                     flags.group, printable(flags.name), person ? person->faces : 0, id, id));
   }
-  // Ready for the next question.
+  // Prepares the model for the next verb.
   (void)model_of_gallery(gallery, flags.people, context);
   return ExitStatus::kDone;
 }

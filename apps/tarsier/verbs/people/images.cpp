@@ -24,13 +24,13 @@ class Kept final : public DebugSink {
   NamedImages images;
 };
 
-constexpr std::size_t kSheetMost = 800;  // faces: larger images are of no use
+constexpr std::size_t kSheetMost = 800;  // max faces: larger images are of no use
 constexpr int kSheetColumns = 8;
 const cv::Size kSheetFace(128, 160);  // px
 constexpr int kSheetLabel = 24;       // px, below a face
 const cv::Scalar kSheetGray(32, 32, 32);
 
-// The top left corner of a cell of a FaceSheet.
+// The top-left corner of a cell of a FaceSheet.
 cv::Point sheet_corner(std::size_t index) {
   const int i = static_cast<int>(index);
   return {i % kSheetColumns * kSheetFace.width,
@@ -48,7 +48,7 @@ double score_of(const face::recognition::Recognizer& model, const cv::Mat& input
 NamedImages face_stages(face::people::FaceReader& reader, const cv::Mat& gray) {
   Kept kept;
   if (reader.read(gray, &kept).empty()) return {};
-  // The face in its image, not all of a large one.
+  // Shows the face, not the whole of a large image.
   for (std::size_t i = 0; i < kept.images.names.size(); ++i) {
     if (kept.images.names[i] != "found") continue;
     const auto faces = reader.read(gray);
@@ -76,7 +76,7 @@ cv::Mat evidence_image(const face::recognition::Recognizer& model, const cv::Mat
   cv::Mat loss(kDown, kAcross, CV_32FC1);
   for (int y = 0; y < kDown; ++y) {
     for (int x = 0; x < kAcross; ++x) {
-      // Soft edges: a hard one would be a feature of its own.
+      // The blur has soft edges, since a hard edge would be a feature itself.
       cv::Mat weight = cv::Mat::zeros(input.size(), CV_32FC1);
       const cv::Point center(cvRound((x + 0.5) * input.cols / kAcross),
                              cvRound((y + 0.5) * input.rows / kDown));

@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-// Images that show how recognisers work.
+// Images that explain how recognisers work.
 namespace tarsier::cli {
 
 struct NamedImages {
@@ -24,28 +24,28 @@ struct NamedImages {
   }
 };
 
-// The stages of one image, from detection to what each kind of recogniser gets. Empty where no
-// face is found. CV_8UC1.
+// The stages of one image, from detection to the input of each kind of recogniser. Empty if no face
+// is found. CV_8UC1.
 [[nodiscard]] NamedImages face_stages(face::people::FaceReader& reader, const cv::Mat& gray);
 
-// Which parts of the face speak for person `person` (index into labels): each is covered in turn by
-// its own blur, and what the score loses is shown, red for, blue against. `input` as the recogniser
-// gets it. CV_8UC3.
+// Shows which parts of the face support person `person` (index into labels). Each part in turn is
+// replaced by its blur, and the loss of score is drawn: red supports the person, blue contradicts.
+// `input` is the recogniser's input. CV_8UC3.
 [[nodiscard]] cv::Mat evidence_image(const face::recognition::Recognizer& model,
                                      const cv::Mat& input, int person);
 
-// Faces in one image, eight a row, each with its number below it, so that whoever puts a gallery
-// right sees which is which.
+// A sheet of numbered faces, eight in a row. With it, a user who corrects a gallery sees which face
+// has which number.
 class FaceSheet {
  public:
-  explicit FaceSheet(std::string path) : path_(std::move(path)) {}  // empty: nothing is drawn
+  explicit FaceSheet(std::string path) : path_(std::move(path)) {}  // empty path: nothing is drawn
 
   [[nodiscard]] bool is_drawn() const { return !path_.empty(); }
-  // The next face, as cut_face() makes it (empty: it was not kept), and `line` of the JSON output
-  // gets "box": where it lies in the image, [x, y, width, height] in px. Of more than 800 faces the
-  // rest are left out.
+  // Adds a face: a crop of cut_face(), or empty if the crop was not kept. Writes "box" into `line`
+  // of the JSON output: its place in the sheet, [x, y, width, height] in px. The sheet has at most
+  // 800 faces; further ones are left out.
   void add(const cv::Mat& crop, std::int64_t number, nlohmann::ordered_json& line);
-  // Writes the image. A warning says how many were left out. Throws IoError.
+  // Writes the sheet. Warns if faces were left out. Throws IoError.
   void write() const;
 
  private:

@@ -19,7 +19,7 @@ struct IndexFlags {
   bool check = false;
 };
 
-// Is there one, may it be used, and is every byte of it what was written?
+// Checks that the gallery has an index, that it may be used, and that all its bytes are intact.
 ExitStatus check_index(face::people::Gallery& gallery, Context& context) {
   const std::string path = face::people::index_path(gallery);
   face::people::GalleryIndexState state = face::people::gallery_index_state(gallery);
@@ -58,7 +58,7 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
     face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
     return check_index(gallery, context);
   }
-  // A wrong path is reported in any case.
+  // A wrong path is always reported.
   if (!flags.people.background.empty()) static_cast<void>(find_background(flags.people));
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   face::settle_templates(gallery, template_kind(flags.people), ModelStore::find(), false,
@@ -74,7 +74,7 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
       gallery, ModelStore::find(), background_of(flags.people), own_network(flags.people));
   if (!background)
     throw InputError(gallery.path(), "--background none: without directions nothing is indexed");
-  // What is due is learned, and templates that are missing are made.
+  // Does the pending learning and computes missing templates.
   (void)face::learn_gallery(gallery, &*background, face::people::Learn::kWhenDue, *context.progress,
                             context.stop, face::people::Searching::kNothing);
   const auto report = face::people::build_gallery_index(gallery, *background, flags.index,

@@ -45,7 +45,7 @@ ExitStatus live(LiveFlags& flags, Context& context) {
   flags.session.now = now_ms;
   flags.session.actor = correction_stamp().actor;
   DebugFolder debug(context.debug_dir);
-  // What is due in a gallery that is there already is learned before the window opens.
+  // Pending learning of an existing gallery is done before the window opens.
   PeopleSession session(load_identifier(options).open(*context.progress, context.stop),
                         flags.session, debug.sink());
   std::optional<SightingWriter> sightings;
@@ -58,8 +58,8 @@ ExitStatus live(LiveFlags& flags, Context& context) {
   hooks.table = {flags.csv, kFaceColumns};
   hooks.rows = [&](const Frame& frame) { return face_rows(frame, session.faces()); };
   hooks.after_frame = [&](const Frame& frame) {
-    // While faces are collected or learned nobody is named yet; where nobody is enrolled all are
-    // unknown.
+    // Faces are not identified while faces are collected or learned. If nobody is enrolled, all
+    // faces are unknown.
     const bool names = session.mode() == PeopleMode::kRecognize;
     if (!names && session.mode() != PeopleMode::kDetect) return;
     if (names) events.frame(frame, session.faces());

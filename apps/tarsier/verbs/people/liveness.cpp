@@ -25,10 +25,10 @@ ExitStatus ask(LivenessFlags& flags, Context& context) {
   default_to_headless(flags.run);
   using face::head::LivenessState;
   face::PoseTrackerOptions options;
-  options.landmarks.tracker.smoothing = false;  // a blink is over before it would show
+  options.landmarks.tracker.smoothing = false;  // smoothing would hide a blink
   options.smoothing = face::PoseSmoothing::kNone;
   std::uint64_t seed = context.seed;
-  if (!flags.fixed_order) {  // an order that can be foreseen asks nothing
+  if (!flags.fixed_order) {  // a predictable order proves nothing
     std::random_device chance;
     seed = (static_cast<std::uint64_t>(chance()) << 32) | chance();
   }

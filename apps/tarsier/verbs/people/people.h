@@ -5,7 +5,7 @@
 
 namespace tarsier::cli {
 
-// The verbs of `people`, one file each (cmd_people_<verb>.cpp).
+// The verbs of `people`, one file each (<verb>.cpp).
 void add_people_enroll(Command& area, Context& context);
 void add_people_gallery(Command& area, Context& context);  // list, forget, export
 void add_people_groups(Command& area, Context& context);   // group, groups, name

@@ -15,10 +15,10 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr double kLost_s =
-    60;  // out of sight, after which a face does not come back under its number
+// A face that is lost for this time does not get its number again.
+constexpr double kLost_s = 60;
 
-// The face with a margin, cut from the image.
+// The face with a margin, cropped from the image.
 cv::Mat crop_of(const cv::Mat& image, const cv::Rect2d& box) {
   const cv::Rect2d around(box.x - 0.2 * box.width, box.y - 0.2 * box.height, 1.4 * box.width,
                           1.4 * box.height);
@@ -64,7 +64,6 @@ void RecognitionEvents::frame(const Frame& frame, const std::vector<face::NamedF
     }
     on_event_.post(line, crop_of(frame.image, face.face.box));
   }
-  // A face that is out of sight for so long does not come back under its number.
   std::erase_if(reported_,
                 [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
 }

@@ -11,24 +11,25 @@
 
 namespace tarsier::cli {
 
-// Of --csv: one row a face and frame; the box in px.
+// Columns of --csv: one row per face and frame; the box in px.
 inline constexpr const char* kFaceColumns =
     "frame,time,image,face,label,confidence,known,x,y,width,height";
 [[nodiscard]] std::vector<std::string> face_rows(const Frame& frame,
                                                  const std::vector<face::NamedFace>& faces);
 
-// Tells each new recognition once: of stills every known face, of videos a face when it is first
-// known, or known as somebody else. {"event":"person", ..}.
+// Reports each recognition once as {"event":"person", ..}. In still images every known face is
+// reported. In videos a face is reported when it is first known, and when it becomes known as
+// another person.
 class RecognitionEvents {
  public:
-  // `on_event` must outlive it.
+  // `on_event` must outlive this object.
   explicit RecognitionEvents(OnEvent& on_event) : on_event_(on_event) {}
   void frame(const Frame& frame, const std::vector<face::NamedFace>& faces);
 
  private:
   struct Reported {
     std::string what;
-    double time = 0;  // when it was last seen, s
+    double time = 0;  // when the face was last seen, s
   };
   OnEvent& on_event_;
   std::map<int, Reported> reported_;

@@ -79,7 +79,7 @@ void describe(const Recognizer& model, const Context& context) {
   print_text(text);
 }
 
-// The face, what the model makes of it, whom it resembles and by what.
+// Adds the face, its reconstruction, the most similar people and the evidence for them.
 void add_face(NamedImages& images, const Recognizer& model, const cv::Mat& input,
               face::people::Gallery* gallery, const Context& context) {
   images.add("face", input);

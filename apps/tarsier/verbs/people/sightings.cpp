@@ -8,9 +8,10 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr double kSettled = 2;    // s until an unknown face is one
-constexpr double kLost = 60;      // s: a face does not come back under its number
-constexpr double kBetter = 1.15;  // a stored face is replaced by one of so many times its quality
+constexpr double kSettled = 2;  // s; a face that is unknown for this time is a sighting
+constexpr double kLost = 60;    // s; after this time a lost face does not get its number again
+// A better face replaces the stored one if its quality is higher by this factor.
+constexpr double kBetter = 1.15;
 
 face::people::SeenFace seen(const face::people::Face& face) {
   return {face.crop.clone(), face.quality.score(), face::people::quality_json(face.quality).dump()};
@@ -45,7 +46,7 @@ void SightingWriter::look(Track& track, const face::NamedFace& face, const Frame
   track.confidence = face.name.confidence;
   const bool good = is_good(face.face);
   const bool changed = face.name.known && face.name.label != track.known_as;
-  if (changed && !track.known_as.empty()) track.best = {};  // who knows whose those were
+  if (changed && !track.known_as.empty()) track.best = {};  // these faces may be of either person
   if (good && (track.best.crop.empty() || face.face.quality.score() > track.best.quality))
     track.best = seen(face.face);
   if (changed) {

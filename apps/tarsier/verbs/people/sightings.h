@@ -14,37 +14,40 @@
 
 namespace tarsier::cli {
 
-// Remembers in a gallery who was seen, with their faces, and forgets what is older. Of stills each
-// face is a sighting. A followed face is one when it is first known, or known as somebody else;
-// and one that stays unknown for two seconds, or until it is lost. The best of its faces so far is
-// kept; one that would not be enrolled (small, blurred, turned away) is not.
+// Stores in a gallery who was seen, with their faces, and deletes old sightings. In still images
+// each face is a sighting. A tracked face is a sighting when it is first known, and when it becomes
+// known as another person. It is also one when it stays unknown for two seconds or until it is
+// lost. The best of its faces so far is kept. A face whose quality is too low for enrolment (small,
+// blurred, turned away) is not kept.
 class SightingWriter {
  public:
-  // The gallery must outlive it. `keep_ms` > 0.
+  // The gallery must outlive this object. `keep_ms` > 0.
   SightingWriter(face::people::Gallery& gallery, std::int64_t keep_ms);
 
   // `now`: ms since 1970-01-01 UTC. Throws OutputError.
   void frame(const Frame& frame, const std::vector<face::NamedFace>& faces, std::int64_t now);
-  // The sighting whose face a followed face may still make better; 0: none.
+  // The sighting whose stored face may still be replaced by a better one of this tracked face; 0:
+  // none.
   [[nodiscard]] std::int64_t sighting_of(int face) const;
-  // No more frames: faces that are still waited for are written.
+  // Call after the last frame: writes the pending sightings.
   void finish();
 
  private:
   struct Track {
-    std::string known_as;  // of the last sighting of a known face
+    std::string known_as;  // name at the last sighting of a known face
     bool written_unknown = false;
-    double first_time = 0;  // of the frames, s
+    double first_time = 0;  // times of the frames, s
     double last_time = 0;
     std::int64_t since = 0;  // ms since 1970-01-01 UTC
-    std::string nearest;     // while it is unknown
+    std::string nearest;     // nearest person while the face is unknown
     double confidence = 0;
-    std::string name;             // of the frames
-    face::people::SeenFace best;  // since the last sighting; no crop: none was good enough
-    std::int64_t sighting = 0;    // whose face may still become better
-    double stored = 0;            // its quality
+    std::string name;  // source name of the frames
+    // Best face since the last sighting; without a crop: none was good enough.
+    face::people::SeenFace best;
+    std::int64_t sighting = 0;  // its stored face may still be replaced by a better one
+    double stored = 0;          // quality of its stored face
   };
-  // Worth to be kept.
+  // Whether the quality is high enough to keep the face.
   [[nodiscard]] bool is_good(const face::people::Face& face) const;
   void look(Track& track, const face::NamedFace& face, const Frame& frame, std::int64_t now);
   void write(Track& track, std::int64_t time, const std::string& label, bool known);

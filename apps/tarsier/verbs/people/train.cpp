@@ -35,7 +35,7 @@ face::recognition::Algorithm algorithm_of(const std::string& name) {
   }
 }
 
-// Of very many faces an even choice.
+// Of very many faces, an evenly spaced subset is used.
 std::int64_t learned_from(const face::recognition::Recognizer& model) {
   return std::min<std::int64_t>(model.templates.rows(), face::recognition::kMaxLearnedFaces);
 }
@@ -92,7 +92,8 @@ ExitStatus train_background(const TrainFlags& flags, Context& context) {
   options.seed = context.seed;
   if (deep(flags)) {
     options.network = face::load_deep_network(ModelStore::find(), own_network(flags.people));
-    options.within_weight = 200;  // a gallery's own scatter says less than the network's training
+    // A gallery's own scatter is less reliable than the network's training.
+    options.within_weight = 200;
   }
   face::recognition::Background background;
   try {

@@ -33,7 +33,8 @@ struct Verdict {
   bool trusted = true;
 };
 
-// Against the claimed person only: a stranger has one chance, not one with everybody.
+// Compares with the claimed person only. So a stranger has one chance of a false accept, not one
+// for each enrolled person.
 Verdict verdict_of(const face::recognition::Recognizer& model, const face::people::Face& face,
                    const std::string& name, double rate) {
   Verdict out;
@@ -81,8 +82,8 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     cv::cvtColor(frame->image, gray, cv::COLOR_BGR2GRAY);
     const auto faces = reader.read(gray);
     std::optional<Verdict> verdict;
-    for (const face::people::Face& face :
-         faces) {  // of several the one that is most like the person
+    // Of several faces, the one most similar to the person counts.
+    for (const face::people::Face& face : faces) {
       const Verdict one = verdict_of(*model, face, flags.name, flags.rate);
       if (!verdict || one.score > verdict->score) verdict = one;
     }

@@ -48,7 +48,7 @@ TEST_F(EditTest, NothingChangesWithoutAChange) {
   EXPECT_LT((same - points_).cwiseAbs().maxCoeff(), 1e-6);
   cv::Mat drawn = image_.clone();
   draw_edited(synthesis_, model(), drawn, points_, points_);
-  // The image between the lips is the model's own.
+  // The pixels between the lips are the model's own.
   EXPECT_LT(cv::norm(drawn, image_, cv::NORM_L1) / static_cast<double>(image_.total()), 1.5);
 }
 
@@ -56,7 +56,7 @@ TEST_F(EditTest, TheImageGoesWithThePoints) {
   const Eigen::Matrix2Xd open = edited_points(model(), points_, FaceEdit::kOpenMouth);
   cv::Mat drawn = image_.clone();
   draw_edited(synthesis_, model(), drawn, points_, open);
-  // Where the lower lip now is, its own colour is; far from the face nothing has changed.
+  // The colour of the lower lip moves with the lip. Far from the face nothing changes.
   const cv::Vec3b was = image_.at<cv::Vec3b>(cvRound(points_(1, 57)) - 4, cvRound(points_(0, 57)));
   const cv::Vec3b is = drawn.at<cv::Vec3b>(cvRound(open(1, 57)) - 4, cvRound(open(0, 57)));
   EXPECT_LT(cv::norm(was, is), 60);

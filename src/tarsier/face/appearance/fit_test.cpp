@@ -25,7 +25,7 @@ double mean_error(const Eigen::Matrix2Xd& points, const TrainingImage& truth) {
   return (points - truth.points).colwise().norm().mean();
 }
 
-// The mean shape where the object is, but off by a tenth of its size.
+// The mean shape at the object, displaced by a tenth of its size.
 Eigen::Matrix2Xd off_start(const TrainingImage& image, Rng& rng) {
   shape::Similarity2d place = shape::fit_similarity(model().shape.mean, image.points);
   place.tx += rng.uniform(-4, 4);

@@ -30,7 +30,7 @@ class JacobianTest : public ::testing::Test {
     level_.emplace(make_level(model_, model_.levels[0], fit, model_.shape.mode_count()));
   }
 
-  // Where the frame's pixel comes to lie when parameter k is moved by `step`.
+  // Position of the frame's pixel after parameter k was moved by `step`.
   [[nodiscard]] Vector2d moved(Index pixel, Index k, double step) const {
     const Texture& texture = *level_->texture;
     const auto& at = texture.warp.pixels()[static_cast<std::size_t>(pixel)];
@@ -85,7 +85,7 @@ TEST_F(JacobianTest, SteepestDescentImagesAreTheChangeOfTheWarpedTemplate) {
       difference += std::pow(numeric - double{images(i, k)}, 2);
       total += numeric * numeric;
     }
-    // One-sided differences at the mesh's edge are what is left.
+    // The remaining differences come from one-sided differences at the mesh's edge.
     EXPECT_LT(difference, 1e-3 * total) << "parameter " << k;
   }
 }

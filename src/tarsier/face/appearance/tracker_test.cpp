@@ -23,7 +23,7 @@ const AppearanceModel& model() {
   return result;
 }
 
-// A video: the same thing on a plain ground, moved a little from frame to frame.
+// A video of the same object on a plain background. It moves a little from frame to frame.
 struct Video {
   TrainingImage thing = testing::portraits(1, 91)[0];
   Eigen::Vector2d at{0, 0};
@@ -37,7 +37,7 @@ struct Video {
     return image;
   }
   [[nodiscard]] Eigen::Matrix2Xd points() const { return thing.points.colwise() + at; }
-  // Starts where the thing is, a little off.
+  // Starts with a small displacement from the object.
   [[nodiscard]] FindStarts find(int* calls) const {
     return [this, calls](const cv::Mat&) {
       ++*calls;

@@ -27,7 +27,7 @@ const AnchorDetector& bright() {
   return detector;
 }
 
-// A white square of a cell on black, and what is found of it.
+// A white square of one cell on black, and the detections on it.
 cv::Mat one_cell(cv::Size size, cv::Point corner, int side) {
   cv::Mat image(size, CV_8UC1, cv::Scalar(0));
   image(cv::Rect(corner, cv::Size(side, side))) = 255;
@@ -140,8 +140,8 @@ TEST_F(AnchorFiles, TheRealNetworkDrawsTheBoxesOfItsPackage) {
   const std::string manifest = package + "/model/tiny_face_detector_model-weights_manifest.json";
   const AnchorDetector detector =
       build_anchor_detector(linalg::read_weights_manifest(manifest), manifest);
-  // Something like faces: light ovals with two dark spots and a bar, on 416 x 416 px, which neither
-  // scales.
+  // Images similar to faces: light ovals with two dark spots and a bar. At 416 x 416 px neither
+  // program scales them.
   cv::Mat image(416, 416, CV_8UC1, cv::Scalar(90));
   for (int k = 0; k < 4; ++k) {
     const cv::Point middle(100 + 210 * (k % 2), 110 + 200 * (k / 2));

@@ -10,7 +10,7 @@
 namespace tarsier::face::training {
 namespace {
 
-// 68 points on circles and lines about where a face of `width` px has them, its eyes at `eyes`.
+// 68 points on circles and lines, roughly those of a face `width` px wide with its eyes at `eyes`.
 std::vector<cv::Point2d> drawn_face(cv::Point2d eyes, double width) {
   std::vector<cv::Point2d> points;
   const auto add = [&](double x, double y) { points.push_back(eyes + width * cv::Point2d(x, y)); };
@@ -43,7 +43,7 @@ TEST(Disguise, ChangesPartOfTheFaceAndLittleBesideIt) {
     const int face = cv::countNonZero(changed(cv::Rect(30, 10, 60, 90)));
     changed_faces += face > 50 ? 1 : 0;
     EXPECT_LT(face, 60 * 90) << "something of the face is left";
-    // Only what is held before it leaves the surroundings of the head.
+    // Only held objects may change pixels outside the head's surroundings.
     EXPECT_EQ(cv::countNonZero(changed(cv::Rect(0, 0, 120, 1))) > 60, false);
   }
   EXPECT_GE(changed_faces, 36);
@@ -61,7 +61,7 @@ TEST(Disguise, TheSameSeedGivesTheSame) {
   EXPECT_EQ(cv::norm(views[0], views[1], cv::NORM_INF), 0);
 }
 
-// Points far outside the view, on one spot, or mirrored: nothing is read or written beyond it.
+// Points far outside the view, all in one place, or mirrored: no access outside the image.
 TEST(Disguise, ExtremePlacesDoNoHarm) {
   const cv::Mat texture(40, 40, CV_8UC1, cv::Scalar(90));
   std::vector<cv::Point2d> mirrored = drawn_face({20, 18}, 16);

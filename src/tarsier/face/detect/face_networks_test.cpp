@@ -85,13 +85,13 @@ TEST(FaceSearch, TheCostDependsOnTheSmallestFaceAndNotOnTheScale) {
   cv::resize(small, large, cv::Size(1280, 800), 0, 0, cv::INTER_LINEAR);
   (void)scan_faces(large, networks, {.min_face = 80}, workspace);
   EXPECT_NEAR(static_cast<double>(workspace.pixels) - first, first, 0.02 * first);
-  // The pyramid: 1 + 1/1.35^2 + .. of the finest level, and the borders.
+  // Pixels of the pyramid: 1 + 1/1.35^2 + .. times the finest level, plus the borders.
   EXPECT_LT(first, 3.2 * 256 * 160);
 }
 
 TEST(FaceSearch, TheWorkHasAnEndWhateverTheImageHolds) {
   FaceNetworks networks = random_networks(5);
-  networks.scan.layers.back().bias[0] = 20;  // everything looks like a face
+  networks.scan.layers.back().bias[0] = 20;  // every window scores as a face
   networks.judge.layers.back().bias[0] = 20;
   networks.check.layers.back().bias[0] = 20;
   FaceSearchWorkspace workspace;
@@ -184,7 +184,7 @@ TEST(SuppressOverlaps, NoTwoThatStayOverlapAndEachThatGoesOverlapsABetterOne) {
 
 // --- training ---
 
-// A face of a kind: two dark eyes and a mouth on something bright.
+// A simple face: two dark eyes and a mouth on a bright area.
 void draw_mask(cv::Mat& image, const cv::Rect2d& box) {
   const auto at = [&](double x, double y) {
     return cv::Point(cvRound(box.x + x * box.width), cvRound(box.y + y * box.width));
@@ -244,7 +244,7 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
     write_image(name, noise({80, 64}, static_cast<std::uint64_t>(i) + 50));
     images_.push_back({name, {}, {}});
   }
-  // Hardly trained networks take anything for a face.
+  // Networks with little training take anything for a face.
   FaceTrainingOptions options{.scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
   options.false_alarms = 0;
   const FaceTraining strict = train_face_networks(images_, "set", options, silent_, {});
@@ -258,7 +258,7 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
   EXPECT_GT(loose.held_out_alarms, 0);
   EXPECT_GT(strict.networks.sure, loose.networks.sure);
   FaceSearchWorkspace workspace;
-  // Every third of those without faces.
+  // Every third image without faces.
   for (const int number : {2, 5}) {
     const auto faces = search_faces(read_gray_image(path("none" + std::to_string(number) + ".png")),
                                     strict.networks,
@@ -281,13 +281,13 @@ TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
 }
 
 TEST(SureScore, IsWhereAsManyAlarmsAreExpectedAsAreAllowed) {
-  // Logits above 0 (a score of 0.5) of mean 1.5, exponentially distributed.
+  // Logits above 0 (score above 0.5), exponentially distributed with mean 1.5.
   std::vector<double> scores;
   constexpr int kCount = 400;
   for (int i = 0; i < kCount; ++i) {
     const double logit = -1.5 * std::log((i + 0.5) / kCount);
     scores.push_back(1 / (1 + std::exp(-logit)));
-    scores.push_back(0.1);  // below the lowest: does not count
+    scores.push_back(0.1);  // below the min score: does not count
   }
   for (const double allowed : {200.0, 40.0, 30.0}) {
     const double sure = sure_score(scores, 0.5, allowed);
@@ -298,7 +298,7 @@ TEST(SureScore, IsWhereAsManyAlarmsAreExpectedAsAreAllowed) {
   EXPECT_EQ(sure_score({}, 0.5, 0), 0.5);
   EXPECT_EQ(sure_score(scores, 0.5, 0.001), 0.98);
   const double none = sure_score({0.6, 0.8, 0.7}, 0.5, 0);
-  EXPECT_NEAR(none, 0.9, 1e-9);  // above the highest
+  EXPECT_NEAR(none, 0.9, 1e-9);  // above the max score
   EXPECT_THROW((void)sure_score(scores, 0.5, -1), std::invalid_argument);
 }
 

@@ -24,7 +24,7 @@ std::vector<cv::Rect> sorted(std::vector<cv::Rect> boxes) {
   return boxes;
 }
 
-// Shades as of faces: dark eyes and mouths in bright ovals, at all sizes, with noise.
+// Shades similar to faces: dark eyes and mouths in bright ovals, at all sizes, with noise.
 cv::Mat face_like(cv::Size size, std::uint64_t seed) {
   Rng rng(seed);
   cv::Mat image(size, CV_8UC1, cv::Scalar(90));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Compiled with TARSIER_VECTOR_BYTES (16, 32 or 64) and TARSIER_HAAR (the name of the function that returns the kernels).
+// Compiled with TARSIER_VECTOR_BYTES (16, 32 or 64) and TARSIER_HAAR (name of the function that
+// returns the kernels).
 #include "tarsier/face/detect/haar_kernels.h"
 
 namespace tarsier::face {
@@ -19,7 +20,7 @@ T loaded(const void* from) {
   return value;
 }
 
-// Without a sign: windows behind the last one may have any numbers.
+// Unsigned, since lanes behind the last window may hold any numbers and overflow.
 Floats rect_sums(const std::int32_t* sum, const RectOffsets& at) {
   const Unsigned sums = loaded<Unsigned>(sum + at[0]) - loaded<Unsigned>(sum + at[1]) -
                         loaded<Unsigned>(sum + at[2]) + loaded<Unsigned>(sum + at[3]);
@@ -33,7 +34,8 @@ Floats values_of(const HaarNode& node, const std::int32_t* sum, Floats norms) {
   return values * norms;
 }
 
-// All nodes of a tree, from the last to the root: children have higher numbers.
+// Evaluates all nodes of a tree from the last to the root: children have higher indices than their
+// parent.
 Floats leaves_of(const HaarTree& tree, const HaarNode* nodes, const std::int32_t* sum,
                  Floats norms) {
   Floats leaves[kMaxHaarNodes];
@@ -51,7 +53,7 @@ void norms(const std::int32_t* sum, const std::int32_t* squares, const RectOffse
   for (int i = 0; i < count; ++i) {
     const std::int32_t total =
         sum[i + inner[0]] - sum[i + inner[1]] - sum[i + inner[2]] + sum[i + inner[3]];
-    // Sums of squares may leave the range of a signed number.
+    // Sums of squares may exceed the range of a signed number.
     const auto square = static_cast<std::uint32_t>(squares[i + inner[0]]) -
                         static_cast<std::uint32_t>(squares[i + inner[1]]) -
                         static_cast<std::uint32_t>(squares[i + inner[2]]) +
@@ -62,8 +64,8 @@ void norms(const std::int32_t* sum, const std::int32_t* squares, const RectOffse
   }
 }
 
-// A vector costs little more than one window: it begins at the next window that is left, and those between are not
-// looked at.
+// Keeps the windows that pass the stage. A vector costs little more than a single window. Each
+// vector begins at the next remaining window; lanes of rejected windows are ignored.
 int pass(const HaarStage& stage, const HaarTree* trees, const HaarNode* nodes,
          const std::int32_t* sum, const float* norms, std::int32_t* windows, int count) {
   int kept = 0;

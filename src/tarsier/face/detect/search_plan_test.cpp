@@ -16,7 +16,7 @@ namespace {
 constexpr double kWindow = 16;
 constexpr double kTile = 192;
 
-// Is a face of this box looked for somewhere, with a quarter of its width around it?
+// Whether some region of the plan covers a face of this box, with a quarter of its width around it.
 bool is_covered(const SearchPlan& plan, const cv::Rect2d& box, cv::Size image) {
   const auto holds = [&](const SearchTile& tile) {
     if (box.width < tile.min_face) return false;

@@ -11,7 +11,7 @@
 namespace tarsier::face::head {
 namespace {
 
-// Where the nose of a head looks, and its top, in the camera's frame (x right, y down, z forward).
+// Directions of the nose and of the head's top in the camera's frame (x right, y down, z forward).
 Eigen::Vector3d nose(const HeadAngles& angles) {
   return rotation_of_angles(angles) * Eigen::Vector3d(0, 0, -1);
 }

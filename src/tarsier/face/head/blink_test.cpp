@@ -14,7 +14,8 @@ namespace {
 
 constexpr double kFps = 15;
 
-// Two eyes of 60 px; `open`: of the lids, 1 open. 68 points, of which those of the eyes count, and the irises.
+// Two eyes of 60 px. `open` is the opening of the lids, 1: open. Of the 68 points only those of the
+// eyes and the irises matter.
 Eigen::Matrix2Xd eyes(double open) {
   constexpr Eigen::Index kIris = 16;
   Eigen::Matrix2Xd points = Eigen::Matrix2Xd::Zero(2, 68 + 2 * kIris);
@@ -39,7 +40,7 @@ EyePatches patches(double open) {
   return eye_patches(testing::image_of_eyes(eyes(open)), points.leftCols(68), no_motion());
 }
 
-// The frames (from 0) at which a detector finds a blink.
+// The frames (from 0) in which a detector finds a blink.
 std::vector<int> blinks(const std::vector<std::pair<double, EyePatches>>& frames) {
   BlinkDetector detector({});
   std::vector<int> found;
@@ -61,7 +62,7 @@ TEST(EyePatchesTest, IsThatOfTheReferenceHoweverAFlatImageMoves) {
       for (int c = 0; c < 3; ++c) motion.at<double>(r, c) = map(r, c);
     cv::Mat moved;
     cv::warpAffine(image, moved, motion, image.size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-    moved = 0.6 * moved + 30;  // in another light
+    moved = 0.6 * moved + 30;  // other light
     const EyePatches second = eye_patches(moved, points.leftCols(68), map);
     EXPECT_GT(first[0].dot(second[0]), 0.97) << squeeze;
     EXPECT_GT(first[1].dot(second[1]), 0.97) << squeeze;
@@ -73,7 +74,7 @@ TEST(EyePatchesTest, IsThatOfTheReferenceHoweverAFlatImageMoves) {
 TEST(EyePatchesTest, TakesAnyPlaceAndRefusesOtherImages) {
   const Eigen::Matrix2Xd points = eyes(1).leftCols(68);
   AffineMap away = no_motion();
-  away.col(2) << -245, 0;  // one eye at the edge
+  away.col(2) << -245, 0;  // one eye at the image's edge
   const cv::Mat image = testing::image_of_eyes(eyes(1));
   const EyePatches at_edge = eye_patches(image.colRange(245, 640), points, away);
   EXPECT_NEAR(at_edge[0].norm(), 1, 1e-5);
@@ -101,7 +102,7 @@ TEST(BlinkDetector, FindsEachBlinkOnce) {
 }
 
 TEST(BlinkDetector, DoesNotDependOnHowFarTheLidsAreOpen) {
-  for (const double wide : {0.6, 1.0, 1.6}) {  // of the reference
+  for (const double wide : {0.6, 1.0, 1.6}) {  // relative to the reference
     std::vector<std::pair<double, EyePatches>> frames;
     for (int i = 0; i < 20; ++i)
       frames.emplace_back(i == 10 ? 0.8 * wide : wide, patches(i == 10 ? 0.2 : 1));

@@ -33,11 +33,12 @@ TEST(HeadComparisonTest, IsOfWhatASimilarityDoesNotExplain) {
       file << points(0, i) << ' ' << points(1, i) << ' ' << points(2, i) << '\n';
     return folder / name;
   };
-  // In cm, elsewhere and turned: the same head.
+  // The same head in cm, moved and rotated.
   Eigen::Matrix3Xd points = 0.1 * (rotation_of_angles({30, -10, 5}) * head.mean);
   points.colwise() += Eigen::Vector3d(7, 8, 9);
   EXPECT_NEAR(compare_head(head, write("same.txt", points)).all_mm, 0, 1e-6);
-  // One point of 25 is off by 2 mm: nearly all of it is left, in the head's mm.
+  // One point of 25 has an error of 2 mm. Nearly all of it remains after alignment, in the head's
+  // mm.
   points.col(22) += 0.1 * Eigen::Vector3d(0, 0, 2);
   const HeadComparison off = compare_head(head, write("off.txt", points));
   EXPECT_GT(off.all_mm, 0.9 * 2 / 25);
@@ -168,7 +169,7 @@ TEST(Pointing, NamesCarryTheAngles) {
 TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, -15.0, 0.0, 15.0, 45.0, 90.0}) {
-    // Everybody looks 5 degrees too far left, and those who turn turn too little.
+    // All yaws have an offset of 5 degrees to the left, and rotations are estimated too small.
     outcomes.push_back({"",
                         {1, 0, pan},
                         true,
@@ -178,7 +179,7 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   outcomes.push_back({"", {1, 0, 30}, true, std::nullopt, std::nullopt});
   outcomes.push_back({"", {1, 0, 30}, false, std::nullopt, std::nullopt});
   const PointingScore score = score_pointing(outcomes);
-  EXPECT_EQ(score.images, 7);  // 90 is beyond
+  EXPECT_EQ(score.images, 7);  // 90 degrees is out of range
   EXPECT_EQ(score.seen, 6);
   EXPECT_EQ(score.found, 5);
   EXPECT_EQ(score.seen_found, 5);
@@ -188,7 +189,7 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   EXPECT_NEAR(score.pitch_mae_deg, 0, 1e-9);
   EXPECT_NEAR(score.pitch_offset_deg, -3, 1e-9);
   EXPECT_TRUE(score.yaw_rises);
-  // Errors of yaw 14, 8, 5, 2 and 4 of 8, of pitch 3 of 2.
+  // Errors of yaw 14, 8, 5, 2 and 4 with a deviation of 8; errors of pitch 3 with a deviation of 2.
   EXPECT_EQ(score.coverage.yaw.count, 5);
   EXPECT_EQ(score.coverage.yaw.within, 4);
   EXPECT_EQ(score.coverage.yaw.within2, 5);
@@ -203,7 +204,7 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, 0.0, 45.0}) {
     for (const double tilt : {-30.0, 0.0, 30.0}) {
-      // The nod is about the panned head's own axis.
+      // The tilt is about the panned head's own axis.
       const Eigen::Matrix3d r = rotation_of_angles({pan, 0, 0}) * rotation_of_angles({0, tilt, 0});
       outcomes.push_back({"", {1, tilt, pan}, true, r, Eigen::Vector3d::Constant(1e-6)});
       const Gaze gaze = gaze_of_rotation(r);
@@ -215,9 +216,10 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
   const PointingScore score = score_pointing(outcomes);
   EXPECT_NEAR(score.elevation_mae_deg, 0, 1e-9);
   EXPECT_NEAR(score.azimuth_mae_deg, 0, 1e-9);
-  // Its pitch is asin(cos pan sin tilt), 20.7 degrees: 9.3 less at four of nine places.
+  // The head's pitch is asin(cos pan sin tilt) = 20.7 degrees. At four of nine positions this is
+  // 9.3 degrees less than the tilt.
   EXPECT_NEAR(score.pitch_mae_deg, 9.295 * 4 / 9, 0.01);
-  // Against the direction nothing is off.
+  // The direction itself has no error.
   EXPECT_EQ(score.coverage.yaw.within, 9);
   EXPECT_EQ(score.coverage.pitch.within, 9);
 }

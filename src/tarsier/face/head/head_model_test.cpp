@@ -71,7 +71,7 @@ TEST_F(HeadModelFile, RefusesWhatIsNoHead) {
        },
        "deviation"},
       {[](json& v) { v["noise"] = 3; }, "noise"},
-      // 1 / noise^2 is more than any number holds.
+      // 1 / noise^2 exceeds the range of floating point.
       {[](json& v) {
          v["noise"] = pack(PackedArray<double>{{25, 1}, std::vector<double>(25, 1e-200)});
        },

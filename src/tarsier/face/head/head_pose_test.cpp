@@ -69,7 +69,7 @@ TEST(HeadPose, TurnsTheWayThatIsDefined) {
   EXPECT_LT(at_up(1, 22), at_straight(1, 22));
   EXPECT_NEAR(up.pitch_deg, 20, 0.1);
   EXPECT_NEAR(straight.yaw_deg, 0, 0.1);
-  // Clockwise as seen: the eye at image right (point 1) goes down.
+  // Roll is clockwise in the image: the eye at image right (point 1) goes down.
   const auto [rolled, at_rolled] = angles_in_image({0, 0, 15});
   EXPECT_GT(at_rolled(1, 1), at_rolled(1, 0) + 5);
   EXPECT_NEAR(rolled.roll_deg, 15, 0.1);
@@ -125,10 +125,10 @@ TEST(HeadIdentityState, ForgetsSlowlyAndIsNoneBeforeTheFirstFrame) {
   const VectorXd second = random_b(model, rng);
   show(first, 30);
   EXPECT_LT((identity.shape(model) - first).norm(), 0.3 * first.norm());
-  // Another person: in the end that one.
+  // After many frames of another person, the identity is nearer to that person.
   show(second, 600);
   EXPECT_LT((identity.shape(model) - second).norm(), (identity.shape(model) - first).norm());
-  // What has no answer teaches nothing.
+  // A frame without a pose does not change the identity.
   const int before = identity.frames;
   EXPECT_FALSE(poser.pose(Matrix2Xd::Constant(2, 25, kNan), camera, identity).pose);
   EXPECT_EQ(identity.frames, before);
@@ -166,7 +166,8 @@ TEST(HeadPose, PointsThatAreKnownToBeOffCountLess) {
     const geometry::Rigid3 truth = random_pose(rng);
     Matrix2Xd points =
         image_of(shape_of(poser.model(), random_b(poser.model(), rng)), truth, camera, 1, rng);
-    // A hand before every third point: all of these are moved the same way, by less than an outlier.
+    // A hand hides every third point. All hidden points are moved in the same way, by less than an
+    // outlier.
     VectorXd sigma_px = VectorXd::Constant(points.cols(), 1);
     const Eigen::Vector2d off(rng.normal(0, 6), 6);
     for (Eigen::Index i = 0; i < points.cols(); i += 3) {
@@ -224,7 +225,8 @@ TEST(HeadPose, RefusesWithAReason) {
   EXPECT_THROW(HeadPoser(testing_head(2), options), std::invalid_argument);
 }
 
-// The outline's far side in a turned head is the edge of the cheek: there it counts little.
+// In a turned head, the far side of the outline is the edge of the cheek. So these points get a low
+// weight.
 TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
   const HeadModel model = testing_head(0);
   HeadPoseOptions options;
@@ -234,7 +236,7 @@ TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
   const HeadPoser trusting(model, options);
   const geometry::Camera camera = testing_camera();
   Rng rng(7);
-  // yaw > 0: the head turns to image left, whose side is the far one.
+  // yaw > 0: the head turns to image left, and that side is the far one.
   const geometry::Rigid3 truth{rotation_of_angles({35, 0, 0}), {0, 0, 600}};
   Matrix2Xd points = image_of(model.mean, truth, camera, 0, rng);
   for (const int i : {16, 18, 20}) points(0, i) -= 8;
@@ -246,7 +248,7 @@ TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
   EXPECT_GT(trusted, 5 * error);
 }
 
-// Shares of the errors within one and two of the deviations that came with the angles.
+// Shares of the errors within one and two of the reported deviations.
 struct Covered {
   int count = 0;
   Eigen::Array3d one = Eigen::Array3d::Zero();  // yaw, pitch, roll
@@ -262,7 +264,7 @@ struct Covered {
     one += (error.abs() <= sigma).cast<double>();
     two += (error.abs() <= 2 * sigma).cast<double>();
   }
-  // Of 1500 cases 68.3 and 95.4 %, whose standard errors are 1.2 and 0.5 %.
+  // 1500 cases: 68.3 and 95.4 %, with standard errors of 1.2 and 0.5 %.
   void expect_right(const char* what, double off_one = 0.04, double off_two = 0.02) const {
     for (int axis = 0; axis < 3; ++axis) {
       EXPECT_NEAR(one[axis] / count, 0.683, off_one) << what << ", axis " << axis;
@@ -273,7 +275,7 @@ struct Covered {
 
 constexpr int kCoverageCases = 1500;
 
-// A person of the model: its modes and what is left of each point.
+// A random person of the model: its modes and each point's own deviation.
 Matrix3Xd random_shape(const HeadModel& model, Rng& rng) {
   Matrix3Xd shape = shape_of(model, random_b(model, rng));
   for (Eigen::Index i = 0; i < shape.cols(); ++i)
@@ -307,15 +309,15 @@ TEST(HeadPoseSigma, CoversTheErrorsOfPointsWithKnownNoise) {
     const VectorXd ones = VectorXd::Ones(exact.cols());
     plain.add(poser.pose(with_noise(ones), camera).pose.value(), truth);
     mean_head.add(of_mean_head.pose(with_noise(ones), camera).pose.value(), truth);
-    // More noise than the options say shows in the residuals.
+    // Noise above that of the options increases the residuals.
     scaled.add(poser.pose(with_noise(3 * ones), camera).pose.value(), truth);
     VectorXd sigma_px(exact.cols());  // 68 % of the distances
     for (double& value : sigma_px) value = rng.uniform(1.6, 8);
     weighed.add(poser.pose(with_noise(sigma_px / 1.51), camera, sigma_px).pose.value(), truth);
   }
   plain.expect_right("1 px, which is the options' noise");
-  // The robust weights count on what residuals of the shape are not, and fewer than 50 residuals
-  // tell their scale.
+  // The robust weights assume residuals other than those of the shape. And fewer than 50 residuals
+  // estimate their scale.
   mean_head.expect_right("without shape", 0.09, 0.05);
   scaled.expect_right("3 px, and no deviation given", 0.08, 0.05);
   weighed.expect_right("a deviation for each point");
@@ -339,11 +341,11 @@ TEST(HeadPoseSigma, IsLargerForWhatShowsLess) {
     const Eigen::Array3d whole = sigma_of(points);
     EXPECT_GT(whole.minCoeff(), 0);
     EXPECT_LT(whole.maxCoeff(), 10);
-    // Even points of the pairs are those of one side.
+    // The even points of the pairs are on one side.
     Matrix2Xd half = points;
     for (int i = 0; i < 22; i += 2) half.col(i).setConstant(kNan);
     EXPECT_TRUE((sigma_of(half) > whole).all()) << k;
-    // Behind a hand they are fitted, but badly.
+    // Points behind a hand are fitted, but with large errors.
     const VectorXd sure = VectorXd::Constant(points.cols(), 1.5);
     VectorXd covered = sure;
     for (int i = 0; i < 22; i += 2) covered[i] = 15;
@@ -364,8 +366,8 @@ TEST(HeadPoseSigma, OfAVideoDoesNotShrinkWithItsLength) {
   EXPECT_NEAR(poser.pose(points, camera, identity).pose.value().yaw_sigma_deg, first, 0.1 * first);
 }
 
-// Heads of ICT-FaceKit's 100 identity modes, which the model that ships never saw: how much the
-// identity over frames gains.
+// Heads of ICT-FaceKit's 100 identity modes, which the installed model was not trained on. Measures
+// how much the identity over frames gains.
 TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
   const char* data = std::getenv("TARSIER_DATA");
   std::ifstream file((data == nullptr ? std::string() : std::string(data)) + "/head3d/ict68.txt");

@@ -22,8 +22,8 @@ constexpr double kFps = 15;
 
 constexpr Eigen::Index kIris = 12;  // points
 
-// The 68 points of a head of formulas and the outlines of its irises, mm, in the head's frame (x right, y
-// down, z away from the camera); `open`: of the lids, 1 open.
+// 68 points of a head made by formulas and the outlines of its irises, mm, in the head's frame (x
+// right, y down, z away from the camera). `open` is the opening of the lids, 1: open.
 Eigen::Matrix3Xd formula_head(double open) {
   Eigen::Matrix3Xd x = Eigen::Matrix3Xd::Zero(3, 68 + 2 * kIris);
   for (int i = 0; i < 17; ++i) {  // outline
@@ -54,7 +54,7 @@ Eigen::Matrix3Xd formula_head(double open) {
   return x;
 }
 
-// Of a camera of 800 px at 600 mm.
+// Projection with a focal length of 800 px at 600 mm.
 Eigen::Matrix2Xd image_of(const Eigen::Matrix3Xd& shape, const HeadAngles& angles, double noise,
                           Rng& rng) {
   const Eigen::Matrix3d rotation = rotation_of_angles(angles);
@@ -68,14 +68,14 @@ Eigen::Matrix2Xd image_of(const Eigen::Matrix3Xd& shape, const HeadAngles& angle
   return out;
 }
 
-// Somebody, or something, that hears what is asked.
+// An actor, live or not, that receives the tasks.
 struct Act {
   HeadAngles angles;
   double open = 1;
 };
 using Actor = std::function<Act(const LivenessStatus&, double time)>;
 
-// What a willing person does: turns by `degrees`, or shuts the eyes for 0.2 s.
+// A live person: turns by `degrees`, or shuts the eyes for 0.2 s.
 Actor person(double degrees) {
   return [degrees, since = 0.0, last = -1](const LivenessStatus& status, double time) mutable {
     Act act;
@@ -91,7 +91,8 @@ Actor person(double degrees) {
       const double turn = std::min(degrees, 40 * (t - 0.3));
       act.angles.yaw_deg = *status.task == LivenessTask::kTurnLeft ? -turn : turn;
     }
-    // Back to the middle before the next thing is asked is not needed: each is measured by itself.
+    // The head need not return to the middle before the next task. Each task is measured relative
+    // to its own start.
     return act;
   };
 }
@@ -143,7 +144,7 @@ TEST(Liveness, RefusesAPlaneThatIsTurned) {
   }
 }
 
-// In every direction, fast and slow, and nodded so that the eyes look narrower.
+// A plane is moved in every direction, fast and slow, and nodded so that the eyes look narrower.
 TEST(Liveness, RefusesAPlaneThatIsWaved) {
   int flat = 0;
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
@@ -173,7 +174,7 @@ TEST(Liveness, RefusesWhoDoesNothingOrTheOtherThing) {
     const auto wrong = [&](const LivenessStatus& now, double time) {
       Act act = person(25)(now, time);
       if (!now.task) return act;
-      act.angles.yaw_deg = *now.task == LivenessTask::kTurnLeft ? 25 : -25;  // the other way
+      act.angles.yaw_deg = *now.task == LivenessTask::kTurnLeft ? 25 : -25;  // the wrong direction
       return act;
     };
     EXPECT_EQ(play(seed, wrong, false, 0.5, turn).state, LivenessState::kFailed) << seed;

@@ -22,7 +22,7 @@ TEST(PoseTowards, FindsTurnAndPlaceOfTheTrueDirection) {
   for (int i = 0; i < 20; ++i) {
     const geometry::Rigid3 truth = random_pose(rng);
     const Eigen::Matrix2Xd points = image_of(model.mean, truth, testing_camera(), 0.2, rng);
-    // The right direction, turned about itself by some degrees.
+    // The true direction, rotated about its own axis by some degrees.
     const Eigen::Matrix3d turned =
         truth.rotation * rotation_of_angles({0, 0, rng.uniform(-20, 20)});
     const HeadPoseResult found = poser.pose_towards(points, testing_camera(), turned);
@@ -45,7 +45,8 @@ TEST(PoseTowards, KeepsTheDirectionThatItIsGiven) {
     ASSERT_TRUE(found.pose) << found.reason;
     const Eigen::Matrix3d& r = found.pose->camera_from_head.rotation;
     EXPECT_LT((forward_of(r) - forward_of(other)).norm(), 1e-6);
-    // What is drawn there stays on the head: the middle of its points is where theirs is.
+    // A drawn head stays on the face: the middle of its projected points is near the middle of the
+    // given points.
     const Eigen::Vector2d drawn = poser.project(*found.pose, testing_camera()).rowwise().mean();
     EXPECT_LT((drawn - points.rowwise().mean()).norm(), 6);
   }

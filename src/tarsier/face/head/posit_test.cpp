@@ -99,7 +99,7 @@ TEST(Posit, RefinementFindsTheLeastReprojectionError) {
         posit(model, image, options_of(PositMethod::kHomogeneous, 20), workspace).pose;
     ASSERT_TRUE(rough && fine);
     EXPECT_LE(fine->rms, rough->rms);
-    // No pose nearby is better.
+    // No neighbouring pose is better.
     for (int axis = 0; axis < 6; ++axis) {
       for (const double sign : {-1.0, 1.0}) {
         geometry::Rigid3 moved = fine->camera_from_object;
@@ -158,7 +158,7 @@ TEST(Posit, SolvesTheCube) {
     EXPECT_LT((pose.rotation.transpose() * pose.rotation - Eigen::Matrix3d::Identity()).norm(),
               1e-9);
     EXPECT_NEAR(pose.rotation.determinant(), 1, 1e-9);
-    EXPECT_LT(result.pose->rms, 1.5);  // the numbers are whole px
+    EXPECT_LT(result.pose->rms, 1.5);  // coordinates are whole px
     EXPECT_NEAR(pose.translation[2], 27, 0.5);
     EXPECT_GT(pose.rotation(0, 0), 0.5);
     EXPECT_GT(pose.rotation(1, 1), 0.5);
@@ -169,7 +169,7 @@ TEST(Posit, SolvesTheCube) {
       draw_axes(projected, camera, pose, {13, 13, 13});
       if (const char* folder = std::getenv("TARSIER_TEST_IMAGES"))
         cv::imwrite(std::string(folder) + "/cube.png", projected);
-      // The box's own corners lie on the points that were given.
+      // The box's corners lie on the given points.
       const auto corner = camera.project(pose * Eigen::Vector3d(0, 10, 0));
       ASSERT_TRUE(corner);
       EXPECT_LT(std::hypot(corner->x - placed(0, 3), corner->y - placed(1, 3)), 4);
@@ -295,7 +295,7 @@ TEST(PositPlanar, FindsBothPosesOfAPlane) {
     if (!found.poses[1]) continue;
     ++both;
     EXPECT_GE(found.poses[1]->rms, found.poses[0]->rms);
-    EXPECT_LT(found.poses[1]->rms, 0.02);  // almost as good: that is the ambiguity
+    EXPECT_LT(found.poses[1]->rms, 0.02);  // almost as good: the two poses are ambiguous
     EXPECT_GT(degrees_between(found.poses[1]->camera_from_object, truth), 0.05);
   }
   EXPECT_GT(both, 100);
@@ -327,14 +327,14 @@ TEST(PositPlanar, RefusesALine) {
   EXPECT_NE(std::string(found.reason).find("collinear"), std::string::npos);
 }
 
-// The study of `tarsier bench posit`, on the head that ships.
+// The study of `tarsier bench posit`, on the installed head.
 TEST(PositStudy, MeetsSqpnp) {
   const HeadModel model = read_head_model(TARSIER_SOURCE_MODELS "/head.json");
   PositStudyOptions options;
   options.poses = 500;
   const auto rows = run_posit_study(model.mean, options);
   ASSERT_EQ(rows.size(), 16U);
-  // The same again for the same seed.
+  // The same seed gives the same result.
   options.noise_px = {2};
   const auto again = run_posit_study(model.mean, options);
   options.noise_px = {0, 0.5, 1, 2};

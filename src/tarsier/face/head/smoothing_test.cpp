@@ -80,7 +80,7 @@ TEST(OneEuro, StartsAnewWhenTimeGoesBack) {
   EXPECT_THROW(OneEuroFilter{options}, std::invalid_argument);
 }
 
-// What a covariance (rad^2) says of an angle about the camera's y axis.
+// Variance of an angle about the camera's y axis by a covariance (rad^2).
 double degrees_about_y(const Eigen::Matrix3d& covariance) {
   return std::sqrt(covariance(1, 1)) * kDegrees;
 }

@@ -31,7 +31,7 @@ struct Images {
   std::vector<HeadAngles> angles;
 };
 
-// Images of other people each, 1.5 m away.
+// Images of other people, each from 1.5 m.
 Images image(const HeadModel& model, int count, double noise_px, std::uint64_t seed) {
   Rng rng(seed);
   geometry::Camera camera = testing_camera();
@@ -86,9 +86,9 @@ TEST(Factorization, IsExactForARigidSymmetricObjectInScaledOrthography) {
   const auto found = factorize_symmetric(faces, model.mirror);
   ASSERT_TRUE(found);
   EXPECT_LT(aligned_error(found->shape, model.mean), 1e-6);
-  // The nose is in front: an exact similarity, not a reflection (which umeyama never answers).
+  // The nose points to the front: an exact similarity, no reflection (umeyama never returns one).
   EXPECT_LT(found->shape(2, 22), found->shape(2, 0));
-  // Rotations between views are true ones.
+  // Rotations between views are proper rotations.
   const Eigen::Matrix3d turn = found->cameras[5].rotation * found->cameras[0].rotation.transpose();
   const Eigen::Matrix3d truth = rotations[5] * rotations[0].transpose();
   EXPECT_LT((turn - truth).norm(), 1e-6);

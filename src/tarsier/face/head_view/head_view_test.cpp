@@ -112,7 +112,7 @@ TEST(HeadView, GradientsTellTheDirectionOfLines) {
   const Eigen::Index middle = (3 * kCells + 3) * kOrientations;
   EXPECT_GT(upright[middle], 0.15F);
   EXPECT_NEAR(upright.segment(middle + 1, kOrientations - 1).sum(), 0, 1e-6);
-  // A flat image has none; brightness by a factor matters little.
+  // A flat image has no gradients; a factor on the brightness changes little.
   EXPECT_EQ(gradients_of(cv::Mat(kSide, kSide, CV_8UC1, cv::Scalar(99))).norm(), 0);
   const cv::Mat darker = crop / 2;
   EXPECT_LT((gradients_of(darker) - upright).norm(), 0.02F * upright.norm());

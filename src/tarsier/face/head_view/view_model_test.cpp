@@ -18,7 +18,7 @@
 namespace tarsier::face::head_view {
 namespace {
 
-// Heads whose rough pitch is half of the true one, and their yaw four fifths.
+// Heads with a rough pitch of half the true one, and a rough yaw of four fifths.
 struct Slipped {
   cv::Mat image;
   geometry::Rigid3 rough;
@@ -145,7 +145,7 @@ TEST(ViewModel, LeavingOutIsLearningWithoutAGroup) {
 }
 
 TEST(ViewModel, WhatIsConstantOverAPersonIsNotLearnt) {
-  // One of five people was asked to look 12 degrees beside where the others looked.
+  // One of five people looks 12 degrees beside the direction of the others.
   std::vector<ViewSample> training = samples(200, 13);
   for (ViewSample& sample : training) {
     sample.asked = true;

@@ -16,8 +16,8 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-// A person's disks lie elsewhere than everyone's: what is drawn is the shape, what is annotated is
-// moved by a pattern of the person's own.
+// One person's disks differ from those of all others. The drawn disks follow the shape; the
+// annotation is moved by a pattern of that person.
 std::vector<TrainingFace> person_faces(int count, std::uint64_t seed) {
   std::vector<TrainingFace> faces = testing::blob_faces(count, seed);
   for (TrainingFace& face : faces) {
@@ -96,7 +96,7 @@ TEST_F(AdaptTest, EachPartLearnsThePersonFromOneImage) {
   adapted.descent = adapt_descent(*base_.descent, one, starts, 0.3, {});
   adapted.network = adapt_network(*base_.network, one, starts, 0.3, {});
   for (const FitMethod method : {FitMethod::kTrees, FitMethod::kDescent, FitMethod::kNetwork}) {
-    // The network has learnt for a few steps alone, and sees little.
+    // The network was trained for a few steps only and is inaccurate.
     const double share = method == FitMethod::kNetwork ? 0.95 : 0.85;
     EXPECT_LT(error_of(adapted, method, others), share * error_of(base_, method, others))
         << name_of(method);
@@ -136,7 +136,7 @@ TEST_F(AdaptTest, ChoosesTheRidgeOnImagesLeftOutAndTellsTheGain) {
 }
 
 TEST_F(AdaptTest, ImagesThatTeachNothingChangeNothing) {
-  // Each image is annotated with an offset of its own: on images left out no ridge helps.
+  // Each image has its own annotation offset. So no ridge improves the held out images.
   shape::LandmarkSet set = person_set(3);
   Rng rng(5);
   for (shape::LandmarkSample& sample : set.samples) {

@@ -150,7 +150,7 @@ TEST_F(DescentTest, QualityTellsRightFromWrong) {
 }
 
 TEST(MirrorShift, PixelsCountedFromOneAreNoticed) {
-  // Objects that are symmetric but for the way their points were written down.
+  // Symmetric objects; only the order of their points is not symmetric.
   Rng rng(6);
   const std::vector<int> mirror{2, 1, 0, 5, 4, 3, 8, 7, 6};
   std::vector<TrainingFace> faces;

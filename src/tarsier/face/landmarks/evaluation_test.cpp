@@ -49,7 +49,7 @@ TEST(Score, MissedAndWrongCountAsFailuresButNotInTheMean) {
   EXPECT_NEAR(score.mean, 6, 1e-9);
   EXPECT_NEAR(score.median, 6, 1e-9);
   EXPECT_NEAR(score.failures, 0.75, 1e-9);
-  // One face of four is below every error from 2 % to 8 %.
+  // From 2 % to 8 % of error the curve is at one face of four.
   EXPECT_NEAR(score.auc, 0.25 * 6 / 8, 1e-3);
 }
 

@@ -47,7 +47,7 @@ cv::Mat wall(cv::Size size) {
 cv::Rect2d draw_face(cv::Mat& image, cv::Point2d middle, double width, std::uint64_t seed) {
   const synth::Portrait portrait = synth::render_portrait({480, 360}, 0, seed);
   const cv::Point2d* eyes = portrait.truth.eyes;
-  // As a detector's box lies around eyes.
+  // The box that a detector draws around these eyes.
   const double drawn = 2.4 * cv::norm(eyes[1] - eyes[0]);
   const double scale = width / drawn;
   const cv::Point2d center = (eyes[0] + eyes[1]) / 2 + cv::Point2d(0, 0.12 * drawn);
@@ -90,7 +90,7 @@ TEST(FaceFinder, FindsFacesOf24PixelsWhereAsked) {
   EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(image)), 0);
   options.detector.min_face = 24;
   EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(image)), 1);
-  // In a small image nobody needs to ask.
+  // For a small image, small faces are found without an option.
   EXPECT_EQ(FaceFinder(shipped(), {}).min_face({640, 480}), 24);
 }
 
@@ -104,7 +104,7 @@ TEST(FaceFinder, ALargeFaceDoesNotHideTheSmallOnes) {
   EXPECT_EQ(found_of(faces, FaceFinder().find(image)), 3);
 }
 
-// Sees a face in each image: around what is bright, as wide as `width`.
+// Detects one face in each image: the bright area, with the width `width`.
 struct SeesABrightSpot final : BoxDetector {
   explicit SeesABrightSpot(double given) : width(given) {}
   [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
@@ -127,7 +127,7 @@ TEST(FaceFinder, PlacesInATurnedImageAreThoseOfTheImage) {
   for (const double degrees : {-90, -40, 0, 17, 45, 90}) {
     for (const cv::Rect& area : {cv::Rect({}, image.size()), part}) {
       const double roll = degrees * CV_PI / 180;
-      // At its size; and at half of it, which is enough for faces of 80 px.
+      // The area at full size, and at half size, which is enough for faces of 80 px.
       for (const double smallest : {24.0, 80.0}) {
         const auto found = finder.find_rolled_in(image, {area, smallest, 0}, roll);
         ASSERT_EQ(found.size(), 1U) << degrees;
@@ -139,14 +139,14 @@ TEST(FaceFinder, PlacesInATurnedImageAreThoseOfTheImage) {
       }
     }
   }
-  // Each face once, though both turned images show it.
+  // Each face once, although both rotated images show it.
   EXPECT_EQ(finder.find_rolled(image).size(), 1U);
   EXPECT_TRUE(finder.find_rolled_in(image, {part, 24, 50}, 0.5).empty());  // too large
   EXPECT_TRUE(finder.find_rolled_in(image, {{700, 0, 20, 20}, 24, 0}, 0.5).empty());
   EXPECT_THROW((void)finder.find_rolled_in(image, {part, 24, 0}, 2), std::invalid_argument);
 }
 
-// Nothing is found beyond the border, which the turned image shows repeated.
+// Nothing is detected in the repeated border of the rotated image.
 TEST(FaceFinder, MiddlesOfRolledFacesAreInTheImage) {
   cv::Mat image(200, 200, CV_8UC1, cv::Scalar(20));
   image(cv::Rect(196, 90, 4, 20)).setTo(250);
@@ -195,7 +195,7 @@ TEST(FaceFinder, TheTilesOfAVideoTogetherSeeWhatTheWholeSearchSees) {
   EXPECT_EQ(found_of(faces, all), 3);
 }
 
-// A model whose fits are never doubted.
+// A model that accepts every fit.
 LandmarkModel trusting_model() {
   const std::vector<TrainingFace> faces = testing::blob_faces(20, 3);
   std::vector<Eigen::Matrix2Xd> shapes;
@@ -206,7 +206,7 @@ LandmarkModel trusting_model() {
   DescentOptions options;
   options.stages = {{16, 0.3}};
   options.components = 8;
-  options.ridge = 100;  // hardly moves: points stay where the finder saw the face
+  options.ridge = 100;  // strong ridge: points stay near the detected face
   model.descent =
       train_descent(faces, scattered_starts(faces, model.shape.mean, 2, 1), options, silent, {});
   return model;
@@ -228,7 +228,7 @@ TEST(FaceTracker, ASmallNewFaceIsFoundInBoundedTimeAtBoundedCost) {
       const std::int64_t before = finder.pixels();
       const auto faces = track_faces(model, {}, {}, finder, state, frame == 0 ? empty : shown,
                                      static_cast<double>(frame) / 25, workspace);
-      // The first frame is searched as a whole.
+      // The whole first frame is searched.
       if (frame > 0) dearest = std::max(dearest, finder.pixels() - before);
       const bool found = std::any_of(faces.begin(), faces.end(), [&](const TrackedFace& one) {
         return (one.box & face).area() > 0.2 * face.area();
@@ -237,8 +237,8 @@ TEST(FaceTracker, ASmallNewFaceIsFoundInBoundedTimeAtBoundedCost) {
     }
     EXPECT_GT(found_after, 0U) << size << " in " << tiles << " frames";
     EXPECT_LE(found_after, tiles) << size;
-    // One tile and, now and then, the whole image at its coarsest, and at 320 px for the cascade:
-    // the same for any size.
+    // The cost of one tile, and at times of the whole image at its coarsest level and at 320 px for
+    // the cascade. It is the same for any image size.
     EXPECT_LT(dearest, 270'000) << size;
   }
 }

@@ -19,7 +19,7 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-// "Faces": a bright square frame with a dark cross in it, on noise with other things.
+// "Faces": a bright square frame with a dark cross in it, on noise with other objects.
 cv::Rect2d draw_object(cv::Mat& gray, cv::Point center, int side) {
   const cv::Rect box(center.x - side / 2, center.y - side / 2, side, side);
   cv::rectangle(gray, box, cv::Scalar(210), cv::FILLED);
@@ -61,7 +61,8 @@ class HogDetectorTest : public ::testing::Test {
       if (k < 8) {
         const cv::Rect2d box = draw_object(gray, {rng.integer(55, 90), rng.integer(55, 110)}, side);
         image.boxes.push_back(box);
-        // Two "eyes" and a "mouth": right of the box's middle, so that the relation shows.
+        // Two "eyes" and a "mouth", right of the box's middle, so that the box model can be
+        // checked.
         Eigen::Matrix2Xd shape(2, 3);
         shape << 0.4, 0.8, 0.6, 0.3, 0.3, 0.6;
         shape *= side;
@@ -109,11 +110,13 @@ TEST_F(HogDetectorTest, FindsObjectsWhereTheyAreAndNothingElse) {
 TEST_F(HogDetectorTest, KnowsWhereShapesLieInItsBoxes) {
   const HogDetector detector = trained().detector;
   ASSERT_TRUE(detector.box);
-  // The window moves in steps of a cell, a sixth of it: half of that is the tolerance.
+  // The window moves in steps of a cell, which is a sixth of the window. The tolerance is half a
+  // cell.
   EXPECT_NEAR(detector.box->dx, 0.1, 0.085);
   EXPECT_NEAR(detector.box->dy, -0.1, 0.085);
   EXPECT_NEAR(detector.box->size, 0.22, 0.05);
-  // The finder hands the relation on: starts lie on the shape though the model's own boxes differ.
+  // The finder passes on the detector's box model. Starts lie on the shape although the landmark
+  // model's own boxes differ.
   LandmarkModel model;
   model.shape = shape::train_shape_model({images_[0].shapes[0], images_[1].shapes[0]});
   model.box = {0.5, 0.5, 0.9, 1};
@@ -183,7 +186,7 @@ TEST_F(HogDetectorTest, StopsAtOnceAndNamesWhatCannotBeLearned) {
   stop.request_stop();
   EXPECT_THROW((void)train_hog_detector(images_, "set", options_, silent_, stop.get_token()),
                Interrupted);
-  options_.window = 200;  // larger than every object, and no doubling
+  options_.window = 200;  // larger than every object, and no upsampling
   try {
     (void)trained();
     FAIL() << "boxes smaller than the window";

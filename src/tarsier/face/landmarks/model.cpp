@@ -27,18 +27,19 @@ constexpr NameTable<FitMethod, 5> kMethods{"method",
                                              {FitMethod::kNetwork, "cnn"},
                                              {FitMethod::kPatches, "patch"}}}};
 
-// Trees and descent that disagree by d sizes are taken to be wrong by as much, the network always by so many
-// sizes: so large is its share of a mean that is weighted by inverse variances, d^2 / (d^2 + this^2).
+// Error of the network, in sizes of the shape. The error of trees and descent is estimated by their
+// distance d (in sizes). Weights by inverse variance give the network the share d^2 / (d^2 +
+// kNetworkError^2).
 constexpr double kNetworkError = 0.08;
 
-// Where the trees begin besides the start itself: shift in sizes, and scale. The mean of their fits
-// is steadier than each.
+// Starts of the trees relative to the given start: shift (in sizes), scale. The mean of the fits is
+// more stable than each fit.
 constexpr double kJitter[][3] = {{0, 0, 1},
                                  {0.03, -0.02, 1.03},
                                  {-0.03, 0.02, 0.97},
                                  {0.01, 0.035, 0.99},
                                  {-0.015, -0.03, 1.02}};
-static_assert(std::size(kJitter) == 5);  // the most that FitOptions::fields() allows
+static_assert(std::size(kJitter) == 5);  // the max that FitOptions::fields() allows
 
 Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& gray,
                                 const Eigen::Matrix2Xd& start) {
@@ -53,22 +54,23 @@ Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& g
   return sum / starts;
 }
 
-// Starts that are tried when the fit from a detector's box scores badly, because boxes are upright, and off by a part of
-// their width on turned heads: shift x, y in sizes of the shape, scale, angle in degrees.
+// Further starts if the fit from a detector's box scores badly. Boxes are upright, and on turned
+// heads they are shifted by a part of their width. Shift x, y (in sizes of the shape), scale, angle
+// (degrees).
 constexpr double kRestarts[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1, 0},
                                    {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
                                    {0, 0, 1, 25},   {0, 0, 1, -25}};
-constexpr double kSureRolled = 0.95;   // of the detector, for a rolled face,
-constexpr double kRolledScore = 0.25;  // from which its two fits are enough
-constexpr double kGoodScore = 0.5;     // from which no other start is tried
-constexpr double kMinScore = 0.1;      // of a sure detection; less is rejected as a false one
+constexpr double kSureRolled = 0.95;   // min detector score of a rolled face that ..
+constexpr double kRolledScore = 0.25;  // .. needs only this score of both fits
+constexpr double kGoodScore = 0.5;     // no other start is tried from this score on
+constexpr double kMinScore = 0.1;      // of a sure detection; below it the detection is rejected
 
-// The points on the part of the image around them, enlarged.
+// Shows the points on an enlarged part of the image.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
                  const cv::Mat& gray, const Eigen::Matrix2Xd& points) {
   if (debug == nullptr) return;
-  constexpr double kSide = 480;    // px of what is shown
-  constexpr double kMargin = 0.5;  // of the points' extent, to each side
+  constexpr double kSide = 480;    // side of the shown part, px
+  constexpr double kMargin = 0.5;  // to each side, as a share of the points' extent
   const Eigen::Vector2d low = points.rowwise().minCoeff();
   const Eigen::Vector2d high = points.rowwise().maxCoeff();
   const double extent = std::max(4.0, (high - low).maxCoeff());
@@ -146,7 +148,7 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
   TARSIER_REQUIRE(model.has(method), "the model has no {}", name_of(method));
   show_points(debug, "start", model, gray, start);
   Fit fit;
-  Eigen::Matrix2Xd rated;  // the points that are scored, where they are not those of the fit
+  Eigen::Matrix2Xd rated;  // the points that are scored, if they differ from those of the fit
   switch (method) {
     case FitMethod::kTrees:
       fit.points = fit_with_trees(*model.trees, options.starts, gray, start);
@@ -168,7 +170,8 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
         const Eigen::Matrix2Xd by_network =
             fit_network(*model.network, gray, fit.points, workspace.network);
         show_points(debug, "cnn", model, gray, by_network);
-        // The network gives the shape of a face whatever it sees. False detections are rejected by the fit before it.
+        // The network returns the shape of a face for any input. So false detections are rejected
+        // by the score of the fit before it.
         rated = fit.points;
         const double apart =
             (by_trees - by_descent).colwise().norm().mean() / shape_size(fit.points);
@@ -195,7 +198,7 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
 
 namespace {
 
-// The best of `best` and of fits from starts around `start`.
+// The best of `best` and of the fits from starts around `start`.
 Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::Mat& gray,
                const Eigen::Matrix2Xd& start, Fit best, FitWorkspace& workspace) {
   const Eigen::Vector2d center = start.rowwise().mean();
@@ -213,18 +216,18 @@ Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::
   return best;
 }
 
-// The fit in a detector's box; nothing where its score says that the detection is a false one.
+// Fits the points in a detector's box. Returns nothing if the score shows a false detection.
 std::optional<Fit> fit_candidate(const LandmarkModel& model, const FitOptions& options,
                                  const cv::Mat& gray, const Eigen::Matrix2Xd& start, bool sure,
                                  double min_score, FitWorkspace& workspace, DebugSink* debug) {
   const double required = sure ? std::min(min_score, kMinScore) : min_score;
   const auto is_false = [&](const Fit& fit) { return model.quality && fit.score < required; };
   Fit fit = fit_points(model, options, gray, start, workspace, debug);
-  // Not for uncertain detections: where there is no face, one of many fits scores well by chance.
+  // Not for uncertain detections: without a face, one of many fits scores well by chance.
   if (model.quality && sure)
     fit = fit_around(model, options, gray, start, std::move(fit), workspace);
   if (is_false(fit)) return std::nullopt;
-  // Starts that are nearer the face give smaller errors.
+  // A start nearer to the face gives smaller errors.
   if (fit.points.allFinite() && shape_size(fit.points) >= 1) {
     const double first = fit.score;
     const Eigen::Matrix2Xd again = restart(model, fit.points, true);
@@ -272,10 +275,10 @@ std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& opti
 
 namespace {
 
-// Share of the smaller box that two fits of one face have in common.
+// Two fits whose boxes overlap by this share of the smaller box are the same face.
 constexpr double kSameFace = 0.6;
 
-// Each face once, by its best fit; largest first.
+// Keeps each face once, with its best fit; largest first.
 std::vector<FoundFace> without_repeats(const LandmarkModel& model, std::vector<FoundFace> fits) {
   std::vector<FoundFace> faces;
   std::stable_sort(fits.begin(), fits.end(), [](const FoundFace& a, const FoundFace& b) {
@@ -294,7 +297,7 @@ std::vector<FoundFace> without_repeats(const LandmarkModel& model, std::vector<F
   return faces;
 }
 
-// The candidates whose fits say that they are faces, each face once, largest first.
+// The candidates that their fits confirm as faces, each face once, largest first.
 std::vector<FoundFace> confirmed(const LandmarkModel& model, const FitOptions& options,
                                  const cv::Mat& gray, const std::vector<Candidate>& candidates,
                                  const FaceFinder& finder, FitWorkspace& workspace,
@@ -314,12 +317,12 @@ std::vector<FoundFace> confirmed(const LandmarkModel& model, const FitOptions& o
   return without_repeats(model, std::move(fits));
 }
 
-// Detectors learn from faces with something around them. Of a crop that ends at brows and chin they
-// see too little; with its border pixels repeated by this share of the longer side they see the face.
+// Detectors are trained on faces with some background. They miss a face in a crop that ends at
+// brows and chin. With the border pixels repeated by this share of the longer side they find it.
 constexpr double kBorder = 0.3;
-// Faces that are looked for in this way are so wide at least, share of the image's smaller side.
+// Min width of a face that this search looks for, as a share of the image's smaller side.
 constexpr double kFillsImage = 0.7;
-// The longer side of the image, px, that is enough to find such faces.
+// Longer side of the image that is enough to find such faces, px.
 constexpr double kEnough = 200;
 
 int border_of(cv::Size size) { return cvRound(kBorder * std::max(size.width, size.height)); }
@@ -331,11 +334,11 @@ cv::Mat with_border(const cv::Mat& gray) {
   return out;
 }
 
-// Faces that fill the image: boxes in px of with_border(gray).
+// Detects faces that fill the image; boxes in px of with_border(gray).
 std::vector<Candidate> find_filling(const cv::Mat& gray, FaceFinder& finder) {
   const double smallest = kFillsImage * std::min(gray.cols, gray.rows);
   const double longer = std::max(gray.cols, gray.rows);
-  // Not so small that the finder would not look for faces of this size.
+  // The image is not reduced below the size at which the finder can detect this face.
   const double least = finder.min_face(gray.size()) / smallest;
   const double scale = std::min(1.0, std::max(kEnough / longer, least));
   cv::Mat small = gray;
@@ -406,7 +409,7 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
         fit_rolled(model, options, gray, finder, candidate, workspace, min_score, debug);
     if (!fit) continue;
     const cv::Rect2d area = box_around(model.box, fit->points);
-    // What was found well upright stays as it is.
+    // A well-fitted upright face is kept.
     const bool known = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& face) {
       return is_good(face) &&
              overlap_of_smaller(area, box_around(model.box, face.fit.points)) > kSameFace;

@@ -24,9 +24,9 @@
 
 namespace tarsier::face::landmarks {
 
-// How points are fitted.
+// Methods that fit the points.
 enum class FitMethod {
-  kMean,     // mean of trees, descent and, if there is one, network: they err in different ways
+  kMean,     // mean of trees, descent and (if present) network; their errors differ
   kTrees,    // regression trees
   kDescent,  // supervised descent
   kNetwork,  // direct regression by a convolutional network
@@ -36,12 +36,13 @@ enum class FitMethod {
 // Throws std::invalid_argument naming the choices.
 [[nodiscard]] FitMethod parse_fit_method(std::string_view name);
 
-// All that is needed to find the points of a kind of object; parts that were not trained are
-// missing. Const in use, shared by threads.
+// All parts that find the points of one kind of object. Parts that were not trained are empty. Used
+// as const, so threads can share it.
 struct LandmarkModel {
   shape::ShapeModel shape;
   BoxModel box;
-  std::array<int, 2> eyes{-1, -1};  // points by whose distance errors are measured; -1: not known
+  // Indices of two points; errors are divided by their distance. -1: unknown.
+  std::array<int, 2> eyes{-1, -1};
   std::optional<Trees> trees;
   std::optional<Descent> descent;
   std::optional<RegressionNetwork> network;
@@ -50,22 +51,24 @@ struct LandmarkModel {
   std::optional<VisibilityModel> visibility;
 
   [[nodiscard]] int points() const { return shape.points(); }
-  // kMean where trees and descent are there, else a part that is; throws std::invalid_argument where none is.
+  // kMean if trees and descent are present, else a part that is. Throws std::invalid_argument if
+  // there is none.
   [[nodiscard]] FitMethod best_method() const;
   [[nodiscard]] bool has(FitMethod method) const;
   void check() const;
 };
 
-// Files of type "landmark-tracker". read throws ModelError, also where parts do not fit together.
+// Files of type "landmark-tracker". read_landmark_model() throws ModelError, also if the parts do
+// not match each other.
 void write_landmark_model(const std::string& path, const LandmarkModel& model,
                           const nlohmann::json& provenance);
 [[nodiscard]] LandmarkModel read_landmark_model(const std::string& path);
-// What such a file says of where it comes from. Throws ModelError.
+// The provenance that the file states. Throws ModelError.
 [[nodiscard]] nlohmann::json landmark_model_provenance(const std::string& path);
 
 struct FitOptions {
-  std::optional<FitMethod> method;  // nothing: the model's best
-  int starts = 3;                   // of the trees: fits from slightly different places, averaged
+  std::optional<FitMethod> method;  // empty: best_method()
+  int starts = 3;                   // fits of the trees from slightly different starts, averaged
   PatchFitOptions patches;
 
   [[nodiscard]] OptionFields fields() {
@@ -74,7 +77,7 @@ struct FitOptions {
   void check() const;
 };
 
-// Buffers. One for each thread.
+// Buffers, one object for each thread.
 struct FitWorkspace {
   DescentWorkspace descent;
   PatchWorkspace patches;
@@ -84,51 +87,59 @@ struct FitWorkspace {
 
 struct Fit {
   Eigen::Matrix2Xd points;  // 2 x n, px
-  // 0..1, what the fit is worth (Quality), with kMean before the network; 1 where the model has no such part.
+  // Estimated quality of the fit, 0..1 (Quality). With kMean it rates the points before the
+  // network. 1 if the model has no Quality.
   double score = 1;
-  Visibility visibility;  // of the points; empty where the model has no such part
+  Visibility visibility;  // of the points; empty if the model has no VisibilityModel
 };
 
-// From a shape near the object (CV_8UC1). `debug` gets the start, what each method makes of it, and
-// the fit.
+// Fits the points from a start shape near the object. `gray` is CV_8UC1. `debug` receives the
+// start, the result of each method, and the fit.
 [[nodiscard]] Fit fit_points(const LandmarkModel& model, const FitOptions& options,
                              const cv::Mat& gray, const Eigen::Matrix2Xd& start,
                              FitWorkspace& workspace, DebugSink* debug = nullptr);
-// The mean shape where `points` lie: a start for the next frame. Turned as they are with `turn`.
+// The mean shape at the position and scale of `points`, as a start for the next frame. With `turn`
+// it also has their rotation.
 [[nodiscard]] Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points,
                                        bool turn);
 
-inline constexpr double kMinRoll = 20 * CV_PI / 180;  // radians
+// Faces with a smaller roll are found without turning the image (radians).
+inline constexpr double kMinRoll = 20 * CV_PI / 180;
 
-// The mean shape where the finder saw something.
+// The mean shape, placed in the candidate's box and with its roll.
 [[nodiscard]] Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
                                         const Candidate& candidate);
 
-// The fit of a face that was found rolled, from a start that is rolled as it is; nothing where no
-// two fits, one from where the other ended, score `min_score` or where the points stand almost
-// upright: such a face is found without turning the image. Needs LandmarkModel::quality.
+// Fits a rolled candidate from a start with the same roll. A second fit begins where the first one
+// ended. Returns nothing if one of the two fits scores below `min_score`, or if the roll of the
+// points is below kMinRoll: such a face is found without turning the image. A candidate of which
+// the detector is very sure needs a lower score only. Needs LandmarkModel::quality.
 [[nodiscard]] std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& options,
                                             const cv::Mat& gray, const FaceFinder& finder,
                                             const Candidate& candidate, FitWorkspace& workspace,
                                             double min_score, DebugSink* debug = nullptr);
-// Radians, clockwise in the image: by how much the points are turned against the mean shape.
+// Roll of the points relative to the mean shape, radians, clockwise in the image.
 [[nodiscard]] double roll_of(const LandmarkModel& model, const Eigen::Matrix2Xd& points);
 
 struct FoundFace {
-  cv::Rect2d box;  // of the detector
+  cv::Rect2d box;  // as the detector draws it
   Fit fit;
   double detection = 1;  // score of the detector, 0..1
   bool sure = true;      // found by the strict search, see Candidate
 };
 
-// All faces of an image (CV_8UC1), surest first where they overlap, else largest first. Where the model
-// rates fits, faces that only the less strict search saw are kept when their score is at least
-// `min_score`; where the fit of a sure one is bad, others from places around it are tried, and it is
-// kept from 0.1 on. Each is fitted once more from where its points were found. Where none has a
-// good fit, the image is searched again with its border pixels repeated around it, for a face that fills it (a
-// crop without a margin): its box and points may reach beyond the image. Where none has a good fit still, faces
-// rolled by more than kMinRoll are looked for in the image turned to either side and added where both of
-// their fits are good; with RolledSearch::kAlways in any case.
+// All faces of an image (CV_8UC1), largest first. Of overlapping faces the one with the best score
+// is kept. The steps, where the model has a Quality:
+// - A face that only the less strict search found needs a score of at least `min_score`.
+// - If the fit of a sure face is bad, other starts around it are tried. The face needs a
+//   score of 0.1.
+// - Each face is fitted a second time, from the points of its first fit.
+// - If no face has a good fit, the image is searched again with its border pixels repeated around
+//   it. This finds a face that fills the image (a crop without a margin). Its box and points may
+//   reach beyond the image.
+// - If still no face with a roll below kMinRoll has a good fit, the image is turned to both sides
+//   and searched for rolled faces. A rolled face is added if both of its fits are good.
+//   RolledSearch::kAlways does this for every image.
 [[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
                                                 const FitOptions& options, const cv::Mat& gray,
                                                 FaceFinder& finder, FitWorkspace& workspace,

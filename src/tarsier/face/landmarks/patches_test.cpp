@@ -25,10 +25,10 @@ namespace {
 
 using shape::Similarity2d;
 
-// An image of which every point is known exactly: a sum of waves, given in the frame of the face.
-// It is the same turned by half a turn, as the points are: what a filter errs at one point for the
-// ground it is on, it errs the other way at the opposite one, so that only errors of the code are
-// left in the mean.
+// A synthetic image whose value is known at every point: a sum of waves in the face's frame. Image
+// and points are symmetric under a rotation by 180 degrees. So the error that the background causes
+// at one point has the opposite sign at the opposite point. The mean then contains only errors of
+// the code.
 struct Texture {
   struct Wave {
     double x, y, height;
@@ -37,7 +37,7 @@ struct Texture {
 
   explicit Texture(Rng rng) {
     for (int k = 0; k < 16; ++k) {
-      const double length = rng.uniform(9, 40);  // px of the face's frame
+      const double length = rng.uniform(9, 40);  // px in the face's frame
       const double angle = rng.uniform(0, std::numbers::pi);
       waves.push_back({2 * std::numbers::pi / length * std::cos(angle),
                        2 * std::numbers::pi / length * std::sin(angle),
@@ -85,7 +85,7 @@ TrainingFace textured_face(Rng& rng, const Texture& texture, double scale) {
   return face;
 }
 
-// A blob at each point, of its own direction and sign; and the mouth opens.
+// A blob at each point, each with its own direction and sign. `amount` opens the mouth.
 Eigen::Matrix2Xd opened(double amount) {
   Eigen::Matrix2Xd points = face_points();
   points(1, 3) += amount;
@@ -165,7 +165,7 @@ Trained train_blobs(PatchMethod method) {
   return out;
 }
 
-// Each is trained once, and asked of by several tests.
+// Each model is trained once and used by several tests.
 const Trained& textured(PatchMethod method, double scale) {
   static std::map<std::pair<PatchMethod, double>, Trained> known;
   const auto [entry, fresh] = known.try_emplace({method, scale});
@@ -184,7 +184,7 @@ double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
   return (a - b).colwise().norm().mean();
 }
 
-// Peak to a part of a pixel, by the parabolas through the highest place.
+// Subpixel peak, by parabolas through the maximum.
 Eigen::Vector2d peak_of(const cv::Mat& response) {
   cv::Point at;
   cv::minMaxLoc(response, nullptr, nullptr, nullptr, &at);
@@ -204,8 +204,8 @@ Eigen::Vector2d peak_of(const cv::Mat& response) {
 
 class PatchBias : public testing::TestWithParam<PatchMethod> {};
 
-// Windows of faces that training has not seen, sampled from the formula with the point exactly in
-// the middle: half a pixel wrong anywhere in training shows as a peak beside the middle.
+// Windows of held-out faces, sampled from the formula with the point exactly in the middle. A
+// half-pixel error anywhere in training moves the peak off the middle.
 TEST_P(PatchBias, PeaksAreAtThePoints) {
   for (const double scale : {0.8, 1.7}) {
     const Trained& model = textured(GetParam(), scale);
@@ -248,7 +248,7 @@ TEST_P(PatchBias, PeaksAreAtThePoints) {
   }
 }
 
-// The same through the whole fit, with its warps and reductions.
+// The same for the whole fit, with its warps and downscaling.
 TEST_P(PatchBias, FitsAreAtThePoints) {
   for (const double scale : {0.8, 1.7}) {
     const Trained& model = textured(GetParam(), scale);
@@ -261,7 +261,7 @@ TEST_P(PatchBias, FitsAreAtThePoints) {
       PatchWorkspace workspace;
       Eigen::Vector2d sum = Eigen::Vector2d::Zero();
       double distance = 0;
-      int count = 0;  // a fit that went astray says nothing of bias
+      int count = 0;  // a diverged fit does not show bias
       for (int k = 0; k < 10; ++k) {
         const TrainingFace face = textured_face(rng, texture, scale);
         Eigen::Matrix2Xd start = face.points;
@@ -311,7 +311,7 @@ TEST(PatchResponse, IsOneOnThePatchItselfAndZeroOnFlatGround) {
   cv::minMaxLoc(response, &least, &most, nullptr, &at);
   EXPECT_EQ(at, cv::Point(12, 5));
   EXPECT_GE(least, -1);
-  // The brute-force definition, at one more place.
+  // Compares one position with the direct definition.
   cv::Mat part;
   cv::log(window(cv::Rect(3, 2, 7, 7)) + 1, part);
   part -= cv::mean(part);
@@ -329,11 +329,11 @@ TEST(PatchFit, RecoversAKnownShape) {
   PatchWorkspace workspace;
   for (const double opening : {-4.0, 6.0, 15.0}) {
     const TrainingFace face = blob_face(rng, opening);
-    // Begins with the mean's mouth.
+    // The start has the mean's mouth.
     const Eigen::Matrix2Xd start =
         shape::fit_similarity(model.shape.mean, face.points)(model.shape.mean);
     PatchFitOptions options;
-    // Two points that go that far look like points gone astray.
+    // Two points that far from the mean look like outliers.
     options.robust = opening < 10;
     const PatchFit fit =
         fit_patches(model.patches, model.shape, options, face.gray, start, workspace);
@@ -370,7 +370,7 @@ TEST(PatchFit, OneHiddenPointDoesNotDragTheOthers) {
   const Trained& model = blobs();
   Rng rng(33);
   TrainingFace face = blob_face(rng, 5);
-  // A false blob beside the nose's, which is painted over.
+  // A false blob beside the nose; the nose's own blob is erased.
   const Eigen::Vector2d nose = face.points.col(6);
   for (int y = -12; y <= 12; ++y) {
     for (int x = -12; x <= 22; ++x) {
@@ -404,7 +404,7 @@ TEST(PatchFit, StaysFiniteWhereThereIsNothing) {
       std::invalid_argument);
 }
 
-// A workspace that has seen other images changes nothing.
+// A workspace that was used for other images gives the same result.
 TEST(PatchFit, DoesNotDependOnTheWorkspace) {
   const Trained& model = blobs();
   PatchWorkspace used;
@@ -501,7 +501,7 @@ TEST(PatchFile, RefusesHostilePayloads) {
   bad["reference"] = pack(PackedArray<double>{{8, 2}, std::vector<double>(16, 0)});
   expect_refused(bad, "wide");
   bad = good;
-  // All bits set: NaN in every number.
+  // All bits set: every number is NaN.
   std::string text = bad["patches"]["data"];
   for (std::size_t k = 0; k + 4 < text.size(); ++k) text[k] = '/';
   bad["patches"]["data"] = text;
@@ -519,7 +519,7 @@ TEST(PatchImages, ShowAllPatchesAndFrameOne) {
   cv::absdiff(all, one, changed);
   cv::Mat flat;
   cv::transform(changed, flat, cv::Matx13f(1, 1, 1));
-  // Only the place of the framed patch differs, and it is around its point.
+  // Only the framed patch differs, and it is around its point.
   const cv::Rect box = cv::boundingRect(flat);
   EXPECT_NEAR(box.width, 33, 4);
   EXPECT_NEAR(box.x + box.width / 2.0,

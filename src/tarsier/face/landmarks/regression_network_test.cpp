@@ -42,7 +42,7 @@ TEST(RegressionNetwork, FindsThePointsOfOtherFaces) {
   EXPECT_LT(after, 0.5 * before);
 }
 
-// The shape of the start plays no part, only its place.
+// The result depends on the position of the start, not on its shape.
 TEST(RegressionNetwork, LooksOnlyAtWhereTheStartLies) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   const RegressionNetwork model = train(faces, 2);
@@ -90,7 +90,7 @@ TEST(RegressionNetwork, RefusesWhatDoesNotFit) {
                std::invalid_argument);
 }
 
-// The mean of all parts moves towards the network, the more the less trees and descent agree.
+// The mean of all parts moves towards the network, more if trees and descent disagree more.
 TEST(RegressionNetwork, IsAPartOfTheMean) {
   const std::vector<TrainingFace> faces = testing::blob_faces(20, 5);
   LandmarkModel model;

@@ -16,7 +16,7 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-// A model of blobs, learned once: descent and quality.
+// A model of blobs with descent and quality, trained once.
 const LandmarkModel& blob_model() {
   static const LandmarkModel model = [] {
     const std::vector<TrainingFace> faces = testing::blob_faces(60, 3);
@@ -48,7 +48,7 @@ const LandmarkModel& blob_model() {
   return model;
 }
 
-// Says where the object is, but for `shift` px, and how sure it is.
+// A detector that returns the object's box, shifted by `shift` px, with a given score.
 class BoxBeside final : public BoxDetector {
  public:
   BoxBeside(const Eigen::Matrix2Xd& truth, double shift, double score) : score_(score) {
@@ -84,7 +84,7 @@ TEST(FindFaces, ABoxBesideTheFaceIsEnoughForASureDetector) {
     EXPECT_LT((faces[0].fit.points - truth).colwise().norm().mean(), 1.5) << shift;
     EXPECT_GT(faces[0].fit.score, 0.5) << shift;
   }
-  // Of a find that is not sure only the first fit counts.
+  // For an uncertain detection no further starts are tried.
   EXPECT_EQ(found_by_box(blob_model(), gray, truth, 0, 0.5).size(), 1U);
   EXPECT_TRUE(found_by_box(blob_model(), gray, truth, 40, 0.5).empty());
 }
@@ -97,7 +97,7 @@ TEST(FindFaces, WhereNothingIsThereIsNoFaceHoweverSureTheDetectorIs) {
   const std::vector<FoundFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
   ASSERT_EQ(kept.size(), 1U);
   EXPECT_LT(kept[0].fit.score, 0.4);
-  // The same with a score that ends below 0.1.
+  // The same with a final score below 0.1.
   model.quality->stage.bias[0] -= 0.4F;
   EXPECT_TRUE(found_by_box(model, nothing, somewhere, 0, 0.99).empty());
 }
@@ -110,7 +110,7 @@ class TrackerTest : public FolderTest {
     track.face.id = state_.next_id++;
     state_.tracks.push_back(track);
   }
-  // The object at `x`, as it is seen; places the track there at first.
+  // Processes a frame with the object at `x`; the first call starts the track.
   std::vector<TrackedFace> show(double x, int frame, bool visible = true) {
     Rng rng(static_cast<std::uint64_t>(frame) + 1);
     truth_ = (testing::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(x, 90);
@@ -149,7 +149,7 @@ TEST_F(TrackerTest, WhatIsGoneIsLost) {
 TEST_F(TrackerTest, RedetectForgetsThePlace) {
   EXPECT_EQ(show(100, 0).size(), 1U);
   redetect(state_);
-  EXPECT_TRUE(show(100, 1).empty());  // no face detector knows these objects
+  EXPECT_TRUE(show(100, 1).empty());  // the face detectors do not know these objects
 }
 
 TEST_F(TrackerTest, AModelSurvivesItsFile) {
@@ -191,7 +191,7 @@ TEST(BoxModel, TakesTheMedianOfRightBoxes) {
     shapes.push_back((testing::blob_shape(0) * 20).colwise() + Eigen::Vector2d(100, 110));
     boxes.emplace_back(60 + i - 4, 60, 80, 80);
   }
-  boxes[0] = {300, 300, 80, 80};  // of something else
+  boxes[0] = {300, 300, 80, 80};  // of another object
   boxes[1] = {};                  // not found
   const BoxModel model = train_box_model(shapes, boxes);
   EXPECT_EQ(model.trained_on, 7);
@@ -219,7 +219,7 @@ TEST(Steady, CalmsNoiseAtRestAndKeepsUpWithMotion) {
     Eigen::Matrix2Xd noise(2, shape.cols());
     for (Eigen::Index i = 0; i < noise.size(); ++i) noise(i) = rng.normal(0, 1);
     const Eigen::Matrix2Xd smooth = at_rest.next(options, shape + noise, 0.04, unit);
-    const Eigen::Vector2d gone(3.0 * t, 0);  // three quarters of an eye distance a second
+    const Eigen::Vector2d gone(3.0 * t, 0);  // three quarters of an eye distance per second
     const Eigen::Matrix2Xd there = shape.colwise() + gone;
     const Eigen::Matrix2Xd followed = moving.next(options, there, 0.04, unit);
     if (t < 50) continue;

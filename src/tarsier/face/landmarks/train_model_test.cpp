@@ -47,8 +47,8 @@ class TrainModelTest : public FolderTest {
   }
 };
 
-// Extra faces and starts teach trees and descent; the shape model, whose mean is where fits begin,
-// stays that of the faces themselves.
+// Extra faces and starts train trees and descent. The shape model uses the faces only; its mean is
+// where fits start.
 TEST_F(TrainModelTest, ExtraFacesLeaveTheShapeModelAlone) {
   const shape::LandmarkSet set = faces(6);
   const TrainedModel plain = train(set, quick());

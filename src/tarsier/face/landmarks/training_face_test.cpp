@@ -83,8 +83,8 @@ TEST_F(TrainingFaceTest, MirroringNeedsTheSymmetry) {
   EXPECT_THROW((void)load(set, options), InputError);
 }
 
-// Copies stand behind the face that they were made of, each before its own mirror image: training
-// keeps them in one part.
+// Copies follow the face that they were made from, and each copy precedes its mirror image. So
+// training keeps them in one part.
 TEST_F(TrainingFaceTest, ExtraFacesFollowTheirFace) {
   shape::LandmarkSet set;
   set.mirror = {2, 1, 0, 5, 4, 3, 8, 7, 6};
@@ -107,7 +107,7 @@ TEST_F(TrainingFaceTest, ExtraFacesFollowTheirFace) {
     EXPECT_EQ(all[f].name, all[f / 4 * 4].name) << f;
   }
   EXPECT_DOUBLE_EQ(all[6].points(1, 4), all[4].points(1, 4) + 3);
-  // The mirror image of a copy is moved as those of faces are.
+  // The mirror image of a copy is shifted like that of a face.
   EXPECT_DOUBLE_EQ(all[7].points(0, 0), all[6].gray.cols - 1 - all[6].points(0, 2) + 3);
   EXPECT_EQ(with_extra_faces(faces, lower, {}, 0, 1, silent, {}).size(), 6U);
 

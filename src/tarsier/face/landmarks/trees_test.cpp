@@ -24,8 +24,8 @@ using testing::HasSubstr;
 
 constexpr double kRadius = 16;
 
-// A bright disc with a dark dot towards its upper left: a ring of eight points around the disc and
-// one on the dot. Turned by `angle`.
+// A bright disc with a dark dot towards its upper left, rotated by `angle`. Its points are a ring
+// of eight around the disc and one on the dot.
 TrainingFace disc(const cv::Size& size, const Eigen::Vector2d& centre, double radius,
                   double angle = 0, int noise = 0, std::uint64_t seed = 1) {
   TrainingFace face;
@@ -60,7 +60,7 @@ struct Problem {
   std::vector<Start> starts;
 };
 
-// Discs somewhere in images; each start is the shape of another disc, shifted and scaled.
+// Discs at random places in images. Each start is the shape of another disc, shifted and scaled.
 Problem problem(int count, int starts_each, std::uint64_t seed) {
   Problem result;
   Rng random(seed);
@@ -105,7 +105,7 @@ Trees train(const Problem& data, const TreesOptions& options) {
   return train_trees(data.faces, data.starts, options, progress, {});
 }
 
-// Mean error of starts and of fits from them.
+// Mean error of the starts and of the fits from them.
 std::pair<double, double> errors(const Trees& model, const Problem& data) {
   std::pair<double, double> sum;
   for (const Start& start : data.starts) {
@@ -150,7 +150,7 @@ TEST(Trees, FindDiscsTheyHaveNotSeen) {
   EXPECT_LT(after, before / 5);
 }
 
-// What training believes is left is what the fit leaves: the same pixels, rounding and frames.
+// The residual that training reports equals that of the fit: the same pixels, rounding and frames.
 TEST(Trees, LearnTheirLessonByHeart) {
   Problem data = problem(12, 1, 5);
   TreesOptions options = small();
@@ -162,7 +162,8 @@ TEST(Trees, LearnTheirLessonByHeart) {
 }
 
 TEST(Trees, FollowATurnedAndScaledImage) {
-  // The same disc at twice the size in an image turned by 90 degrees, from a start treated alike.
+  // The same disc at twice the size in an image rotated by 90 degrees. The start is transformed in
+  // the same way.
   const TrainingFace face = disc({240, 200}, {110, 95}, 2 * kRadius, std::numbers::pi / 2);
   const TrainingFace start = disc({1, 1}, {118, 88}, 1.9 * kRadius, std::numbers::pi / 2 + 0.1);
   const double before = error(start.points, face.points);
@@ -208,7 +209,7 @@ TEST(Trees, ReadAPartOfAnImageInPlace) {
   EXPECT_EQ(fit, fit_trees(learnt(), face.gray(part).clone(), start));
 }
 
-// Moves along few directions are kept but for the rounding; of more, the strongest.
+// Moves along few directions are kept up to rounding. Of more directions, the strongest are kept.
 TEST(Trees, CompressLeaves) {
   Rng random(7);
   Eigen::MatrixXf directions(18, 3);
@@ -350,7 +351,7 @@ TEST(Trees, RefuseWhatMakesNoSense) {
   EXPECT_THROW((void)train({}, small()), std::invalid_argument);
 }
 
-// Says stop after some trees.
+// Requests a stop after some trees.
 class StopAt final : public Progress {
  public:
   explicit StopAt(int count) : count_(count) {}

@@ -52,7 +52,7 @@ TEST(Occlusion, RefusesPointsOutsideTheImage) {
   EXPECT_THROW((void)draw_occlusion(gray, far, gray, rng), std::invalid_argument);
 }
 
-// On faces that it never saw: what is hidden is said to be, and sigma holds.
+// On held-out faces, hidden points are reported as hidden, and sigma is right.
 TEST(Visibility, FindsWhatIsHiddenOnOtherFaces) {
   TARSIER_LONG_TEST();
   const std::vector<TrainingFace> faces = testing::blob_faces(40, 7);

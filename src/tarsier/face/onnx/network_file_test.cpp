@@ -56,13 +56,13 @@ TEST(NetworkFile, TellsWhatIsInIt) {
   EXPECT_EQ(file.sha256.size(), 64U);
 }
 
-// Wherever a file ends, that is said; nothing else happens.
+// A truncated file is always reported as such.
 TEST(NetworkFile, RefusesEveryPartOfAFile) {
   const std::string whole = means_of_fields();
   int refused = 0;
   for (std::size_t size = 0; size < whole.size(); ++size)
     if (!reason(whole.substr(0, size)).empty()) ++refused;
-  // Only what is behind the network (the version of its operators) may be missing.
+  // Only the part behind the network (the version of its operators) may be missing.
   EXPECT_GE(refused, static_cast<int>(whole.size()) - 5);
 }
 

@@ -44,7 +44,7 @@ class OwnNetworks : public FolderTest {
   }
 };
 
-// The crop of a face of 128 x 160 px with its eyes where a cut has them.
+// The crop of a face of 128 x 160 px, with its eyes at the positions of a cut.
 cv::Mat crop_with_eyes() {
   cv::Mat crop(160, 128, CV_8UC1, cv::Scalar(60));
   cv::circle(crop, cv::Point2d(0.27 * 128 - 0.5, 0.34 * 160 - 0.5), 3, cv::Scalar(255), cv::FILLED);
@@ -83,7 +83,7 @@ TEST_F(OwnNetworks, GivesWhatTheNetworkSays) {
   EXPECT_GT(network->fingerprint, 0);
   const cv::Mat crop = crop_with_eyes();
   const std::vector<float> numbers = recognition::embed_crop(*network, crop);
-  // By hand: means of fields of 4 x 4 px, at unit length.
+  // Computed by hand: means of fields of 4 x 4 px, scaled to unit length.
   const cv::Mat chip = aligned_chip(crop, {16, 16});
   std::vector<double> expected;
   for (int y = 0; y < 4; ++y)
@@ -132,7 +132,7 @@ TEST_F(OwnNetworks, RefusesWithTheReason) {
   EXPECT_THAT(reason(relu({1, 7, 16, 16})), HasSubstr("images of 7 channels"));
   EXPECT_THAT(reason(relu({1, 3, 0, 0})), HasSubstr("relu.onnx.txt"));
   EXPECT_THAT(reason(relu({1, 3, 112, 112})), HasSubstr("of 37632 numbers in place of one"));
-  // Weights of a convolution that does not fit the image: OpenCV's own words, on one line.
+  // Weights of a convolution that do not fit the image: OpenCV's own message, on one line.
   const std::string wrong =
       write("wrong.onnx", network({node("Conv", {"data", "w"}, "out")},
                                   {tensor("w", {2, 5, 1, 1}, std::vector<float>(10, 1))},

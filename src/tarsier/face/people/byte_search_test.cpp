@@ -35,7 +35,7 @@ TEST_F(SearchTest, ThirtyTwoBytesAnywhereAreFound) {
   const auto secret = noise(5000, 1);
   Pieces pieces;
   pieces.add(secret);
-  // Also across the seam of two chunks, at odd places, at the very end.
+  // Also across the border of two chunks, at odd positions, and at the very end.
   for (const std::size_t at : {std::size_t{0}, std::size_t{777}, (std::size_t{1} << 20) - 13,
                                (std::size_t{1} << 20) - 31, std::size_t{3'000'000} - 32}) {
     auto file = noise(3'000'000, 2);
@@ -81,11 +81,11 @@ TEST_F(SearchTest, WhatStaysAndWhatSaysNothingIsNoTrace) {
   pieces.add(secret);
   const std::size_t before = pieces.count();
   EXPECT_EQ(pieces.keep(common), 69U);
-  EXPECT_EQ(pieces.keep(common), 0U);  // already out
+  EXPECT_EQ(pieces.keep(common), 0U);  // already removed
   EXPECT_EQ(pieces.keep(noise(5000, 9)), 0U);
   EXPECT_EQ(pieces.count(), before - 69);
   EXPECT_EQ(pieces.kept(), 69U);
-  EXPECT_EQ(pieces.unproven_sources(), 0U);  // most of it is still looked for
+  EXPECT_EQ(pieces.unproven_sources(), 0U);  // most of this source is still searched for
   auto file = common;
   file.insert(file.end(), 500, 0);
   write("file", file);
@@ -98,7 +98,7 @@ TEST(PiecesTest, OfWhatOthersHaveAsWellNothingIsProven) {
   Pieces pieces;
   pieces.add(noise(400, 1));
   pieces.add(noise(400, 2));
-  pieces.add(std::vector<std::uint8_t>(400, 0));  // says nothing
+  pieces.add(std::vector<std::uint8_t>(400, 0));  // contains no information
   EXPECT_EQ(pieces.unproven_sources(), 1U);
   pieces.keep(noise(400, 2));
   EXPECT_EQ(pieces.unproven_sources(), 2U);
@@ -110,7 +110,7 @@ TEST(PiecesTest, OfVeryMuchAnEvenChoiceIsLookedFor) {
   EXPECT_GT(pieces.total(), 900'000);
   EXPECT_LE(pieces.count(), 2000U + 100);
   EXPECT_GE(pieces.count(), 1800U);
-  // A whole copy of any of them is found, wherever it lies.
+  // A whole copy of any source is found at any position.
   for (std::uint64_t i = 0; i < 100; ++i) {
     std::vector<std::uint8_t> file(i, 7);
     const auto one = noise(10'000, i);

@@ -12,7 +12,7 @@
 namespace tarsier::face::people {
 namespace {
 
-// Two dark disks for eyes and a bar for the mouth, at any place, size and turn.
+// Two dark disks for eyes and a bar for the mouth, at any position, size and rotation.
 cv::Mat drawn_face(const Eyes& eyes, cv::Size size = {400, 300}) {
   cv::Mat image(size, CV_8UC1, cv::Scalar(180));
   const double d = eyes.distance();
@@ -85,7 +85,7 @@ TEST(PointsTest, TheSimilarityGivesBackTheEyesOfAnUprightFace) {
   EXPECT_NEAR(eyes.left.x, 80, 1e-9);
   EXPECT_NEAR(eyes.right.x, 120, 1e-9);
   EXPECT_NEAR(eyes.left.y, 80, 1e-9);
-  // Turned to the side the eyes come together; the length of the face keeps the scale up.
+  // In a profile view the eyes are closer together. The length of the face keeps the scale.
   put(36, 6, -0.3, 0);
   put(42, 6, 0.3, 0);
   EXPECT_GT(eyes_of_points(points).distance(), 1.3 * 24);

@@ -16,16 +16,16 @@
 namespace tarsier::face::people {
 namespace {
 
-// How fast trust rises with the score of the points.
+// Weight of the points' score in the logit of the trust.
 constexpr double kOfPoints = 8.4;
-// Where the detector's score is no probability: the points' score at even odds, and the least one of
-// a face that only the less strict search saw.
+// Used where the detector's score is no probability: the points' score at even odds, and the min
+// points' score of a face that only the less strict search found.
 constexpr double kEvenPoints = 0.45;
 constexpr double kMinUnsure = 0.5;
-// Points below this score make no face, however sure the detector is.
+// Faces with points below this score are rejected, whatever the detector's score.
 constexpr double kMinPoints = 0.1;
 
-// A detector's box around a face whose eyes are known.
+// The box that a detector draws around a face with these eyes.
 cv::Rect2d box_of_eyes(const Eyes& eyes) {
   const double width = 2.4 * eyes.distance();
   const cv::Point2d middle = 0.5 * (eyes.left + eyes.right);
@@ -48,11 +48,11 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face, const 
 }  // namespace
 
 double trust_in(double detection, double points) {
-  constexpr double kLeast = 0.02;  // a detector is never more certain than this, either way
+  constexpr double kLeast = 0.02;  // the detector's probability is clamped to [kLeast, kMost]
   constexpr double kMost = 0.99;
   constexpr double kOfDetector = 0.65;
-  // Even odds would be at -4.8. False faces, and faces whose points are wrong, harm the people
-  // they are enrolled with: a face must be four times as likely as not.
+  // Even odds would be at -4.8. A false face or wrong points harm the person they are enrolled
+  // with. So a face must be four times as likely as no face.
   constexpr double kBias = -6.2;
   const double p = std::clamp(detection, kLeast, kMost);
   return logistic(kOfDetector * std::log(p / (1 - p)) + kOfPoints * points + kBias);
@@ -66,7 +66,7 @@ void FaceReaderOptions::check() const {
 
 struct FaceReader::Impl {
   std::shared_ptr<const landmarks::LandmarkModel> model;
-  bool judged;  // the detector's scores are probabilities: see landmarks::FaceFinder, `anchors`
+  bool judged;  // the detector's scores are probabilities: see `anchors` of landmarks::FaceFinder
   landmarks::FaceFinder finder;
   std::optional<EyeDetector> eyes;
   landmarks::FitWorkspace workspace;

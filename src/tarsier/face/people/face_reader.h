@@ -18,41 +18,42 @@
 
 namespace tarsier::face::people {
 
-// A face of an image, ready to be recognised.
+// A face in an image, ready for recognition.
 struct Face {
-  cv::Rect2d box;           // px, as a detector draws it
+  cv::Rect2d box;           // px, as the detector draws it
   Eyes eyes;                // px
   cv::Mat crop;             // CV_8UC1, cut_face() with the reader's options
   Eigen::Matrix2Xd points;  // 2 x 68, px; empty without landmarks
-  double score = 1;         // of the points, 0..1
-  // False: hardly likely to be a face, or its points are hardly right (hidden by sunglasses or a hand,
-  // far turned), see FaceReaderOptions::min_uncertain. To be asked for, not to be enrolled.
+  double score = 1;         // score of the points, 0..1
+  // False where the detection is probably no face, or where its points are probably wrong (face
+  // hidden by sunglasses or a hand, or turned far). Such a face may be a probe, but it is not
+  // enrolled. See FaceReaderOptions::min_uncertain.
   bool trusted = true;
-  int id = 0;  // stays with a followed face; 0 in stills
+  int id = 0;  // kept while the face is tracked; 0 in still images
   Quality quality;
 };
 
-// How likely something is a face, 0..1, of which the detector is as certain as `detection` says and
-// whose points fit as `points` says (both 0..1): a logistic regression over faces68 as it is and
-// disguised (sunglasses, caps, beards, hands: of those the points' score is low), and images without
-// faces. Without the detector that users can install `detection` is no probability, and the points
-// alone count.
+// Probability that a detection is a face, 0..1. `detection` is the detector's score and `points`
+// the score of the fitted points (both 0..1). The model is a logistic regression. It was fitted on
+// faces68, plain and disguised (sunglasses, caps, beards, hands; the points of these score low),
+// and on images without faces. Without the detector that users can install, `detection` is no
+// probability, and only the points count.
 [[nodiscard]] double trust_in(double detection, double points);
 
-// Of the images of faces-wild in which no face is trusted, half have one of this trust; below it, people
-// are named no better than by chance.
+// Half of the images of faces-wild without a trusted face have a face of at least this trust. Below
+// this trust, identification is no better than chance.
 inline constexpr double kMinUncertain = 0.1;
 
 struct FaceReaderOptions {
   EyeMethod eyes = EyeMethod::kLandmarks;
   CutOptions cut;
   landmarks::FaceFinderOptions finder;
-  // Of the points of a face that only the less strict search saw. Counts only where the finder has the
-  // detector that users can install.
+  // Min score of the points of a face that only the less strict search found. It applies only where
+  // the finder has the detector that users can install.
   double min_score = 0.35;
-  double min_trust = 0.5;  // of any face, how likely it is one: see trust_in()
-  // A still image without a face that is trusted gives the most likely one, if it has this trust at
-  // least, as one that is not trusted. 1: it gives none; kMinUncertain is a good value.
+  double min_trust = 0.5;  // min trust_in() of any face
+  // If a still image has no trusted face, its most likely face is returned as not trusted, provided
+  // that its trust is at least this. 1 disables it; kMinUncertain is a good value.
   double min_uncertain = 1;
   landmarks::TrackerOptions tracker;
 
@@ -64,13 +65,13 @@ struct FaceReaderOptions {
   void check() const;
 };
 
-// Image to faces: detection (landmarks/face_finder.h), eyes, cut, quality. Not
+// Reads the faces of an image: detection (landmarks/face_finder.h), eyes, crop, quality. Not
 // thread-safe; the landmark model is shared.
 class FaceReader {
  public:
-  // `model` (68 points): needed for EyeMethod::kLandmarks only. Throws ModelError where cascades
-  // are missing, std::invalid_argument for a model of other points.
-  // `networks` find the faces; null: the cascades. `anchors`: see landmarks::FaceFinder.
+  // `model` (68 points) is needed only for EyeMethod::kLandmarks. `networks` detect the faces; if
+  // it is null, the cascades do. `anchors`: see landmarks::FaceFinder. Throws ModelError if
+  // cascades are missing, std::invalid_argument if the model has another number of points.
   FaceReader(const FaceReaderOptions& options,
              std::shared_ptr<const landmarks::LandmarkModel> model,
              std::shared_ptr<const FaceNetworks> networks = nullptr,
@@ -79,16 +80,16 @@ class FaceReader {
   FaceReader(FaceReader&&) noexcept;
   FaceReader& operator=(FaceReader&&) noexcept;
 
-  // Largest first. Faces whose eyes are not found are left out and counted in `without_eyes`.
-  // `debug` gets the stages of the first face.
+  // Returns the faces, largest first. Faces without detected eyes are left out and counted in
+  // `without_eyes`. `debug` receives the stages of the first face.
   [[nodiscard]] std::vector<Face> read(const cv::Mat& gray, DebugSink* debug = nullptr);
-  // The next frame of a video at `time` (s): with landmarks faces are followed and keep their id.
-  // `debug` gets the stages of the largest face.
+  // The faces of the next frame of a video, at `time` (s). With landmarks, faces are tracked and
+  // keep their id. `debug` receives the stages of the largest face.
   [[nodiscard]] std::vector<Face> follow(const cv::Mat& gray, double time,
                                          DebugSink* debug = nullptr);
-  // Forgets all places: another video.
+  // Drops all tracks, e.g. before another video.
   void restart();
-  // Where the eyes are known.
+  // The face with the given eyes.
   [[nodiscard]] Face at_eyes(const cv::Mat& gray, const Eyes& eyes) const;
 
   [[nodiscard]] const FaceReaderOptions& options() const { return options_; }

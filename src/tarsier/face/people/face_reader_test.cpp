@@ -32,8 +32,8 @@ TEST(FaceReaderTest, ALandmarkModelIsNeededForLandmarks) {
 }
 
 TEST(FaceReaderTest, DetectorAndPointsTogetherSayWhetherItIsAFace) {
-  // Points that fit well need no certain detector, and of a covered face a certain detector is
-  // enough with points that fit half; neither is without the other.
+  // With well-fitted points the detector may be uncertain. For a covered face, a certain detector
+  // and half-fitted points are enough. Neither is enough alone.
   EXPECT_GT(trust_in(0.9, 0.7), 0.7);
   EXPECT_GT(trust_in(0.1, 0.95), 0.5);
   EXPECT_GT(trust_in(0.99, 0.4), 0.5);
@@ -64,7 +64,7 @@ TEST(FaceReaderTest, AFaceThatIsNotTrustedIsGivenMarkedWhereItIsAskedFor) {
   EXPECT_FALSE(faces.front().trusted);
   EXPECT_TRUE(faces.front().box.contains({245, 93}));  // the face of the image
   EXPECT_EQ(faces.front().crop.size(), options.cut.size);
-  // Nor is there one where nothing is like a face.
+  // No face either in an image with nothing like a face.
   EXPECT_TRUE(FaceReader(options, model, networks)
                   .read(cv::Mat(240, 320, CV_8UC1, cv::Scalar(90)))
                   .empty());
@@ -86,7 +86,8 @@ TEST(FaceReaderTest, BothKindsOfCascadesFindTheEyesOfAImage) {
     options.eyes = method;
     FaceReader reader(options, nullptr);
     const auto faces = reader.read(gray);
-    if (faces.empty()) continue;  // measured by `bench eyes`; where they are found, they are eyes
+    // Their number is measured by `bench eyes`; here only their positions are checked.
+    if (faces.empty()) continue;
     EXPECT_GT(faces[0].eyes.left.x, 2 * 215);
     EXPECT_LT(faces[0].eyes.right.x, 2 * 275);
     EXPECT_EQ(faces[0].crop.size(), options.cut.size);

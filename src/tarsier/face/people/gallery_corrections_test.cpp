@@ -51,7 +51,7 @@ class CorrectionsTest : public FolderTest {
     const SeenFace face{image(person, seed), 0.5, "{}"};
     return gallery.add_sighting(seed, "camera", name, known, 0.9, &face);
   }
-  // Groups as if they had been found: sightings of unknown faces.
+  // Groups of sightings of unknown people, as grouping makes them.
   void place(Gallery& gallery, std::int64_t sighting, std::int64_t group) {
     const std::vector<Gallery::Placed> placed{{sighting, group, {}}};
     ASSERT_TRUE(gallery.place(placed, gallery.next_group() + 1, gallery.generation()));
@@ -78,7 +78,7 @@ TEST_F(CorrectionsTest, MovesMergesSplitsAndUndoes) {
   const std::int64_t merged = gallery.merge_people("Ann", "Ben", kNow);
   EXPECT_THAT(who(gallery), ElementsAre("Ben:3"));
   EXPECT_EQ(gallery.sightings()[0].name, "Ben");
-  // The earlier one cannot be undone before the later one.
+  // The earlier correction cannot be undone before the later one.
   EXPECT_THAT(message_of([&] { (void)gallery.undo(moved, kNow); }), HasSubstr("undo that first"));
   EXPECT_THAT(who(gallery), ElementsAre("Ben:3"));
   (void)gallery.undo(0, kNow);
@@ -153,8 +153,8 @@ TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
   EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Ben:1"));
 }
 
-// A face that is not of a person is not named so again, whatever was learned, and also where a
-// model is in use; undone, it is as before.
+// A face that was ruled out for a person is not identified as that person again. This holds after
+// learning and for a model in use. After undo the old state returns.
 TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
   Gallery gallery(path("p.db"));
   for (int seed = 1; seed < 4; ++seed) {
@@ -180,7 +180,7 @@ TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
   EXPECT_FALSE(gallery.sightings()[0].known);
   EXPECT_EQ(gallery.sightings()[0].name, "");
   EXPECT_THAT(gallery.ungrouped(), ElementsAre(sighting));
-  // Learned once more it still holds.
+  // It still holds after learning again.
   const auto again = load_gallery_model(gallery, nullptr, true, Learn::kNow, progress_, {});
   ASSERT_TRUE(again);
   EXPECT_EQ(again->recognizer.negatives.rows(), 1);
@@ -210,7 +210,7 @@ TEST_F(CorrectionsTest, AnEnrolledFaceThatIsNotThePersonSpeaksAgainstThem) {
   (void)gallery.undo(0, kNow);
   EXPECT_THAT(who(gallery), ElementsAre("Ann:4"));
   EXPECT_EQ(gallery.face(wrong)->source, "x.png");
-  // A face that is moved is the other's at once, without learning.
+  // A moved face belongs to the other person at once, without learning.
   (void)follower.update();
   (void)gallery.move_faces(std::vector<std::int64_t>{wrong}, "Ben", kNow);
   auto learned = load_gallery_model(gallery, nullptr, true, Learn::kWhenDue, progress_, {});
@@ -237,7 +237,7 @@ TEST_F(CorrectionsTest, NamesAGroupAndTakesItBack) {
   ASSERT_THAT(gallery.groups(), SizeIs(2));
   EXPECT_EQ(gallery.groups()[0].sightings, 3);
   EXPECT_FALSE(gallery.sightings()[1].known);
-  // Who is enrolled since by other faces stays.
+  // A person who was enrolled meanwhile with other faces is kept.
   (void)gallery.name_group(1, "Ann", "", 20, kNow);
   (void)enroll(gallery, "Ann", 1, 77);
   (void)gallery.undo(0, kNow);
@@ -255,7 +255,7 @@ TEST_F(CorrectionsTest, MergesAndSplitsGroups) {
   (void)gallery.split_group(1, std::vector{seen[1]}, kNow);
   const std::int64_t made = gallery.groups().back().id;
   EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{1}, made)));
-  // What was apart from the one is apart from the other.
+  // After a merge, groups that were apart from the first group are apart from the second.
   (void)gallery.merge_groups(1, 2, kNow);
   EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{2}, made)));
   EXPECT_THAT(message_of([&] { (void)gallery.split_group(2, std::vector{seen[1]}, kNow); }),
@@ -268,7 +268,7 @@ TEST_F(CorrectionsTest, MergesAndSplitsGroups) {
   EXPECT_EQ(gallery.group(1)->sightings, 2);
 }
 
-// Nothing of a person stays who is forgotten: what speaks against them, what was seen, the log.
+// Forgetting a person removes everything: ruled-out faces, sightings, and log entries.
 TEST_F(CorrectionsTest, ForgettingTakesTheLogAlong) {
   Gallery gallery(path("p.db"));
   (void)enroll(gallery, "Ann", 1, 1);
@@ -291,7 +291,7 @@ TEST_F(CorrectionsTest, ForgettingTakesTheLogAlong) {
   EXPECT_EQ(gallery.sighting_count(), 0);
 }
 
-// What a correction says was done is done after a kill.
+// A correction that was reported as done survives a kill.
 TEST_F(CorrectionsTest, SurvivesAKill) {
   std::int64_t face = 0;
   {

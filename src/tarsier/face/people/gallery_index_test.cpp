@@ -48,7 +48,7 @@ const recognition::Background& background() {
 
 std::int64_t space() { return -recognition::fingerprint(background()); }
 
-// Coordinates of a person by chance; the crops are all alike.
+// Random coordinates of a person; all crops are equal.
 std::vector<float> drawn(int person, int image) {
   Rng of_person(static_cast<std::uint64_t>(person) + 1);
   Rng of_image(static_cast<std::uint64_t>(1000 * person + image) + 77);
@@ -75,7 +75,7 @@ class GalleryIndexTest : public FolderTest {
  protected:
   GalleryIndexTest() : gallery_(copy_to(path("p.db"))) {}
 
-  // Enrolled and learned from once, for all tests.
+  // Enrolled and learned once for all tests.
   static std::string copy_to(const std::string& to) {
     static const TemporaryFolder folder;
     static const std::string original = [] {
@@ -95,7 +95,7 @@ class GalleryIndexTest : public FolderTest {
   void learn() {
     (void)load_gallery_model(gallery_, &background(), true, Learn::kWhenDue, progress_, {});
   }
-  // As of a gallery that is so large that few are learned from.
+  // As in a gallery so large that its model is learned from few faces.
   void learned_from_few() {
     const auto model = gallery_.model();
     std::vector<std::int64_t> few{gallery_.face_refs().front().id};
@@ -132,7 +132,7 @@ class GalleryIndexTest : public FolderTest {
       out.push_back(face.id);
     return out;
   }
-  // Not learned from by the index.
+  // A person whose faces the index was not learned from.
   std::string somebody() {
     const CellIndex index(index_path(gallery_));
     const auto& learned = index.learned_from();
@@ -191,7 +191,7 @@ TEST_F(GalleryIndexTest, NewFacesAreFoundBesideIt) {
   EXPECT_EQ(seen.score, follower(Searching::kAll).recognize(features, 0.01).score);
   EXPECT_TRUE(running.knows("p5000"));
   EXPECT_EQ(follower().index()->newer(), 2);
-  // One whose template nobody made yet.
+  // A face that has no template yet.
   NewFace bare = face_of(6000, 0);
   bare.face.features.clear();
   bare.face.space = 0;
@@ -210,7 +210,7 @@ TEST_F(GalleryIndexTest, WhoIsForgottenLeavesIt) {
   GalleryFollower running = follower();
   const auto features = probe(*running.recognizer(), number);
   ASSERT_EQ(running.recognize(features, 0.01).label, name);
-  // The bytes of the person's entries: as they are in an index of nobody else.
+  // The bytes of the person's entries, as in an index of this person alone.
   const std::size_t before = contents(index_path(gallery_)).size();
   const auto report = gallery_.forget(name, {});
   ASSERT_TRUE(report);
@@ -231,7 +231,7 @@ TEST_F(GalleryIndexTest, WhoIsForgottenLeavesIt) {
 
 TEST_F(GalleryIndexTest, ItGoesWhereItWasLearnedFromWhoIsForgotten) {
   learned_from_few();
-  build({.learn_from = 1000});  // from everybody
+  build({.learn_from = 1000});  // from all people
   const auto report = gallery_.forget("p7", {});
   ASSERT_TRUE(report);
   EXPECT_EQ(report->index, IndexFate::kDeleted);
@@ -240,12 +240,12 @@ TEST_F(GalleryIndexTest, ItGoesWhereItWasLearnedFromWhoIsForgotten) {
   GalleryFollower running = follower();
   EXPECT_EQ(running.index(), nullptr);
   EXPECT_EQ(running.recognize(probe(*running.recognizer(), 8), 0.01).label, "p8");
-  // The same where the model goes.
+  // The same if the model is removed.
   build({.learn_from = 1});
   const CellIndex open(index_path(gallery_));
   EXPECT_TRUE(gallery_.forget("p0", {})->unlearned);
   EXPECT_FALSE(std::filesystem::exists(index_path(gallery_)));
-  // What was in it is overwritten: whoever still has it open reads zeros.
+  // The index's bytes are overwritten, so a program that still has the file open reads zeros.
   EXPECT_THROW(open.each_cell([](std::span<const std::int64_t>) {}, progress_, {}), InputError);
   learn();
   build();
@@ -257,12 +257,12 @@ TEST_F(GalleryIndexTest, ARunningProgramGoesOnWithoutIt) {
   build();
   GalleryFollower running = follower();
   const auto features = probe(*running.recognizer(), 11);
-  ASSERT_TRUE(gallery_.forget("p7", {}));  // the model was learned from everybody
+  ASSERT_TRUE(gallery_.forget("p7", {}));  // the model was learned from all people
   learn();
   EXPECT_EQ(running.update(), GalleryFollower::Change::kModel);
   EXPECT_EQ(running.index(), nullptr);
   EXPECT_EQ(running.recognize(probe(*running.recognizer(), 11), 0.01).label, "p11");
-  // And takes another as soon as it is there.
+  // And uses the next index as soon as it exists.
   build();
   EXPECT_EQ(running.update(), GalleryFollower::Change::kModel);
   EXPECT_NE(running.index(), nullptr);
@@ -305,7 +305,7 @@ TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
   flipped[200] = static_cast<char>(flipped[200] ^ 1);
   put(flipped);
   unused("its SHA-256 is another");
-  // Whole, but not what this gallery wrote.
+  // A valid index that this gallery did not write.
   {
     Gallery other(copy_to(path("q.db")));
     other.enroll(std::vector<NewFace>{face_of(700, 0)});
@@ -313,7 +313,7 @@ TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
     put(contents(index_path(other)));
   }
   unused("is of another state of the gallery");
-  // A byte of a cell: noticed when that is read, and then all faces are compared.
+  // Damaged bytes in cells are noticed when a cell is read. Then all faces are compared.
   put(whole);
   GalleryFollower running = follower();
   ASSERT_NE(running.index(), nullptr);
@@ -324,7 +324,7 @@ TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
   EXPECT_EQ(running.recognize(probe(*running.recognizer(), 3), 0.01).label, "p3");
   EXPECT_EQ(running.index(), nullptr);
   EXPECT_EQ(running.recognizer()->templates.rows(), static_cast<Eigen::Index>(kFaces));
-  // Templates that were made again.
+  // Templates that were computed again.
   put(whole);
   (void)load_gallery_model(gallery_, &background(), true, Learn::kNow, progress_, {});
   unused("is of templates that were made again");

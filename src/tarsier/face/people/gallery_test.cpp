@@ -99,7 +99,7 @@ TEST_F(GalleryTest, MoreFacesOfAKnownPersonAndItsNote) {
   EXPECT_EQ(cv::norm(gallery.latest_face(1)->crop, face(3).crop, cv::NORM_INF), 0);
 }
 
-// The raw bytes are in the files before, and in none afterwards.
+// The raw bytes are in the files before, and in no file afterwards.
 TEST_F(GalleryTest, ForgettingLeavesNoByte) {
   Gallery gallery(path("p.db"));
   Pieces pieces;
@@ -155,7 +155,7 @@ TEST_F(GalleryTest, ACopyInTheFolderIsTold) {
               testing::ElementsAre(path("copy.png"), path("out/person-1/face-1.png")));
 }
 
-// An export in the folder below, as `people export -o all` beside the gallery makes it.
+// An export in a subfolder, as `people export -o all` makes it beside the gallery.
 TEST_F(GalleryTest, AnExportBelowTheFolderIsTold) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
@@ -168,7 +168,7 @@ TEST_F(GalleryTest, AnExportBelowTheFolderIsTold) {
   EXPECT_TRUE(gallery.forget("Ben", {})->search.found.size() == 1);
 }
 
-// One image under two names: the other one's bytes stay, and nothing is called proven.
+// One image under two names. The other person's bytes stay, so nothing is reported as proven.
 TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
@@ -181,7 +181,7 @@ TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
   EXPECT_EQ(report->unproven, 1);
   EXPECT_THAT(report->shared_with, testing::ElementsAre("Ann"));
   EXPECT_THAT(report->search.found, IsEmpty());
-  // Of a person with images of his own as well it is said how many faces are not proven.
+  // If the person also has other images, the number of unproven faces is reported.
   gallery.enroll("Same", "", face(1));
   gallery.enroll("Same", "", face(2));
   const auto partly = gallery.forget("Same", {});
@@ -191,8 +191,8 @@ TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
   EXPECT_TRUE(gallery.forget("Ann", {})->proven());
 }
 
-// A program that enrols, learns and forgets is killed at many moments; what it said was done is
-// done, and the file is whole.
+// A program that enrols, learns and forgets is killed at many moments. Everything that it reported
+// as done is done, and the file is intact.
 TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
   std::int64_t enrolled = 0;
   for (int round = 0; round < 12; ++round) {
@@ -244,7 +244,7 @@ TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
       ASSERT_TRUE(lost.step());
       EXPECT_EQ(lost.integer(0), 0) << "round " << round;
     }
-    // Of the faces of this round that were reported, those of the forgotten person may be gone.
+    // Some reported faces of this round may be gone: those of the forgotten person.
     const std::int64_t reported = std::count(seen.begin(), seen.end(), 'e');
     std::int64_t there = 0;
     for (const Person& person : gallery.people())
@@ -288,14 +288,14 @@ TEST_F(GalleryTest, EnrollingKeepsWhatWasLearned) {
   EXPECT_THAT(gallery.faces()[0].features, testing::ElementsAre(1.0F, 2.0F));
   EXPECT_THAT(gallery.template_of(other, *model), testing::ElementsAre(3.0F, 4.0F));
   EXPECT_THAT(gallery.without_template(*model), testing::ElementsAre(3));
-  // Forgetting somebody from whom nothing was learned leaves it as well.
+  // Forgetting a person whom nothing was learned from keeps the model.
   EXPECT_FALSE(gallery.forget("Ben", {})->unlearned);
   EXPECT_TRUE(gallery.model());
   EXPECT_TRUE(gallery.forget("Ann", {})->unlearned);
   EXPECT_FALSE(gallery.model());
 }
 
-// Nothing that was learned from a face is stored after that face was forgotten.
+// After a face was forgotten, nothing that was learned from it is stored.
 TEST_F(GalleryTest, AModelOfAFaceThatIsGoneIsNotStored) {
   Gallery gallery(path("p.db"));
   const auto id = gallery.enroll("Ann", "", face(1));
@@ -306,8 +306,8 @@ TEST_F(GalleryTest, AModelOfAFaceThatIsGoneIsNotStored) {
   EXPECT_FALSE(gallery.model());
 }
 
-// The statements of an enrolment and of one person's faces look at no other row: SQLite's plan is
-// asked, as times would depend on the machine.
+// The statements of an enrolment and of one person's faces read no other row. The test checks
+// SQLite's query plan, since times depend on the machine.
 TEST_F(GalleryTest, QueriesUseTheirIndices) {
   { const Gallery gallery(path("p.db")); }
   const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
@@ -329,7 +329,7 @@ TEST_F(GalleryTest, QueriesUseTheirIndices) {
   }
 }
 
-// A gallery as the first version of its layout had it.
+// A gallery with the first version of the layout.
 TEST_F(GalleryTest, AnOlderGalleryIsBroughtUpToDate) {
   std::int64_t face_id = 0;
   const StoredFace stored = face(1);
@@ -382,7 +382,7 @@ INSERT INTO model VALUES(1, 7, x'78');
   ASSERT_THAT(gallery.sightings(), SizeIs(1));
   EXPECT_EQ(gallery.sightings()[0].name, "Ann");
   EXPECT_FALSE(gallery.sightings()[0].has_face);
-  // Numbers go on, and from now on nobody need be enrolled.
+  // Numbers continue, and a sighting may be of an unknown person.
   EXPECT_EQ(gallery.add_sighting(6, "cam", "", false, 0), 10);
   EXPECT_TRUE(gallery.forget("Ann", {})->unlearned);
   EXPECT_FALSE(gallery.model());
@@ -473,7 +473,7 @@ TEST_F(GalleryTest, FilesThatAreNoneOrCannotBeUsedSaySo) {
     Gallery waiting(path("p.db"), DatabaseAccess::kWrite, 50);
     EXPECT_THAT(message_of([&] { waiting.enroll("Ben", "", face(2)); }), HasSubstr("locked"));
   }
-  // Damage in the middle: an error, never a crash.
+  // Damage inside the file causes an error, never a crash.
   std::string bytes = contents(path("p.db"));
   for (std::size_t at = 4096; at < bytes.size(); at += 64) bytes[at] = static_cast<char>(at * 31);
   std::ofstream(path("damaged.db"), std::ios::binary) << bytes;

@@ -17,8 +17,8 @@ using recognition::Rows;
 
 constexpr int kLength = 48;
 
-// Directions of people, and one that all vary in alike (a lamp at one side or the other): it is
-// as strong as what tells people apart.
+// A direction per person, and one common direction of variation (a lamp at one side or the other).
+// The latter is as strong as the difference between people.
 class Crowd {
  public:
   explicit Crowd(std::uint64_t seed) : rng_(seed) {}
@@ -56,7 +56,7 @@ GroupTemplates halves(const Crowd& crowd, int people, int count = 3) {
 TEST(GroupMerging, LearnsWhatDiffersWithinGroups) {
   const Crowd crowd(4);
   const GroupTemplates groups = halves(crowd, 12);
-  // By the templates themselves a person in other light is less alike than another in the same.
+  // Raw templates: a person in other light is less similar than another person in the same light.
   const double self = groups.at(1).row(0).dot(groups.at(2).row(0));
   const double other = groups.at(1).row(0).dot(groups.at(3).row(0));
   EXPECT_LT(self, other);
@@ -97,14 +97,15 @@ TEST(GroupMerging, GroupsThatAreApartStayApart) {
     return left.size();
   };
   EXPECT_EQ(count_of_first(*free), 1U);
-  EXPECT_EQ(count_of_first(*kept), 2U);  // 30 is with one of them, which keeps it from the other
+  // 30 is merged with one of them; so it stays apart from the other
+  EXPECT_EQ(count_of_first(*kept), 2U);
 }
 
 TEST(GroupMerging, SaysWhereTooLittleIsKnown) {
   const Crowd crowd(4);
   EXPECT_FALSE(alike_groups({}, {}));
   EXPECT_FALSE(alike_groups(halves(crowd, 4), {}));      // 8 groups
-  EXPECT_FALSE(alike_groups(halves(crowd, 12, 1), {}));  // nothing of what varies
+  EXPECT_FALSE(alike_groups(halves(crowd, 12, 1), {}));  // no variation within groups
   EXPECT_TRUE(alike_groups(halves(crowd, 6, 3), {}));
   GroupTemplates broken = halves(crowd, 6, 3);
   broken[99] = Rows::Zero(1, kLength + 1);

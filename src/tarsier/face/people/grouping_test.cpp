@@ -17,7 +17,8 @@ namespace {
 
 using ::testing::SizeIs;
 
-// Its people are those who are seen: random textures of others have little in common with them.
+// Learned from the people who are seen. The random textures of other people have little in common
+// with theirs.
 const recognition::Background& background() {
   static const recognition::Background learned = [] {
     const auto many = recognition::synthetic_faces(40, 2, 0.2, 3, 0, {128, 160});
@@ -31,7 +32,7 @@ const recognition::Background& background() {
 
 class GroupingTest : public FolderTest {
  protected:
-  // One image of each of the people after the other, as nobody's.
+  // Adds sightings of unknown people: one image of each person in turn.
   static void see(Gallery& gallery, int people, int first_image, int images) {
     const auto set =
         recognition::synthetic_faces(people, images + first_image, 0.2, 5, 0, {128, 160});
@@ -72,12 +73,13 @@ TEST_F(GroupingTest, TheSameGroupsInWhateverBatchesAndThreads) {
     EXPECT_EQ(group(many).placed, 6);
   }
   cv::setNumThreads(threads);
-  // Images of both galleries differ (their random numbers are of their number in the set), so only
-  // who is with whom is compared.
+  // The images of the two galleries differ, since their random numbers depend on the number in the
+  // set. So only the groupings are compared.
   EXPECT_EQ(placed(one), placed(many));
 }
 
-// Enough sightings for two passes: the groups of the first are merged, and what was split stays apart.
+// Enough sightings for two passes: the groups of the first pass are merged, and split groups stay
+// apart.
 TEST_F(GroupingTest, ManySightingsGetASecondPass) {
   Gallery gallery(path("many.db"));
   see(gallery, 12, 0, 6);
@@ -93,7 +95,7 @@ TEST_F(GroupingTest, ManySightingsGetASecondPass) {
   EXPECT_GE(first.groups, report.groups);
   for (const SightingGroup& of : gallery.groups()) EXPECT_EQ(of.sightings, 6);
   EXPECT_EQ(group(gallery).merged, 0);  // nothing is left to merge
-  // The second sighting of the first group, and its group: of different people from now on.
+  // Splits the second sighting of the first group from this group: they are different people now.
   const std::int64_t taken = gallery.group_sightings(1).at(1).id;
   (void)gallery.split_group(1, std::vector<std::int64_t>{taken}, {1, "me"});
   see(gallery, 12, 6, 1);
@@ -121,7 +123,7 @@ TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
   see(gallery, 3, 0, 3);
   (void)group(gallery);
   ASSERT_THAT(gallery.groups(), SizeIs(3));
-  // The oldest sightings of all go, and all of the second person.
+  // Forgets the three oldest sightings, and all of the second person.
   EXPECT_EQ(gallery.forget_sightings_before(1000), 3);
   const auto report = gallery.forget_group(2, {});
   ASSERT_TRUE(report);
@@ -132,7 +134,7 @@ TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
   (void)group(gallery);
   std::map<std::int64_t, std::int64_t> sizes;
   for (const SightingGroup& of : gallery.groups()) sizes[of.id] = of.sightings;
-  // Whoever was forgotten is a new group, and its number was never used.
+  // A forgotten person gets a new group with a new number.
   EXPECT_EQ(sizes, (std::map<std::int64_t, std::int64_t>{{1, 3}, {3, 3}, {4, 1}}));
 }
 
@@ -141,12 +143,12 @@ TEST_F(GroupingTest, ACorrectionMeanwhileIsRespected) {
   see(gallery, 2, 0, 3);
   (void)group(gallery);
   const std::int64_t generation = gallery.generation();
-  // The third sighting of the first person is somebody else's.
+  // A user assigns the third sighting of the first person to another person.
   (void)gallery.split_group(1, std::vector<std::int64_t>{5}, {1, "me"});
   EXPECT_FALSE(gallery.place({}, 9, generation));
   see(gallery, 2, 3, 1);
   (void)group(gallery);
-  // Both groups of that person stay apart.
+  // The two groups of that person stay apart.
   EXPECT_THAT(gallery.groups(), SizeIs(3));
   (void)gallery.undo(0, {2, "me"});
   EXPECT_THAT(gallery.groups(), SizeIs(2));
@@ -162,8 +164,8 @@ TEST_F(GroupingTest, InPiecesItIsTheSame) {
   EXPECT_EQ(grouping.waiting(), 18);
   EXPECT_TRUE(grouping.step({}, 5));
   EXPECT_EQ(grouping.waiting(), 13);
-  EXPECT_EQ(pieces.ungrouped_count(), 13);  // what is placed stays placed
-  // Somebody corrects meanwhile: it begins with what is there then.
+  EXPECT_EQ(pieces.ungrouped_count(), 13);  // placed sightings stay placed
+  // A correction by a user meanwhile: grouping starts again from the current state.
   pieces.enroll("Ann", "", {.crop = cv::Mat(160, 128, CV_8UC1, cv::Scalar(90)), .measures = "{}"});
   while (grouping.step({}, 5)) {
   }
@@ -183,7 +185,7 @@ TEST_F(GroupingTest, TheGroupOfAFaceThatIsNotPlaced) {
   EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // there are none
   see(gallery, 5, 0, 4);
   group(gallery);
-  EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // it has not read them
+  EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // the new sightings are not read yet
   finder.reread();
   for (std::int64_t p = 0; p < 5; ++p)
     EXPECT_EQ(finder.find(set.faces[static_cast<std::size_t>(5 * p + 4)], 0.9, {}), p + 1);

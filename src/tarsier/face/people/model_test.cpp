@@ -57,7 +57,7 @@ TEST_F(GalleryModelTest, AnEmptyGalleryHasNoModel) {
   EXPECT_FALSE(gallery_model(gallery, nullptr, true, progress_, {}));
 }
 
-// Of a network that nobody trained.
+// The background of an untrained network.
 recognition::Background deep_background(std::uint64_t seed) {
   const auto many = synthetic_faces(12, 1, 0.3, 3, 1000, {128, 160});
   recognition::BackgroundOptions options;
@@ -132,7 +132,7 @@ TEST_F(GalleryModelTest, DeepTemplatesWithoutTheirNetworkAreRefused) {
   const auto first = gallery_model(gallery, &one, true, progress_, {});
   const auto second = gallery_model(gallery, &other, true, progress_, {});
   ASSERT_TRUE(first && second);
-  EXPECT_NE(first->templates, second->templates);  // made again, not mixed
+  EXPECT_NE(first->templates, second->templates);  // computed again, not mixed
 }
 
 TEST_F(GalleryModelTest, NamesThoseEnrolledAndNobodyElse) {
@@ -179,7 +179,7 @@ TEST_F(GalleryModelTest, WhenSomebodyIsForgottenTheOthersAreStillKnown) {
   EXPECT_FALSE(named(*model, 1).known);
 }
 
-// New faces get templates of what was learned already; that stays as it is.
+// New faces get templates of the learned model; the model stays as it is.
 TEST_F(GalleryModelTest, EnrollingAddsToTheModelThatIsThere) {
   Gallery gallery(path("p.db"));
   const auto general = background();
@@ -199,7 +199,7 @@ TEST_F(GalleryModelTest, EnrollingAddsToTheModelThatIsThere) {
   EXPECT_EQ(named(*follower.recognizer(), 40).label, "p40");
 }
 
-// What a running program has in memory does not outlive the person.
+// The memory of a running program does not keep a forgotten person.
 TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
   Gallery gallery(path("p.db"));
   const auto general = background();
@@ -216,7 +216,7 @@ TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
   EXPECT_NE(named(*follower.recognizer(), 1).label, "p1");
   EXPECT_TRUE(named(*follower.recognizer(), 2).known);
   EXPECT_EQ(follower.recognizer()->templates.rows(), 6);
-  // Another program learns: its model is taken over.
+  // If another program learns, its model is used.
   (void)gallery_model(other, &general, true, progress_, {});
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kModel);
   EXPECT_EQ(follower.recognizer()->labels.size(), 2U);
@@ -225,7 +225,8 @@ TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
   EXPECT_EQ(follower.recognizer(), nullptr);
 }
 
-// More faces than everything is learned from: coordinates, which forgetting leaves to the others.
+// With more faces than learning uses, the gallery keeps coordinates. Forgetting a person keeps
+// those of the others.
 TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   TARSIER_LONG_TEST();
   Gallery gallery(path("p.db"));
@@ -241,7 +242,7 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   EXPECT_EQ(seen.label, "p7");
   EXPECT_FALSE(named(model->recognizer, 5000).known);
   const std::int64_t id = gallery.model_id();
-  // Enrolling one more learns nothing and makes one template.
+  // Enrolling one more person learns nothing and computes one template.
   TemplateMaker maker(gallery, &general);
   enroll(gallery, 1, 3, 3000, &maker);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
@@ -251,7 +252,7 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   const auto again = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
   EXPECT_EQ(gallery.model_id(), id);
   EXPECT_EQ(again->recognizer.templates, follower.recognizer()->templates);
-  // Forgetting somebody takes what was learned from him, and no coordinates of others.
+  // Forgetting a person removes what was learned from that person, and no coordinates of others.
   ASSERT_TRUE(gallery.forget("p7", {})->unlearned);
   EXPECT_EQ(gallery.model_id(), 0);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
@@ -260,7 +261,7 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   const auto relearned =
       load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
   EXPECT_EQ(relearned->recognizer.labels.size(), static_cast<std::size_t>(people));
-  // Asked for, it is learned once more.
+  // On request, it is learned again.
   (void)load_gallery_model(gallery, &general, true, Learn::kNow, progress_, {});
   EXPECT_NE(gallery.model_id(), id);
 }

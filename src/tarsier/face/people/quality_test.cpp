@@ -15,14 +15,14 @@ using ::testing::IsEmpty;
 
 const Eyes kEyes{{60, 60}, {110, 60}};
 
-// Symmetric, of middling light, with fine detail.
+// Symmetric, of medium brightness, with fine detail.
 cv::Mat pattern() {
   cv::Mat half(160, 64, CV_8UC1);
   cv::RNG rng(5);
   rng.fill(half, cv::RNG::NORMAL, 128, 60);
   cv::GaussianBlur(half, half, {}, 2);
   half.convertTo(half, CV_32F, 3, -256);
-  for (int y = 0; y < half.rows; ++y)  // what stays when it is blurred
+  for (int y = 0; y < half.rows; ++y)  // coarse detail that a blur keeps
     half.row(y) += 25 * std::sin(y / 12.0);
   half.convertTo(half, CV_8U);
   cv::Mat mirrored;

@@ -53,7 +53,7 @@ TEST_F(RetentionTest, SmallBatchesUntilAllOfThemAreGone) {
   EXPECT_EQ(retention.step(now + 1), 500);
   EXPECT_EQ(retention.step(now + 2), 200);
   EXPECT_EQ(retention.step(now + 3), 0);
-  // A clock that is set back does not end it.
+  // A clock that is set back does not stop retention.
   gallery.add_sighting(5, "camera", "Ann", true, 0.9);
   EXPECT_EQ(retention.step(now - 50 * kHour), 1);
 }

@@ -41,7 +41,7 @@ struct Seen {
   std::vector<int> people;
 };
 
-// People who are spread as the background's are; each image differs by `noise` of that.
+// People with the background's scatter. Each image differs by `noise` times this scatter.
 Seen seen_people(int people, int images, double noise, std::uint64_t seed) {
   const Background& general = background();
   const Eigen::Index m = general.basis.rows();
@@ -66,7 +66,7 @@ Seen seen_people(int people, int images, double noise, std::uint64_t seed) {
   return out;
 }
 
-// The group of each sighting after all of them.
+// The final group of each sighting.
 class Log {
  public:
   void note(std::size_t sighting, const Placement& placement) {
@@ -100,19 +100,19 @@ TEST(SightingGroups, TwentyStrangersInTwoHundredSightings) {
   EXPECT_GE(purity(log, seen.people), 0.97);
 }
 
-// Strangers who are seen once each: groups of two are wrong, and as rare as stated.
+// Strangers who are seen once each. Groups of two are wrong and must be as rare as stated.
 TEST(SightingGroups, StrangersAreMergedNoMoreOftenThanStated) {
   const Seen seen = seen_people(100, 1, 0.5, 11);
   GroupingOptions options;
   options.false_merges = 0.001;
   SightingGroups groups(pairs(), options);
   for (const auto& face : seen.faces) (void)groups.add(face, 1);
-  // 4950 pairs, some five of which may be wrong.
+  // 4950 pairs, of which about five may be wrong.
   EXPECT_GE(groups.size(), 90U);
 }
 
-// The same groups under the same ids, bit for bit, in one run and with a restart after each
-// sighting.
+// One run, and a run with a restart after each sighting: the same groups with the same ids, bit for
+// bit.
 TEST(SightingGroups, RestartsChangeNothing) {
   const Seen seen = seen_people(8, 6, 0.8, 3);
   SightingGroups whole(pairs(), {});
@@ -123,7 +123,7 @@ TEST(SightingGroups, RestartsChangeNothing) {
     const double quality = 0.2 + 0.1 * static_cast<double>(i % 7);
     at_once.note(i, whole.add(seen.faces[i], quality));
     SightingGroups fresh(pairs(), {});
-    // In another order than they came.
+    // Restored in another order.
     for (std::size_t k = i; k-- > 0;)
       fresh.restore(with_restarts.of[k], seen.faces[k], 0.2 + 0.1 * static_cast<double>(k % 7));
     fresh.set_next(next);
@@ -143,7 +143,7 @@ TEST(SightingGroups, KeepsIdsAndGroupsApart) {
   EXPECT_EQ(groups.add(seen.faces[2], 1).group, 1);
   EXPECT_EQ(groups.add(seen.faces[3], 1).group, 2);
   EXPECT_LT(groups.score(1, 2), groups.threshold());
-  // A group of the first person that somebody said is another's.
+  // A user said that this group of the first person is another person.
   SightingGroups corrected(pairs(), {});
   corrected.restore(1, seen.faces[0], 1);
   corrected.restore(2, seen.faces[2], 1);
@@ -152,7 +152,7 @@ TEST(SightingGroups, KeepsIdsAndGroupsApart) {
   const Placement placement = corrected.add(seen.faces[4], 1);
   EXPECT_TRUE(placement.merged.empty());
   EXPECT_EQ(corrected.size(), 2U);
-  // Without that, the sighting shows that both are one.
+  // Without that correction, the sighting shows that both groups are one person.
   SightingGroups free(pairs(), {});
   free.restore(4, seen.faces[0], 1);
   free.restore(9, seen.faces[2], 1);
@@ -192,14 +192,14 @@ TEST(SightingGroups, RefusesWhatCannotBeCompared) {
   recognition::PairScores bare = pairs();
   bare.model.calibration.reset();
   EXPECT_THROW((SightingGroups{bare, {}}), std::invalid_argument);
-  // Faces of which nothing is known are like nobody, not like each other.
+  // Faces without any information are similar to nobody, also not to each other.
   const std::vector<float> nothing(seen.faces[0].size(), 0.0F);
   (void)groups.add(nothing, 1);
   (void)groups.add(nothing, 1);
   EXPECT_EQ(groups.size(), 2U);
 }
 
-// What a face would be put into is said without putting it there.
+// nearest_group() returns the group of a face without adding the face.
 TEST(SightingGroups, TheMostAlikeGroupIsTheOneThatAddTakes) {
   const Seen seen = seen_people(8, 6, 0.35, 11);
   SightingGroups groups(pairs(), {});

@@ -25,7 +25,8 @@ namespace {
 
 using Eigen::Matrix2Xd;
 
-// A thing with six points: discs on a plate, on a ground of blotches; it stands anywhere, of any
+// An object with six points: discs on a plate, on a blotched background. It has any position and
+// size, and its parts move a little on their own.
 // size, and its parts move a little on their own.
 struct Thing {
   cv::Mat gray;
@@ -78,7 +79,7 @@ class AnnotatorTest : public ::testing::Test {
     }
     return set;
   }
-  // Share of points within 3 px, over images that were not seen.
+  // Share of points within 3 px, over held-out images.
   static double share(Annotator& annotator, const shape::LandmarkSet& set, int images) {
     int good = 0;
     for (int k = 0; k < images; ++k) {
@@ -197,7 +198,7 @@ TEST(AnnotatorData, TwentyFacesOfSixPeople) {
   Annotator annotator;
   int good = 0;
   int total = 0;
-  for (std::size_t k = 20; k < 60; k += 4) {  // some of them: it is slow
+  for (std::size_t k = 20; k < 60; k += 4) {  // only some of them, since it is slow
     const auto proposal = annotator.propose({read_gray_image(all.samples[k].image), done, 19});
     ASSERT_TRUE(proposal);
     for (Eigen::Index i = 0; i < proposal->points.cols(); ++i) {

@@ -46,7 +46,7 @@ TEST_F(Appearances, OfAVideoKeepTheirIdUntilAnotherBegins) {
   const AppearanceTracker tracker = loaded(AppearanceStart::kAuto);
   AppearanceState state;
   for (int k = 0; k < 3; ++k) EXPECT_EQ(tracker.process(frame(k, false), state).at(0).id, 1);
-  // Another video counts from 1 again.
+  // Ids of another video start from 1 again.
   state.track.next_id = 7;
   state.track.objects.at(0).now.id = 6;
   EXPECT_EQ(tracker.process(frame(3, false), state).at(0).id, 6);
@@ -55,7 +55,7 @@ TEST_F(Appearances, OfAVideoKeepTheirIdUntilAnotherBegins) {
   EXPECT_TRUE(state.track.objects.empty());
 }
 
-// A library does not know how its caller sets an option: it names it.
+// The library names the option, not the caller's flag.
 TEST(AppearanceLoading, NamesTheOptionThatDoesNotFitTheModel) {
   const TemporaryFolder folder;
   appearance::AppearanceModel model =

@@ -31,7 +31,7 @@ constexpr const char* kDeepNetwork = "face-embedding.json";
 constexpr std::string_view kDeepAlgorithm = "deep";
 constexpr std::string_view kNoBackground = "none";
 
-// What a gallery keeps of its network, "SHA256 NAME"; empty: it is the installed one.
+// The gallery's record of its network, "SHA256 NAME"; empty: the installed network.
 std::string identity_of(const SharedNetwork& own) {
   return own ? own->sha256 + " " + own->name : std::string();
 }
@@ -286,7 +286,7 @@ nlohmann::ordered_json to_json(const IdentifierResult& result) {
   return {{"faces", std::move(faces)}, {"ms", std::round(result.ms * 100) / 100}};
 }
 
-// They refer to each other, so they stay where they are.
+// These members refer to each other, so the object must not move.
 struct IdentifierState::OpenGallery {
   explicit OpenGallery(people::Gallery opened) : gallery(std::move(opened)) {}
   people::Gallery gallery;
@@ -331,7 +331,7 @@ const recognition::Background* IdentifierState::background() const {
 bool IdentifierState::follow() {
   if (follower_ == nullptr) return false;
   const people::GalleryFollower::Change change = follower_->update();
-  // Templates of another space do not go together; and what was corrected holds from this frame on.
+  // Pooled templates may be of another space. And a correction holds from this frame on.
   if (change != people::GalleryFollower::Change::kNone) pool_.clear();
   return change != people::GalleryFollower::Change::kNone;
 }
@@ -352,8 +352,7 @@ Identifier Identifier::load(const ModelStore& models, const IdentifierOptions& o
   Identifier identifier(options.naming, options.cropped);
   identifier.models_ = models;
   identifier.options_ = options;
-  // A wrong path is reported before anything is written, also where the file is needed only at the
-  // end.
+  // A wrong path is reported before anything is written, even if the file is needed only later.
   if (!options.background.empty()) static_cast<void>(load_background(models, options.background));
   if (options.templates == TemplateKind::kDeep)
     static_cast<void>(load_deep_network(models, options.network));
@@ -396,7 +395,7 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
                           people::Searching::kByIndex);
   } catch (const InputError& error) {
     if (!options_.enroll) throw;
-    log_warning("{}", error.what());  // Fisherfaces with one person
+    log_warning("{}", error.what());  // e.g. Fisherfaces with one person
   }
   opened->follower.emplace(opened->gallery, background, std::move(model),
                            people::Searching::kByIndex);

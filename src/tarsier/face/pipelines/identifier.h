@@ -29,15 +29,15 @@ namespace tarsier::face {
 
 // --- from images to aligned faces ---
 
-// The models of a people::FaceReader, read once and shared: a reader has state and belongs to one
-// thread, this is const and makes as many of them as are needed.
+// The models of a people::FaceReader, read once and shared. A reader has state and belongs to one
+// thread. This class is const and makes any number of readers.
 class FaceReaderModel {
  public:
-  // Where landmarks68.json or face-detector.json of the store is missing cascades do, with a
-  // warning. Throws ModelError (broken), std::invalid_argument (options).
+  // If landmarks68.json or face-detector.json is missing in the store, cascades are used, with a
+  // warning. Throws ModelError (broken file), std::invalid_argument (options).
   [[nodiscard]] static FaceReaderModel load(const ModelStore& models,
                                             people::FaceReaderOptions options = {});
-  // Throws ModelError where cascades are missing (Debian: opencv-data).
+  // Throws ModelError if cascades are missing (Debian: opencv-data).
   [[nodiscard]] people::FaceReader make_reader() const;
 
  private:
@@ -50,55 +50,55 @@ class FaceReaderModel {
 
 // --- galleries ---
 
-// What the templates of a gallery are made of.
+// What the templates of a gallery are made from.
 enum class TemplateKind {
-  kAuto,     // of a gallery with faces: what it has; of a new one: deep where that is installed
-  kClassic,  // gradients' directions, or what the classical recognisers use
-  kDeep,     // the numbers of a deep network (recognition/deep.h)
+  // A gallery with faces keeps its kind. A new gallery gets deep templates if they are installed.
+  kAuto,
+  kClassic,  // gradient directions, or the input of the classical recognisers
+  kDeep,     // output of a deep network (recognition/deep.h)
 };
 [[nodiscard]] TemplateKind parse_template_kind(
     std::string_view name);  // throws std::invalid_argument
-// Whether the network of deep templates is there: face-embedding.json of the store.
+// Whether the store has the network of deep templates, face-embedding.json.
 [[nodiscard]] bool has_deep_templates(const ModelStore& models);
-// It, and its background: `which` or people-deep.json of the store. Throws ModelError, which says
-// how to get what is missing.
-// `own`, which may be null, is a network of the user's own (face/onnx) in its place; its background
-// must be named.
+// The network of deep templates, and its background: `which`, or people-deep.json of the store.
+// `own`, which may be null, is the user's own network (face/onnx) that replaces the installed one;
+// then `which` must name its background. Throws ModelError, which says how to get what is missing.
 using SharedNetwork = std::shared_ptr<const recognition::DeepNetwork>;
 [[nodiscard]] SharedNetwork load_deep_network(const ModelStore& models,
                                               const SharedNetwork& own = nullptr);
 [[nodiscard]] recognition::Background load_deep_background(const ModelStore& models,
                                                            const std::string& which = {},
                                                            const SharedNetwork& own = nullptr);
-// Gives a recogniser of a file (`path`) its network. Throws ModelError where it was trained with
-// another one.
+// Gives the recogniser of the file `path` its network. Throws ModelError if the recogniser was
+// trained with another network.
 void attach_network(recognition::Recognizer& model, SharedNetwork network, const std::string& path);
 [[nodiscard]] bool has_deep_templates(people::Gallery& gallery);
-// A gallery keeps templates of one kind and of one network. Throws InputError where `kind` or the
-// network is another than it has and there are faces: a gallery that was made with a network of the
-// user's own needs this one. With `choose` the kind of one without faces is set.
+// A gallery keeps templates of one kind and one network. Throws InputError if a gallery with faces
+// has another kind or network than requested; a gallery made with the user's own network needs the
+// same network. With `choose`, the kind of a gallery without faces is set.
 void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
                       bool choose, const SharedNetwork& own = nullptr);
-// Deep templates from now on: of `own`, or of the installed network. Others are made again from the
-// crops when a model is next asked for.
+// From now on the gallery uses deep templates of `own` or of the installed network. Other templates
+// are computed again from the crops when a model is next requested.
 void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
 
-// What is known of faces in general. `which`: a file; "none": nothing; empty:
-// people-background.json of the store, and nothing, with a warning, where that is missing. Throws
-// ModelError.
+// The background: a model of the variation between faces in general. `which` is a file or "none"
+// (no background). If it is empty, the background is people-background.json of the store; if that
+// is missing, there is none, with a warning. Throws ModelError.
 [[nodiscard]] std::optional<recognition::Background> load_background(const ModelStore& models,
                                                                      const std::string& which = {});
-// The same where a model of the gallery needs it: nothing is learned yet, or it changed, or it is
-// a large one. A file that is named is read in any case: it must be right. Deep templates always
-// need theirs.
+// The background, if a model of the gallery needs it: nothing is learned yet, the gallery changed,
+// or it is large. Deep templates always need their background. A file named by `which` is always
+// read, so that a wrong file is reported.
 [[nodiscard]] std::optional<recognition::Background> background_for(
     people::Gallery& gallery, const ModelStore& models, const std::string& which = {},
     const SharedNetwork& own = nullptr);
-// Opened to be written where it can be, else to be read. Throws InputError.
+// Opens the gallery for writing if possible, else read-only. Throws InputError.
 [[nodiscard]] people::Gallery open_gallery(const std::string& path);
-// The model of a gallery; what is due is learned. A gallery that cannot be written is still used.
-// Nothing for an empty one. `background` may be null. Throws InputError for a gallery that its
-// recogniser cannot be trained on, Interrupted.
+// The model of a gallery; pending learning is done. A read-only gallery is used as it is. Returns
+// nothing for an empty gallery. `background` may be null. Throws InputError if its recogniser
+// cannot be trained on this gallery, Interrupted.
 [[nodiscard]] std::optional<people::GalleryModel> learn_gallery(
     people::Gallery& gallery, const recognition::Background* background, people::Learn learn,
     Progress& progress, const std::stop_token& stop,
@@ -107,8 +107,8 @@ void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
 // --- names ---
 
 struct NamingOptions {
-  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody
-  int max_pooled = 10;          // of a tracked face so many last frames count together
+  double false_accepts = 0.01;  // false accept rate of strangers
+  int max_pooled = 10;          // max number of latest templates pooled for a tracked face
 
   [[nodiscard]] OptionFields fields() {
     return {{"false_accepts", false_accepts, inside(0, 1), "--far",
@@ -118,8 +118,8 @@ struct NamingOptions {
   void check() const { check_fields(*this); }
 };
 
-// A face that is tracked has many chances to be taken for somebody: in each frame it gets this
-// share of the stated rate of false accepts.
+// A tracked face has a chance of a false accept in each frame. So each frame gets this share of the
+// stated false accept rate.
 inline constexpr double kTrackedShare = 0.1;
 
 struct NamedFace {
@@ -128,19 +128,19 @@ struct NamedFace {
 };
 
 // {"box": [x, y, w, h], "label": the nearest person or null, "confidence", "known", "trusted": see
-// people::Face}, and the "id" of a tracked face.
+// people::Face}, and "id" for a tracked face.
 [[nodiscard]] nlohmann::ordered_json to_json(const NamedFace& face);
 
-// Latest templates of tracked faces, by the face's id.
+// Latest templates of tracked faces, keyed by the face's id.
 using PooledTemplates = std::map<int, std::vector<std::vector<float>>>;
 
-// Names faces by what they look like; of tracked ones (id > 0) the templates of the last frames are
-// pooled, and those of faces that are no longer there are forgotten. `cropped`: the crops are as
-// the recogniser takes them. `model` may be null: nobody is named.
+// Identifies faces by their templates. For tracked faces (id > 0) the templates of the last frames
+// are pooled. Templates of faces that are gone are dropped. `cropped`: the crops are already in the
+// recogniser's form. `model` may be null; then no face is identified.
 void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
                 std::vector<NamedFace>& faces, PooledTemplates& pool);
-// The same where somebody else says who is nearest: at most so many strangers may be taken for
-// somebody.
+// The same with a caller's function that returns the nearest person. `false_accepts` is the false
+// accept rate that it must keep.
 using NameOfTemplate =
     std::function<people::Recognition(const std::vector<float>& features, double false_accepts)>;
 void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name, bool cropped,
@@ -149,18 +149,19 @@ void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name
 // --- the pipeline ---
 
 struct IdentifierOptions {
-  std::string gallery = "people.db";  // file of the people who are enrolled
-  bool write_gallery = false;         // it must be writable, and is made where it is missing
-  // People are added: a gallery that is missing is made, the background is loaded in any case, and
-  // that nothing can be learned yet is a warning.
+  std::string gallery = "people.db";  // file of the enrolled people
+  bool write_gallery = false;         // it must be writable, and is created if it is missing
+  // For enrolment. A missing gallery is created, and the background is always loaded. If nothing
+  // can be learned yet, that is a warning.
   bool enroll = false;
   std::optional<recognition::Algorithm> algorithm;  // of the gallery from now on; with `enroll`
-  TemplateKind templates = TemplateKind::kAuto;     // see settle_templates(); without `algorithm`
-  SharedNetwork network;   // of the user's own, for deep templates; or null
-  std::string recognizer;  // file of `people train -o`, in place of the gallery; empty: none
+  // See settle_templates(); ignored with `algorithm`.
+  TemplateKind templates = TemplateKind::kAuto;
+  SharedNetwork network;   // the user's own, for deep templates; may be null
+  std::string recognizer;  // file of `people train -o`, replaces the gallery; empty: none
   std::string background;  // see load_background()
   people::FaceReaderOptions reading;
-  bool cropped = false;  // images are cut faces already; with `recognizer`
+  bool cropped = false;  // images are cropped faces already; with `recognizer`
   NamingOptions naming;
   void check() const;  // throws std::invalid_argument that names the value
 };
@@ -168,43 +169,43 @@ struct IdentifierOptions {
 // The faces of one frame.
 struct IdentifierResult {
   std::vector<NamedFace> faces;
-  double ms = 0;  // spent in process(), milliseconds
+  double ms = 0;  // time of process(), milliseconds
 };
 
 // {"faces": [to_json(NamedFace)..], "ms"}
 [[nodiscard]] nlohmann::ordered_json to_json(const IdentifierResult& result);
 
-// Who is known, and what is known from earlier frames of a video: one for each stream of frames,
-// used by one thread.
+// The enrolled people, and what earlier frames of a video contribute. Each stream of frames has its
+// own state, used by one thread.
 class IdentifierState {
  public:
-  // Those of a recogniser; null: nobody.
+  // The people of a recogniser; null: nobody.
   IdentifierState(people::FaceReader reader, std::shared_ptr<const recognition::Recognizer> model);
-  // Those of a gallery, as it changes. The follower must outlive the state.
+  // The people of a gallery, updated as it changes. The follower must outlive the state.
   IdentifierState(people::FaceReader reader, people::GalleryFollower& follower);
   ~IdentifierState();
   IdentifierState(IdentifierState&&) noexcept;
   IdentifierState& operator=(IdentifierState&&) noexcept;
 
-  // Null where nobody is enrolled. Of a gallery that is searched by its index it holds nobody: what
-  // makes templates, alone.
+  // Null if nobody is enrolled. If the gallery is searched by its index, the recogniser has no
+  // people and only computes templates.
   [[nodiscard]] const recognition::Recognizer* recognizer() const;
-  // Whose template this is; somebody must be enrolled.
+  // The person of a template. Somebody must be enrolled.
   [[nodiscard]] people::Recognition recognize(const std::vector<float>& features,
                                               double false_accepts);
-  // Whether somebody of this name is enrolled.
+  // Whether a person of this name is enrolled.
   [[nodiscard]] bool knows(const std::string& name) const;
-  // Null for the people of a recogniser.
+  // Null if the people come from a recogniser.
   [[nodiscard]] people::Gallery* gallery() const;
-  // What is known of faces in general; null where nothing is, see background_for().
+  // May be null, see background_for().
   [[nodiscard]] const recognition::Background* background() const;
-  // What finds the faces.
+  // The reader that finds the faces.
   [[nodiscard]] const people::FaceReader& reader() const { return reader_; }
-  // Looks whether another program changed the gallery. Frames do it by themselves.
+  // Checks whether another program changed the gallery. Processing a frame does this too.
   bool follow();
-  // Names from now on come from the frames that follow alone: after a correction.
+  // Drops the pooled templates of earlier frames, e.g. after a correction.
   void forget_frames() { pool_.clear(); }
-  // Another model of the gallery, learned meanwhile; nothing where nobody is enrolled any more.
+  // Replaces the gallery's model by one learned meanwhile; empty if nobody is enrolled any more.
   // Throws std::invalid_argument for a state without a gallery.
   void replace(std::optional<people::GalleryModel> model);
 
@@ -220,7 +221,7 @@ class IdentifierState {
   cv::Mat gray_;
 };
 
-// Names the faces of images and videos after the people of a gallery:
+// Identifies the faces of images and videos by a gallery:
 //
 //   const auto identifier = face::Identifier::load(ModelStore::find());  // people.db
 //   face::IdentifierState state = identifier.open();
@@ -229,30 +230,30 @@ class IdentifierState {
 //     for (const face::NamedFace& face : identifier.process(*frame, state).faces)
 //       fmt::print("{}\n", face.name.known ? face.name.label : "unknown");
 //
-// What other programs enrol and forget is known from the next frame on. Const: copies share the
-// models, and any number of threads may use it, each with a state of its own.
+// Changes by other programs hold from the next frame on. The class is const: copies share the
+// models, and any number of threads may use it, each with its own state.
 class Identifier {
  public:
   // Throws ModelError, std::invalid_argument (options).
   [[nodiscard]] static Identifier load(const ModelStore& models,
                                        const IdentifierOptions& options = {});
-  // Names alone, for states that are made by hand.
+  // Only identifies faces; states are made by the caller.
   explicit Identifier(const NamingOptions& naming, bool cropped = false);
 
-  // Opens the gallery, and learns what is due. Throws InputError, OutputError (write_gallery),
-  // ModelError (the background), Interrupted; std::invalid_argument for one that was made of names
-  // alone.
+  // Opens the gallery and does its pending learning. Throws InputError, OutputError
+  // (write_gallery), ModelError (the background), Interrupted; std::invalid_argument for an object
+  // made by the public constructor.
   [[nodiscard]] IdentifierState open() const;
   [[nodiscard]] IdentifierState open(Progress& progress, const std::stop_token& stop) const;
 
-  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Faces of a still stand for themselves; those of a
-  // video are tracked until another source begins. `debug`, which may be null, takes the stages of
-  // the largest face.
+  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Faces of still images are independent. Faces of a
+  // video are tracked until another source begins. `debug`, which may be null, receives the stages
+  // of the largest face.
   [[nodiscard]] IdentifierResult process(const Frame& frame, IdentifierState& state,
                                          DebugSink* debug = nullptr) const;
 
-  // Its two halves, for callers that look at faces before anybody is known: the faces of a frame,
-  // without names, and their names by what is known now.
+  // The two halves of process(), for callers that need the faces before anybody is enrolled: find()
+  // returns the faces of a frame without names, name() identifies them.
   [[nodiscard]] std::vector<NamedFace> find(const Frame& frame, IdentifierState& state,
                                             DebugSink* debug = nullptr) const;
   void name(std::vector<NamedFace>& faces, IdentifierState& state) const;
@@ -268,15 +269,15 @@ class Identifier {
 
 // --- enrolment ---
 
-// Puts faces into a gallery, each safe on the disk before the next: a crash loses nothing.
+// Puts faces into a gallery. Each face is safe on the disk before the next, so a crash loses
+// nothing.
 class Enroller {
  public:
-  // `background` may be null; both must outlive it.
+  // `background` may be null; both arguments must outlive this object.
   Enroller(people::Gallery& gallery, const recognition::Background* background)
       : gallery_(&gallery), templates_(gallery, background) {}
-  // A face of `name`, who is added where there is no such person; `note` of consent is then theirs.
-  // `source`: file or camera; `time`: ms since 1970-01-01 UTC. Throws OutputError, UsageError (the
-  // name).
+  // Adds a face of `name`. A missing person is added, with `note` as the note of consent. `source`:
+  // file or camera. `time`: ms since 1970-01-01 UTC. Throws OutputError, UsageError (the name).
   void enroll(const std::string& name, const std::string& note, const people::Face& face,
               const std::string& source, std::int64_t time);
 

@@ -26,7 +26,7 @@ using testing::HasSubstr;
 using testing::Not;
 namespace fs = std::filesystem;
 
-// A gallery of three drawn people.
+// A gallery of three synthetic people.
 class Names : public FolderTest {
  protected:
   Names() : set_(recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160})) {
@@ -40,7 +40,7 @@ class Names : public FolderTest {
     face.measures = "{}";
     return face;
   }
-  // Readers that find nothing are enough for cut faces.
+  // Cropped faces do not need a reader that finds anything.
   static people::FaceReader no_reader() {
     people::FaceReaderOptions options;
     options.eyes = people::EyeMethod::kSplits;
@@ -83,7 +83,7 @@ TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
   for (int k = 0; k < 3; ++k) {
     faces[0].face.id = 4;
     faces[0].face.crop = set_.faces[static_cast<std::size_t>(k)];
-    faces[1].face.id = 0;  // of a still: stands for itself
+    faces[1].face.id = 0;  // of a still image: not pooled
     faces[1].face.crop = set_.faces[3];
     name_faces(&model->recognizer, true, options, faces, pool);
     EXPECT_EQ(faces[0].name.label, "p0");
@@ -91,11 +91,11 @@ TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
   }
   ASSERT_EQ(pool.size(), 1U);
   EXPECT_EQ(pool.at(4).size(), 2U);
-  // The pooled ones get a share of the rate of false accepts: a stricter threshold.
+  // Pooled faces get a share of the false accept rate, so their threshold is stricter.
   EXPECT_NE(faces[0].name.threshold, faces[1].name.threshold);
   faces.erase(faces.begin());
   name_faces(&model->recognizer, true, options, faces, pool);
-  EXPECT_TRUE(pool.empty());  // it has gone
+  EXPECT_TRUE(pool.empty());  // the tracked face is gone
 }
 
 TEST_F(Names, AreFoundAndNamedInTwoSteps) {
@@ -203,7 +203,7 @@ TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
   EXPECT_EQ(state.gallery()->algorithm(), "fisher");
   EXPECT_NE(state.background(), nullptr) << "for those who are added, though nobody is there yet";
   EXPECT_EQ(state.recognizer(), nullptr);
-  // Fisherfaces need two people: the second one may be added.
+  // Fisherfaces need two people. So the first person can be added alone.
   state.gallery()->enroll("Ann", "", stored(set_.faces[0]));
   EXPECT_EQ(Identifier::load(models(), options).open().recognizer(), nullptr);
   options.enroll = false;
@@ -211,7 +211,7 @@ TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
   EXPECT_THROW(static_cast<void>(Identifier::load(models(), options).open()), InputError);
 }
 
-// A library does not know the commands of a program: it says what is wrong.
+// The library does not know the commands of the program; its message states the problem only.
 TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
   const TemporaryFolder empty;
   const ModelStore none(empty.path());

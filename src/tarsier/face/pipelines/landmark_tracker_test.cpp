@@ -56,14 +56,14 @@ TEST_F(Landmarks, OfAStillAreThoseOfTheFinder) {
   EXPECT_FALSE(json["faces"][0].contains("id"));
 }
 
-// Sees a face only where there is something around it.
+// A detector that needs a margin around the face.
 struct NeedsAMargin final : BoxDetector {
   [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
     if (gray.cols <= without_margin) return {};
     return {{box, 0.9}};
   }
   int without_margin = 0;
-  cv::Rect2d box;  // there
+  cv::Rect2d box;  // the detection
 };
 
 TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
@@ -97,12 +97,12 @@ TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
   EXPECT_LT((there - points).colwise().norm().mean(), 0.05 * eyes);
   EXPECT_NEAR(faces[0].box.x, box.x, 1e-9);
   EXPECT_NEAR(faces[0].box.width, box.width, 1e-9);
-  // What lies in the repeated border, and what does not fill the image, is no face.
+  // Detections in the repeated border, or which do not fill the image, are no faces.
   seen->box = {0, 0, 20, 20};
   EXPECT_TRUE(find().empty());
   seen->box = {20, 20, 8, 8};
   EXPECT_TRUE(find().empty());
-  // Of a large image a small copy is searched.
+  // For a large image a reduced copy is searched.
   cv::resize(gray, gray, {}, 16, 16, cv::INTER_CUBIC);
   seen->without_margin = 200;
   const double shrunk = 200.0 / std::max(gray.cols, gray.rows);
@@ -116,7 +116,7 @@ TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
   EXPECT_LT((reduced - points).colwise().norm().mean(), 0.08 * eyes);
 }
 
-// The image turned by `degrees`, clockwise, about the middle of some points, and these.
+// Rotates the image clockwise by `degrees` about the middle of `points`, and the points too.
 cv::Mat turned(const cv::Mat& image, double degrees, Eigen::Matrix2Xd& points) {
   const Eigen::Vector2d middle = points.rowwise().mean();
   const cv::Matx23d map = cv::getRotationMatrix2D(
@@ -156,7 +156,7 @@ TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
     EXPECT_TRUE(is_found(tracker().process(frame(0, true), state))) << degrees;
     LandmarkState of_never;
     missed += is_found(never.process(frame(0, true), of_never)) ? 0 : 1;
-    // A video: found in the first frame, and again after it was lost.
+    // In a video, the face is found in the first frame, and again after it was lost.
     LandmarkState video;
     const LandmarkResult first = tracker().process(frame(0, false), video);
     EXPECT_TRUE(is_found(first)) << degrees;
@@ -166,7 +166,7 @@ TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
     const LandmarkResult again = tracker().process(frame(1, false), video);
     EXPECT_TRUE(is_found(again)) << degrees;
     EXPECT_EQ(again.faces.at(0).id, first.faces[0].id);
-    // One that comes later is found by one of the next two searches.
+    // A face that appears later is found by one of the next two searches.
     LandmarkState late;
     cv::Mat empty(image.size(), CV_8UC3, cv::Scalar(90, 90, 90));
     std::swap(empty, image_);
@@ -178,7 +178,7 @@ TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
     EXPECT_TRUE(seen) << degrees;
   }
   EXPECT_GE(missed, 2);
-  // An upright face is found as it is without that search, to the last bit.
+  // An upright face is bit for bit the same as without that search.
   image_ = image;
   LandmarkState other;
   const LandmarkResult without = never.process(frame(0, true), other);
@@ -189,7 +189,8 @@ TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
   EXPECT_EQ(both.faces[0].points, upright.faces[0].points);
 }
 
-// Two faces, one of them rolled: only asked for is it found, as a good one is there.
+// Two faces, one of them rolled. Beside a good upright face, the rolled one is found only on
+// request.
 TEST_F(Landmarks, OfARolledFaceBesideAnUprightOneAreFoundWhereAsked) {
   LandmarkState state;
   const LandmarkResult upright = tracker().process(frame(0, true), state);
@@ -227,7 +228,7 @@ TEST_F(Landmarks, OfAVideoKeepTheirIdUntilAnotherBegins) {
     EXPECT_EQ(result.faces[0].id, 1);
     EXPECT_EQ(to_json(result)["faces"][0]["id"], 1);
   }
-  // Another video counts from 1 again.
+  // Ids of another video start from 1 again.
   state.tracker.next_id = 7;
   EXPECT_EQ(tracker().process(frame(0, false, "b.mp4"), state).faces.at(0).id, 1);
   redetect(state);
@@ -239,7 +240,7 @@ TEST_F(Landmarks, OfImagesInSequenceAreTrackedAsOfAVideo) {
   for (int k = 0; k < 3; ++k) {
     const std::string name = "frames/" + std::to_string(k) + ".png";
     EXPECT_EQ(tracker().process(frame(k, false, name), state).faces.at(0).id, k == 0 ? 1 : 7);
-    // Were it another video, its faces would count from 1 again.
+    // In another video its id would be 1 again.
     state.tracker.tracks.at(0).face.id = 7;
   }
 }
@@ -314,7 +315,8 @@ TEST(FaceDetectorModel, TakesTheInstalledOneBesideIt) {
   EXPECT_EQ(DetectorModel::load(store, "own").anchors(), nullptr);
   EXPECT_EQ(DetectorModel::load(store, "cascades").anchors(), nullptr);
 
-  // What all its views agree on is sure; in a video one of them looks, and nothing is.
+  // A face that all views agree on is sure. In a video only one view is searched, and no face is
+  // sure.
   cv::Mat image(416, 416, CV_8UC1, cv::Scalar(0));
   image(cv::Rect(160, 96, 64, 64)) = 255;
   landmarks::FaceFinder both = DetectorModel::load(store).make_finder();

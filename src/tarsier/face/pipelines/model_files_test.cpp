@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Files that ship are read and written again, byte for byte.
+// Reads the installed files and writes them again: they must be the same byte for byte.
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/head/head_model.h"
@@ -25,7 +25,7 @@ class ModelFiles : public FolderTest {
     constexpr std::int64_t kMost = 100'000'000;
     const std::string shipped = std::string(TARSIER_SOURCE_MODELS) + "/" + name;
     write(path(name), read(shipped), read_any_archive(shipped).provenance);
-    // Not EXPECT_EQ, which would print megabytes.
+    // EXPECT_EQ would print megabytes.
     EXPECT_TRUE(read_file(path(name), kMost) == read_file(shipped, kMost)) << name;
   }
 };

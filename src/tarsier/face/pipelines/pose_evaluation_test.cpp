@@ -139,7 +139,7 @@ TEST_F(PoseEvaluation, OfPointingIsOfTheHeadThatIsAnnotated) {
   EXPECT_TRUE(outcomes[0].rotation);
   EXPECT_TRUE(outcomes[0].sigma_deg);
   EXPECT_TRUE(outcomes[0].face_seen);
-  // Another place is annotated: his face is not the one.
+  // The annotated place is another one, so his face does not count.
   std::ofstream(folder_.path() + "/person01100-15-30.txt") << "Face\n20\n300\n20\n20\n";
   const auto elsewhere = evaluator.pointing(images, progress_, {});
   EXPECT_FALSE(elsewhere.at(0).rotation);

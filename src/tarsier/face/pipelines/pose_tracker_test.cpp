@@ -64,12 +64,12 @@ TEST_F(Heads, ComeWithTheUncertaintyOfTheirAngles) {
   const Eigen::Array3d of_still = sigma_of({}, 0, true, state);
   EXPECT_GT(of_still.minCoeff(), 0.3);
   EXPECT_LT(of_still.maxCoeff(), 20);
-  // The same image again and again is not surer, and its smoothed pose lags behind nothing.
+  // Repeating the same image does not reduce the deviations, and its smoothed pose has no lag.
   PoseState moving;
   Eigen::Array3d of_video = of_still;
   for (int k = 0; k < 6; ++k) of_video = sigma_of({}, k, false, moving);
   EXPECT_LT(((of_video - of_still) / of_still).abs().maxCoeff(), 0.3);
-  // Without what corrects the direction other errors are to be expected.
+  // Without refinement of the direction the expected errors differ.
   PoseTrackerOptions plain;
   plain.refine = false;
   PoseState other;
@@ -92,7 +92,7 @@ TEST_F(Heads, OfAVideoLearnTheirShapeAndForgetItWithTheirPlace) {
   EXPECT_EQ(state.persons.count(1), 1U);
   state.persons.try_emplace(9, PoseTrackerOptions{});
   static_cast<void>(tracker.process(frame(0, false, "b/1.png"), state));
-  EXPECT_EQ(state.persons.count(9), 0U);  // of another video
+  EXPECT_EQ(state.persons.count(9), 0U);  // a person of another video
   static_cast<void>(tracker.process(frame(1, false, "b/2.png"), state));
   EXPECT_GT(state.persons.at(1).seen, 0);  // images in sequence are one video
   state.persons.try_emplace(9, PoseTrackerOptions{}).first->second.seen = 1;
@@ -142,7 +142,7 @@ TEST_F(Heads, ACameraOfAnotherShapeIsRefused) {
 TEST(PoseLoading, ViewModelsGoWithTheModelsTheyWereLearnedWith) {
   EXPECT_NE(pose_models().view, nullptr);
   PoseTrackerOptions options;
-  options.head = models().path("head.json");  // named: it may be any
+  options.head = models().path("head.json");  // a given file may be any model
   EXPECT_EQ(load_pose_models(models(), options).view, nullptr);
   options.view = models().path("head-view.json");
   EXPECT_NE(load_pose_models(models(), options).view, nullptr);

@@ -32,12 +32,12 @@ const PoseModels& pose_models() {
   return shared;
 }
 
-// Where the truth is off the pose of the landmarks, all in the same way.
+// Constant difference between the ground truth and the pose of the landmarks.
 constexpr double kSlip = 6;  // degrees of pitch
 
 class ViewTrainingTest : public MessiTest {
  protected:
-  // So many views of a head, each turned, scaled and mirrored in its own way.
+  // Draws `count` views of a head, each with its own rotation, scale and mirroring.
   void draw_heads(int count) {
     make_folder(folder_.path() + "/images");
     const PoseTracker tracker(pose_models(), landmarks_alone());
@@ -100,7 +100,7 @@ TEST_F(ViewTrainingTest, LearnsAndIsJudgedOnWhatItHasNotSeen) {
   const ViewTraining::Scores refined = training.score_left_out({});
   ASSERT_TRUE(refined.exact);
   EXPECT_LT(refined.exact->mean_deg, 0.6 * kSlip) << "the slip is learnt";
-  // Nothing has changed by it.
+  // The score of the landmarks alone stays the same.
   EXPECT_EQ(training.score_landmarks().exact->mean_deg, alone.exact->mean_deg);
 }
 
@@ -113,7 +113,7 @@ TEST_F(ViewTrainingTest, OfPointingIsWhereAPersonWasAskedToLook) {
   ASSERT_EQ(training.samples().size(), 1U) << "the other one shows no head";
   EXPECT_EQ(training.samples()[0].group, 3);
   EXPECT_TRUE(training.samples()[0].asked);
-  // In the camera's frame, though the head is beside the middle of the image.
+  // Directions are in the camera's frame, although the head is not in the middle of the image.
   const head_view::HeadView& view = training.samples()[0].view;
   EXPECT_GT((view.camera_from_view - Eigen::Matrix3d::Identity()).norm(), 0.02);
   const Eigen::Vector3d forward =

@@ -43,7 +43,7 @@ TEST(BackgroundSpace, CoordinatesAndTheRestMakeTheWhole) {
   EXPECT_GT(numbers.back(), 0);
 }
 
-// Templates made from stored coordinates are those that the face itself gives.
+// Templates from stored coordinates equal those from the face itself.
 TEST(BackgroundSpace, TemplatesAreThoseOfTheFaces) {
   const Background general = background();
   const auto set = synthetic_faces(8, 3, 0.3, 1);

@@ -28,8 +28,8 @@ struct Rates {
   double strangers = 0;
 };
 
-// Shares above the threshold for one false accept in a hundred: other images of those enrolled,
-// and 30 others.
+// Shares above the threshold for a false accept rate of 1 %: other images of the enrolled people,
+// and 30 strangers.
 Rates rates(const Recognizer& model, int enrolled) {
   const SyntheticFaces known = synthetic_faces(enrolled, 6, 0.3, 77);
   const SyntheticFaces others = synthetic_faces(30, 4, 0.3, 78, 200);

@@ -12,7 +12,7 @@
 namespace tarsier::face::recognition {
 namespace {
 
-// The greatest of `people` normal scores.
+// The max of `people` normal scores.
 double best_of(Rng& rng, int people) {
   double best = -1e9;
   for (int i = 0; i < people; ++i) best = std::max(best, rng.normal(0.1, 0.1));
@@ -33,7 +33,7 @@ ScoreSample sample_of(int people, int strangers, int each, std::uint64_t seed = 
   return sample;
 }
 
-// How often new strangers reach the thresholds of models that each knew few others.
+// How often new strangers reach the thresholds of models that were each calibrated with few others.
 double observed_rate(double rate, int fitted_people, int people) {
   double sum = 0;
   constexpr int kModels = 100;

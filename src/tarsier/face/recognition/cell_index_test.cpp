@@ -25,7 +25,7 @@ using ::testing::SizeIs;
 constexpr int kDimension = 40;
 constexpr int kImages = 3;
 
-// Of people with `kImages` templates each, of length 1.
+// People with `kImages` templates each, of length 1.
 Rows drawn(int people, std::uint64_t seed = 1) {
   Rows rows(people * kImages, kDimension);
   for (int p = 0; p < people; ++p) {
@@ -115,7 +115,7 @@ TEST_F(CellIndexTest, FindsWhatItWasMadeOf) {
     ASSERT_EQ(near.size(), 5U);
     EXPECT_EQ(near.front().id, 10 * (i + 1));
     EXPECT_NEAR(near.front().score, 1, 0.02);
-    // The same person's others.
+    // The other templates of the same person.
     for (std::size_t k = 1; k < kImages; ++k)
       found += (near[k].id / 10 - 1) / kImages == i / kImages;
   }
@@ -198,7 +198,7 @@ TEST_F(CellIndexTest, DamagedFilesAreRefused) {
   put(whole + "x");
   EXPECT_THROW(CellIndex{path("d")}, InputError);
   EXPECT_THROW(CellIndex{path("missing")}, InputError);
-  // A bit anywhere: the head is refused at once, a cell when it is read.
+  // One flipped bit anywhere. In the head it is refused at once, in a cell when the cell is read.
   Rng rng(3);
   for (int k = 0; k < 300; ++k) {
     std::string bytes = whole;

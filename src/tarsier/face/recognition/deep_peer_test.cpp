@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The real network against the package that it comes from, run in Node: bench/peers/face_embedding.mjs.
+// Compares the real network with the package that it comes from, run in Node:
+// bench/peers/face_embedding.mjs.
 #include "tarsier/core/testing_long.h"
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/testing_faces.h"

@@ -39,7 +39,7 @@ class DeepFile : public FolderTest {
   void SetUp() override { write_manifest_of(tiny_deep_weights(1), folder_); }
   [[nodiscard]] std::string manifest() const { return path("tiny-weights_manifest.json"); }
 
-  // What reading says after `change` was done to the manifest.
+  // The error of reading the manifest after `change`.
   std::string refusal(const std::function<void(json&)>& change) {
     json value = json::parse(contents(manifest()));
     change(value);
@@ -109,7 +109,7 @@ TEST_F(DeepFile, AHostileManifestIsRefused) {
               HasSubstr("the same name"));
   EXPECT_THAT(refusal([&](json& m) { first(m)["name"] = "other/conv/filters"; }),
               HasSubstr("'other/conv/bias' is missing"));
-  // Other weights of as many numbers: the layers do not fit together any more.
+  // The same number of weights in other shapes: the layers do not fit together.
   EXPECT_THAT(refusal([&](json& m) { first(m)["shape"] = {7, 7, 4, 3}; }), HasSubstr("bad.json"));
 }
 
@@ -131,7 +131,7 @@ TEST(Deep, ScaleLayersAreFoldedIntoTheConvolutions) {
   DeepWeights weights = tiny_deep_weights(4);
   const cv::Mat chip = noise_chip(5);
   const std::vector<float> before = embed(build_deep_network(weights, "made up"), chip);
-  // Filters and bias doubled, the scale halved: the same network.
+  // Filters and bias doubled, scale halved: the same network.
   for (DeepTensor& tensor : weights) {
     const bool doubled =
         tensor.name.ends_with("conv/filters") || tensor.name.ends_with("conv/bias");
@@ -171,7 +171,7 @@ TEST(Deep, ThreadsChangeNothing) {
   EXPECT_EQ(there, here);
 }
 
-// A background of a network that nobody trained, of drawn faces.
+// A background of an untrained network, with synthetic faces.
 Background tiny_background(std::uint64_t seed) {
   const SyntheticFaces others = synthetic_faces(12, 1, 0.2, 3, 100, {128, 160});
   BackgroundOptions options;
@@ -190,7 +190,8 @@ RecognizerOptions deep_options() {
 
 TEST(DeepRecognizer, NamesTheFacesThatItWasTrainedOn) {
   const Background background = tiny_background(1);
-  // In nearly one light: a network that nobody trained makes nearly the same of a person's images.
+  // Little variation of light: an untrained network gives nearly the same template for all images
+  // of a person.
   const SyntheticFaces set = synthetic_faces(3, 3, 0.02, 1, 0, {128, 160});
   NoProgress quiet;
   const RecognizerOptions options = deep_options();

@@ -29,8 +29,8 @@ namespace {
 
 constexpr std::int64_t kMaxListBytes = 1'000'000'000;
 
-// 0..n-1 in random order: what numpy.random.RandomState(seed).permutation(n) gives, draw for draw,
-// so that a split can be made again outside.
+// 0..n-1 in random order. The draws are those of numpy.random.RandomState(seed).permutation(n), so
+// that a split can be reproduced outside.
 std::vector<int> permutation(int n, std::mt19937& generator) {
   std::vector<int> values(static_cast<std::size_t>(n));
   std::iota(values.begin(), values.end(), 0);
@@ -45,7 +45,7 @@ std::vector<int> permutation(int n, std::mt19937& generator) {
   return values;
 }
 
-// Which of so many people are enrolled: `enrolled` of them at random, 0: all.
+// For each person, whether he or she is enrolled: `enrolled` of `people` at random, 0: all.
 std::vector<bool> choose_people(std::size_t people, std::uint64_t seed, int enrolled) {
   std::vector<bool> out(people, true);
   const auto first_stranger = static_cast<std::size_t>(std::max(0, enrolled));
@@ -64,7 +64,8 @@ struct Run {
   double identify_ms = 0;
 };
 
-// `coordinates`: of all faces, in the directions of the background; empty: the faces count.
+// `coordinates`: of all faces, in the directions of the background; if empty, they are computed
+// from the faces.
 Run run(const std::vector<cv::Mat>& faces, const Rows& coordinates,
         const std::vector<std::string>& labels, const Split& split,
         const RecognizerOptions& options, const Background* background,
@@ -298,7 +299,7 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
   out.algorithm = recognizer.algorithm;
   out.options = options;
   out.with_background = background != nullptr && is_whitened(recognizer.algorithm);
-  // What a network makes of a face does not depend on who is enrolled: made once.
+  // The templates of a network do not depend on who is enrolled. They are computed once.
   Rows coordinates;
   double describe_ms = 0;
   if (recognizer.algorithm == Algorithm::kDeep) {

@@ -14,34 +14,39 @@
 #include <string>
 #include <vector>
 
-// How well recognisers do on a list of labelled faces.
+// Evaluates recognisers on a list of labelled faces.
 namespace tarsier::face::recognition {
 
 struct LabelledFace {
   std::string path;
   std::string label;
-  std::optional<cv::Point2d> left_eye{};  // as seen in the image, px; both or none
+  std::optional<cv::Point2d> left_eye{};  // px, as seen in the image; both eyes or none
   std::optional<cv::Point2d> right_eye{};
 };
 
-// Lines `path<TAB>label`, with four more fields the true eyes x y x y of the left and right eye as
-// seen. Relative paths are taken from the folder of the list where nothing is there from here.
-// Empty lines and those that begin with # do not count. Throws InputError with the line number.
+// Reads lines `path<TAB>label`. Four more fields may give the true eyes: x y x y of the left and
+// the right eye as seen in the image. A relative path that does not exist in the working directory
+// is taken from the list's folder. Empty lines and lines that begin with # are ignored. Throws
+// InputError with the line number.
 [[nodiscard]] std::vector<LabelledFace> read_face_list(const std::string& path);
 
 struct EvaluationOptions {
-  int training = 5;  // images of each person that train
-  // In place of `training` random ones: the first so many faces train, all others are probes. 0: none.
+  int training = 5;  // training images per person
+  // If not 0, the first `gallery` faces are the training set and all others are probes. 0:
+  // `training` random images of each person.
   int gallery = 0;
-  std::vector<std::uint64_t> seeds{0, 1, 2, 3, 4};  // 1..1000 of them, one random choice each
-  // For each face whether it may train; empty: all may. Probes that may not are counted apart.
+  std::vector<std::uint64_t> seeds{0, 1, 2, 3, 4};  // 1..1000 seeds, one random split each
+  // For each face, whether it may be in the training set; empty: all may. Probes that may not are
+  // counted separately.
   std::vector<bool> may_train;
-  bool strangers = true;  // once more with some of the people enrolled only
-  int enrolled = 0;       // so many of them; 0: half, rounded down
-  // Rate at which true accepts are counted with a threshold chosen on the very scores that are
-  // judged: how well the scores tell people apart. Nobody has that threshold beforehand.
+  bool strangers = true;  // evaluate also with only some of the people enrolled
+  int enrolled = 0;       // number of enrolled people for this; 0: half, rounded down
+  // False accept rate at which true accepts are counted. The threshold is chosen on the evaluated
+  // scores themselves. So it shows how well the scores separate people; no user has that threshold
+  // beforehand.
   double false_accepts = 0.01;
-  // The rate that each model's own calibration is asked for: what a user gets.
+  // False accept rate for which each model calibrates its own threshold. This is the rate that a
+  // user gets.
   double stated_rate = 0.01;
 
   [[nodiscard]] OptionFields fields() {
@@ -54,49 +59,49 @@ struct EvaluationOptions {
   void check() const;
 };
 
-// A choice: who trains and who is asked for. Of each person (labels in sorted order) `training`
-// random images train, all others are probes. The choice is that of numpy:
+// A split into training faces and probes. Of each person (labels in sorted order), `training`
+// random images train and all others are probes. The split is the same as numpy's:
 //   r = RandomState(seed); for each person: r.permutation(images)[:training]
-//   RandomState(seed + 1000).permutation(people)[:enrolled] are enrolled where some of them are.
-// The upper half of the 64 bits of `seed` does not count.
+//   RandomState(seed + 1000).permutation(people)[:enrolled] are enrolled (if only some are).
+// The upper 32 bits of `seed` are ignored.
 struct Split {
   std::vector<int> training;  // indices into the faces, ascending
   std::vector<int> probes;
 };
-// Only `enrolled` of the people (at random; 0: all) train; all images of the others are probes.
-// `may_train`: as in EvaluationOptions; the choice is among those that may.
+// Only `enrolled` random people train (0: all); all images of the others are probes. `may_train`:
+// as in EvaluationOptions; only these images can be chosen for training.
 [[nodiscard]] Split split_of(const std::vector<std::string>& labels, int training,
                              std::uint64_t seed, int enrolled = 0,
                              const std::vector<bool>& may_train = {});
-// The first `gallery` faces train, of so many people at random (as above; 0: of all), the faces
-// after them are probes. A gallery of 0 or of all faces leaves one of the two empty.
+// Of the first `gallery` faces, those of `enrolled` random people train (0: of all). The faces
+// after them are probes. A gallery of 0 or of all faces leaves one of the two sets empty.
 [[nodiscard]] Split split_of_gallery(const std::vector<std::string>& labels, int gallery,
                                      std::uint64_t seed, int enrolled = 0);
 [[nodiscard]] int count_people(const std::vector<std::string>& labels);
 
-// One probe's answer.
+// The result of one probe.
 struct ProbeResult {
   int face = 0;
   bool known = false;  // whether the person is enrolled
-  bool right = false;  // best label
-  double score = 0;    // of the best
-  int rank = 0;        // of the right person among all, from 1; 0: not enrolled
+  bool right = false;  // whether the best label is right
+  double score = 0;    // of the best label
+  int rank = 0;        // of the right person among all, from 1; 0: person not enrolled
 };
 
-// How often something was so, out of how many times it could have been.
+// Number of hits among a number of trials.
 struct Count {
   long hits = 0;
   long trials = 0;
 };
 
-// A rate over several random draws from the same images, with its 95 % interval. The draws ask
-// much the same questions again, so the interval is that of one draw's number of trials
-// (wilson_interval_of_rate). It is about other images of such people; other people and other
+// A rate over several random splits of the same images, with its 95 % interval. The splits share
+// most of their probes. So the interval is computed from the number of trials of one split
+// (wilson_interval_of_rate). It holds for other images of similar people. Other people and other
 // cameras differ by more.
 struct Rate {
-  Count count;  // of all draws
+  Count count;  // sum over all splits
   int draws = 0;
-  double value = -1;  // count.hits / count.trials; -1: nothing was tried
+  double value = -1;  // count.hits / count.trials; -1: no trials
   Interval interval;
 };
 
@@ -105,33 +110,34 @@ struct SeedResult {
   int people = 0;
   int training = 0;  // images
   int probes = 0;
-  double accuracy = 0;  // best label right, everyone enrolled
-  // Some of the people enrolled (`strangers`), else negative:
-  double true_accepts = -1;   // share of known probes with a score that at most `false_accepts` of
-                              // the strangers reach
-  double right_accepts = -1;  // and the right label (DIR)
+  double accuracy = 0;  // share of probes whose best label is right; all people enrolled
+  // With only some of the people enrolled (`strangers`); negative otherwise:
+  // Share of known probes above the threshold that at most `false_accepts` of the strangers reach.
+  double true_accepts = -1;
+  double right_accepts = -1;  // the same, and with the right label (DIR)
   double equal_error = -1;    // EER
   double area = -1;           // under the ROC
-  double stated_true = -1;    // known probes above the model's own threshold for `stated_rate`
-  double stated_right = -1;   // the same, under the right name
-  double stated_false = -1;   // strangers above it: to be compared with `stated_rate`
+  // Share of known probes above the model's own threshold for `stated_rate`.
+  double stated_true = -1;
+  double stated_right = -1;  // the same, and with the right label
+  double stated_false = -1;  // share of strangers above that threshold; compare with `stated_rate`
   int known_probes = 0;
   int stranger_probes = 0;
-  bool calibrated = false;  // whether the model has a threshold of its own
-  // The same as counts.
+  bool calibrated = false;  // whether the model has its own threshold
+  // The same rates as counts.
   Count identified;
   Count true_count;
   Count right_count;
   Count stated_true_count;
   Count stated_right_count;
   Count stated_false_count;
-  // The same of probes that may not train (EvaluationOptions::may_train). All other figures, `probes`,
-  // `closed` and `open` leave these out.
+  // The same for probes that may not train (EvaluationOptions::may_train). These probes are not
+  // part of any other figure, nor of `probes`, `closed` and `open`.
   Count uncertain_identified;
   Count uncertain_true_count;
   Count uncertain_false_count;
   double train_seconds = 0;
-  double identify_ms = 0;  // mean of a probe, describing included
+  double identify_ms = 0;  // mean time per probe, including its description
   std::vector<ProbeResult> closed;
   std::vector<ProbeResult> open;
 };
@@ -143,16 +149,16 @@ struct EvaluationResult {
 
   bool with_background = false;
 
-  // Rates and times: means over the seeds; numbers of probes and counts: sums.
+  // Rates and times: means over the seeds. Counts, also of probes: sums.
   [[nodiscard]] SeedResult mean() const;
-  // All seeds together; e.g. rate(&SeedResult::stated_false_count).
+  // The rate over all seeds, e.g. rate(&SeedResult::stated_false_count).
   [[nodiscard]] Rate rate(Count SeedResult::*count) const;
 };
 
-// Faces: CV_8UC1. `background` as train() takes it: a gallery's recogniser is trained with the one
-// that ships, so figures of the product need it. Throws std::invalid_argument where there is nobody
-// with more images than `training` or (for strangers) fewer than two people, or nobody left to be
-// a stranger; Interrupted.
+// Faces are CV_8UC1. `background` as in train(). The recogniser of a gallery is trained with the
+// installed background, so pass it for figures of the product. Throws std::invalid_argument if
+// nobody has more images than `training`; for strangers also if there are fewer than two people or
+// no strangers. Throws Interrupted.
 [[nodiscard]] EvaluationResult evaluate(const std::vector<cv::Mat>& faces,
                                         const std::vector<std::string>& labels,
                                         const RecognizerOptions& recognizer,
@@ -160,17 +166,18 @@ struct EvaluationResult {
                                         const std::stop_token& stop,
                                         const Background* background = nullptr);
 
-// Curves over all seeds together.
+// A curve over all seeds.
 struct Curve {
   std::vector<double> x;
   std::vector<double> y;
 };
-// Cumulative match: rank 1.. -> share of closed probes whose person is among the first so many.
+// Cumulative match: rank (from 1) -> share of closed probes whose person has this rank or a better
+// one.
 [[nodiscard]] Curve match_curve(const EvaluationResult& result);
-// False accept rate -> true accept rate, a point for each distinct score.
+// False accept rate -> true accept rate, one point for each distinct score.
 [[nodiscard]] Curve accept_curve(const EvaluationResult& result);
 
-// Rates from scores: those of the known and of strangers. The threshold is the least score that at
+// Rates from the scores of known people and of strangers. The threshold is the lowest score that at
 // most `rate` of the strangers reach (score >= threshold).
 struct AcceptRates {
   double threshold = 0;
@@ -181,9 +188,10 @@ struct AcceptRates {
 [[nodiscard]] AcceptRates accept_rates(std::vector<double> known, std::vector<double> strangers,
                                        double rate);
 
-// "algorithm,training,seed,people,probes,identified,accuracy,.." with a line for each seed and one
-// for all of them ("all" in the place of the seed): counts are summed, rates and times averaged.
-// "training" is that of the options; where there is a gallery, its faces.
+// Columns "algorithm,training,seed,people,probes,identified,accuracy,..": a line for each seed and
+// one for all seeds ("all" in the seed's place). The latter has sums of counts and means of rates
+// and times. "training" is the option of this name; with a gallery it is the number of the
+// gallery's faces.
 [[nodiscard]] std::string evaluation_csv(const std::vector<EvaluationResult>& results);
 // Plots of all algorithms (CV_8UC3; SVG text).
 [[nodiscard]] cv::Mat match_plot(const std::vector<EvaluationResult>& results, cv::Size size);

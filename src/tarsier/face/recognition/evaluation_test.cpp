@@ -51,7 +51,7 @@ TEST(Split, IsThatOfNumpy) {
 }
 
 TEST(Split, FacesThatMayNotTrainAreAskedForAndChangeNoChoice) {
-  // Two people with five faces each, and one more of each that may not train.
+  // Two people with five faces each, and one more face each that may not train.
   std::vector<std::string> labels = names(2, 5);
   const Split without = split_of(labels, 3, 4);
   labels.insert(labels.end(), {labels.front(), labels.back()});
@@ -69,12 +69,13 @@ TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
   EXPECT_EQ(split.training.size(), 6U);  // three people
   EXPECT_EQ(split.probes.size(), 22U);
   EXPECT_EQ(split_of(names(7, 4), 2, 1, 1).training.size(), 2U);
-  EXPECT_EQ(split_of(names(7, 4), 2, 1, 9).training.size(), 14U);  // no more than there are
+  // Limited to the number of people.
+  EXPECT_EQ(split_of(names(7, 4), 2, 1, 9).training.size(), 14U);
   EXPECT_EQ(count_people(names(7, 4)), 7);
 }
 
 TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
-  // Two images of each of four people are enrolled; then three of each are asked for.
+  // Two images of each of four people are enrolled; three of each are probes.
   std::vector<std::string> labels = names(4, 2);
   const auto asked = names(4, 3);
   labels.insert(labels.end(), asked.begin(), asked.end());
@@ -82,13 +83,13 @@ TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
   EXPECT_THAT(all.training, testing::ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
   EXPECT_EQ(all.probes.size(), 12U);
   EXPECT_EQ(all.probes.front(), 8);
-  // With some enrolled only, nobody's enrolled images are asked for: they are the others' as well.
+  // With only some people enrolled, the gallery's images of the others are not probes either.
   const auto some = split_of_gallery(labels, 8, 1, 1);
   ASSERT_EQ(some.training.size(), 2U);
   EXPECT_EQ(labels[static_cast<std::size_t>(some.training[0])],
             labels[static_cast<std::size_t>(some.training[1])]);
   EXPECT_EQ(some.probes, all.probes);
-  // The same person as where images are drawn.
+  // The chosen person is the same as in split_of().
   const auto drawn = split_of(names(4, 5), 2, 1, 1);
   EXPECT_EQ(labels[static_cast<std::size_t>(some.training[0])],
             names(4, 5)[static_cast<std::size_t>(drawn.training[0])]);
@@ -96,14 +97,15 @@ TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
 }
 
 TEST(AcceptRates, AgreeWithCountingByHand) {
-  // Of ten strangers one may pass at 10 %: the least threshold is just above the second best.
+  // Of ten strangers one may be accepted at 10 %: the lowest threshold is just above the second
+  // best.
   const auto rates =
       accept_rates({0.5, 0.8, 0.95, 0.96}, {0.1, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.6, 0.9}, 0.1);
   EXPECT_DOUBLE_EQ(rates.threshold, 0.8);
   EXPECT_DOUBLE_EQ(rates.true_accepts, 0.75);
   EXPECT_NEAR(rates.area, (8 + 9 + 10 + 10) / 40.0, 1e-12);
   EXPECT_NEAR(rates.equal_error, (0.25 + 0.2) / 2, 1e-12);
-  // A known and a stranger's score that are equal are not distinguished.
+  // Equal scores of a known person and a stranger cannot be separated.
   EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).true_accepts, 0);
   EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).area, 0.5);
 }
@@ -157,7 +159,7 @@ TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
   options.seeds = {0};
   NoProgress quiet;
   const SeedResult before = evaluate(set.faces, set.labels, {}, options, quiet, {}).seeds.front();
-  // A face of the first person, and one under a wrong name.
+  // A face of the first person, and one with a wrong label.
   std::vector<cv::Mat> faces = set.faces;
   std::vector<std::string> labels = set.labels;
   faces.insert(faces.end(), {set.faces.front(), set.faces.front()});
@@ -179,7 +181,7 @@ TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
 
 TEST(Evaluate, AsksForWhatIsNotInTheGallery) {
   const auto set = synthetic_faces(5, 4, 0.3, 1);
-  // The first image of each person is enrolled, in another order than that of the others.
+  // The first image of each person is enrolled, in another order than the images of the probes.
   std::vector<cv::Mat> faces;
   std::vector<std::string> labels;
   for (const bool gallery : {true, false})
@@ -224,7 +226,7 @@ TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
   const auto without = evaluate(set.faces, set.labels, {}, options, quiet, {});
   EXPECT_TRUE(with.with_background);
   EXPECT_FALSE(without.with_background);
-  // The scores are those of a recogniser that was trained with it.
+  // The scores are those of a recogniser that was trained with the background.
   const Split split = split_of(set.labels, 2, 3);
   std::vector<cv::Mat> faces;
   std::vector<std::string> labels;
@@ -239,7 +241,7 @@ TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
   EXPECT_DOUBLE_EQ(probe.score, score);
   EXPECT_NE(probe.score, without.seeds[0].closed.front().score);
 
-  // One enrolled person has a threshold only with a background.
+  // A single enrolled person has a threshold only with a background.
   options.enrolled = 1;
   const auto alone = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
   EXPECT_TRUE(alone.seeds[0].calibrated);
@@ -259,7 +261,7 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
   options.stated_rate = 0.05;
   NoProgress quiet;
   const auto result = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
-  // Counted again from the probes, with the threshold of a model that is trained again.
+  // Counts again from the probes, with the threshold of a newly trained model.
   Count known;
   Count right;
   Count strangers;
@@ -288,7 +290,7 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
   EXPECT_EQ(far.count.hits, strangers.hits);
   EXPECT_EQ(far.count.trials, 3 * 3 * 6);
   EXPECT_EQ(far.draws, 3);
-  // The interval is that of one draw's 12 probes: repeating a draw brings no new images.
+  // The interval is that of the 12 probes of one split, since further splits add no new images.
   const Interval expected = wilson_interval_of_rate(tar.value, 12);
   EXPECT_DOUBLE_EQ(tar.interval.low, expected.low);
   EXPECT_DOUBLE_EQ(tar.interval.high, expected.high);

@@ -23,7 +23,7 @@ double cosine(const std::vector<float>& a, const std::vector<float>& b) {
   return ab / std::sqrt(aa * bb);
 }
 
-// A face of few dark pixels, and the same under light that falls off to one side.
+// A face with few dark pixels, and the same face in light that falls off to one side.
 cv::Mat even_face() { return synthetic_faces(1, 1, 0, 1).faces.front(); }
 cv::Mat under_slope(const cv::Mat& face) {
   cv::Mat out = face.clone();
@@ -118,7 +118,7 @@ TEST(Moved, MovesRightAndDownAndTurnsClockwise) {
 }
 
 TEST(Lbp, PatternsOfASlope) {
-  // Grey grows to the right: of the eight neighbours those right and above or below are not darker.
+  // The grey level grows to the right. The neighbours at the right, above and below are not darker.
   cv::Mat face(12, 12, CV_8UC1);
   for (int y = 0; y < 12; ++y)
     for (int x = 0; x < 12; ++x) face.at<unsigned char>(y, x) = static_cast<unsigned char>(20 * x);

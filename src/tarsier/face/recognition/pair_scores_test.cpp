@@ -16,8 +16,8 @@
 namespace tarsier::face::recognition {
 namespace {
 
-// Faces of people whom the background never saw: those of one person are more alike, and strangers
-// reach the threshold no more often than it says.
+// Faces of people who are held out from the background. Faces of one person are more similar, and
+// strangers reach the threshold no more often than stated.
 TEST(PairScores, TheThresholdHoldsForStrangers) {
   const Background general = synthetic_background();
   const PairScores pairs = pair_scores(general);
@@ -67,7 +67,7 @@ TEST(PairScores, IsTheSameEachTimeAndNeedsDirections) {
   EXPECT_THROW((void)pair_scores(mean), std::invalid_argument);
 }
 
-// A face that is not of a person rules that person out where it is the nearest.
+// A ruled-out face excludes that person if it is the nearest.
 TEST(Negatives, RuleAPersonOut) {
   const SyntheticFaces set = synthetic_faces(3, 3, 0.2, 7);
   NoProgress quiet;
@@ -84,7 +84,7 @@ TEST(Negatives, RuleAPersonOut) {
   model.check();
   EXPECT_EQ(best_person(model, wrong)->person, 1);
   EXPECT_EQ(identify_template(model, wrong).size(), 1U);
-  // Others are named as before, also by the faces of the person who is ruled out there.
+  // Other faces are identified as before, also other faces of the excluded person.
   EXPECT_EQ(best_person(model, other)->person, 1);
   EXPECT_EQ(best_person(model, template_of(model, set.faces[0]))->person, 0);
   ASSERT_TRUE(remove_person(model, "a"));

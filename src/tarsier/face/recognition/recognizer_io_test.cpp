@@ -27,7 +27,7 @@ class RecognizerFile : public FolderTest {
     return train(set.faces, set.labels, options, quiet, {});
   }
 
-  // What read_recognizer says to a payload that `change` was done to.
+  // The error of read_recognizer() for a payload after `change`.
   std::string refusal(Algorithm algorithm, const std::function<void(json&)>& change) {
     const std::string good = path("good");
     write_recognizer(good, model_of(algorithm), json::object());

@@ -152,7 +152,7 @@ TEST(Default, OnePersonIsToldFromStrangersByABackground) {
   EXPECT_GT(identify(model, synthetic_faces(1, 1, 0, 2).faces.front()).front().score, threshold);
   for (const auto& face : synthetic_faces(5, 1, 0, 3, 20).faces)
     EXPECT_LT(identify(model, face).front().score, threshold);
-  // Without one the model says that it cannot know.
+  // Without a background the model states that it has no threshold.
   EXPECT_FALSE(trained(set, Algorithm::kDefault).calibration);
   Background wrong = background;
   wrong.mean.conservativeResize(7);
@@ -168,7 +168,7 @@ TEST(Default, TheThresholdKeepsStrangersOut) {
   int accepted = 0;
   for (const auto& face : strangers.faces)
     if (identify(model, face).front().score >= threshold) ++accepted;
-  EXPECT_LE(accepted, 4);  // 1 % of 120, with room for chance
+  EXPECT_LE(accepted, 4);  // 1 % of 120, with a margin for chance
   int known = 0;
   const auto probes = synthetic_faces(10, 4, 0.4, 3);
   for (const auto& face : probes.faces)
@@ -191,7 +191,8 @@ TEST(Default, PoolingImagesIsNoWorseThanOne) {
 }
 
 TEST(TemplateWeights, LeaveOutWhatIsHardlyLikeTheOthers) {
-  // Of person 0 the third row is somebody else's; person 1 has two rows only; -1 is nobody's.
+  // The third row of person 0 belongs to another person; person 1 has only two rows; -1 belongs to
+  // nobody.
   Rows rows(9, 3);
   rows << 1, 0.1F, 0,  //
       1, -0.1F, 0.1F,  //

@@ -11,7 +11,7 @@
 namespace tarsier::face::recognition {
 namespace {
 
-// What all images of one camera have in common: half of each.
+// The common part of all images of one camera: half of each.
 void blend_with_one(std::vector<cv::Mat>& faces) {
   const cv::Mat common = synthetic_faces(1, 1, 0, 1, 900).faces.front();
   for (cv::Mat& face : faces) cv::addWeighted(face, 0.5, common, 0.5, 0, face);
@@ -31,7 +31,7 @@ TEST(SameCamera, PeopleBeforeOneCameraAreMoreAlike) {
   EXPECT_GT(together.found.spread, 0);
 }
 
-// The mean that is found is that of the strangers' scores, whatever the constants are.
+// The estimated mean is that of the strangers' scores, independent of the constants.
 TEST(SameCamera, TheShiftIsTheDifferenceOfTheMeans) {
   const Background general = synthetic_background();
   const SyntheticFaces set = synthetic_faces(3, 2, 0.3, 7);

@@ -28,13 +28,13 @@ TEST(LearningSample, TakesAllOfFewAndAnEvenChoiceOfMany) {
   EXPECT_GE(of_person.size(), 45U);
   for (const auto& [person, count] : of_person) EXPECT_EQ(count, 4) << person;
   EXPECT_GT(of_person.rbegin()->first, 900);
-  // Few people with very many images: more of each.
+  // Few people with very many images: more images of each.
   std::fill(people.begin(), people.end(), 0);
   people[7] = 1;
   EXPECT_GE(learning_sample(people, 200).size(), 100U);
 }
 
-// Of more faces than are learned from, each still has its template.
+// If there are more faces than learning uses, each face still has its template.
 TEST(Training, FacesThatAreNotLearnedFromHaveTheirTemplates) {
   const auto set = synthetic_faces(10, 4, 0.3, 1);
   NoProgress quiet;
@@ -75,7 +75,7 @@ TEST(Training, StepsMakeTheSameModelAndEachIsSmall) {
   EXPECT_LT(largest, 0.7 * total);
 }
 
-// Between any two steps it can be stopped, not only while faces are described.
+// It can be stopped between any two steps, not only while faces are described.
 TEST(Training, StopsInEachStage) {
   const auto set = synthetic_faces(6, 4, 0.3, 1);
   NoProgress quiet;

@@ -8,7 +8,7 @@
 namespace tarsier::face::shape {
 namespace {
 
-// Each pixel holds its own place, so that a cut tells where its pixels come from.
+// The value of each pixel is its position. So a cut shows where its pixels come from.
 cv::Mat places(int width, int height) {
   cv::Mat image(height, width, CV_32FC2);
   for (int y = 0; y < height; ++y) {
@@ -31,7 +31,7 @@ Eigen::Vector2d value_at(const cv::Mat& image, const Eigen::Vector2d& p) {
   return {v[0], v[1]};
 }
 
-// px; a mean over parts of pixels is off a straight line by as much.
+// px; averaging over fractions of pixels deviates from a straight line by this much
 constexpr double kNear = 0.06;
 
 LandmarkSample triangle() {
@@ -85,7 +85,7 @@ TEST(CutOut, MirroredPointsLieOnWhatTheyMark) {
     const Eigen::Vector2d there = value_at(turned.image, turned.points.col(p));
     EXPECT_LT((there - sample.points.col(counterpart)).norm(), kNear) << p;
   }
-  // Counted from 1, points lie a pixel to the right of what they mark: mirrored ones, too.
+  // Counted from 1, points lie one pixel to the right of the marked place, also mirrored points.
   const CutOut moved = mirrored(cut, {1, 0, 2}, 1);
   EXPECT_NEAR(moved.points(0, 0) - turned.points(0, 0), 2 / cut.scale, 1e-9);
 }

@@ -158,7 +158,7 @@ TEST_F(Import, AsfScalesWithTheImage) {
   EXPECT_EQ(imported.set.samples[0].points(1, 2), 40);
   EXPECT_EQ(imported.set.samples[0].person, "07");
   EXPECT_EQ(imported.set.connections.size(), 2U);
-  // The host named in the file stands in, but only from the same folder.
+  // The host named in the file is used instead, but only in the same folder.
   fs::remove(path("07-3m.png"));
   add_test_image("host.png", {8, 8});
   imported = import_landmarks(path("07-3m.asf"));
@@ -306,7 +306,7 @@ TEST_F(Import, DlibXml) {
   EXPECT_THAT(refused("<image " + std::string(200, '<')), HasSubstr("no XML"));
 }
 
-// The development data.
+// The development set.
 class ImportData : public ::testing::Test {
  protected:
   static std::string folder(const std::string& name) {
@@ -321,7 +321,7 @@ TEST_F(ImportData, Faces68) {
   EXPECT_EQ(frontal.set.samples.size(), 694U);
   EXPECT_TRUE(frontal.skipped.empty());
   EXPECT_EQ(import_landmarks(folder("faces68")).set.samples.size(), 1000U);
-  // The symmetry is that of faces: mirrored ones are as near to the mean as the others.
+  // The symmetry is that of faces: mirrored faces are as near to the mean as the others.
   ShapeModelOptions options;
   options.mirror = true;
   const ShapeModel mirrored = train_shape_model(frontal.set, options);
@@ -337,12 +337,12 @@ TEST_F(ImportData, ImmFrontal) {
   EXPECT_TRUE(imm.skipped.empty());
   EXPECT_EQ(imm.set.points(), 73);
   EXPECT_EQ(imm.set.samples[0].person, "01");
-  // The files' own connections are those that known_markup has.
+  // The connections in the files are those of known_markup.
   auto known = known_markup(73)->connections;
   for (auto& [a, b] : known)
     if (a > b) std::swap(a, b);
   EXPECT_THAT(imm.set.connections, ::testing::UnorderedElementsAreArray(known));
-  // On average each point mirrored lies where its partner is, to less than neighbours are apart.
+  // On average each mirrored point is near its partner, nearer than neighbouring points are.
   Eigen::Matrix2Xd sum = Eigen::Matrix2Xd::Zero(2, 73);
   for (const LandmarkSample& sample : imm.set.samples) {
     const Eigen::Matrix2Xd mirror = mirrored(sample, imm.set.mirror, 800).points;

@@ -77,7 +77,7 @@ TEST(LandmarkSet, KnowsWhatIsMissing) {
 }
 
 TEST(Mirrored, MovesPointsAndBoxWithThePixels) {
-  // An image whose pixels tell where they come from.
+  // An image whose pixel values give their position.
   cv::Mat image(20, 60, CV_8UC1);
   for (int y = 0; y < image.rows; ++y)
     for (int x = 0; x < image.cols; ++x)
@@ -143,7 +143,7 @@ class LandmarkFile : public FolderTest {
       EXPECT_EQ(error.path(), path("s.json"));
       const std::string what = error.what();
       EXPECT_EQ(what.find('\n'), std::string::npos) << what;
-      EXPECT_EQ(what.rfind(path("s.json")), 0U) << what;  // the path, once
+      EXPECT_EQ(what.rfind(path("s.json")), 0U) << what;  // the path appears once
       EXPECT_EQ(what.find(path("s.json")), what.rfind(path("s.json")));
       return what;
     }
@@ -171,7 +171,7 @@ TEST_F(LandmarkFile, ComesBackExactly) {
 TEST_F(LandmarkFile, PathsLeadToTheSameImageFromThere) {
   LandmarkSet set = small_set();
   std::filesystem::create_directories(path("sets"));
-  // Beside the images: relative, also where they were named from elsewhere.
+  // Beside the images: relative paths, also if the images were given from another folder.
   set.samples[1].image = path("below/b.png");
   write_landmark_set(path("s.json"), set, folder_ + "/.");
   EXPECT_EQ(read_landmark_set(path("s.json")).samples[1].image, "below/b.png");
@@ -179,7 +179,7 @@ TEST_F(LandmarkFile, PathsLeadToTheSameImageFromThere) {
   write_landmark_set(path("sets/s.json"), set, folder_);
   const LandmarkSet read = read_landmark_set(path("sets/s.json"));
   EXPECT_EQ(image_path(path("sets/s.json"), read.samples[0]), path("a.png"));
-  // Their own folder's name is no part of what lies below.
+  // A folder whose name only begins with this folder's name is not below it.
   set.samples[0].image = "../" + std::filesystem::path(folder_).filename().string() + "x/a.png";
   write_landmark_set(path("s.json"), set, folder_);
   EXPECT_EQ(read_landmark_set(path("s.json")).samples[0].image, folder_ + "x/a.png");
@@ -225,10 +225,10 @@ TEST_F(LandmarkFile, SheetShowsImagesPointsAndReasons) {
   style.radius_px = 4;
   const cv::Mat sheet = contact_sheet(set, path("s.json"), 100, 2, 10, style);
   ASSERT_EQ(sheet.size(), cv::Size(202, 100));
-  // The corner of the first cell is the image's ground; the second has none.
+  // The corner of the first cell is the image's background; the second has none.
   EXPECT_EQ(sheet.at<cv::Vec3b>(30, 10), cv::Vec3b(200, 30, 30));
   EXPECT_NE(sheet.at<cv::Vec3b>(30, 112), cv::Vec3b(200, 30, 30));
-  // Point 0 lies 10 px left of the middle of a cut of 30 px.
+  // Point 0 lies 10 px left of the middle of a cut 30 px wide.
   const cv::Vec3b at_point = sheet.at<cv::Vec3b>(34, 18);
   EXPECT_GT(at_point[2], 200);
   EXPECT_THROW((void)contact_sheet({}, "", 100, 2, 10, {}), std::invalid_argument);
@@ -247,8 +247,8 @@ TEST(DrawLandmarks, ColoursTheSides) {
   EXPECT_GT(left[1], left[2]);                                 // green
   EXPECT_GT(right[2], right[1]);                               // red
   EXPECT_NE(image.at<cv::Vec3b>(30, 35), cv::Vec3b(0, 0, 0));  // the line from 0 to 2
-  EXPECT_EQ(image.at<cv::Vec3b>(30, 65), cv::Vec3b(0, 0, 0));  // none from 1 to a missing point
-  // Numbered the other way round, the sides keep their colours.
+  EXPECT_EQ(image.at<cv::Vec3b>(30, 65), cv::Vec3b(0, 0, 0));  // no line from 1 to a missing point
+  // With the points numbered in reverse, the sides keep their colours.
   cv::Mat again = cv::Mat::zeros(60, 100, CV_8UC3);
   points.col(0).swap(points.col(1));
   draw_landmarks(again, points, {{1, 2}}, {1, 0, 2, 3}, style);

@@ -44,7 +44,7 @@ double hull_area(const Matrix2Xd& points) {
   return area;
 }
 
-// What the header promises, up to rounding of this test's own arithmetic.
+// The guarantees of the header, up to rounding in this test.
 void expect_delaunay(const Matrix2Xd& points, const std::vector<Triangle>& mesh) {
   EXPECT_EQ(folded(mesh, points), 0);
   EXPECT_TRUE(std::is_sorted(mesh.begin(), mesh.end()));
@@ -95,7 +95,7 @@ TEST(Delaunay, GridsThoughAllCirclesTouch) {
           std::sin(angle) * p.x() + std::cos(angle) * p.y();
     }
     const auto mesh = delaunay(points);
-    // Hull points of a turned grid are on a line up to rounding: slivers may remain there.
+    // Hull points of a rotated grid are collinear up to rounding: thin triangles may remain there.
     if (angle == 0) {
       EXPECT_EQ(mesh.size(), 72U);
       expect_delaunay(points, mesh);

@@ -70,7 +70,7 @@ TEST(PiecewiseWarp, PixelsLieInTheirTriangles) {
 }
 
 TEST(PiecewiseWarp, TakesPartToItsEdges) {
-  EXPECT_EQ(whole_warp().pixels().size(), 40U * 30U);  // no hole between triangles either
+  EXPECT_EQ(whole_warp().pixels().size(), 40U * 30U);  // no gap between triangles either
 }
 
 TEST(PiecewiseWarp, IdentityChangesNothing) {
@@ -86,7 +86,7 @@ TEST(PiecewiseWarp, IdentityChangesNothing) {
 
 TEST(PiecewiseWarp, AffineMapsAreExact) {
   const PiecewiseWarp warp = whole_warp();
-  // A ramp is what bilinear sampling reads exactly.
+  // Bilinear sampling reproduces a ramp exactly.
   cv::Mat ramp(200, 300, CV_32FC2);
   for (int y = 0; y < ramp.rows; ++y)
     for (int x = 0; x < ramp.cols; ++x)
@@ -107,7 +107,8 @@ TEST(PiecewiseWarp, AffineMapsAreExact) {
 }
 
 TEST(PiecewiseWarp, PointsMeetTheirPoints) {
-  // Not affine: each point of the frame at a pixel shows what lies at its own place in the image.
+  // Not affine: each point of the frame on a pixel shows the value at its own position in the
+  // image.
   const PiecewiseWarp warp = whole_warp();
   Matrix2Xd points = whole_frame() * 3;
   points.col(4) << 71.25, 30.5;
@@ -120,7 +121,7 @@ TEST(PiecewiseWarp, PointsMeetTheirPoints) {
   EXPECT_NEAR(out[0], 0, 1e-2);
   EXPECT_NEAR(out[39], 117, 1e-2);
   EXPECT_NEAR(out[29 * 40 + 39], 117 + 87000, 1e-1);
-  // (30, 8) is point 6, which stays.
+  // (30, 8) is point 6, which does not move.
   EXPECT_NEAR(out[8 * 40 + 30], 90 + 24000, 1e-1);
 }
 
@@ -186,14 +187,14 @@ TEST(PiecewiseWarp, LaterTrianglesLieOverEarlierOnes) {
   for (int y = 0; y < 10; ++y)
     for (int x = 0; x < 10; ++x)
       texture.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(x > y ? 50 : 200);
-  // Point 3 folded over onto point 1: the second triangle covers the first.
+  // Point 3 is folded over onto point 1: the second triangle covers the first.
   Matrix2Xd points = frame * 4;
   points.col(3) = points.col(1);
   cv::Mat image = cv::Mat::zeros(40, 40, CV_8UC1);
   warp.from_frame(texture, points, image);
   EXPECT_EQ(image.at<std::uint8_t>(5, 25), 200);
   EXPECT_EQ(image.at<std::uint8_t>(25, 5), 0);
-  // Without area nothing is drawn.
+  // Triangles without area are not drawn.
   cv::Mat untouched = cv::Mat::zeros(40, 40, CV_8UC1);
   warp.from_frame(texture, Matrix2Xd::Constant(2, 4, 20), untouched);
   EXPECT_EQ(cv::countNonZero(untouched), 0);

@@ -34,7 +34,7 @@ Similarity2d random_similarity(Rng& rng) {
           rng.uniform(-900, 900)};
 }
 
-// A model of random modes; the similarity's four directions are taken out of them.
+// A model of random modes, orthogonal to the four directions of the similarity.
 ShapeModel random_model(Rng& rng, int points, const std::vector<double>& deviation) {
   ShapeModel model;
   model.mean.resize(2, points);
@@ -78,7 +78,7 @@ TEST(Similarity, FitsExactlyWhateverTheRotation) {
     for (Index i = 0; i < source.size(); ++i) source.data()[i] = rng.normal();
     const Similarity2d truth = random_similarity(rng);
     Matrix2Xd target = truth(source);
-    // A missing point and one without weight do not count.
+    // A missing point and a point of weight 0 do not count.
     target.col(1).setConstant(kNan);
     target.col(2) << 1e4, -1e4;
     VectorXd weights(5);
@@ -122,7 +122,7 @@ TEST(TrainShapeModel, FindsTheModelThatMadeTheShapes) {
   for (int k = 0; k < 1500; ++k) {
     VectorXd b(3);
     for (Index i = 0; i < 3; ++i) b[i] = truth.deviation[i] * rng.normal();
-    // With its opposite, so that the mean of the shapes is that of the model.
+    // Each shape with its opposite, so that the mean of the shapes is the model's mean.
     shapes.push_back(random_similarity(rng)(shape_of(truth, b)));
     shapes.push_back(random_similarity(rng)(shape_of(truth, VectorXd(-b))));
   }
@@ -140,7 +140,7 @@ TEST(TrainShapeModel, FindsTheModelThatMadeTheShapes) {
   const Matrix2Xd mean = fit_similarity(model.mean, truth.mean)(model.mean);
   EXPECT_LT((mean - truth.mean).norm() / std::sqrt(20.0), 1e-9);
   for (Index k = 0; k < 3; ++k) EXPECT_NEAR(model.deviation[k] / truth.deviation[k], 1, 0.06) << k;
-  // Any shape of the truth is one of the model.
+  // The model represents every true shape.
   for (int k = 0; k < 20; ++k) {
     const Matrix2Xd shape = random_similarity(rng)(shape_of(truth, random_b(rng, truth, 3)));
     const ShapeFit fit = fit_shape(model, shape, {}, 0);
@@ -153,7 +153,7 @@ TEST(TrainShapeModel, StandsUprightAsItsShapesDo) {
   const ShapeModel truth = random_model(rng, 12, {0.3});
   std::vector<Matrix2Xd> shapes;
   for (int k = 0; k < 40; ++k) {
-    // The first, where alignment starts, is turned the most.
+    // The first shape, where alignment starts, has the largest rotation.
     const double angle = (k == 0 ? 1.0 : -1.0 / 39);
     shapes.push_back(Similarity2d{std::cos(angle), std::sin(angle), 5,
                                   6}(shape_of(truth, random_b(rng, truth, 1))));
@@ -331,7 +331,7 @@ TEST(FitShape, NoiseDrawsTowardsTheMean) {
     last = norm;
   }
   EXPECT_LT(last, 1e-2);
-  // One mode against a prior: b / (1 + noise^2 / deviation^2), the scale fitted beside it.
+  // One mode with a prior: b / (1 + noise^2 / deviation^2); the scale is fitted too.
   const ShapeModel one = random_model(rng, 25, {0.1});
   const ShapeFit fit = fit_shape(one, shape_of(one, VectorXd::Constant(1, 0.02)), weights, 0, 0.1);
   EXPECT_NEAR(fit.b[0], 0.01, 1e-5);

@@ -24,7 +24,7 @@ TEST(DrawLandmarks, RingsOfHiddenPointsAreAsLargeAsTheirDeviation) {
   style.sigma_px = Eigen::Vector2d(20, 30);
   cv::Mat image = empty.clone();
   draw_landmarks(image, points, {}, {}, style);
-  EXPECT_NE(at(image, 70, 100), cv::Vec3b(0, 0, 0));  // the ring, and nothing within it
+  EXPECT_NE(at(image, 70, 100), cv::Vec3b(0, 0, 0));  // the ring, and an empty interior
   EXPECT_EQ(at(image, 60, 100), cv::Vec3b(0, 0, 0));
   EXPECT_EQ(at(image, 50, 100), cv::Vec3b(0, 0, 0));
   EXPECT_NE(at(image, 140, 100), cv::Vec3b(0, 0, 0));  // a point
@@ -32,7 +32,7 @@ TEST(DrawLandmarks, RingsOfHiddenPointsAreAsLargeAsTheirDeviation) {
   style.all_sigmas = true;
   draw_landmarks(image, points, {}, {}, style);
   EXPECT_NE(at(image, 170, 100), cv::Vec3b(0, 0, 0));
-  // Small and unknown deviations: a ring of its own size.
+  // Small and unknown deviations: a ring of a fixed size.
   for (const Eigen::VectorXd& sigma :
        {Eigen::VectorXd(Eigen::Vector2d(0.1, NAN)), Eigen::VectorXd()}) {
     style.sigma_px = sigma;

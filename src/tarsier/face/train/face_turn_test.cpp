@@ -19,7 +19,7 @@ const std::string kModels = TARSIER_SOURCE_MODELS;
 
 constexpr int kSide = 420;
 
-// The mean head of the model that ships, seen from a metre, 200 px wide.
+// The mean head of the installed model, from a distance of one metre, 200 px wide.
 class FaceTurnTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -46,7 +46,7 @@ class FaceTurnTest : public ::testing::Test {
   static head::HeadAngles angles_of(const Matrix2Xd& points) {
     return head::HeadPoser(*head_).pose(points, camera()).pose->angles;
   }
-  // Smooth, so that what is between the points hardly matters.
+  // A smooth image, so that interpolation between the points hardly matters.
   static cv::Mat ground() {
     cv::Mat image(kSide, kSide, CV_8UC1);
     for (int y = 0; y < kSide; ++y)
@@ -71,7 +71,7 @@ std::unique_ptr<FaceTurner> FaceTurnTest::turner_;
 
 TEST_F(FaceTurnTest, NoTurnGivesTheAnnotationAndTheImageBack) {
   Matrix2Xd points = seen({12, -8, 6});
-  // Not as the model has them: what annotators do is kept exactly.
+  // Other points than the model's: the annotation is kept exactly.
   for (int i = 0; i < points.cols(); ++i) points(i % 2, i) += i % 3 - 1.0;
   const cv::Mat image = ground();
   const auto turned = turner_->turn(image, points, 0, 0);
@@ -100,8 +100,8 @@ TEST_F(FaceTurnTest, TurnsByTheAnglesThatWereAskedFor) {
   }
 }
 
-// Points of the inner face of a head that is turned are where the same head's points are seen in
-// the new pose.
+// Points of the inner face of a rotated head agree with the projection of that head in the new
+// pose.
 TEST_F(FaceTurnTest, ThePointsAreThoseOfTheTurnedHead) {
   const Matrix2Xd before = seen({0, 0, 0});
   const auto turned = turner_->turn(ground(), before, 20, 0);
@@ -173,7 +173,7 @@ TEST_F(FaceTurnTest, CopiesAreTurnedAsTheOptionsSay) {
     const head::HeadAngles now = angles_of(copy.points);
     EXPECT_GT(std::abs(now.pitch_deg), 10);
     EXPECT_LT(std::abs(now.pitch_deg), 33);
-    EXPECT_GT(now.yaw_deg, -14);  // -10 straight back and beyond, by at most max_back_deg
+    EXPECT_GT(now.yaw_deg, -14);  // -10 straight back and further, by at most max_back_deg
     EXPECT_LT(now.yaw_deg, 43);
     up += now.pitch_deg > 0 ? 1 : 0;
   }

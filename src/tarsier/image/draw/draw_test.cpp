@@ -17,7 +17,7 @@
 namespace tarsier::image::draw {
 namespace {
 
-// The smallest box around everything that differs between two images.
+// The bounding box of all differences between two images.
 cv::Rect changed(const cv::Mat& before, const cv::Mat& after) {
   cv::Mat difference;
   cv::absdiff(before, after, difference);

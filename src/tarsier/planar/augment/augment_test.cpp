@@ -25,11 +25,11 @@ geometry::Camera test_camera() {
 
 cv::Mat paper() { return {240, 320, CV_8UC3, cv::Scalar::all(200)}; }
 
-// Seen from 50 degrees off its normal, the far edge up in the image.
+// Seen from 50 degrees off the normal, with the far edge at the top of the image.
 Sheet sheet_at(const Eigen::Vector3d& at, int key = 0, double tilt_deg = 50) {
   const double c = std::cos(tilt_deg * CV_PI / 180);
   const double s = std::sin(tilt_deg * CV_PI / 180);
-  // The sheet's y goes away from the camera.
+  // The sheet's y axis points away from the camera.
   return {key, {Eigen::Matrix3d{{1, 0, 0}, {0, -c, -s}, {0, s, -c}}, at}, 0.05};
 }
 
@@ -49,7 +49,7 @@ TEST(Augment, TheCubeStandsOnTheSheet) {
   AugmentOptions options;
   options.shadow = false;
   augment(image, camera, std::vector{sheet}, options, state);
-  // Its top face and its front, not what is below the sheet or beside the marker.
+  // Its top face and its front are drawn. Nothing is drawn below the sheet or beside the marker.
   EXPECT_NE(at(image, camera, sheet, {0, 0, 0.05}), kPaper);
   EXPECT_NE(at(image, camera, sheet, {0, -0.025, 0.02}), kPaper);
   EXPECT_EQ(at(image, camera, sheet, {0, -0.03, -0.005}), kPaper);
@@ -59,7 +59,7 @@ TEST(Augment, TheCubeStandsOnTheSheet) {
 TEST(Augment, WhatIsBelowTheSheetIsHidden) {
   const geometry::Camera camera = test_camera();
   const Sheet sheet = sheet_at({0, 0, 0.3});
-  render::Mesh ball = render::make_sphere(24, {0.1F, 0.1F, 0.9F});  // its middle on the sheet
+  render::Mesh ball = render::make_sphere(24, {0.1F, 0.1F, 0.9F});  // its centre lies on the sheet
   for (cv::Vec3f& p : ball.positions) p *= 0.4F;
   AugmentOptions options;
   options.object = Object::kMesh;
@@ -69,7 +69,7 @@ TEST(Augment, WhatIsBelowTheSheetIsHidden) {
   cv::Mat image = paper();
   augment(image, camera, std::vector{sheet}, options, state);
   EXPECT_NE(at(image, camera, sheet, {0, 0, 0.018}), kPaper);
-  // The ball's lower half, seen through the sheet, would be here.
+  // The lower half of the ball would be here if it were seen through the sheet.
   const auto low =
       camera.project(sheet.camera_from_sheet * Eigen::Vector3d(0, -0.004, -0.016)).value();
   EXPECT_EQ(image.at<cv::Vec3b>(cvRound(low.y), cvRound(low.x)), kPaper);
@@ -79,13 +79,13 @@ TEST(Augment, TheShadowLiesOnTheSheetAwayFromTheLight) {
   const geometry::Camera camera = test_camera();
   const Sheet sheet = sheet_at({0, 0, 0.3}, 4, 20);
   AugmentState state;
-  state.light_in_anchor = {1, 0, -1};  // flies to the sheet's right
+  state.light_in_anchor = {1, 0, -1};  // the light travels to the sheet's right
   AugmentOptions options;
   cv::Mat image = paper();
   augment(image, camera, std::vector{sheet}, options, state);
   const cv::Vec3b shadow = at(image, camera, sheet, {0.05, 0, 0});
   EXPECT_LT(shadow[0], 150);
-  EXPECT_EQ(shadow[0], shadow[2]);  // darker paper, no colour of its own
+  EXPECT_EQ(shadow[0], shadow[2]);  // darker paper without colour
   EXPECT_EQ(at(image, camera, sheet, {-0.045, 0, 0}), kPaper);
   EXPECT_EQ(at(image, camera, sheet, {0.09, 0, 0}), kPaper);
 }
@@ -112,7 +112,7 @@ TEST(Augment, TheLightStaysInTheWorldWhenItsSheetIsLost) {
   const geometry::Camera camera = test_camera();
   const Sheet a = sheet_at({-0.05, 0, 0.3}, 1);
   Sheet b = sheet_at({0.05, 0, 0.3}, 2);
-  // Turned on the same desk.
+  // Rotated on the same desk.
   b.camera_from_sheet.rotation =
       b.camera_from_sheet.rotation * Eigen::Matrix3d{{0, -1, 0}, {1, 0, 0}, {0, 0, 1}};
   AugmentState state;

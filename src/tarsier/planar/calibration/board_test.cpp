@@ -80,7 +80,7 @@ TEST(CoverageTest, SaysWhatIsMissing) {
   EXPECT_THAT(coverage.missing(), Contains("the bottom right of the image"));
   EXPECT_THAT(coverage.missing(), Contains("the board's left edge nearer"));
   EXPECT_THAT(coverage.missing(), Not(Contains("the top left of the image")));
-  // The same view again brings nothing; another place and a tilt do.
+  // The same view again gives no new coverage; another position or tilt does.
   EXPECT_EQ(coverage.gain(view({0.2, 0.2}, {0, 0, 0}), spec), 0);
   EXPECT_GT(coverage.gain(view({0.8, 0.8}, {0, 0, 0}), spec), 0.2);
   EXPECT_GT(coverage.gain(view({0.2, 0.2}, {30, 0, 0}), spec), 0.2);
@@ -106,7 +106,7 @@ TEST(CoverageTest, TheNearerEdgeIsNamed) {
     const auto depth = [&](double x) { return (pose * Eigen::Vector3d(x, 0, 0))[2]; };
     const cv::Point2d tilt = tilt_of(synth::exact_view(camera, pose, spec), spec, {640, 480});
     EXPECT_NEAR(std::abs(tilt.x), 30, 1);
-    EXPECT_EQ(tilt.x > 0, depth(0.2) < depth(0));  // the right edge nearer
+    EXPECT_EQ(tilt.x > 0, depth(0.2) < depth(0));  // the right edge is nearer
     EXPECT_NEAR(tilt.y, 0, 1);
   }
 }

@@ -44,7 +44,8 @@ std::vector<BoardView> seen_by(const Camera& camera, const std::vector<geometry:
   return views;
 }
 
-// Largest distance between where two cameras see the same rays, over the image's middle 90 %.
+// Largest distance between the pixels of two cameras for the same rays, over the image's middle 90
+// %.
 double difference(const Camera& a, const Camera& b) {
   double worst = 0;
   for (int y = 1; y < 20; ++y) {
@@ -67,7 +68,7 @@ TEST(CalibrateTest, ExactCornersGiveTheExactCamera) {
                                     kChess, {640, 480}, options);
     ASSERT_TRUE(c.ok()) << c.refusal;
     EXPECT_EQ(c.used, 15);
-    EXPECT_LT(c.camera.rms, 1e-3) << name_of(truth.lens);  // floats
+    EXPECT_LT(c.camera.rms, 1e-3) << name_of(truth.lens);  // float precision
     EXPECT_LT(difference(truth, c.camera), 0.05) << name_of(truth.lens);
     EXPECT_NEAR(c.camera.fx / truth.fx, 1, 1e-4) << name_of(truth.lens);
     EXPECT_EQ(c.camera.lens, truth.lens);
@@ -93,8 +94,8 @@ TEST(CalibrateTest, TheRmsIsThatOfTheNoise) {
   }
 }
 
-// The deviations say how far the camera is off: over many draws of the noise, the error in units
-// of its deviation has a root mean square near 1.
+// The reported deviations are right. Over many draws of the noise, the error divided by its
+// deviation has a root mean square near 1.
 TEST(CalibrateTest, TheDeviationsAreHonest) {
   const Camera truth = phone();
   const auto poses = synth::board_poses(truth, kChess, 10, 5);
@@ -141,8 +142,8 @@ TEST(CalibrateTest, IsNoWorseThanOpenCv) {
                                          cv::noArray(), deviations, deviations_of_poses, errors);
   EXPECT_NEAR(ours.camera.rms, rms, 1e-3);
   EXPECT_NEAR(ours.camera.fx, matrix.at<double>(0, 0), 0.1);
-  // OpenCV 4.6 counts a point as one value where it is two: its deviations are larger by that
-  // (those of ours are honest: see above). OpenCV 4.10 counts as we do.
+  // OpenCV 4.6 counts a point as one value instead of two, so its deviations are larger by this
+  // ratio. OpenCV 4.10 counts as this library does.
   const double numbers = 9 + 6.0 * 12;
   const double ratio = std::sqrt((12 * 54 - numbers) / (2 * 12 * 54 - numbers));
   const auto as_counted =
@@ -154,13 +155,13 @@ TEST(CalibrateTest, IsNoWorseThanOpenCv) {
 TEST(CalibrateTest, ViewsThatDoNotFitAreNamedAndLeftOut) {
   const Camera truth = phone();
   auto views = seen_by(truth, synth::board_poses(truth, kChess, 14, 13), 0.15, 17);
-  // A board that was bent by the wind, and an image of another camera.
+  // A view of a bent board, and a view of another camera.
   for (cv::Point2f& p : views[3].pixels)
     p.x += 3 * std::sin(0.05F * p.y) + 2 * std::cos(0.04F * p.x);
   const Camera other{640, 480, 900, 900, 319.5, 239.5};
   views[7] = synth::exact_view(
       other, synth::board_pose(other, kChess, {0.3, 0.4}, {35, 20, 0}, 0.9), kChess);
-  // And one where two corners are wrong, but all others right: it stays, without them.
+  // And one with two wrong corners and all others right: it is kept, without them.
   std::swap(views[10].pixels[3], views[10].pixels[40]);
   const Calibration c = calibrate(views, kChess, {640, 480});
   ASSERT_TRUE(c.ok()) << c.refusal;
@@ -209,7 +210,7 @@ TEST(CalibrateTest, SetsThatFixNoCameraAreRefusedWithWhatToDo) {
   EXPECT_THAT(refusal(seen_by(truth, {poses[0], poses[1]}, 0.1, 1)), HasSubstr("at least 3"));
   EXPECT_THAT(refusal(seen_by(truth, std::vector(12, poses[0]), 0.1, 1)),
               HasSubstr("1 different views among the 12"));
-  // Always frontal, in different places; with and without noise.
+  // Always frontal views, at different positions; with and without noise.
   for (const double sigma : {0.0, 0.2}) {
     std::vector<geometry::Rigid3> flat;
     for (const double x : {0.35, 0.5, 0.65})

@@ -23,9 +23,9 @@ TEST(ViewCollectorTest, TakesWhatIsNewAndSharp) {
   EXPECT_EQ(collector.offer({}, 0).verdict, Verdict::kNoBoard);
   EXPECT_EQ(collector.offer(at(0.7, 0.7), 0.05).verdict, Verdict::kBlurred);
   EXPECT_EQ(collector.offer(at(0.7, 0.7), 0.3).verdict, Verdict::kTaken);
-  EXPECT_EQ(collector.offer(at(0.3, 0.3, 30), 0.3).verdict, Verdict::kTaken);  // a tilt is new
+  EXPECT_EQ(collector.offer(at(0.3, 0.3, 30), 0.3).verdict, Verdict::kTaken);  // a new tilt
   EXPECT_EQ(collector.views().size(), 3U);
-  // The same place, sharper: instead.
+  // The same position, but sharper: it replaces the view.
   const ViewCollector::Answer better = collector.offer(at(0.31, 0.31), 0.6);
   EXPECT_EQ(better.verdict, Verdict::kReplaced);
   EXPECT_EQ(better.index, 0U);
@@ -37,7 +37,8 @@ TEST(ViewCollectorTest, WaitsForTheBoardToBeStill) {
   CollectorOptions options;
   options.still_px = 2;
   ViewCollector collector(kSpec, {640, 480}, options);
-  EXPECT_EQ(collector.offer(at(0.3, 0.3), 0.3).verdict, Verdict::kMoving);  // not known yet
+  // Motion is not known yet.
+  EXPECT_EQ(collector.offer(at(0.3, 0.3), 0.3).verdict, Verdict::kMoving);
   EXPECT_EQ(collector.offer(at(0.33, 0.3), 0.3).verdict, Verdict::kMoving);
   EXPECT_EQ(collector.offer(at(0.331, 0.3), 0.3).verdict, Verdict::kTaken);
   EXPECT_EQ(collector.offer({}, 0).verdict, Verdict::kNoBoard);

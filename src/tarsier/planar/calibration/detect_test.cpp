@@ -26,8 +26,8 @@ Camera phone() {
   return {640, 480, 520.5, 518.25, 321, 238.5, {-0.28, 0.09, 1e-3, -2e-3, -0.01}, 0};
 }
 
-// Root mean square distance from the exact points, which are identified by number (or, for a whole board
-// that looks the same upside down, in one of its two orders).
+// Root mean square distance from the exact points, which are identified by number. A whole board
+// that looks the same upside down is compared in the better of its two orders.
 double error_of(const BoardView& found, const BoardView& exact, bool may_be_turned) {
   double best = std::numeric_limits<double>::infinity();
   for (const bool turned : {false, true}) {
@@ -64,7 +64,7 @@ TEST_P(BoardsTest, AreFoundWhereTheyAre) {
       ASSERT_EQ(view.points.size(), static_cast<std::size_t>(spec.points()));
     else
       EXPECT_GE(static_cast<int>(view.points.size()), spec.points() * 3 / 4) << number;
-    // Of dots the middle of the image is not the image of the middle.
+    // For dots, the centre of the imaged dot is not the image of its centre.
     const bool dots = spec.kind == BoardKind::kCircles || spec.kind == BoardKind::kCirclesGrid;
     EXPECT_LT(
         error_of(view, synth::exact_view(camera, pose, spec), spec.kind != BoardKind::kCharuco),
@@ -189,7 +189,7 @@ INSTANTIATE_TEST_SUITE_P(All, RenderedTest,
                          ::testing::Values("chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
                                            "circles-grid:7x6"));
 
-// Wide lenses: the whole way from images to the camera.
+// Wide lenses: the whole chain from images to the camera.
 TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
   const Camera fisheye{
       640, 480, 245, 246, 322, 238, {0.03, -0.01, 2e-3, -5e-4}, 0, geometry::Lens::kFisheye};
@@ -213,7 +213,7 @@ TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
     ASSERT_TRUE(c.ok()) << c.refusal;
     EXPECT_GE(c.used, 11);
     EXPECT_LT(c.camera.rms, 0.1);
-    // Numbers of a rational lens trade with each other: what counts is where rays go.
+    // The parameters of a rational lens are correlated. So the test compares rays.
     double worst = 0;
     for (int y = 48; y < 480; y += 48) {
       for (int x = 64; x < 640; x += 64) {
@@ -227,7 +227,7 @@ TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
   }
 }
 
-// The stereo pair that comes with OpenCV: 13 images of a 9x6 board for each camera.
+// The stereo pair of OpenCV's samples: 13 images of a 9x6 board for each camera.
 TEST(FindBoardTest, OpenCvsOwnImagesOfABoard) {
   TARSIER_LONG_TEST();
   const std::string folder = "/usr/share/doc/opencv-doc/examples/data/";
@@ -247,7 +247,7 @@ TEST(FindBoardTest, OpenCvsOwnImagesOfABoard) {
     EXPECT_LT(c.camera.rms, 0.41) << side;
     EXPECT_NEAR(c.camera.fx, 536, 5) << side;
   }
-  // A part of the board is not a smaller board, nor is every other column of it.
+  // Part of the board is not found as a smaller board, nor is every other column.
   for (const char* name : {"left01.jpg", "right04.jpg"}) {
     const cv::Mat image = cv::imread(folder + name);
     for (const char* other : {"chess:8x6", "chess:9x5", "chess:10x6", "chess:8x5"})

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Included once for each instruction set, with TARSIER_TARGET_KERNELS (the function's name) defined.
-// Plain loops that the compiler turns into vectors.
+// Included once for each instruction set. The including file defines TARSIER_TARGET_KERNELS (the
+// function's name). The compiler vectorises these plain loops.
 #include "tarsier/planar/image_targets/kernels.h"
 
 #include <cmath>
@@ -55,11 +55,11 @@ void sample(const std::uint8_t* image, int stride, int x, int y, int dx, int dy,
 }
 
 constexpr int kInner = kSampleSide - 2;
-constexpr int kRow = 32;  // floats of a row of maps: whole vectors
+constexpr int kRow = 32;  // floats in a row of maps: a whole number of vectors
 
 struct Weights {
-  // Weight of each of the inner rows (or columns) in each of 4 cells: triangles 1.5 spacings wide
-  // at the foot to each side, under one Gaussian.
+  // Weight of each inner row (or column) in each of 4 cells: triangles that reach 1.15 spacings to
+  // each side, times one Gaussian.
   alignas(64) float cell[4][kInner];
   Weights() {
     for (int k = 0; k < 4; ++k)
@@ -75,7 +75,7 @@ struct Weights {
 void pool(const float* samples, float* out) {
   static const Weights weights;
   constexpr float kHalf = 0.70710678F;
-  // The sum over each row's columns is taken last: first the rows are pooled into 4 bands.
+  // First pools the rows into 4 bands; sums over the columns afterwards.
   alignas(64) float bands[4][8][kRow] = {};
   for (int y = 0; y < kInner; ++y) {
     const float* __restrict above = samples + y * kSampleSide + 1;
@@ -88,7 +88,7 @@ void pool(const float* samples, float* out) {
       const float p = (gx + gy) * kHalf;
       const float q = (gy - gx) * kHalf;
       const float inverse = 1 / std::sqrt(gx * gx + gy * gy + 1e-3F);
-      // The square over the magnitude narrows the response to a direction.
+      // Squared component divided by the magnitude: narrows the response to one direction.
       const float gx2 = gx * gx * inverse;
       const float gy2 = gy * gy * inverse;
       const float p2 = p * p * inverse;
@@ -118,9 +118,10 @@ void pool(const float* samples, float* out) {
       }
 }
 
-// Every second pixel of a disk, as on the black fields of a chess board: the level is smooth.
+// Every second pixel of a disk, as the black fields of a chess board. The image is smooth enough at
+// this level.
 struct Disk {
-  static constexpr int kPoints = 144;  // whole vectors
+  static constexpr int kPoints = 144;  // a whole number of vectors
   int x[kPoints] = {};
   int y[kPoints] = {};
   alignas(64) float weight[kPoints] = {};
@@ -161,7 +162,7 @@ void directions(const std::uint8_t* center, int stride, float* histogram) {
     const float large = ax < ay ? ay : ax;
     const float t = small / (large + 1e-9F);
     const float t2 = t * t;
-    // atan to 0.3 degrees.
+    // atan with an error of at most 0.3 degrees.
     float a = t * (0.99978784F + t2 * (-0.325808F + t2 * (0.15557865F - 0.0443265F * t2)));
     a = ay > ax ? 1.57079637F - a : a;
     a = x < 0 ? 3.14159274F - a : a;
@@ -170,7 +171,7 @@ void directions(const std::uint8_t* center, int stride, float* histogram) {
     bin[i] = b < kDirections ? b : 0;
     strength[i] = disk.weight[i] * std::sqrt(x * x + y * y);
   }
-  float second[kDirections] = {};  // two tables: neighbours often fall in the same bin
+  float second[kDirections] = {};  // two tables, since neighbours often fall in the same bin
   for (int i = 0; i < n; i += 2) {
     histogram[bin[i]] += strength[i];
     second[bin[i + 1]] += strength[i + 1];

@@ -96,7 +96,7 @@ TEST(Target, IsFoundBehindAHand) {
 TEST(Target, IsNotSeenWhereItIsNot) {
   for (std::uint64_t seed = 0; seed < 6; ++seed) {
     EXPECT_TRUE(detect_targets({poster()}, synth::clutter_image(640, seed)).empty()) << seed;
-    // Another poster by the same hand.
+    // Another poster in the same style.
     const cv::Mat other = synth::poster_print(1, 77 + seed).image;
     EXPECT_TRUE(detect_targets({poster()}, other).empty()) << seed;
   }
@@ -132,7 +132,7 @@ TEST(TargetQuality, TellsGoodImagesFromPoorOnes) {
   const Target flat = train_target(cv::Mat(300, 400, CV_8UC1, cv::Scalar(128)), "flat", options);
   EXPECT_EQ(flat.quality.rating, 0);
   EXPECT_THAT(flat.quality.reasons, testing::Contains(testing::HasSubstr("few features")));
-  // The same tile over and over: features enough, but none differs from its copies.
+  // The same tile repeated: many features, but each equals its copies.
   cv::Mat tile;
   cv::resize(synth::poster_image({120, 90}, 4), tile, {60, 45}, 0, 0, cv::INTER_AREA);
   cv::Mat wall;
@@ -206,7 +206,7 @@ TEST_F(TargetFile, IsRefusedWhenItIsBroken) {
   refused([](nlohmann::json& j) { j["payload"]["image"]["shape"] = {2, 2}; });
   refused([](nlohmann::json& j) { j["payload"]["frames"] = j["payload"]["points"]; });
   refused([](nlohmann::json& j) { j["payload"]["right"]["shape"] = {1}; });
-  // Points outside the image: those of a wider one.
+  // The points belong to a wider image and lie outside this one.
   refused([](nlohmann::json& j) {
     j["payload"]["image"] = pack(PackedArray<std::uint8_t>{{8, 12}, std::vector<std::uint8_t>(96)});
   });

@@ -99,7 +99,7 @@ TEST(TargetTracking, LosesAndFindsAgain) {
   const cv::Mat dark(480, 640, CV_8UC3, cv::Scalar::all(20));
   EXPECT_TRUE(track(targets, {}, state, dark).empty());
   EXPECT_TRUE(track(targets, {}, state, dark).empty());
-  // Elsewhere than it was lost.
+  // At another position than where it was lost.
   const auto again = track(targets, {}, state, f.image_at(1));
   ASSERT_EQ(again.size(), 1U);
   EXPECT_TRUE(again[0].detected);
@@ -110,7 +110,7 @@ TEST(TargetTracking, LosesAndFindsAgain) {
 TEST(TargetTracking, IsStillAtRest) {
   const synth::PlanarVideo f = video(1, 25);
   const std::vector<Target> targets = {two_posters()[0]};
-  // The same moment again and again, each time with other noise, as of a camera on a stand.
+  // The same view many times with new noise, as of a camera on a tripod.
   const cv::Mat clean = f.image_at(0);
   const auto tremble = [&](double steady_px) {
     TrackOptions options;

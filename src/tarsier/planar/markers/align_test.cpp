@@ -35,10 +35,10 @@ TEST(Align, FindsCornersToAFewHundredthsOfAPixelAndTheBlur) {
     const Scene scene(blur, 220);
     const auto aligned = scene.align(0.8);
     ASSERT_TRUE(aligned) << blur;
-    // A blur that is the same in the image is not quite the same in all cells of a tilted marker.
+    // A constant blur in the image differs slightly between the cells of a tilted marker.
     EXPECT_LT(rmse(aligned->corners, scene.truth.corners), 0.035 * (1 + blur)) << blur;
     EXPECT_GT(aligned->correlation, 0.99) << blur;
-    // A pixel's own area blurs too: 1 / 12 px^2, and so does reading between pixels.
+    // A pixel's own area adds blur, 1 / 12 px^2; interpolation adds blur too.
     EXPECT_NEAR(aligned->blur_px, std::sqrt(blur * blur + 0.2), 0.2) << blur;
   }
 }
@@ -50,11 +50,12 @@ TEST(Align, PaperMayEndACellFromTheMarker) {
   EXPECT_LT(rmse(aligned->corners, scene.truth.corners), 0.12);
 }
 
-// e^T M e / 8, with errors e and the reported information M, has the mean 1 where the covariance is
-// exact, and of 100 trials the standard deviation sqrt(2 / 8 / 100) = 0.05 of its mean. Here it is
-// less, as the covariance has a tenth of a pixel for the model's own faults: next to nothing of it
-// is used at little noise, nearly all of it at much (the noise alone would give 2). Bounds are 5
-// standard deviations from what was measured: a covariance twice as large or as small is refused.
+// e^T M e / 8 with errors e and the reported information M has the mean 1 for an exact covariance.
+// The mean of 100 trials has a standard deviation of sqrt(2 / 8 / 100) = 0.05. The covariance
+// includes a tenth of a pixel for errors of the model itself, so here the mean is below 1. At low
+// noise these errors hardly occur; at high noise they nearly reach it (the noise alone would give
+// 2). The bounds are 5 standard deviations from the measured mean. So a covariance twice or half as
+// large fails.
 TEST(Align, TellsHowSurelyTheCornersAreKnown) {
   struct Case {
     double noise;

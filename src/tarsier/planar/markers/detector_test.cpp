@@ -60,7 +60,7 @@ TEST(Detector, FindsThemInGradientsShadowsAndTheDark) {
   for (const DrawnMarker& marker : drawn) draw_marker(gray, family, marker);
   for (int y = 0; y < gray.rows; ++y) {
     for (int x = 0; x < gray.cols; ++x) {
-      // Light falls off to the right, and a shadow's soft edge runs across the first marker.
+      // Light decreases to the right, and a soft shadow edge runs across the first marker.
       const double shade = std::clamp((x + y / 2.0 - 135) / 30, 0.0, 1.0);
       const double light = (1 - 0.8 * x / 320.0) * (1 - 0.55 * shade);
       auto& value = gray.at<std::uint8_t>(y, x);
@@ -120,7 +120,7 @@ TEST(Detector, IsNotFooledByMirrorsOtherFamiliesBoardsAndNoise) {
       board.at<std::uint8_t>(y, x) = (x / 20 + y / 20) % 2 == 0 ? 20 : 230;
   cv::Mat noise(240, 320, CV_8UC1, cv::Scalar(128));
   add_noise(noise, 60, 5);
-  cv::Mat frames(240, 320, CV_8UC1, cv::Scalar(220));  // empty frames, and full squares
+  cv::Mat frames(240, 320, CV_8UC1, cv::Scalar(220));  // empty frames and filled squares
   cv::rectangle(frames, {40, 60, 100, 100}, cv::Scalar(20), 14);
   cv::rectangle(frames, {180, 60, 100, 100}, cv::Scalar(20), cv::FILLED);
   for (const std::string& name : dictionary_names()) {
@@ -134,8 +134,9 @@ TEST(Detector, AtTheEdgeOfTheImageAndInImagesOfAnySize) {
   const Dictionary& family = find_dictionary("36h11");
   cv::Mat gray(200, 200, CV_8UC1, cv::Scalar(220));
   draw_marker(gray, family, {3, square(34, 100, 60, 0)});
-  EXPECT_EQ(detect(gray(cv::Rect(2, 0, 198, 200)), family).size(), 1U);  // a sliver of paper
-  EXPECT_TRUE(detect(gray(cv::Rect(14, 0, 186, 200)), family).empty());  // its frame is cut
+  // A narrow margin of paper.
+  EXPECT_EQ(detect(gray(cv::Rect(2, 0, 198, 200)), family).size(), 1U);
+  EXPECT_TRUE(detect(gray(cv::Rect(14, 0, 186, 200)), family).empty());  // its frame is cut off
   for (const cv::Size size : {cv::Size(0, 0), cv::Size(1, 1), cv::Size(7, 300), cv::Size(8, 8)})
     EXPECT_TRUE(detect(cv::Mat(size, CV_8UC1, cv::Scalar(0)), family).empty());
   EXPECT_THROW((void)detect(cv::Mat(99, 99, CV_8UC3), family), std::invalid_argument);

@@ -48,7 +48,8 @@ TEST(Dictionary, MendsWrongCellsUpToHalfTheDistance) {
 
 TEST(Dictionary, LeavesOutUnknownCellsAndRefusesTies) {
   const Dictionary dictionary("own", 3, {0b100'000'000, 0b110'010'000});
-  EXPECT_FALSE(dictionary.match(0b100'000'000, 1, 0b111'111'111));  // nothing known: all are equal
+  // No bit is known: all markers are equal.
+  EXPECT_FALSE(dictionary.match(0b100'000'000, 1, 0b111'111'111));
   const auto match = dictionary.match(0b111'010'000, 0, 0b001'000'000);
   ASSERT_TRUE(match);
   EXPECT_EQ(match->id, 1);

@@ -31,8 +31,9 @@ TEST(MarkerJudge, CountsFoundMissedWrongAndTurned) {
   exact.pose->translation = {0, 0, 2.1};
   JudgedMarker turned = marker_at(2, 100, 10, 40);
   std::rotate(turned.corners.begin(), turned.corners.begin() + 1, turned.corners.end());
-  const JudgedMarker elsewhere = marker_at(3, 215, 10, 40);  // more than a fifth of its side away
-  const JudgedMarker again = marker_at(1, 10, 10, 40);       // the one that is there was found
+  // More than a fifth of its side away.
+  const JudgedMarker elsewhere = marker_at(3, 215, 10, 40);
+  const JudgedMarker again = marker_at(1, 10, 10, 40);  // the true marker was already found
   MarkerJudge judge;
   judge.add(truth, std::vector<JudgedMarker>{exact, turned, elsewhere, again}, 4.0);
   judge.add({}, {}, 2.0);
@@ -80,7 +81,7 @@ TEST(MarkerTruth, IsReadAndBadLinesAreNamed) {
       EXPECT_NE(std::string(error.what()).find("line 2"), std::string::npos) << error.what();
     }
   }
-  // A line of brackets takes forty times its size when it is parsed.
+  // Parsing a line of brackets takes forty times its size.
   std::ofstream(path) << R"({"image":"a","family":"orig","K":[1,0,0,0,1,0,0,0,1],"markers":[],"x":)"
                       << std::string(500, '[') << std::string(500, ']') << "}\n";
   EXPECT_THROW((void)read_marker_truth(path), InputError);

@@ -16,7 +16,7 @@ cv::Rect bounds(std::span<const cv::Point> outline) {
 }
 
 TEST(Outlines, GoAroundADarkThingOnceClockwise) {
-  cv::Mat gray(50, 71, CV_8UC1, cv::Scalar(200));  // no whole number of tiles
+  cv::Mat gray(50, 71, CV_8UC1, cv::Scalar(200));  // not a multiple of the tile size
   gray(cv::Rect(10, 20, 30, 15)).setTo(40);
   OutlineWorkspace w;
   find_dark_outlines(gray, {}, w);
@@ -61,7 +61,8 @@ TEST(Outlines, JoinWhatGrowsTogetherFurtherDown) {
   gray(cv::Rect(10, 40, 36, 6)).setTo(30);
   OutlineWorkspace w;
   find_dark_outlines(gray, {}, w);
-  // Three bars deep the outline is too long for a convex component of this size: it is left out.
+  // At a depth of three bars, the outline is too long for a convex component of this size, and it
+  // is left out.
   EXPECT_TRUE(w.outlines.empty());
   gray(cv::Rect(16, 10, 9, 30)).setTo(30);
   find_dark_outlines(gray, {}, w);
@@ -79,7 +80,7 @@ TEST(Outlines, NoiseIsNoThing) {
   cv::subtract(component, cv::Scalar(60), component);
   OutlineWorkspace w;
   find_dark_outlines(gray, {}, w);
-  EXPECT_LE(w.components.size(), 1000U);  // of 8000 specks: to look at them all would take its time
+  EXPECT_LE(w.components.size(), 1000U);  // of 8000 specks: looking at all would take too long
   cv::Rect largest;
   for (std::size_t i = 0; i < w.outlines.size(); ++i)
     if (bounds(w.outline(i)).area() > largest.area()) largest = bounds(w.outline(i));
@@ -87,7 +88,7 @@ TEST(Outlines, NoiseIsNoThing) {
   EXPECT_NEAR(largest.width, 50, 4);
 }
 
-// There is no flat place to tell noise by.
+// There is no flat area to measure the noise.
 TEST(Outlines, ThingsEverywhereAreThings) {
   cv::Mat gray(80, 80, CV_8UC1, cv::Scalar(200));
   for (int y = 4; y < 80; y += 16)

@@ -15,7 +15,7 @@
 namespace tarsier::planar::markers {
 namespace {
 
-// The marker's z comes to the camera.
+// The marker's z axis points to the camera.
 const Eigen::Matrix3d kFacing = Eigen::Vector3d(1, -1, -1).asDiagonal();
 
 double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
@@ -43,7 +43,8 @@ Quad seen(const geometry::Rigid3& pose, double size, const geometry::Camera& cam
 }
 
 TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
-  // Seen straight: the camera's y goes down, the marker's up, its z comes towards the camera.
+  // Frontal view: the camera's y axis points down, the marker's y axis up, and its z axis to the
+  // camera.
   const Quad quad{Eigen::Vector2d(289.5, 209.5), Eigen::Vector2d(349.5, 209.5),
                   Eigen::Vector2d(349.5, 269.5), Eigen::Vector2d(289.5, 269.5)};
   Marker marker;
@@ -115,7 +116,7 @@ TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
   }
 }
 
-// A whole video: found, posed, steadied.
+// A whole video: detection, poses, filtering.
 TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
   const Dictionary& family = find_dictionary("36h11");
   synth::VideoOptions options;

@@ -39,7 +39,7 @@ CalibratorOptions live_options() {
   return options;
 }
 
-// Drawn images of the board, each in another place and tilt.
+// Synthetic images of the board, each at another position and tilt.
 const std::vector<cv::Mat>& stills() {
   static const std::vector<cv::Mat> images = [] {
     std::vector<cv::Mat> list;
@@ -109,7 +109,7 @@ TEST(Calibrator, TakesOfAVideoWhatIsNew) {
   const auto source = synth::open_synth_source("board?size=480x360&fps=10&frames=120");
   calibrator.search(*source, state, progress);
   EXPECT_EQ(state.views.size(), 6U);
-  EXPECT_EQ(state.images.size(), 40U);  // each third frame
+  EXPECT_EQ(state.images.size(), 40U);  // every third frame
   int found = 0;
   for (const CalibrationImage& image : state.images) {
     found += image.found ? 1 : 0;
@@ -137,7 +137,7 @@ TEST(Calibrator, ASharperViewTakesThePlaceOfOneThatIsAlike) {
   EXPECT_FALSE(state.images[0].found);
   EXPECT_EQ(state.images[0].reason, "alike");
   EXPECT_TRUE(state.images[1].found);
-  // Another video: the same place is new there.
+  // In another video, the same position is new.
   EXPECT_EQ(calibrator.process(moment(stills()[0], 0, "other.mp4"), state).verdict,
             Verdict::kTaken);
   EXPECT_EQ(state.views.size(), 2U);
@@ -189,8 +189,8 @@ TEST(Calibrator, ALiveViewIsTakenWhenItIsStill) {
   EXPECT_EQ(calibrator.process(moment(stills()[0], 0), state).verdict, Verdict::kMoving);
   EXPECT_EQ(calibrator.process(moment(stills()[0], 1), state).verdict, Verdict::kTaken);
   EXPECT_EQ(calibrator.process(moment(stills()[3], 2), state).verdict, Verdict::kMoving);
-  EXPECT_EQ(state.images.size(), 1U);  // those with a view alone
-  // Taken all the same, and forgotten.
+  EXPECT_EQ(state.images.size(), 1U);  // only those with a view
+  // take() takes it anyway, and forget_last() removes it.
   EXPECT_TRUE(calibrator.take(state).is_taken());
   EXPECT_EQ(state.views.size(), 2U);
   EXPECT_EQ(state.images[1].index, 2);

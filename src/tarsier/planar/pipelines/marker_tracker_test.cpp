@@ -99,10 +99,10 @@ TEST(MarkerTracker, SmoothsVideosUntilAnotherSourceBegins) {
     (void)tracker.process(frame_of(clip.image_at(i / 25.0), false, i / 25.0), state);
   const cv::Mat last = clip.image_at(0.2);
   const auto tracked = pose_of(tracker.process(frame_of(last, false, 0.2), state));
-  EXPECT_GT((tracked - exactly(0.2)).norm(), 0);  // between this frame and those before
+  EXPECT_GT((tracked - exactly(0.2)).norm(), 0);  // between this frame and the previous ones
   const auto other = pose_of(tracker.process(frame_of(last, false, 0.2, "other.mp4"), state));
   EXPECT_EQ((other - exactly(0.2)).norm(), 0);
-  // Frames of a folder that is played as a video are one source.
+  // Frames of a folder that is played as a video belong to one source.
   for (int i = 0; i < 5; ++i)
     (void)tracker.process(
         frame_of(clip.image_at(i / 25.0), false, i / 25.0, "a/" + std::to_string(i) + ".png"),

@@ -79,7 +79,7 @@ TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
   EXPECT_EQ(frames_of("a.mp4", 0.12), 1);
   EXPECT_EQ(frames_of("a.mp4", 0.16), 2);
   EXPECT_EQ(frames_of("b.mp4", 0.2), 1);
-  EXPECT_EQ(frames_of("b.mp4", 0.2, true), 1);  // a still, for itself
+  EXPECT_EQ(frames_of("b.mp4", 0.2, true), 1);  // a still image is independent
   EXPECT_EQ(frames_of("c/1.png", 0.2), 1);
   EXPECT_EQ(frames_of("c/2.png", 0.24), 2);  // a folder that is played as a video
 }

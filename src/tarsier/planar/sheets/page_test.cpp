@@ -37,7 +37,7 @@ TEST(PdfTest, TheTableOfItsObjectsIsRight) {
   const std::size_t start = std::stoul(pdf.substr(at));
   ASSERT_EQ(pdf.substr(start, 5), "xref\n");
   const std::size_t count = std::stoul(pdf.substr(start + 7));
-  EXPECT_EQ(count, 11U);  // 0, four for all, two for each page
+  EXPECT_EQ(count, 11U);  // object 0, four for the file, two for each page
   std::size_t entry = pdf.find('\n', start + 5) + 1;
   EXPECT_EQ(pdf.substr(entry, 20), "0000000000 65535 f \n");
   for (std::size_t k = 1; k < count; ++k) {
@@ -46,7 +46,7 @@ TEST(PdfTest, TheTableOfItsObjectsIsRight) {
     const std::string head = std::to_string(k) + " 0 obj\n";
     EXPECT_EQ(pdf.substr(std::stoul(line), head.size()), head);
   }
-  // Each stream is as long as it says.
+  // Each stream has its stated length.
   std::size_t streams = 0;
   for (std::size_t place = pdf.find("/Length "); place != std::string::npos;
        place = pdf.find("/Length ", place + 1)) {

@@ -48,7 +48,7 @@ TEST(ParseTest, Ids) {
   EXPECT_THAT(refusal([] { return parse_ids("0", "7x9"); }), HasSubstr("7x9"));
 }
 
-// The rendered page decodes, and the markers are where and as large as asked.
+// The rendered page decodes, and the markers have the requested position and size.
 TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
   for (const char* family : {"aruco-original", "6x6_250", "36h11"}) {
     const double side = 50;
@@ -60,7 +60,7 @@ TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
     for (const Page& page : pages) {
       EXPECT_EQ(page.size, cv::Size2d(210, 297));
       const cv::Mat image = raster_of(page, kDpi);
-      cv::Mat blurred;  // as a camera sees it
+      cv::Mat blurred;  // as in a camera image
       cv::GaussianBlur(image, blurred, {}, 1.5);
       for (const markers::Marker& found : markers::detect_with_opencv(blurred, family)) {
         ++seen[found.id];
@@ -106,7 +106,7 @@ TEST(MarkerSheetTest, WhatDoesNotFitIsRefusedWithWhatDoes) {
   EXPECT_THROW((void)marker_pages("6x6_250", {}, 50, {}), std::invalid_argument);
 }
 
-// Each board is found on its own rendered page, with its points where the specification has them.
+// Each board is found on its own rendered page, with its points at the specified positions.
 TEST(BoardSheetTest, BoardsAreTrueToScaleAndFound) {
   for (const char* text : {"chess:9x6", "charuco:5x7:6x6_250", "charuco:6x8:36h11:0.7",
                            "circles:4x11", "circles-grid:7x6"}) {

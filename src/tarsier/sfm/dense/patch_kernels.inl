@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Included once for each instruction set, with TARSIER_VECTOR_BYTES (16, 32, 64) and
-// TARSIER_PATCH_KERNELS (the function's name) defined.
+// Included once for each instruction set. The including file defines TARSIER_VECTOR_BYTES (16, 32,
+// 64) and TARSIER_PATCH_KERNELS (the function's name).
 #include "tarsier/sfm/dense/patch_kernels.h"
 
 #include <cstring>
@@ -23,8 +23,8 @@ struct Offsets {
   float tonal[256];
 };
 
-// exp() by its series: the standard library's is no constant expression, and this file has no
-// function that another could be linked with.
+// exp() as a series. std::exp is not constexpr. And this file must not contain an inline function
+// that the linker could use in other files.
 constexpr float exponential(double x) {
   double half = x / 64;
   double sum = 1;
@@ -82,7 +82,7 @@ inline float sum_of(Vector v) {
 
 inline float root_of(float x) { return __builtin_sqrtf(x); }
 
-// Grey levels at (u, v), which are in 0..width - 1 and 0..height - 1, excluded.
+// Bilinear grey levels at (u, v) inside 0..width - 1 and 0..height - 1, upper limits excluded.
 inline Vector between(const GrayQuads& image, Vector u, Vector v) {
   const Integers column = __builtin_convertvector(u, Integers);
   const Integers row = __builtin_convertvector(v, Integers);
@@ -103,7 +103,7 @@ inline Vector clamped(Vector x, float limit) {
   return x < limit ? x : Vector{} + limit;
 }
 
-// Weights and the rest, of the grey levels of the samples and of the middle.
+// Computes weights, products and variance from the grey levels of the samples and of the middle.
 void complete(const float* gray, float middle, Patch& patch) {
   float total = 0;
   float mean = 0;
@@ -159,7 +159,7 @@ void prepare_between(const GrayQuads& image, float u, float v, float step, Patch
 float cost(const Patch& patch, const GrayQuads& source, const float* h) {
   const float limit_x = static_cast<float>(source.width - 1) - 1e-3F;
   const float limit_y = static_cast<float>(source.height - 1) - 1e-3F;
-  // The middle decides; !(..) so that numbers that are none are outside.
+  // The middle of the patch must be inside the image. The form !(..) also rejects NaN.
   if (!(h[6] > 0)) return kWorstCost;
   const float scale = 1 / h[6];
   if (!(h[0] * scale >= 0 && h[0] * scale <= limit_x + 1e-3F && h[3] * scale >= 0 &&

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Included once for each instruction set, with TARSIER_VECTOR_BYTES (16, 32, 64), TARSIER_TILE_ROWS
-// (rows of a register tile), TARSIER_BYTE_DOTS (1: products of bytes, four at a time, by vpdpbusd;
-// 0: products of 16 bits, two at a time) and TARSIER_NEAREST (the function's name) defined.
+// Included once for each instruction set. The including file defines TARSIER_VECTOR_BYTES (16, 32,
+// 64), TARSIER_TILE_ROWS (rows of a register tile) and TARSIER_NEAREST (the function's name). It
+// also defines TARSIER_BYTE_DOTS (1: products of bytes, four at a time, by vpdpbusd; 0: products of
+// 16 bits, two at a time).
 #include "tarsier/sfm/mapper/nearest.h"
 
 #include <cstring>
@@ -16,18 +17,18 @@ namespace {
 using Vector = std::int32_t __attribute__((vector_size(TARSIER_VECTOR_BYTES)));
 constexpr int kLanes = TARSIER_VECTOR_BYTES / 4;
 constexpr int kVectors = 3;
-constexpr int kColumns = kVectors * kLanes;  // of a panel of the second rows
+constexpr int kColumns = kVectors * kLanes;  // columns of a panel of the second rows
 constexpr int kRows = TARSIER_TILE_ROWS;
 #if TARSIER_BYTE_DOTS
 using Number = std::uint8_t;
-constexpr int kGroup = 4;     // products that one lane adds at once
-constexpr int kOffset = 128;  // vpdpbusd wants the second factor signed
+constexpr int kGroup = 4;     // products that one lane adds in one instruction
+constexpr int kOffset = 128;  // vpdpbusd needs a signed second factor
 #else
 using Number = std::int16_t;
 constexpr int kGroup = 2;
 constexpr int kOffset = 0;
 #endif
-constexpr std::int32_t kPadding = 1 << 29;  // squared length of rows that are not there
+constexpr std::int32_t kPadding = 1 << 29;  // squared length of padding rows
 
 inline Vector load(const void* p) {
   Vector v;
@@ -35,7 +36,7 @@ inline Vector load(const void* p) {
   return v;
 }
 
-// sum + the products of the group of one row, in all lanes, and of those of the columns.
+// Adds the products of one row's group (the same in all lanes) and the columns' groups to `sum`.
 inline Vector add_products(Vector sum, std::int32_t row, Vector columns) {
 #if TARSIER_BYTE_DOTS
   return reinterpret_cast<Vector>(_mm512_dpbusd_epi32(
@@ -53,7 +54,7 @@ inline Vector add_products(Vector sum, std::int32_t row, Vector columns) {
 #endif
 }
 
-// Bit k: lane k of `value` is less than that of `bound`.
+// Bit k is set if lane k of `value` is less than lane k of `bound`.
 inline unsigned less(Vector value, Vector bound) {
 #if TARSIER_VECTOR_BYTES == 64
   return _mm512_cmplt_epi32_mask(reinterpret_cast<__m512i>(value),
@@ -83,12 +84,12 @@ constexpr int padded(int count) { return (count + kRows - 1) / kRows * kRows; }
 constexpr int groups_of(int depth) { return (depth + kGroup - 1) / kGroup; }
 constexpr std::size_t aligned(std::size_t bytes) { return (bytes + 63) / 64 * 64; }
 
-// What lies in the scratch memory.
+// Layout of the scratch memory.
 struct Buffers {
   Number* left;           // the first rows, padded to whole tiles and groups
-  std::int32_t* squares;  // of these, less what kOffset adds to twice the product
-  std::int32_t* seconds;  // Nearest::second of these
-  Number* panel;          // for each group its numbers of kColumns of the second rows
+  std::int32_t* squares;  // their squared lengths, corrected for kOffset
+  std::int32_t* seconds;  // their Nearest::second
+  Number* panel;          // the numbers of kColumns second rows, group by group
 
   static std::size_t place(void* scratch, int count, int depth, Buffers& buffers) {
     char* const base = static_cast<char*>(scratch);
@@ -131,7 +132,7 @@ void fill_left(const ByteRows& rows, const Buffers& buffers) {
   }
 }
 
-// The squared lengths of the columns into `squares`.
+// Writes a panel, and the squared lengths of its columns to `squares`.
 void fill_panel(const ByteRows& rows, int from, Number* out, std::int32_t* squares) {
   const int depth = groups_of(rows.depth) * kGroup;
   for (int c = 0; c < kColumns; ++c) {
@@ -147,7 +148,7 @@ void fill_panel(const ByteRows& rows, int from, Number* out, std::int32_t* squar
   }
 }
 
-// `groups`: as ByteRows has them, of the candidates.
+// `groups`: the candidates' groups, as in ByteRows.
 void offer(Nearest& nearest, std::int32_t distance, int candidate, const std::int32_t* groups) {
   const bool same =
       groups != nullptr && nearest.index >= 0 && groups[nearest.index] == groups[candidate];
@@ -188,7 +189,7 @@ void run(const ByteRows& first, const ByteRows& second, void* scratch, Nearest* 
   const int groups = groups_of(first.depth);
   const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(groups) * kGroup;
   alignas(TARSIER_VECTOR_BYTES) std::int32_t squares[kColumns];
-  alignas(TARSIER_VECTOR_BYTES) std::int32_t seconds[kColumns];  // Nearest::second of each
+  alignas(TARSIER_VECTOR_BYTES) std::int32_t seconds[kColumns];  // Nearest::second of the columns
   for (int from = 0; from < second.count; from += kColumns) {
     fill_panel(second, from, buffers.panel, squares);
     for (std::int32_t& value : seconds) value = kNoNeighbour;
@@ -200,7 +201,7 @@ void run(const ByteRows& first, const ByteRows& second, void* scratch, Nearest* 
         for (int v = 0; v < kVectors; ++v) {
           const Vector distance = buffers.squares[row] + load(squares + v * kLanes) - 2 * sum[r][v];
           const Vector bound = larger(load(seconds + v * kLanes), Vector{} + buffers.seconds[row]);
-          // Hardly any is nearer than the second nearest so far of its row or of its column.
+          // Few candidates are nearer than the second nearest so far of their row or column.
           for (unsigned mask = less(distance, bound); mask != 0; mask &= mask - 1) {
             const int lane = __builtin_ctz(mask);
             const int column = v * kLanes + lane;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Included once for each instruction set, with TARSIER_VECTOR_BYTES (16, 32, 64) and TARSIER_SIFT
-// (the function's name) defined.
+// Included once for each instruction set. The including file defines TARSIER_VECTOR_BYTES (16, 32,
+// 64) and TARSIER_SIFT (the function's name).
 #include "tarsier/sfm/mapper/sift_kernels.h"
 
 #include <cstring>
@@ -34,13 +34,14 @@ inline V smaller(V a, V b) {
   return a < b ? a : b;
 }
 
-// 0 1 2 .. n-1 mirrored at both ends, which count once.
+// Mirrors an index at both ends of 0..n-1; the end elements are not repeated.
 inline int mirrored(int i, int n) {
   while (i < 0 || i >= n) i = i < 0 ? -i : 2 * (n - 1) - i;
   return i;
 }
 
-// out[x] = taps[0] middle[x] + sum of taps[k] (before[k][x] + behind[k][x]), the rows at k away.
+// out[x] = taps[0] middle[x] + sum over k of taps[k] (before[k][x] + behind[k][x]), where before[k]
+// and behind[k] are the rows at distance k.
 inline void across_rows(const float* const* rows, const float* taps, int radius, int width,
                         float* out) {
   int x = 0;
@@ -103,7 +104,8 @@ void blur(const FloatPlane& in, const float* taps, int radius, int from, int to,
   }
 }
 
-// Is value at (x, y) of the middle no less (sign 1) or no more (sign -1) than its neighbours?
+// Whether the value at (x, y) of the middle plane is a max (sign 1) or min (sign -1) of its
+// neighbours; equal neighbours are allowed.
 inline bool is_extremum(const float* const* rows, int x, float sign) {
   const float value = sign * rows[4][x];
   for (int r = 0; r < 9; ++r)
@@ -123,7 +125,7 @@ int extrema(const FloatPlane& below, const FloatPlane& middle, const FloatPlane&
   int x = border;
   for (; x + kLanes <= end; x += kLanes) {
     const Vector value = load<Vector>(rows[4] + x);
-    // The neighbours in the same plane decide for most.
+    // The neighbours in the same plane reject most candidates.
     Vector high = larger(load<Vector>(rows[4] + x - 1), load<Vector>(rows[4] + x + 1));
     Vector low = smaller(load<Vector>(rows[4] + x - 1), load<Vector>(rows[4] + x + 1));
     for (int r = 3; r <= 5; r += 2) {
@@ -154,8 +156,8 @@ int extrema(const FloatPlane& below, const FloatPlane& middle, const FloatPlane&
 
 inline int clamped(int value, int high) { return value < 0 ? 0 : (value > high ? high : value); }
 
-// size x size samples of the image, bilinear, around (x, y): column i, row j lies at
-// (x, y) + (i - middle) (ax, ay) + (j - middle) (-ay, ax). Outside the image its border is repeated.
+// Bilinear samples of the image around (x, y), size x size. Column i, row j lies at (x, y) + (i -
+// middle) (ax, ay) + (j - middle) (-ay, ax). Outside the image its border pixels are repeated.
 template <int kSize, int kStride>
 inline void sample(const FloatPlane& image, float x, float y, float ax, float ay, float* out) {
   constexpr float kMiddle = (kSize - 1) / 2.0F;
@@ -202,9 +204,9 @@ inline void sample(const FloatPlane& image, float x, float y, float ax, float ay
   }
 }
 
-// Of one row of samples and its neighbours: length and direction of the gradient at columns 1 to
-// `count`, the direction in turns (0..1) from the row's direction towards the next row. atan by a
-// polynomial interpolated at Chebyshev nodes, to 6e-7 turns.
+// Magnitude and direction of the gradient of a row of samples at columns 1 to `count`. The
+// direction is in turns (0..1), from the row's direction towards the next row. atan is a polynomial
+// interpolated at Chebyshev nodes (error up to 6e-7 turns).
 template <int kCount>
 inline void gradients(const float* before, const float* row, const float* behind, float* magnitude,
                       float* direction) {
@@ -231,9 +233,9 @@ inline void gradients(const float* before, const float* row, const float* behind
   }
 }
 
-constexpr float kSpacing = 0.75F;  // of samples, sigma
+constexpr float kSpacing = 0.75F;  // spacing of the samples, in sigma
 
-// exp(-x) for x in 0..8, of constants.
+// exp(-x) for constant x in 0..8.
 constexpr float falling(float x) {
   double term = 1;
   double sum = 1;
@@ -244,7 +246,7 @@ constexpr float falling(float x) {
   return static_cast<float>(1 / sum);
 }
 
-constexpr int kOrientationSamples = 13;  // across: +-4.5 sigma
+constexpr int kOrientationSamples = 13;  // samples across the window: +-4.5 sigma
 
 struct OrientationWeights {
   float value[kOrientationSamples];
@@ -286,12 +288,12 @@ void orientations(const FloatPlane& image, float x, float y, float sigma,
   for (int k = 0; k < kOrientations; ++k) histogram[k] = bins[k];
 }
 
-constexpr int kCellSamples = 4;                  // across a cell, which is 3 sigma wide
-constexpr int kPatchSamples = 5 * kCellSamples;  // four cells and half a one on each side
-constexpr int kCells = 6;                        // and one on each side that is dropped
+constexpr int kCellSamples = 4;                  // samples across a cell, which is 3 sigma wide
+constexpr int kPatchSamples = 5 * kCellSamples;  // four cells and half a cell on each side
+constexpr int kCells = 6;                        // four cells and one on each side, which is dropped
 
-// How a column (or row) of samples is shared by two neighbouring cells, the first of kCells
-// counted from the one that is dropped; times the Gaussian of two cells.
+// Shares of a sample column (or row) in two neighbouring cells, times a Gaussian with a sigma of
+// two cells. Cells are counted from the dropped one.
 struct CellShares {
   int cell[kPatchSamples];
   float near[kPatchSamples];
@@ -301,7 +303,7 @@ constexpr CellShares cell_shares() {
   CellShares shares{};
   for (int i = 0; i < kPatchSamples; ++i) {
     const float offset = (static_cast<float>(i) - (kPatchSamples - 1) / 2.0F) / kCellSamples;
-    const float at = offset + 1.5F + 1;  // cell centres at integers, the dropped one at 0
+    const float at = offset + 1.5F + 1;  // cell centres at integers, the dropped cell at 0
     const int cell = static_cast<int>(at);
     const float part = at - static_cast<float>(cell);
     const float weight = falling(offset * offset / 8);
@@ -329,7 +331,7 @@ void describe(const FloatPlane& image, float x, float y, float sigma, float cosi
     gradients<kPatchSamples>(row - kStride, row, row + kStride, magnitude, direction);
     Eight line[kCells] = {};
     for (int i = 0; i < kPatchSamples; ++i) {
-      // The direction is shared by the two nearest of eight bins, around the circle.
+      // The direction is shared by the two nearest of eight circular bins.
       Eight away = 8 * direction[i] - kBins;
       away = larger(away, -away);
       away = smaller(away, 8 - away);
