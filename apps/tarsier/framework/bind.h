@@ -11,7 +11,7 @@
 //
 //   bind_all(verb, flags.matching, "Features and matches");  // every field that has a flag
 //   bind_field(verb, flags.matching, flags.matching.ratio);  // one of them
-//   bind_field(verb, flags.training, flags.training.line_steps, "--steps", "batches of 32");
+//   bind_field(verb, flags.training, flags.training.line_steps, "--steps", "training steps");
 
 namespace tarsier::cli {
 
