@@ -41,7 +41,7 @@ struct SiteOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"images", images, range(3, 100'000)},
             {"features", features, range(50, 10'000), "--features",
-             "maximum number of features in an image, with --observations"},
+             "maximum number of features of an image, with --observations"},
             {"neighbours", neighbours, range(2, 1000)},
             {"noise_px", noise_px, range(0, 20)},
             {"drop_out", drop_out, range(0, 0.9), "--drop-out",

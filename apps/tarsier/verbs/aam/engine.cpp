@@ -26,8 +26,8 @@ void add_aam_flags(Command& verb, AamFlags& flags) {
                   "faces) [alternating]")
       .check(one_of({"auto", "project-out", "alternating"}));
   verb.add_option("--start", flags.start,
-                  "initialisation: detector (faces), landmarks (68-point tracker), search (whole "
-                  "image) [detector if the model has one]")
+                  "initialisation: detector, landmarks (68 points) or search (whole image) "
+                  "[detector if the model has one]")
       .check(one_of({"auto", "detector", "landmarks", "search"}));
   verb.add_option("--starts", flags.starts,
                   "number of fits around each initial position; the best is kept")

@@ -153,7 +153,7 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
   verb.add_option("--views", flags.max_views, "maximum number of images taken from a video")
       .check(range(3, 500))
       .show_default();
-  verb.add_option("--every", flags.run.every, "videos: process every N-th frame")
+  verb.add_option("--every", flags.run.every, "videos: examine N times fewer frames")
       .check(range(1, 100000))
       .show_default();
   const auto live = [](Flag& flag) { flag.group("Session"); };

@@ -14,10 +14,9 @@ void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
       "mean (of trees, sdm and cnn if present), trees, sdm, cnn or patch [best of the model]");
   bind_field(verb, flags.fit, flags.fit.starts);
   add_min_face_flag(verb, flags.min_face);
-  verb.add_option(
-      "--face-detector", flags.detector,
-      "face detector: file of `landmarks train`, `own` (face-detector.json, shipped) or `cascades` "
-      "(opencv-data) [own, and the one of scripts/get-model.sh face-detector if installed]");
+  verb.add_option("--face-detector", flags.detector,
+                  "file of `landmarks train`, own (face-detector.json) or cascades (opencv-data) "
+                  "[own, plus the one of scripts/get-model.sh face-detector if installed]");
   verb.add_flag(
       "!--strict", flags.thorough,
       "accept only confident detections of the frontal detector; faster on images without faces");

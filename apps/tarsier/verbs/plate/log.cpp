@@ -295,7 +295,7 @@ ExitStatus run_log(const LogFlags& flags, const Context& context) {
 }
 
 void add_flags(Command& verb, LogFlags& flags) {
-  verb.add_option("LOG", flags.path, "log file").required();
+  verb.add_option("LOG", flags.path, "log file of `plate read --log`").required();
   std::vector<Flag*> listing;
   listing.push_back(&verb.add_option(
       "--text", flags.text, "only this text; * matches any characters, ? any one character"));

@@ -196,7 +196,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
 void add_shared(Command& verb, TrainFlags& flags) {
   verb.add_option("-o,--output", flags.output, "output model file").required();
   verb.add_flag("--wild", flags.wild,
-                "add synthetic worn and degraded plates in 200 random typefaces (by --seed)");
+                "use worn and degraded synthetic plates in 200 random typefaces (by --seed)");
   verb.add_option("--terms", flags.terms, "terms of use of the data, stored in the model");
   verb.add_option("--pipeline", flags.pipeline,
                   "default: neural networks; classic: the textbook pipeline (SVM, MLP)")

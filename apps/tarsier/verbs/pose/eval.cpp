@@ -143,8 +143,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("--pointing", flags.pointing,
                   "folder of the Pointing'04 head pose set; file names contain the angles");
   verb.add_option("--truth", flags.truth,
-                  "ground truth: JSON lines {\"image\", \"rotation\": [9 numbers]} (or \"R\", or "
-                  "BIWI's \"euler\": [pitch, yaw, roll]; optional \"translation\" in mm)");
+                  "JSON lines {\"image\", \"rotation\": [9 numbers] or \"R\" or \"euler\": [pitch, "
+                  "yaw, roll] (BIWI), \"translation\": mm (optional)}");
   verb.add_option("--results", flags.results,
                   "evaluate these JSON lines (of `pose track --json`) instead of the models");
   verb.add_option("--compare", flags.compare, "file of 3D landmarks to compare the mean head with");

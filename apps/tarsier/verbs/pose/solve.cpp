@@ -242,12 +242,12 @@ void add_flags(Command& verb, SolveFlags& flags) {
       .check(above(0))
       .excludes(camera);
   verb.add_option("--origin", flags.origin,
-                  "origin of image points: corner (middle of the top left pixel) or center "
-                  "(principal point) [corner with --image or --camera, else center]")
+                  "origin of --points: corner (centre of the top left pixel) or center (principal "
+                  "point) [corner with --image or --camera]")
       .check(one_of({"corner", "center"}));
   verb.add_option("--method", flags.method,
-                  "posit (homogeneous), posit-classic, planar (both poses of a flat object), or "
-                  "auto: planar for nearly flat objects, else posit")
+                  "posit (homogeneous), posit-classic, planar (both poses), or auto: planar for "
+                  "flat objects, else posit")
       .check(one_of({"auto", "posit", "posit-classic", "planar"}))
       .show_default();
   verb.add_option(

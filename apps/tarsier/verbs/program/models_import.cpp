@@ -143,10 +143,9 @@ void add_models_import(Command& models, Context& context) {
       models, "import",
       "import the deep face embedding or a face detector (files of scripts/get-model.sh)", context,
       [](Command& verb, ImportOptions& flags) {
-        verb.add_option(
-                "MANIFEST", flags.manifest,
-                "face_recognition_model-weights_manifest.json or that of tiny_face_detector_model, "
-                "of the npm package @vladmandic/face-api; with its shard beside it")
+        verb.add_option("MANIFEST", flags.manifest,
+                        "face_recognition_model- or tiny_face_detector_model-weights_manifest.json "
+                        "of npm @vladmandic/face-api, beside its shard")
             .required();
         verb.add_option("-o,--output", flags.output,
                         "output model file [face-embedding.json or face-anchors.json in "

@@ -41,7 +41,8 @@ void add_online_flags(Command& verb, OnlineFlags& flags) {
               .check(at_least(0))
               .show_default());
   needing(bind_field(verb, flags.source, flags.source.width));
-  needing(bind_field(verb, flags.source, flags.source.height, {}, "px; 0: the camera's choice"));
+  needing(bind_field(verb, flags.source, flags.source.height, {},
+                     "px, requested camera image height; 0: the camera's choice"));
   needing(
       bind_field(verb, flags.source, flags.source.fps, {},
                  "requested frame rate of a camera; frame rate of a folder; 0: the source's own"));

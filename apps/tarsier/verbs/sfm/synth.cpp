@@ -187,7 +187,8 @@ void add_flags(Command& verb, SynthFlags& flags) {
   bind_field(verb, flags.scene, flags.scene.noise);
   verb.add_flag("--depth", flags.depth,
                 "also write truth/: exact cameras, points, depth maps and surface");
-  verb.add_option("--focal", flags.scene.focal_px, "px; 0: the longer image side").show_default();
+  verb.add_option("--focal", flags.scene.focal_px, "px, focal length; 0: the longer image side")
+      .show_default();
   bind_field(verb, flags.scene, flags.scene.pure_rotation);
   verb.add_flag("--observations", flags.observations,
                 "write features and matches to database.db instead of images, for `sfm reconstruct "
