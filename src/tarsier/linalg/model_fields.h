@@ -149,6 +149,17 @@ class ModelFields {
     }
   }
 
+  // A matrix whose rows are concatenated in `values`. Rows -1: any number.
+  template <class Number>
+  void rows(const char* name, std::vector<Number>& values, std::int64_t rows, std::int64_t cols) {
+    if (reads()) {
+      values = unpack<Number>(member(*from_, name, path_), path_, name, {rows, cols}).values;
+    } else {
+      to_[name] = pack(
+          PackedArray<Number>{{static_cast<std::int64_t>(values.size()) / cols, cols}, values});
+    }
+  }
+
   // An array of this shape (-1: any), for other containers.
   template <class Number>
   void array(const char* name, PackedArray<Number>& value,

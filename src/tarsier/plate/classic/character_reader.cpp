@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/classic/character_reader.h"
 
-#include "tarsier/core/errors.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/linalg/model_fields.h"
 #include "tarsier/media/archive.h"
 
 #include <opencv2/imgproc.hpp>
@@ -148,80 +149,74 @@ cv::Mat normalized_character(const cv::Mat& cut) {
 
 // --- files ---
 
+namespace {
+
+constexpr NameTable<ReaderKind, 2> kKinds{"reader",
+                                          {{{ReaderKind::kMlp, "mlp"}, {ReaderKind::kHog, "hog"}}}};
+
+void list_mlp(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat& blank) {
+  Mlp& net = reader.mlp;
+  file.whole("low", reader.low, 1, kCharacterSize);
+  if (file.reads()) {
+    net.inputs = static_cast<int>(projection_features(blank, reader.low).size());
+    net.outputs = static_cast<int>(reader.symbols.size());
+  }
+  file.whole("hidden", net.hidden, 1, 1000);
+  file.list<float>("mean", net.mean, net.inputs);
+  file.list<float>("scale", net.scale, net.inputs);
+  file.require(std::all_of(net.scale.begin(), net.scale.end(), [](float s) { return s > 0; }),
+               "scale: numbers above 0 are expected");
+  file.rows("first", net.first, net.hidden, net.inputs + 1);
+  file.rows("second", net.second, net.outputs, net.hidden + 1);
+}
+
+void list_machines(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat& blank) {
+  const std::size_t classes = reader.symbols.size();
+  const std::size_t width = hog_features(blank, kHogCell, kHogBins).size();
+  std::vector<float> weights;
+  std::vector<float> bias;
+  for (const LinearModel& machine : reader.machines) {
+    weights.insert(weights.end(), machine.weights.begin(), machine.weights.end());
+    bias.push_back(machine.bias);
+  }
+  file.rows("weights", weights, static_cast<std::int64_t>(classes),
+            static_cast<std::int64_t>(width));
+  file.list<float>("bias", bias, static_cast<std::int64_t>(classes));
+  if (!file.reads()) return;
+  reader.machines.resize(classes);
+  for (std::size_t c = 0; c < classes; ++c) {
+    const auto row = weights.begin() + static_cast<std::ptrdiff_t>(c * width);
+    reader.machines[c].weights.assign(row, row + static_cast<std::ptrdiff_t>(width));
+    reader.machines[c].bias = bias[c];
+  }
+}
+
+void list_reader(linalg::ModelFields& file, CharacterReader& reader) {
+  file.text("symbols", reader.symbols, 36);
+  file.require(!reader.symbols.empty() &&
+                   reader.symbols.find_first_not_of("0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ") ==
+                       std::string::npos,
+               "symbols: digits and capital letters are expected");
+  file.number("sharpness", reader.sharpness, 0.01, 100);
+  file.named("kind", reader.kind, kKinds);
+  const cv::Mat blank(kCharacterSize, kCharacterSize, CV_8UC1, cv::Scalar(0));
+  if (reader.kind == ReaderKind::kMlp)
+    list_mlp(file, reader, blank);
+  else
+    list_machines(file, reader, blank);
+}
+
+}  // namespace
+
 void write_character_reader(const std::string& path, const CharacterReader& reader,
                             const nlohmann::json& provenance) {
-  Archive archive;
-  archive.type = "plate-characters";
-  archive.version = kVersion;
-  archive.provenance = provenance;
-  archive.payload["symbols"] = reader.symbols;
-  archive.payload["sharpness"] = reader.sharpness;
-  if (reader.kind == ReaderKind::kMlp) {
-    const Mlp& net = reader.mlp;
-    archive.payload["kind"] = "mlp";
-    archive.payload["low"] = reader.low;
-    archive.payload["hidden"] = net.hidden;
-    archive.payload["mean"] = pack(PackedArray<float>{{net.inputs}, net.mean});
-    archive.payload["scale"] = pack(PackedArray<float>{{net.inputs}, net.scale});
-    archive.payload["first"] = pack(PackedArray<float>{{net.hidden, net.inputs + 1}, net.first});
-    archive.payload["second"] = pack(PackedArray<float>{{net.outputs, net.hidden + 1}, net.second});
-  } else {
-    archive.payload["kind"] = "hog";
-    std::vector<float> weights;
-    std::vector<float> bias;
-    for (const LinearModel& machine : reader.machines) {
-      weights.insert(weights.end(), machine.weights.begin(), machine.weights.end());
-      bias.push_back(machine.bias);
-    }
-    const auto classes = static_cast<std::int64_t>(reader.machines.size());
-    archive.payload["weights"] = pack(PackedArray<float>{
-        {classes, static_cast<std::int64_t>(weights.size()) / classes}, weights});
-    archive.payload["bias"] = pack(PackedArray<float>{{classes}, bias});
-  }
-  write_archive(path, archive);
+  write_archive(path,
+                {"plate-characters", kVersion, provenance, linalg::written(reader, list_reader)});
 }
 
 CharacterReader read_character_reader(const std::string& path) {
-  const Archive archive = read_archive(path, "plate-characters", kVersion);
-  const nlohmann::json& payload = archive.payload;
-  CharacterReader reader;
-  reader.symbols = text_member(payload, "symbols", path, 36);
-  if (reader.symbols.empty() ||
-      reader.symbols.find_first_not_of("0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ") != std::string::npos)
-    throw ModelError(path, "symbols: digits and capital letters are expected");
-  reader.sharpness = number_member(payload, "sharpness", path, 0.01, 100);
-  const auto classes = static_cast<std::int64_t>(reader.symbols.size());
-  const cv::Mat blank(kCharacterSize, kCharacterSize, CV_8UC1, cv::Scalar(0));
-  const auto numbers = [&](const char* name, std::initializer_list<std::int64_t> shape) {
-    return unpack<float>(member(payload, name, path), path, name, shape).values;
-  };
-  const std::string kind = text_member(payload, "kind", path);
-  if (kind == "mlp") {
-    reader.kind = ReaderKind::kMlp;
-    reader.low = static_cast<int>(integer_member(payload, "low", path, 1, kCharacterSize));
-    Mlp& net = reader.mlp;
-    net.inputs = static_cast<int>(projection_features(blank, reader.low).size());
-    net.hidden = static_cast<int>(integer_member(payload, "hidden", path, 1, 1000));
-    net.outputs = static_cast<int>(classes);
-    net.mean = numbers("mean", {net.inputs});
-    net.scale = numbers("scale", {net.inputs});
-    net.first = numbers("first", {net.hidden, net.inputs + 1});
-    net.second = numbers("second", {net.outputs, net.hidden + 1});
-    if (std::any_of(net.scale.begin(), net.scale.end(), [](float s) { return !(s > 0); }))
-      throw ModelError(path, "scale: numbers above 0 are expected");
-    return reader;
-  }
-  if (kind != "hog") throw ModelError(path, "kind: mlp or hog is expected");
-  const auto width = static_cast<std::int64_t>(hog_features(blank, kHogCell, kHogBins).size());
-  const std::vector<float> weights = numbers("weights", {classes, width});
-  const std::vector<float> bias = numbers("bias", {classes});
-  for (std::int64_t c = 0; c < classes; ++c) {
-    LinearModel machine;
-    machine.weights.assign(weights.begin() + c * width, weights.begin() + (c + 1) * width);
-    machine.bias = bias[static_cast<std::size_t>(c)];
-    reader.machines.push_back(std::move(machine));
-  }
-  return reader;
+  return linalg::read_fields<CharacterReader>(
+      read_archive(path, "plate-characters", kVersion).payload, path, list_reader);
 }
 
 }  // namespace tarsier::plate

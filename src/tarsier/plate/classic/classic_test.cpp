@@ -2,6 +2,7 @@
 #include "tarsier/plate/classic/classic.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/plate/classic/study.h"
@@ -201,6 +202,40 @@ TEST_F(ModelFiles, ComeBackTheSame) {
               reader.chances(set.characters[3]));
     EXPECT_THROW((void)read_plate_svm(path), ModelError);
   }
+}
+
+TEST_F(ModelFiles, OfMachinesInPrincipalComponentsComeBackTheSame) {
+  PlateSet set;
+  Rng rng(3);
+  for (int i = 0; i < 12; ++i) {
+    cv::Mat& candidate = set.candidates.emplace_back(33, 144, CV_8UC1);
+    for (int y = 0; y < candidate.rows; ++y)
+      for (int x = 0; x < candidate.cols; ++x)
+        candidate.at<unsigned char>(y, x) =
+            static_cast<unsigned char>(rng.integer(0, i % 2 == 0 ? 255 : 100));
+    set.labels.push_back(i % 2 == 0 ? 1 : -1);
+  }
+  PlateSvmOptions options;
+  options.features = PlateFeatures::kPca;
+  options.components = 5;
+  const PlateSvm svm = train_plate_svm(set, options, Rng(1));
+  const std::string path = folder_ + "/svm.json";
+  write_plate_svm(path, svm, nlohmann::json::object());
+  EXPECT_EQ(read_plate_svm(path).margin(set.candidates[3]), svm.margin(set.candidates[3]));
+  EXPECT_THROW((void)read_character_reader(path), ModelError);
+}
+
+TEST_F(ModelFiles, ThatShipAreWrittenAsTheyAreRead) {
+  constexpr std::int64_t kMaxBytes = 100'000'000;
+  const auto expect_same = [&](const std::string& name, const auto& read, const auto& write) {
+    const std::string shipped = std::string(TARSIER_SOURCE_MODELS) + "/" + name;
+    const std::string path = folder_ + "/" + name;
+    write(path, read(shipped), read_any_archive(shipped).provenance);
+    EXPECT_TRUE(read_file(path, kMaxBytes) == read_file(shipped, kMaxBytes)) << name;
+  };
+  expect_same("plate-svm.json", read_plate_svm, write_plate_svm);
+  expect_same("plate-hog.json", read_character_reader, write_character_reader);
+  expect_same("plate-mlp.json", read_character_reader, write_character_reader);
 }
 
 class XmlFiles : public FolderTest {};

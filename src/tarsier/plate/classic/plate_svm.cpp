@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/model_fields.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/plate/classic/xml_matrix.h"
@@ -12,6 +13,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <numeric>
@@ -167,56 +169,44 @@ double cross_validated_error(const PlateSet& set, const PlateSvmOptions& options
   return static_cast<double>(wrong) / static_cast<double>(set.candidates.size());
 }
 
+namespace {
+
+void list_svm(linalg::ModelFields& file, PlateSvm& svm) {
+  file.named("features", svm.features, parse_plate_features);
+  auto width = static_cast<std::int64_t>(
+      plate_features(cv::Mat(kPlateSize, CV_8UC1, cv::Scalar(0)), svm.features).size());
+  if (svm.features == PlateFeatures::kPca) {
+    file.list<float>("mean", svm.mean, width);
+    std::vector<float> basis;
+    if (!svm.basis.empty()) basis.assign(svm.basis.begin<float>(), svm.basis.end<float>());
+    file.rows("basis", basis, -1, width);
+    const std::int64_t components = static_cast<std::int64_t>(basis.size()) / width;
+    file.require(components >= 1 && components <= 500, "basis: 1 to 500 rows are expected");
+    if (file.reads()) svm.basis = cv::Mat(basis, true).reshape(1, static_cast<int>(components));
+    width = components;
+  }
+  file.list<float>("weights", svm.machine.weights, width);
+  file.number("bias", svm.machine.bias, -1e9, 1e9);
+  std::array<double, 2> chance{svm.chance.a, svm.chance.b};
+  file.other("chance", chance, [](const nlohmann::json& object, const std::string& path) {
+    const nlohmann::json& value = member(object, "chance", path);
+    if (!value.is_array() || value.size() != 2 || !value[0].is_number() || !value[1].is_number())
+      throw ModelError(path, "chance: two numbers are expected");
+    return value.get<std::array<double, 2>>();
+  });
+  svm.chance = {chance[0], chance[1]};
+}
+
+}  // namespace
+
 void write_plate_svm(const std::string& path, const PlateSvm& svm,
                      const nlohmann::json& provenance) {
-  Archive archive;
-  archive.type = "plate-svm";
-  archive.version = kVersion;
-  archive.provenance = provenance;
-  const auto width = static_cast<std::int64_t>(svm.machine.weights.size());
-  archive.payload["features"] = std::string(name_of(svm.features));
-  archive.payload["weights"] = pack(PackedArray<float>{{width}, svm.machine.weights});
-  archive.payload["bias"] = svm.machine.bias;
-  archive.payload["chance"] = {svm.chance.a, svm.chance.b};
-  if (svm.features == PlateFeatures::kPca) {
-    const auto pixels = static_cast<std::int64_t>(svm.mean.size());
-    archive.payload["mean"] = pack(PackedArray<float>{{pixels}, svm.mean});
-    archive.payload["basis"] = pack(
-        PackedArray<float>{{svm.basis.rows, pixels},
-                           {svm.basis.ptr<float>(), svm.basis.ptr<float>() + svm.basis.total()}});
-  }
-  write_archive(path, archive);
+  write_archive(path, {"plate-svm", kVersion, provenance, linalg::written(svm, list_svm)});
 }
 
 PlateSvm read_plate_svm(const std::string& path) {
-  const Archive archive = read_archive(path, "plate-svm", kVersion);
-  const nlohmann::json& payload = archive.payload;
-  PlateSvm svm;
-  try {
-    svm.features = parse_plate_features(text_member(payload, "features", path));
-  } catch (const std::invalid_argument& error) {
-    throw ModelError(path, error.what());
-  }
-  const cv::Mat blank(kPlateSize, CV_8UC1, cv::Scalar(0));
-  auto width = static_cast<std::int64_t>(plate_features(blank, svm.features).size());
-  const auto numbers = [&](const char* name, std::initializer_list<std::int64_t> shape) {
-    return unpack<float>(member(payload, name, path), path, name, shape);
-  };
-  if (svm.features == PlateFeatures::kPca) {
-    svm.mean = numbers("mean", {width}).values;
-    const PackedArray<float> basis = numbers("basis", {-1, width});
-    if (basis.shape[0] < 1 || basis.shape[0] > 500)
-      throw ModelError(path, "basis: 1 to 500 rows are expected");
-    svm.basis = cv::Mat(basis.values, true).reshape(1, static_cast<int>(basis.shape[0]));
-    width = basis.shape[0];
-  }
-  svm.machine.weights = numbers("weights", {width}).values;
-  svm.machine.bias = static_cast<float>(number_member(payload, "bias", path, -1e9, 1e9));
-  const nlohmann::json& chance = member(payload, "chance", path);
-  if (!chance.is_array() || chance.size() != 2 || !chance[0].is_number() || !chance[1].is_number())
-    throw ModelError(path, "chance: two numbers are expected");
-  svm.chance = {chance[0].get<double>(), chance[1].get<double>()};
-  return svm;
+  return linalg::read_fields<PlateSvm>(read_archive(path, "plate-svm", kVersion).payload, path,
+                                       list_svm);
 }
 
 }  // namespace tarsier::plate
