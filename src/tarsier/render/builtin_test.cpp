@@ -10,7 +10,7 @@
 namespace tarsier::render {
 namespace {
 
-// Sum over triangles of the signed volume to the origin: positive where surfaces look outwards.
+// Sum over triangles of the signed volume to the origin; positive if the surfaces face outwards.
 double volume(const Mesh& mesh) {
   double sum = 0;
   for (const Triangle& t : mesh.triangles) {
@@ -31,7 +31,7 @@ TEST(Builtin, MeshesAreWholeAndLookOutwards) {
     EXPECT_GT(volume(*mesh), 0) << name;
     for (const Triangle& t : mesh->triangles) {
       EXPECT_GE(t.normal[0], 0) << name;
-      // Every normal points to the side from which the triangle is counter-clockwise.
+      // Every normal points to the side from which the triangle's corners are counter-clockwise.
       const auto p = [&](std::size_t k) {
         return mesh->positions[static_cast<std::size_t>(t.position[k])];
       };
@@ -50,7 +50,7 @@ TEST(Builtin, SizesAreAsTold) {
   EXPECT_EQ(make_sphere(51, {1, 1, 1}).triangles.size(), 4U * 51 * 50);
   const Bounds axes = bounds_of(make_axes());
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(axes.high[k], 1, 1e-6);
-  // Glasses sit before the eyes of a head and reach back to its ears.
+  // Glasses lie in front of a head's eyes and reach back to its ears.
   const Bounds glasses = bounds_of(make_glasses());
   EXPECT_LT(glasses.low[2], -20);
   EXPECT_GT(glasses.high[2], 60);
@@ -62,7 +62,7 @@ TEST(Builtin, AllSixFacesOfTheCubeShowTheTextureUpright) {
   pixels(cv::Rect(0, 0, 32, 32)).setTo(cv::Scalar(255, 0, 0));  // its top left quarter blue
   const Mesh cube = make_cube(make_texture(pixels));
   const geometry::Camera camera = testing_camera();
-  // Looking at the front, -y, with z up: camera x = x, camera y = -z, camera z = y.
+  // Frontal view along the head's y axis, with z up: camera x = x, camera y = -z, camera z = y.
   const Eigen::Matrix3d front{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};
   for (int quarter = 0; quarter < 4; ++quarter) {
     const double a = quarter * CV_PI / 2;

@@ -10,7 +10,7 @@
 namespace tarsier::render {
 namespace {
 
-// Two squares that meet at `angle` between their normals.
+// Two squares that meet with the angle `angle` between their normals.
 Mesh folded(double angle) {
   Mesh mesh;
   const float c = static_cast<float>(std::cos(angle));
@@ -37,7 +37,7 @@ TEST(Mesh, NormalsAreSmoothOverBluntEdgesAndSharpOverOthers) {
   EXPECT_NEAR(normal(sharp, 0, 1)[2], 1, 1e-6);
   EXPECT_LT(normal(sharp, 2, 0)[2], 0.5);
   EXPECT_LT(normal(blunt, 0, 1)[2], 0.999);
-  EXPECT_GT(normal(blunt, 0, 1)[0], 0.05);  // leans towards the other square
+  EXPECT_GT(normal(blunt, 0, 1)[0], 0.05);  // tilted towards the other square
   for (const cv::Vec3f& n : blunt.normals) EXPECT_NEAR(cv::norm(n), 1, 1e-6);
 }
 

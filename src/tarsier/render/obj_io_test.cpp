@@ -26,7 +26,7 @@ class Obj : public FolderTest {
   ObjFile read(const std::string& text, const ObjLimits& limits = {}) const {
     return read_obj(write("thing.obj", text), limits);
   }
-  // The message of the refusal; names the file.
+  // The error message; it names the file.
   std::string refusal(const std::string& text, const ObjLimits& limits = {}) const {
     try {
       (void)read(text, limits);
@@ -52,7 +52,7 @@ TEST_F(Obj, ReadsEveryFormOfFaces) {
     const std::string text(face);
     const bool has_uv = text.find('/') != std::string::npos && text.find("//") == std::string::npos;
     EXPECT_EQ(mesh.triangles[0].uv[2], has_uv ? 2 : -1) << face;
-    // Normals are made where they are missing, of length 1.
+    // Missing normals are computed, with length 1.
     const int normal = mesh.triangles[0].normal[0];
     EXPECT_EQ(mesh.normals.at(static_cast<std::size_t>(normal)), cv::Vec3f(0, 0, 1)) << face;
   }
@@ -133,7 +133,7 @@ TEST_F(Obj, RefusesWhatIsTooLarge) {
   EXPECT_THAT(refusal(fan, limits), HasSubstr("more than 5 triangles"));
   EXPECT_THAT(refusal(std::string(kSquare) + "v 1 1 1\nv 1 1 1\nv 1 1 1\n", limits),
               HasSubstr("more than 5 vertices"));
-  // A texture of 0 bytes of pixels but a huge header is refused before it is decoded.
+  // A texture with a huge size in its header and no pixels is refused before it is decoded.
   limits = {};
   limits.max_texture_pixels = 4;
   write("c.mtl", "newmtl m\nmap_Kd big.png\n");
@@ -156,7 +156,7 @@ TEST_F(Obj, ReadsNothingOutsideItsFolder) {
   // A texture that is no image.
   write("e.mtl", "newmtl m\nmap_Kd e.mtl\n");
   EXPECT_THAT(refusal("mtllib e.mtl" + rest), HasSubstr("e.mtl"));
-  // A library that names itself is read once a line, not for ever.
+  // A file with more than 16 mtllib lines is refused.
   EXPECT_THAT(refusal([&] {
                 std::string many;
                 for (int i = 0; i < 20; ++i) many += "mtllib e2.mtl\n";

@@ -56,11 +56,11 @@ TEST(Render, NearerSurfacesHideFartherOnesInAnyOrder) {
 TEST(Render, CrossingSurfacesMeetWhereTheirDepthsAreEqual) {
   const geometry::Camera camera = testing_camera();
   Scene scene = plain_scene();
-  // Both turned about the vertical through (0, 0, 5), one to the left, one to the right.
+  // Both rotated about the vertical axis through (0, 0, 5), one to the left, one to the right.
   scene.items = {item_of(square(kRed), {0, 0, 5}, turned(0, 0.5, 0)),
                  item_of(square(kGreen), {0, 0, 5}, turned(0, -0.5, 0))};
   const cv::Mat image = drawn(scene, camera);
-  // Turned by +0.5 about y, the right end comes nearer (z = -x sin).
+  // Rotated by +0.5 about y, the right end is nearer (z = -x sin).
   for (int y = 100; y < 140; ++y) {
     EXPECT_EQ(at(image, 161, y), kRedPixel) << y;
     EXPECT_EQ(at(image, 158, y), kGreenPixel) << y;
@@ -111,7 +111,7 @@ TEST(Render, TrianglesThatShareAnEdgeThroughPixelCentresDoNotOverlap) {
   const cv::Mat one = drawn(scene, camera);
   std::swap(scene.items[0], scene.items[1]);
   EXPECT_EQ(cv::norm(one, drawn(scene, camera), cv::NORM_INF), 0);
-  // Corners at 16 and 48: 32 x 32 pixels, the right and lower edge belong to the neighbour.
+  // Corners at 16 and 48: 32 x 32 pixels; the right and lower edge belong to the neighbour.
   cv::Mat covered;
   cv::inRange(one, cv::Scalar::all(100), cv::Scalar::all(100), covered);
   EXPECT_EQ(64 * 64 - cv::countNonZero(covered), 32 * 32);
@@ -132,12 +132,12 @@ TEST(Render, TexturesStandUpright) {
   Scene scene = plain_scene();
   scene.items = {item_of(mesh, {0, 0, 5})};  // covers 99.5 .. 219.5 by 59.5 .. 179.5
   const cv::Mat image = drawn(scene, camera);
-  // Centres of the texels: a quarter from each border.
+  // Centres of the texels: a quarter of the size from each border.
   EXPECT_LT(cv::norm(cv::Vec3i(at(image, 129, 89)) - cv::Vec3i(255, 0, 0)), 8);
   EXPECT_LT(cv::norm(cv::Vec3i(at(image, 189, 89)) - cv::Vec3i(0, 255, 0)), 8);
   EXPECT_LT(cv::norm(cv::Vec3i(at(image, 129, 149)) - cv::Vec3i(0, 0, 255)), 8);
   EXPECT_LT(cv::norm(cv::Vec3i(at(image, 189, 149)) - cv::Vec3i(255, 255, 255)), 8);
-  // Half way between the upper two: half and half.
+  // In the middle between the upper two: half of each.
   EXPECT_LT(cv::norm(cv::Vec3i(at(image, 159, 89)) - cv::Vec3i(128, 128, 0)), 8);
 }
 
@@ -180,7 +180,7 @@ TEST(Render, LightFallsOffWithTheCosine) {
   for (const Shading shading : {Shading::kGouraud, Shading::kPhong}) {
     scene.shading = shading;
     for (const double angle : {0.0, 0.4, 1.0}) {
-      // The sides that look away are lit from the side that is seen: the same light.
+      // The sides that face away are lit from the visible side: the same light.
       for (const double behind : {0.0, CV_PI}) {
         scene.items = {item_of(square(kGreen), {0, 0, 5}, turned(0, angle + behind, 0))};
         EXPECT_NEAR(at(drawn(scene, camera), 160, 120)[1], 255 * (0.25 + 0.5 * std::cos(angle)), 1)
@@ -197,9 +197,10 @@ TEST(Render, PhongPutsTheHighlightWhereGouraudHasNoCorner) {
   scene.items = {item_of(make_sphere(60, {0.2F, 0.2F, 0.2F}), {0, 0, 4})};
   scene.shading = Shading::kPhong;
   const cv::Mat image = drawn(scene, camera);
-  EXPECT_EQ(at(image, 160, 120)[0], 255);      // looks into the mirror
-  EXPECT_LT(at(image, 160 + 50, 120)[0], 60);  // away from it: almost only the matt part
-  scene.shading = Shading::kGouraud;           // many corners: almost the same
+  EXPECT_EQ(at(image, 160, 120)[0], 255);  // reflects the light
+  // Away from the reflection: almost only the diffuse part.
+  EXPECT_LT(at(image, 160 + 50, 120)[0], 60);
+  scene.shading = Shading::kGouraud;  // with many corners almost the same
   EXPECT_LT(cv::norm(image, drawn(scene, camera), cv::NORM_L1) / static_cast<double>(image.total()),
             3);
 }
@@ -245,7 +246,7 @@ TEST(Render, AntialiasedEdgesTakeTheirShare) {
 
 TEST(Render, TheShadowLiesWhereTheLightThrowsItAndDarkensOnce) {
   const geometry::Camera camera = testing_camera();
-  // A cube of edge 1 on the plane z = 0 (z up to the viewer) seen from above.
+  // A cube of edge 1 on the plane z = 0, with z towards the viewer, seen from above.
   const geometry::Rigid3 camera_from_plane{Eigen::Matrix3d{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}},
                                            {0, 0, 10}};
   const geometry::Rigid3 plane_from_cube{Eigen::Matrix3d::Identity(), {0, 0, 0.5}};
@@ -257,7 +258,7 @@ TEST(Render, TheShadowLiesWhereTheLightThrowsItAndDarkensOnce) {
   item.camera_from_mesh = camera_from_plane;
   scene.items = {item};
   const cv::Mat image = drawn(scene, camera);
-  // From x = -0.5 (bottom) to 0.5 + 1 (top's far edge), 30 px a unit.
+  // From x = -0.5 (bottom) to 0.5 + 1 (far edge of the top), 30 px per unit.
   const auto column = [&](double x) { return cvRound(camera.cx + 30 * x); };
   EXPECT_EQ(at(image, column(-0.6), 120), kGround);
   for (const double x : {-0.4, 0.0, 0.6, 1.4}) {  // under one, two and more triangles alike
@@ -265,7 +266,7 @@ TEST(Render, TheShadowLiesWhereTheLightThrowsItAndDarkensOnce) {
   }
   EXPECT_EQ(at(image, column(1.6), 120), kGround);
   EXPECT_EQ(at(image, column(0), cvRound(camera.cy - 30 * 0.6)), kGround);
-  // What stands below the plane throws none.
+  // Objects below the plane cast no shadow.
   EXPECT_TRUE(planar_shadow(make_cube(), {Eigen::Matrix3d::Identity(), {0, 0, -2}}, 1, light)
                   .triangles.empty());
   EXPECT_THROW((void)planar_shadow(make_cube(), plane_from_cube, 1, {0, 0, 1}),
@@ -301,7 +302,7 @@ TEST(Render, VerticesAreDistortedAsTheCameraDistorts) {
     EXPECT_NEAR(moments.m10 / moments.m00, camera.project(at_point)->x, 0.4);
     EXPECT_NEAR(moments.m01 / moments.m00, camera.project(at_point)->y, 0.4);
   }
-  // Far outside the view the polynomial would fold back into the image.
+  // Far outside the view, the polynomial would fold back into the image.
   scene.items = {item_of(dot, {30, 0, 3})};
   EXPECT_EQ(cv::norm(drawn(scene, camera), gray_ground(camera), cv::NORM_INF), 0);
 }

@@ -14,7 +14,7 @@ namespace {
 
 using planar::calibration::parse_board;
 
-// Without blur and noise the darkness of a dot is its area, exactly to the sampling.
+// Without blur and noise, the darkness of a dot equals its area, up to the sampling.
 TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
   const auto spec = parse_board("circles-grid:3x3:0.5", 0.1);
   const geometry::Camera camera{200, 200, 200, 200, 99.5, 99.5};
@@ -40,7 +40,7 @@ TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
   EXPECT_NEAR(sum.y / dark, 99.5, 0.01);
 }
 
-// The renderer leaves out the samples of pixels whose box is uniform, so none may differ there.
+// The renderer skips the samples of pixels with a uniform box, so none of these may differ.
 TEST(SynthBoardsTest, WhereInkIsUniformEachPlaceHasIt) {
   for (const char* words :
        {"chess:9x6", "circles:4x11", "circles-grid:5x4:0.9", "charuco:5x7:6x6_250"}) {

@@ -21,7 +21,7 @@ ObservedSite site_of(SiteKind kind, int images, double repeats = 0) {
 }
 
 TEST(ObservedSite, AllButACityHangTogetherByPairs) {
-  // The streets of a city may break apart at corners, where consecutive images share little.
+  // A model of city streets may break at corners, where consecutive images share little.
   for (const SiteKind kind :
        {SiteKind::kRing, SiteKind::kGrid, SiteKind::kWalk, SiteKind::kSymmetric}) {
     const ObservedSite site = site_of(kind, 60);

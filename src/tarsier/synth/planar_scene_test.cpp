@@ -25,7 +25,7 @@ geometry::Camera camera_of(double focal = 500) {
   return camera;
 }
 
-// A world's camera that looks straight down from `height`, turned by `tilt` about x.
+// A camera that looks straight down from `height`, tilted by `tilt` about x.
 PlanarShot above(double height, double tilt = 0) {
   PlanarShot shot;
   const double c = std::cos(tilt);
@@ -58,8 +58,8 @@ const cv::Mat& gray_ground() {
   return ground;
 }
 
-// Where a dark square begins and ends along a line of the image, from its darkness's sum and
-// centroid: exact for any symmetric blur.
+// Position of a dark square along a line of the image, from the sum and centroid of its darkness.
+// It is exact for any symmetric blur.
 cv::Vec2d extent(const cv::Mat& gray, int row) {
   double sum = 0;
   double moment = 0;
@@ -72,7 +72,7 @@ cv::Vec2d extent(const cv::Mat& gray, int row) {
 }
 
 TEST(PlanarScene, EdgesLieWhereTheTruthSays) {
-  // Large, at the size of its pixels, and from afar.
+  // Magnified, at about the size of its pixels, and from a distance.
   for (const double height : {0.4, 1.1, 3.7}) {
     const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
     PlanarShot shot = above(height);
@@ -103,14 +103,14 @@ TEST(PlanarScene, MotionBlurShiftsNothing) {
   }
   const cv::Mat image = scene.render(shots, clean());
   const auto truth = scene.truth(middle);
-  // Along the edges that it does not smear, and across those that it does.
+  // First the edges parallel to the motion, which stay sharp, then those across it.
   const auto edges = extent(image, 120);
   EXPECT_NEAR(edges[0], truth[0].corners[0].x, 0.15);
   EXPECT_NEAR(edges[1], truth[0].corners[1].x, 0.15);
   const auto down = extent(image.t(), 160);
   EXPECT_NEAR(0.5 * (down[0] + down[1]), 0.5 * (truth[0].corners[0].y + truth[0].corners[3].y),
               0.1);
-  // Smeared over 8 px.
+  // Blurred over 8 px.
   const int y = cvRound(truth[0].corners[0].y);
   EXPECT_GT(image.at<uchar>(y + 3, 160), 25);
   EXPECT_LT(image.at<uchar>(y - 3, 160), 198);
@@ -142,10 +142,10 @@ TEST(PlanarScene, CoversHideAndLightDims) {
   const PlanarScene scene(camera_of(), {square_print(0.1), cover}, gray_ground(), 1);
   PlanarShot shot = above(0.5);
   geometry::Rigid3 over;
-  over.translation = {0.05, 0.05, 0.001};  // over a quarter of a quarter
+  over.translation = {0.05, 0.05, 0.001};  // covers a quarter of the width and of the height
   shot.world_from_print = {geometry::Rigid3{}, over};
   const auto truth = scene.truth(shot);
-  ASSERT_EQ(truth.size(), 1U);  // the cover has none
+  ASSERT_EQ(truth.size(), 1U);  // the cover has no ground truth
   EXPECT_NEAR(truth[0].visible, 1 - 1.0 / 16, 0.02);
   PlanarLook look = clean();
   const cv::Mat full = scene.render(std::vector{shot}, look);
@@ -168,7 +168,7 @@ TEST(PlanarScene, DistortionIsTheCameras) {
   const cv::Mat image = scene.render(std::vector{shot}, clean());
   const auto truth = scene.truth(shot);
   const auto edges = extent(image, 120);
-  // At the height of the middle the edge lies less far in than at its corners.
+  // At the height of the middle, the edge is less far inside than at its corners.
   const auto left = camera.project({0.175, 0, 0.5});
   EXPECT_NEAR(edges[0], left->x, 0.1);
   EXPECT_LT(truth[0].corners[0].x, 159.5 + 250 * 0.175 / 0.5 - 2);
@@ -246,7 +246,7 @@ TEST(PlanarWorlds, TruthLinesHaveTheirHomography) {
   ASSERT_EQ(json["markers"].size(), 1U);
   const auto& marker = json["markers"][0];
   const auto h = marker["H"].get<std::vector<double>>();
-  // The image's corner is half a pixel outside the middle of its first pixel.
+  // The image's corner is half a pixel outside the centre of its first pixel.
   const double w = h[6] * -0.5 + h[7] * -0.5 + h[8];
   EXPECT_NEAR((h[0] * -0.5 + h[1] * -0.5 + h[2]) / w, marker["corners"][0][0].get<double>(), 1e-6);
   EXPECT_NEAR((h[3] * -0.5 + h[4] * -0.5 + h[5]) / w, marker["corners"][0][1].get<double>(), 1e-6);

@@ -94,7 +94,7 @@ TEST_F(DrawnPlates, StandardSpanishPlateIsTheLawsGeometry) {
   EXPECT_EQ(face.image.size(), cv::Size(1040, 220));
   for (const PlateSymbol& symbol : face.symbols)
     EXPECT_NEAR(symbol.box.height, 154, 8) << symbol.symbol;  // 77 mm
-  // The group's space is wider than the gaps within groups.
+  // The space between groups is wider than the gaps within groups.
   const auto gap = [&](std::size_t k) {
     return face.symbols[k + 1].box.x - face.symbols[k].box.x - face.symbols[k].box.width;
   };
@@ -179,7 +179,7 @@ TEST(MadeUpTypefaces, LetterWildPlatesWhoseTruthIsTheText) {
     const PlateFace face = render_plate_face(*glyphs, options, rng);
     ASSERT_EQ(face.symbols.size(), face.text.size());
     for (const PlateSymbol& symbol : face.symbols) {
-      EXPECT_GE(symbol.box.x, -1);  // leaning letters may lap over the edge
+      EXPECT_GE(symbol.box.x, -1);  // slanted letters may reach over the edge
       EXPECT_LT(symbol.box.x + symbol.box.width, static_cast<float>(face.image.cols) + 20);
       EXPECT_GT(symbol.box.width, 2);
     }
@@ -274,7 +274,7 @@ std::shared_ptr<const GlyphSet> known_glyphs() {
   return glyphs;
 }
 
-// A plain ground, and what a painter did to it.
+// A plain image that a painter draws on, and measures of the changes.
 struct Painted {
   cv::Mat image{200, 600, CV_8UC3, cv::Scalar::all(250)};
   std::shared_ptr<const GlyphSet> glyphs = known_glyphs();

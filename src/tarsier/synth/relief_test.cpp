@@ -28,7 +28,7 @@ SceneOptions small(Content content = Content::kRelief, Trajectory trajectory = T
   return options;
 }
 
-// The trajectories that go with a content.
+// The trajectories that a content supports.
 std::vector<Trajectory> trajectories_of(Content content) {
   if (content == Content::kHouses) return {Trajectory::kWalk, Trajectory::kCity};
   std::vector<Trajectory> some{Trajectory::kArc, Trajectory::kRing, Trajectory::kLine};
@@ -37,8 +37,9 @@ std::vector<Trajectory> trajectories_of(Content content) {
   return some;
 }
 
-// How well the colours of an object in its first image agree with those half a turn around it in the image from there. The
-// share of red does not depend on the light.
+// Agreement of an object's colours in its first image with those at the point half a rotation
+// around it, in the opposite image. It compares the share of red, which does not depend on the
+// light.
 double likeness_after_half_a_turn(const ReliefScene& scene) {
   const int opposite = scene.count() / 2;
   const geometry::Camera camera = scene.camera();
@@ -104,7 +105,8 @@ TEST(ReliefScene, DepthAndPosesFitTheImages) {
         Content::kPatchy, Content::kSymmetric, Content::kTemple, Content::kToy, Content::kHouses}) {
     for (const Trajectory trajectory : trajectories_of(content)) {
       SceneOptions options = small(content, trajectory);
-      if (trajectory == Trajectory::kCity) options.images = 100;  // all of it, however few they are
+      // All of it, even with few images.
+      if (trajectory == Trajectory::kCity) options.images = 100;
       const ReliefScene scene(options);
       cv::Mat a;
       cv::Mat b;
@@ -178,7 +180,7 @@ TEST(ReliefScene, CamerasOfStreetsStandBeforeHouses) {
     const geometry::Camera camera = scene.camera();
     int near = 0;
     for (int i = 0; i < scene.count(); ++i) {
-      // Nothing is close to the camera, and mostly there is a front ahead.
+      // Nothing is close to the camera, and mostly there is a house front ahead.
       for (const double u : {5.0, camera.cx, camera.width - 5.0}) {
         const auto depth = scene.depth(i, {u, camera.cy});
         EXPECT_GT(depth.value_or(99), 1.5) << i;
@@ -187,7 +189,7 @@ TEST(ReliefScene, CamerasOfStreetsStandBeforeHouses) {
       near += ahead && *ahead < 25 ? 1 : 0;
     }
     EXPECT_GT(near, 45);
-    // The way through a city comes back to where it began; that along a street does not.
+    // The route through a city returns to its start; the one along a street does not.
     double nearest = 1e9;
     for (int i = 30; i < scene.count(); ++i)
       nearest = std::min(nearest, (scene.pose(i).center() - scene.pose(0).center()).norm());
@@ -206,7 +208,8 @@ TEST(ReliefScene, AGridIsFlownInRowsStraightAbove) {
     EXPECT_LT(scene.pose(i).rotation(2, 2), -0.98);  // the axis looks down
     EXPECT_NEAR(scene.pose(i).center().z(), 10, 0.3);
   }
-  // There and back: the first of a row is above the last of the row before.
+  // The flight goes back and forth: the first position of a row is above the last of the previous
+  // row.
   EXPECT_LT(std::abs(scene.pose(3).center().x() - scene.pose(2).center().x()), 0.5);
   EXPECT_NEAR(scene.pose(3).center().y() - scene.pose(2).center().y(), 2, 0.8);
 }
@@ -242,7 +245,7 @@ TEST(ReliefScene, ACameraThatOnlyTurnsStaysAtItsPlace) {
 TEST(ReliefScene, ARoomHasAFloorAndFinsAreThin) {
   const ReliefScene room(small(Content::kRoom));
   const ReliefScene boxes(small(Content::kBoxes));
-  // Below the middle the floor is nearer than the wall.
+  // Below the middle, the floor is nearer than the wall.
   EXPECT_LT(*room.depth(2, {120, 175}), *boxes.depth(2, {120, 175}) - 1);
   const auto nearer = [](const ReliefScene& scene) {
     int count = 0;
@@ -281,7 +284,7 @@ TEST(ReliefScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
   for (const Content content : {Content::kRelief, Content::kBoxes, Content::kRoom, Content::kThin,
                                 Content::kTemple, Content::kToy}) {
     for (const Trajectory trajectory : trajectories_of(content)) {
-      // Seen from a ring, temple and toy stand on a ground as far as the eye can see.
+      // From a ring, temple and toy stand on an unbounded ground.
       const bool is_tall = content == Content::kTemple || content == Content::kToy;
       if (is_tall && trajectory == Trajectory::kRing) continue;
       const ReliefScene scene(small(content, trajectory));
@@ -303,9 +306,9 @@ TEST(ReliefScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
         const auto pixel = camera.project(at);
         if (!pixel || !cv::Rect2d(0, 0, camera.width - 1, camera.height - 1).contains(*pixel))
           continue;
-        // Nothing that is drawn lies behind a triangle, but for the sag between its corners.
+        // No rendered point lies behind a triangle, except for the sag between its corners.
         const auto depth = scene.depth(1, *pixel);
-        if (!depth) {  // beside an edge before the sky
+        if (!depth) {  // beside an edge in front of the sky
           ++missed;
           continue;
         }
@@ -318,7 +321,7 @@ TEST(ReliefScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
       ASSERT_GT(seen, 1000);
       EXPECT_GT(facing, 0.97 * seen);
       EXPECT_LT(missed, 0.002 * seen);
-      // And it leaves out nothing of what is seen.
+      // And the surface contains everything that is visible.
       cv::dilate(covered, covered, cv::Mat::ones(5, 5, CV_8U));
       int shown = 0;
       int left_out = 0;

@@ -95,7 +95,7 @@ TEST(SynthScene, LooksLikeAImage) {
   EXPECT_GT(mean[0], 70);
   EXPECT_LT(mean[0], 170);
   EXPECT_GT(deviation[0], 30);
-  // Neither burnt out nor drowned.
+  // Neither overexposed nor too dark.
   EXPECT_LT(cv::countNonZero(gray > 250), gray.rows * gray.cols / 20);
   EXPECT_LT(cv::countNonZero(gray < 5), gray.rows * gray.cols / 20);
   // It has edges and texture, but is not noise.
@@ -185,7 +185,7 @@ TEST(SynthSource, ALiveOneKeepsTimeAndDropsWhatNobodyTook) {
   EXPECT_EQ(source->count(), 0);
   const auto first = source->next(milliseconds(10'000), {});
   ASSERT_TRUE(first.has_value());
-  // Whoever comes late gets what is newest now.
+  // A late reader gets the newest frame.
   const auto wake = first->captured + milliseconds(60);
   while (std::chrono::steady_clock::now() < wake) {
   }

@@ -24,7 +24,7 @@ namespace {
 using testing::HasSubstr;
 namespace fs = std::filesystem;
 
-// Two noisy clouds, apart along both axes.
+// Two noisy clusters, apart along both axes.
 TEST(LinearSvm, SeparatesWhatCanBeSeparated) {
   Rng rng(1);
   cv::Mat rows(80, 2, CV_32F);

@@ -26,7 +26,7 @@ Reading reading_of(double confidence, double plate, const cv::Rect2f& box) {
 }
 
 TEST(OddsCurve, BendsAtTwoAndMinusOne) {
-  EXPECT_DOUBLE_EQ(OddsCurve{}(3.5), 3.5);  // nothing corrected
+  EXPECT_DOUBLE_EQ(OddsCurve{}(3.5), 3.5);  // no correction
   const OddsCurve curve{{0.5, 0.75, 0.25, -0.5}};
   EXPECT_DOUBLE_EQ(curve(1), 1.25);
   EXPECT_DOUBLE_EQ(curve(4), 0.5 + 3 + 0.5);
@@ -61,7 +61,8 @@ TEST(FindFeatures, ASurerFindElsewhereSpeaksAgainstOne) {
   compare(readings, features);
   EXPECT_EQ(features[0].back(), 0);
   EXPECT_NEAR(features[1].back(), std::log(0.9 / 0.01) + std::log(99) - std::log(9), 1e-6);
-  // What overlaps is a rival for the same place; only the second is elsewhere, and less sure.
+  // A reading that overlaps is a rival for the same place. Only the second reading is elsewhere,
+  // and less sure.
   EXPECT_NEAR(features[2].back(), 0, 1e-9);
   features.pop_back();
   EXPECT_THROW(compare(readings, features), std::invalid_argument);
@@ -74,7 +75,7 @@ TEST(PlateJudge, HoldsAPlateForOneAndAGrilleForNone) {
   Alignment alignment = alignment_of(30);
   alignment.score = 0.999F;
   EXPECT_GT(judge.odds(find_features(detection, alignment, {"4725BKZ", sure, "es"})), 1);
-  // Of no known layout, but lettered clearly.
+  // No known layout, but clearly lettered.
   EXPECT_GT(judge.odds(find_features(detection, alignment, {"47X25BKZ", sure, ""})), -0.5);
   const std::vector<double> unsure(7, 0.5);
   EXPECT_LT(judge.odds(find_features(detection, alignment, {"1111TT1", unsure, ""})), -0.5);

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kColumns = kLineWidth / kColumn;
 
-// Blank but for `symbol` with probability p around column `middle`.
+// Blank, except for `symbol` with probability p around column `middle`.
 cv::Mat line_with(int middle, int symbol, float p) {
   cv::Mat line(kColumns, kClasses, CV_32F, cv::Scalar(0));
   line.col(kBlank).setTo(1);
@@ -42,7 +42,7 @@ TEST(PooledLine, LooksThatDisagreeGiveTheGeometricMean) {
   EXPECT_NEAR(cv::sum(mean.row(10))[0], 1, 1e-5);
 }
 
-// In a wider look the same character lies nearer the middle.
+// In a wider look, the same character is nearer to the middle.
 TEST(PooledLine, AWiderLookIsBroughtToTheColumnsOfTheFirst) {
   const Look wider{1.12F, 1};
   const int first = 6;

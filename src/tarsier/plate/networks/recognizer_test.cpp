@@ -39,7 +39,7 @@ struct Put {
   cv::Rect box;
 };
 
-// Plates in their standard look on a grey wall.
+// Plates in their standard style on a grey wall.
 class Images : public testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -54,7 +54,7 @@ class Images : public testing::Test {
 
   static cv::Mat wall(cv::Size size) { return cv::Mat(size, CV_8UC3, cv::Scalar(90, 95, 100)); }
 
-  // Puts a drawn Spanish plate `width` px wide with its corner at `at`.
+  // Draws a Spanish plate `width` px wide with its corner at `at`.
   static Put put(cv::Mat& image, const std::string& text, cv::Point at, int width,
                  synth::PlateKind kind = synth::PlateKind::kSpain) {
     synth::PlateFaceOptions options;
@@ -129,7 +129,7 @@ TEST_F(Images, OnlyAPartIsSearchedWhereOneIsAskedFor) {
   const std::vector<Reading> right =
       recognizer().read(image, nullptr, nullptr, false, {640, 360, 640, 360});
   ASSERT_EQ(right.size(), 1U);
-  EXPECT_EQ(right[0].text, "0318GHT");  // where it is in the whole image
+  EXPECT_EQ(right[0].text, "0318GHT");  // position in the whole image
   EXPECT_GT(box_iou(right[0].corners, quad_of({800, 500, 180, 38})), 0.7);
   EXPECT_TRUE(recognizer().read(image, nullptr, nullptr, false, {640, 0, 640, 360}).empty());
 }

@@ -16,8 +16,8 @@ constexpr int kColumns = kLineWidth / kColumn;
 constexpr int kPitch = 6;  // columns
 constexpr int kFirst = 5;
 
-// A line whose characters are upright bars of `contrast` grey levels, each read as its symbol with the
-// chance `sure`, else as `other`; features as given, one for each character.
+// A line whose characters are upright bars of `contrast` grey levels. Each is read as its symbol
+// with probability `sure`, else as `other`. The features are given, one for each character.
 struct Bars {
   SeenLine line;
   LetteredText text;
@@ -83,19 +83,19 @@ TEST(SamePlate, ABlankIsLikelierThereThanWhereEdgesAreAsStrong) {
   };
   EXPECT_GT(blank(faint, 2), 0.5F);
   EXPECT_LT(blank(strong, 2), 0.3F);
-  EXPECT_GT(blank(strong, 0), blank(strong, 1));  // ends are what is no character most often
+  EXPECT_GT(blank(strong, 0), blank(strong, 1));  // ends most often contain no character
 }
 
 TEST(SamePlate, ADoubtfulSymbolIsWhatItLooksLikeElsewhere) {
   Bars bars;
   bars.add('D', 150, 0.99F, 'A', 0);
-  bars.add('D', 150, 0.52F, 'O', 1);  // it looks like the O, not like the D
+  bars.add('D', 150, 0.52F, 'O', 1);  // its appearance is that of the O, not of the D
   bars.add('O', 150, 0.99F, 'A', 1);
   bars.add('E', 150, 0.99F, 'A', 2);
   const cv::Mat result = bars.compared();
   const auto* row = result.ptr<float>(bars.column(1));
   EXPECT_GT(row[class_of('O')], row[class_of('D')]);
-  // Nothing is known of what stands nowhere else.
+  // Symbols that occur only once give no information.
   bars.text.text[2] = 'K';
   bars.text.text[0] = 'L';
   const cv::Mat alone = bars.compared();

@@ -27,7 +27,7 @@ const ModelStore& models() {
   return store;
 }
 
-// A drawn street, shared by the tests; nothing where there are no typefaces to draw plates with.
+// A synthetic street, shared by the tests; empty if there are no typefaces to draw plates with.
 const std::optional<Frame>& street() {
   static const std::optional<Frame> frame = []() -> std::optional<Frame> {
     try {
@@ -56,7 +56,7 @@ std::vector<std::string> texts_of(const ReaderResult& result) {
   return texts;
 }
 
-// Names of stages.
+// Names of the stages.
 class Stages final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat&) override { names.emplace_back(name); }

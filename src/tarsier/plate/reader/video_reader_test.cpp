@@ -47,7 +47,7 @@ std::vector<std::string> closed(const std::vector<PlateEvent>& events) {
   return texts;
 }
 
-// A reader that finds what it is given.
+// A reader that returns given plates.
 class Vehicles : public testing::Test {
  protected:
   [[nodiscard]] VideoReader reader() {
@@ -86,7 +86,7 @@ TEST_F(Vehicles, HaveGoneWhereAnotherSourceOrAStillBegins) {
   EXPECT_THAT(closed(still.events), ElementsAre("4725BKZ@b.mp4"));
   EXPECT_EQ(still.plates.size(), 1U);
   EXPECT_THAT(still.tracks, IsEmpty());
-  EXPECT_THAT(video.finish(state), IsEmpty());  // a still is no vehicle
+  EXPECT_THAT(video.finish(state), IsEmpty());  // a still image gives no vehicle event
 }
 
 TEST_F(Vehicles, ImagesInSequenceAreOneVideo) {

@@ -14,7 +14,7 @@ using testing::Optional;
 
 TEST(FairScheduler, SharesTheWorkNotTheRequests) {
   FairScheduler scheduler(3);
-  const std::vector<double> costs{0.01, 0.02, 0.06};  // s a request
+  const std::vector<double> costs{0.01, 0.02, 0.06};  // s per request
   std::vector<double> spent(3);
   for (std::size_t i = 0; i < 3; ++i) scheduler.offer(i, false);
   for (int k = 0; k < 900; ++k) {

@@ -8,7 +8,7 @@
 namespace tarsier::plate {
 namespace {
 
-// A street with noise of 4 grey levels; a vehicle at `x` where that is >= 0; `light` on all of it.
+// A street with noise of 4 grey levels. A vehicle is at `x` if x >= 0. `light` is added everywhere.
 cv::Mat street(int x, int frame, double light = 0) {
   cv::Mat image(360, 640, CV_8UC3, cv::Scalar::all(100));
   if (x >= 0) cv::rectangle(image, {x, 200, 40, 24}, {70, 70, 70}, cv::FILLED);
@@ -51,12 +51,12 @@ TEST_F(Motion, OfWhatHasStoppedEnds) {
   EXPECT_GT(moving, 20);
   EXPECT_LT(moving, 200);
   EXPECT_FALSE(moves(200));
-  EXPECT_TRUE(moves(240));  // it drives off
+  EXPECT_TRUE(moves(240));  // it drives away
 }
 
 TEST_F(Motion, PartIsAroundWhatMovedOfLate) {
   const cv::Size size(640, 360);
-  EXPECT_EQ(moved_part(state_, 0, size), cv::Rect({0, 0}, size));  // nothing is known yet
+  EXPECT_EQ(moved_part(state_, 0, size), cv::Rect({0, 0}, size));  // no background yet
   const auto look = [&](int x, double time) {
     return has_motion(options_, state_, street(x, frame_++), time);
   };
@@ -69,7 +69,7 @@ TEST_F(Motion, PartIsAroundWhatMovedOfLate) {
   EXPECT_LT(around.area(), 100 * 80);
   ASSERT_TRUE(look(600, 2.5));
   const cv::Rect last = moved_part(state_, 2, size);
-  EXPECT_EQ(last.br().x, 640);  // cut to the image
+  EXPECT_EQ(last.br().x, 640);  // clipped to the image
   EXPECT_GT(last.x, 500);
   const cv::Rect both = moved_part(state_, 1.2, size);
   EXPECT_EQ(both, around | last);

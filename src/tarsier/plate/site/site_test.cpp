@@ -17,13 +17,13 @@ namespace {
 using testing::ElementsAre;
 using testing::UnorderedElementsAre;
 
-// Frames of a second's tenth each, in which a vehicle drives by at `vehicle_from` .. +10 frames.
+// Frames every 0.1 s, in which a vehicle drives by from frame `vehicle_from` to +10 frames.
 class Drive final : public FrameSource {
  public:
   struct Script {
     int frames = 60;
     int vehicle_from = 20;
-    int fails_at = -1;  // throws SourceLostError there
+    int fails_at = -1;  // throws SourceLostError at this frame
     bool ends = true;
   };
   explicit Drive(const Script& script) : script_(script) {}
@@ -129,8 +129,8 @@ TEST_F(SiteTest, ReadsFewFramesWhileNothingMoves) {
   EXPECT_EQ(report.looked_at, 300);
   EXPECT_THAT(closed_, ElementsAre("4725a@a"));
   EXPECT_EQ(report.vehicles, 1);
-  // Two seconds at the beginning, three and what the background takes with the vehicle, and one frame
-  // a second.
+  // Frames that are read: two seconds at the start, three seconds with the vehicle plus the
+  // adaptation of the background, and one frame per second.
   EXPECT_LT(report.read, 120);
   EXPECT_GT(report.read, 60);
   options_.motion.threshold = 0;
@@ -161,7 +161,7 @@ TEST_F(SiteTest, ReadsAroundWhatMovesAndTheWholeFrameNowAndThen) {
         }),
         {}}});
   const CameraReport report = run().at(0);
-  EXPECT_THAT(closed_, ElementsAre("4725BKZ@a"));  // nothing of the vehicle lies outside
+  EXPECT_THAT(closed_, ElementsAre("4725BKZ@a"));  // no part of the vehicle lies outside
   const auto in_part =
       std::count_if(parts.begin(), parts.end(), [](const cv::Rect& part) { return !part.empty(); });
   EXPECT_EQ(report.in_part, in_part);
@@ -190,7 +190,7 @@ TEST_F(SiteTest, OpensAFailedCameraAgainWhileTheOthersGoOn) {
   EXPECT_EQ(reports[0].restarts, 2);
   EXPECT_EQ(reports[1].restarts, 0);
   EXPECT_THAT(lost, ElementsAre("0a camera: its cable was cut", "0bad: no such camera"));
-  // Before and after it was cut.
+  // Before and after the cable was cut.
   EXPECT_THAT(closed_, UnorderedElementsAre("BAD1@bad", "BAD1@bad", "4725good@good"));
 }
 
@@ -216,8 +216,8 @@ TEST_F(SiteTest, EndsWithWhatAHandlerThrows) {
   EXPECT_THROW(run(), std::invalid_argument);
 }
 
-// In whatever order the frames of the two are read: each vehicle is in sight until its source ends, and
-// the clock is set when one source may have ended.
+// The frames of the two cameras are read in any order. Each vehicle stays in sight until its source
+// ends. The clock is set when one source may have ended.
 TEST_F(SiteTest, MovesTheTimesOfAllCamerasWhenTheClockIsSet) {
   add("a", {30, 20});
   add("b", {30, 20});

@@ -77,7 +77,7 @@ TEST(CountryTest, WordsBecomeExactlyThoseWordsAndShareTheWeight) {
   }
   EXPECT_NEAR(weight, 9, 1e-12);
   EXPECT_LT(country.layouts.size(), words.size());
-  // Every text of one to three letters, against the list.
+  // All texts of one to three letters, compared with the list.
   std::vector<std::string> texts{""};
   for (std::size_t k = 0; k < texts.size(); ++k) {
     const std::string word = texts[k];
@@ -125,11 +125,11 @@ TEST(CountryTest, ABadLineIsNamed) {
   EXPECT_NE(refusal(std::string("\0\xFF\x80[[??||", 8)), "accepted");
 }
 
-// Nine hundred layouts times thousands of words: counted before they are made, or they take
-// gigabytes.
+// Nine hundred layouts times thousands of words would take gigabytes. So they are counted before
+// they are expanded.
 TEST(CountryTest, WordsTimesLayoutsAreBounded) {
   constexpr std::string_view kSymbols = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
-  const auto words = [&](std::size_t most) {  // no two of which become one run
+  const auto words = [&](std::size_t most) {  // no two of them can be merged into one run
     std::string text;
     for (std::size_t i = 0; i < most; ++i) {
       const std::size_t middle = i % 1296;
@@ -142,7 +142,7 @@ TEST(CountryTest, WordsTimesLayoutsAreBounded) {
               HasSubstr("line 3: more than 1000 layouts"));
 }
 
-// Plates as they are on the road, and some that no such car has.
+// Existing plates, and some texts that are no valid plate.
 TEST(CountryTest, TheFilesThatShipKnowTheirPlates) {
   const std::vector<Country> countries = read_countries(TARSIER_SOURCE_MODELS "/countries");
   const auto known = [&](const std::string& code, const std::string& text) {
@@ -191,7 +191,7 @@ TEST(CountryTest, TheFilesThatShipKnowTheirPlates) {
                                                         {"uk", "QI12CDE"}}) {
     EXPECT_FALSE(known(code, text)) << code << " " << text;
   }
-  // All of them at once are no more than the decoder takes.
+  // All of them together are within the decoder's limit.
   EXPECT_LT(choose_countries(countries, {}).layouts.size(), 1000U);
 }
 

@@ -27,7 +27,7 @@ CountryChoice choice_of(const std::string& text, bool free_text = false,
   return choice;
 }
 
-// What stands in one column: symbols with their probabilities, the rest blank.
+// The content of one column: symbols with their probabilities, the rest blank.
 using Column = std::map<char, float>;
 
 cv::Mat columns_of(const std::vector<Column>& columns) {
@@ -43,7 +43,7 @@ cv::Mat columns_of(const std::vector<Column>& columns) {
   return rows;
 }
 
-// A sure column for each character, with a blank one after it.
+// A column of high probability for each character, followed by a blank column.
 cv::Mat sure(const std::string& text, std::vector<std::pair<std::size_t, Column>> changes = {}) {
   std::vector<Column> columns;
   for (const char symbol : text) {
@@ -70,7 +70,7 @@ cv::Mat random_columns(int count, const std::string& symbols, Rng& rng) {
   return rows;
 }
 
-// The probability of every text, by going through every path.
+// The probability of every text, by enumerating all paths.
 void add_paths(const cv::Mat& rows, int y, double p, int last, const std::string& text,
                std::map<std::string, double>& texts) {
   if (y == rows.rows) {
@@ -143,7 +143,7 @@ TEST(DecodeTest, AWideBeamFindsWhatFullEnumerationFinds) {
 }
 
 TEST(DecodeTest, TheLayoutTellsZeroFromO) {
-  // The classifier would rather have letters where digits stand, and the other way round.
+  // The classifier prefers letters at positions of digits, and digits at positions of letters.
   const cv::Mat rows = sure("1204BCD", {{2, {{'O', 0.7F}, {'0', 0.2F}}},
                                         {0, {{'I', 0.9F}, {'1', 0.05F}}},
                                         {4, {{'8', 0.9F}, {'B', 0.05F}}}});
@@ -152,7 +152,8 @@ TEST(DecodeTest, TheLayoutTellsZeroFromO) {
   EXPECT_EQ(spain[0].text, "1204BCD");
   EXPECT_EQ(spain[0].country, "es");
   EXPECT_EQ(spain[0].layout, 0);
-  // A symbol is judged against what could stand there: the letter O could not.
+  // The confidence of a symbol compares the symbols that the layout allows there. It does not allow
+  // the letter O.
   EXPECT_GT(spain[0].confidences[2], 0.6);
 
   CountryChoice free;
@@ -172,7 +173,7 @@ TEST(DecodeTest, FreeTextWinsOnlyWhereTheImageIsSureEnough) {
   const auto texts = decode(certain, choice, {});
   EXPECT_EQ(texts[0].text, "123ABCD");
   EXPECT_EQ(texts[0].country, "");
-  // Free texts keep to the lengths asked for.
+  // Free texts keep to the requested lengths.
   DecodeOptions options;
   options.min_length = 8;
   for (const Decoded& text : decode(certain, choice, options)) {
@@ -188,7 +189,7 @@ TEST(DecodeTest, EqualNeighboursNeedABlankBetween) {
 }
 
 TEST(DecodeTest, OneCharacterSeenAsTwoStaysOne) {
-  // An O that looks like a 0 in its second half, before two digits.
+  // An O whose second half looks like a 0, before two digits.
   const cv::Mat columns = columns_of({{{'B', 0.9F}},
                                       {},
                                       {{'O', 0.6F}, {'0', 0.4F}},
@@ -225,7 +226,7 @@ TEST(DecodeTest, ColumnsTellWhereEachCharacterStands) {
 }
 
 TEST(DecodeTest, AMissingCharacterIsFoundWhereTheLayoutNeedsIt) {
-  // Hardly a trace of the third digit, below what the first search follows up.
+  // The third digit has a very low probability, below the beam of the first search.
   const cv::Mat rows = sure("1234BCD", {{2, {{'3', 3e-6F}, {'5', 1e-6F}}}});
   cv::Mat faint = rows.clone();
   faint.row(5) = 0;
@@ -237,7 +238,7 @@ TEST(DecodeTest, AMissingCharacterIsFoundWhereTheLayoutNeedsIt) {
 }
 
 TEST(DecodeTest, LayoutsAreNotCrowdedOutByFreeTexts) {
-  // Every digit is likelier a letter: free texts lead all along.
+  // Each digit is more likely a letter, so free texts always lead.
   std::vector<std::pair<std::size_t, Column>> changes;
   for (std::size_t k = 0; k < 4; ++k) {
     changes.push_back({k, {{'O', 0.3F}, {'Q', 0.3F}, {'D', 0.25F}, {'0', 0.1F}}});

@@ -36,18 +36,19 @@ TEST(EvaluationTest, FiguresAreThoseWorkedByHand) {
       {"d.jpg", {{std::nullopt, "9999ZZZ"}}},
       {"e.jpg", {{cv::Rect2d(0, 0, 100, 20), "1111BBB"}}}};
   const std::vector<ImageReadings> readings{
-      // The first is right; the second has one character wrong, but it is among the candidates.
+      // The first is right. The second has one wrong character, but its text is among the
+      // candidates.
       {"x/a.jpg",
        10,
        {reading("1234BCD", 0.9, {0, 0, 100, 20}),
         reading("5678FGN", 0.8, {200, 0, 100, 20}, {"5678FGH"})},
        {}},
-      // Right but for what is hidden, and a false alarm.
+      // Right except for the hidden character, and a false detection.
       {"b.jpg",
        30,
        {reading("MO923AB", 0.5, {0, 0, 100, 20}), reading("X", 0.1, {9, 90, 5, 5})},
        {}},
-      // Overlap of 40 / 160: neither found at 0.5 nor at 0.3.
+      // Overlap of 40 / 160: not found at 0.5 nor at 0.3.
       {"c.jpg", 20, {reading("", 0.2, {60, 0, 100, 20})}, {}},
       {"d.jpg", -1, {reading("9999ZZZ", 0.7, {5, 5, 5, 5})}, {}},
       {"unknown.jpg", 500, {reading("1111BBB", 1, {0, 0, 100, 20})}, {}}};
@@ -57,19 +58,20 @@ TEST(EvaluationTest, FiguresAreThoseWorkedByHand) {
   EXPECT_EQ(scores.boxes, 5);
   EXPECT_EQ(scores.found, 3);
   EXPECT_EQ(scores.texts, 5);
-  EXPECT_EQ(scores.exact, 2);  // a's first and d's
+  EXPECT_EQ(scores.exact, 2);  // a's first plate and d's
   EXPECT_EQ(scores.top10, 3);
   EXPECT_EQ(scores.returned, 6);
   EXPECT_DOUBLE_EQ(scores.recall, 3 / 5.0);
   EXPECT_DOUBLE_EQ(scores.precision, 4 / 6.0);
-  // 7 + 6 + (6 shown, of which the O is wrong) + 7 of 7 + 7 + 6 + 7 + 7.
+  // 7 + 6 + (6 visible, of which the O is wrong) + 7 of 7 + 7 + 6 + 7 + 7.
   EXPECT_DOUBLE_EQ(scores.character_rate, 25 / 34.0);
   EXPECT_DOUBLE_EQ(scores.found_character_rate, 25 / 27.0);
   // Right: 0.9, 0.7. Wrong: 0.8, 0.5.
   EXPECT_DOUBLE_EQ(scores.confidence_auc, 3 / 4.0);
-  // The letter O read for b's digit 0 counts as right where the two are one.
+  // The letter O read for b's digit 0 is right if both count as one symbol.
   EXPECT_EQ(scores.exact_o_as_0, 3);
-  // Each confidence is alone in its tenth: 0.1 + 0.3 (right) + 0.8 + 0.5 (wrong), of four.
+  // Each confidence is alone in its bin of width 0.1: 0.1 + 0.3 (right) + 0.8 + 0.5 (wrong), of
+  // four.
   EXPECT_EQ(scores.judged, 4);
   EXPECT_NEAR(scores.calibration_error, 1.7 / 4, 1e-12);
   EXPECT_EQ(scores.sure, 0);
@@ -89,7 +91,7 @@ TEST(EvaluationTest, FiguresAreThoseWorkedByHand) {
   EXPECT_EQ(evaluate_plates(readings, truth, folded).exact, 3);
   EvaluationOptions loose;
   loose.iou = 0.2;
-  EXPECT_EQ(evaluate_plates(readings, truth, loose).found, 3);  // 0.3 is the least
+  EXPECT_EQ(evaluate_plates(readings, truth, loose).found, 3);  // 0.3 is the min overlap
 }
 
 TEST(EvaluationTest, TheBetterOverlapTakesThePlate) {
@@ -111,7 +113,7 @@ TEST(EvaluationTest, ConfidenceAboveNineTenthsIsCountedWhereTheTextIsWrong) {
   const PlateScores scores = evaluate_plates(readings, truth, {});
   EXPECT_EQ(scores.sure, 2);
   EXPECT_EQ(scores.sure_wrong, 1);
-  // Both in the last tenth: one right of two, mean confidence 0.97.
+  // Both are in the last bin: one of two is right, mean confidence 0.97.
   EXPECT_NEAR(scores.calibration_error, 0.47, 1e-12);
 }
 

@@ -73,7 +73,7 @@ std::int64_t add(PlateLog& log, PlateEvent event, const std::string& source, Mom
   return log.append(event);
 }
 
-// The layout of the first version, with rows of (id, time, text).
+// The first version of the layout, with rows of (id, time, text).
 const DatabaseKind kFirstVersion{"Tarsier plate log",
                                  0x54504C31,
                                  {"CREATE TABLE plate(id INTEGER PRIMARY KEY AUTOINCREMENT, "
@@ -158,7 +158,7 @@ TEST_F(PlateLogTest, FiltersByTextTimeSourceAndNumber) {
   filter.source = "cam";
   EXPECT_THAT(texts(log, filter), ElementsAre("M1234AB", "1234BCD"));
   filter = {};
-  filter.since = at("2024-05-01T12:00:05");  // it was still in sight
+  filter.since = at("2024-05-01T12:00:05");  // it was still in sight then
   filter.until = at("2024-05-01T12:01");
   EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH", "1234BCD"));
   filter.since = at("2024-05-01T12:00:11");
@@ -233,7 +233,7 @@ TEST_F(PlateLogTest, HostileEntriesAreErrorsOrHarmless) {
   });
 }
 
-// Whatever index a pattern is found by, it is what a look at each text finds.
+// Each index finds the same entries as a comparison of every text with the pattern.
 TEST_F(PlateLogTest, SearchesFindWhatMatches) {
   Rng rng(11);
   std::vector<std::string> written;
@@ -293,7 +293,7 @@ TEST_F(PlateLogTest, FilesOfTheFirstVersionAreReadAndThenBroughtUpToDate) {
   look(DatabaseAccess::kRead);
   look(DatabaseAccess::kWrite);
   look(DatabaseAccess::kRead);
-  // Its pieces are those that new entries get.
+  // Its parts equal those of new entries.
   PlateLog log = open(DatabaseAccess::kWrite);
   PlateEvent event = event_of("5678FGH", 0, 1);
   event.source = "new";
@@ -348,7 +348,7 @@ TEST_F(PlateLogTest, OthersWriteWhileMuchIsDeleted) {
     together.commit();
   }
   PlateLog log = open(DatabaseAccess::kWrite);
-  PlateLog other(path("plates.db"), DatabaseAccess::kWrite, 0);  // waits for nothing
+  PlateLog other(path("plates.db"), DatabaseAccess::kWrite, 0);  // does not wait for the lock
   PlateLog reader = open(DatabaseAccess::kRead);
   std::int64_t batches = 0;
   ForgetOptions options;
@@ -378,22 +378,23 @@ TEST_F(PlateLogTest, AClockThatIsWrongDeletesNothingFresh) {
     event.synchronized = false;
     return log.put(event, 0, run, {});
   };
-  // A machine that begins in the past, and never gets the time.
+  // A machine whose clock starts in the past and is never set.
   put("1111BBB", "2024-01-05T12:00");
   put("2222CCC", "2024-01-05T13:00");
   EXPECT_THROW(log.forget(at("1970-01-01"), month), InputError);
-  // The next start knows it. The entries may be of today, so they get a month from now ..
+  // After the next start the time is known. The entries may be of today, so they are kept for a
+  // month from now ..
   EXPECT_EQ(log.forget(at("2026-05-01"), month), 0);
   EXPECT_EQ(log.forget(at("2026-05-20"), month), 0);
-  // .. and not more.
+  // .. and not longer.
   EXPECT_EQ(log.forget(at("2026-06-01"), month), 2);
   EXPECT_EQ(log.count(), 0);
-  // Nobody ever tells the time, but the clock has gone on: what is a month older than others is.
+  // The clock is never set, but it advances. Entries a month older than the latest are deleted.
   put("3333DDD", "2024-02-01");
   put("4444FFF", "2024-03-15");
   EXPECT_EQ(log.forget(at("2026-05-01"), month), 1);
   EXPECT_THAT(texts(log), ElementsAre("4444FFF"));
-  // The clock is set: what was written before gets right times, and is then like others.
+  // The clock is set: earlier entries get the right times, and then count as all others.
   log.shift_unsynchronized(run, at("2026-05-02") - at("2024-03-15"));
   log.trust_clock(run);
   log.query({}, [](const LoggedPlate& plate) {
@@ -461,7 +462,7 @@ TEST_F(PlateLogTest, CorrectionsAreTakenBackOneByOne) {
   EXPECT_TRUE(log.undo_correction(2));
   EXPECT_THAT(texts(log, filter), IsEmpty());
   EXPECT_FALSE(log.undo_correction(2));
-  filter.text = "*78F*";  // pieces that both texts had are still there
+  filter.text = "*78F*";  // parts that both texts contain remain
   EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
   EXPECT_THROW(log.correct(99, said("1")), InputError);
   EXPECT_THROW((void)log.undo_correction(99), InputError);
@@ -515,7 +516,7 @@ TEST_F(PlateLogTest, HistoryIsThatOfTheRightText) {
   history = log.history("5678FGH", later);
   EXPECT_EQ(history.visits, 2);
   EXPECT_EQ(history.first_time, noon);
-  log.correct(2, said("5678FGH"));  // the same: read rightly
+  log.correct(2, said("5678FGH"));  // the same text: it was read rightly
   EXPECT_EQ(log.history("5678FGH", later).visits, 2);
 }
 

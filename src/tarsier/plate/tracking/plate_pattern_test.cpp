@@ -23,12 +23,12 @@ TEST(PatternTest, WildcardsAndOneError) {
   EXPECT_FALSE(matches("?", "", false));
   EXPECT_TRUE(matches("1*4*D", "1234BCD", false));
 
-  EXPECT_TRUE(matches("1234BCD", "1284BCD", true));   // replaced
-  EXPECT_TRUE(matches("1234BCD", "134BCD", true));    // missing
-  EXPECT_TRUE(matches("1234BCD", "X1234BCD", true));  // too many
+  EXPECT_TRUE(matches("1234BCD", "1284BCD", true));   // one character replaced
+  EXPECT_TRUE(matches("1234BCD", "134BCD", true));    // one character missing
+  EXPECT_TRUE(matches("1234BCD", "X1234BCD", true));  // one character too many
   EXPECT_FALSE(matches("1234BCD", "1284BCX", true));
-  EXPECT_TRUE(matches("1204BCD", "I2O4BC0", true));  // all of them folded
-  EXPECT_TRUE(matches("1204BCD", "I2O4BX0", true));  // and one more
+  EXPECT_TRUE(matches("1204BCD", "I2O4BC0", true));  // all look-alikes are folded
+  EXPECT_TRUE(matches("1204BCD", "I2O4BX0", true));  // and one more difference
   EXPECT_TRUE(matches("12?4*", "1285XYZ", true));
   EXPECT_FALSE(matches("12?4*", "1985XYZ", true));
 }

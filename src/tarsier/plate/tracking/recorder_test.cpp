@@ -33,7 +33,7 @@ class RecorderTest : public FolderTest {
     event.best_crop = cv::Mat(20, 80, CV_8UC3, cv::Scalar(40, 120, 200));
     return event;
   }
-  // "1234BCD open 12:00:01", newest first.
+  // Entries as "1234BCD open 12:00:01", newest first.
   [[nodiscard]] std::vector<std::string> entries() const {
     PlateLog log(path("plates.db"), DatabaseAccess::kRead);
     std::vector<std::string> found;
@@ -83,7 +83,7 @@ TEST_F(RecorderTest, WhatDiedIsInterruptedAtTheNextStart) {
   {
     PlateRecorder recorder(path("plates.db"));
     recorder.record(event_of(1, "1234BCD", PlateState::kOpened));
-  }  // not finished: this process is still there
+  }  // not finished: this process still runs
   {
     PlateLog log(path("plates.db"));
     (void)log.begin_run("another", [](const std::string& process) { return is_running(process); });
@@ -104,7 +104,7 @@ TEST_F(RecorderTest, ProcessesAreKnownByTheirNames) {
   EXPECT_FALSE(is_running(""));
 }
 
-// Reading goes on while another program holds the log, and nothing is lost.
+// Reading continues while another program locks the log, and nothing is lost.
 TEST_F(RecorderTest, FramesGoOnWhileTheLogIsLocked) {
   PlateRecorder recorder(path("plates.db"));
   Lock lock(path("plates.db"));
@@ -176,7 +176,7 @@ TEST_F(RecorderTest, ASetClockCorrectsWhatIsWritten) {
   recorder.record(event);
   recorder.shift_unsynchronized(std::chrono::hours(2));
   recorder.trust_clock();
-  recorder.shift_unsynchronized(std::chrono::hours(5));  // of nothing
+  recorder.shift_unsynchronized(std::chrono::hours(5));  // nothing to shift
   recorder.finish();
   EXPECT_THAT(entries(), ElementsAre("9999ZZZ open 14:00:03", "5678FGH closed 14:00:02",
                                      "1234BCD closed 12:00:01"));

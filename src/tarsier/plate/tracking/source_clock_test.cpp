@@ -16,7 +16,7 @@ using std::chrono::milliseconds;
 
 Moment at(const std::string& text) { return parse_moment(text, {}, false, "time"); }
 
-// A machine whose clocks stand unless they are moved.
+// A machine whose clocks stand still unless the test moves them.
 struct Machine {
   Moment wall = at("2026-05-01T12:00");
   milliseconds uptime{100'000};
@@ -40,7 +40,7 @@ TEST(SourceClockTest, AFrameIsOfTheMomentWhenItCame) {
   clock.begin({}, 0);
   EXPECT_EQ(clock.at(0, machine.steady).wall, at("2026-05-01T12:00"));
   machine.pass(milliseconds(2500));
-  // It came 300 ms ago.
+  // The frame arrived 300 ms ago.
   const FrameMoment seen = clock.at(2.2, machine.steady - milliseconds(300));
   EXPECT_EQ(seen.wall, at("2026-05-01T12:00:02.200"));
   EXPECT_EQ(seen.uptime, milliseconds(102'200));
@@ -101,9 +101,10 @@ TEST(SourceClockTest, ARecordingHasItsOwnTimes) {
             at("2026-05-01T11:50"))
       << "no recording comes from the future";
   SourceClock clock(machine.clocks());
-  clock.begin({false, start}, 40);  // the second of two files: its time goes on from the first
+  // The second of two files; its times continue those of the first.
+  clock.begin({false, start}, 40);
   EXPECT_EQ(clock.at(40, machine.steady).wall, at("2026-04-01T10:00"));
-  machine.wall += std::chrono::hours(1);  // whatever happens here
+  machine.wall += std::chrono::hours(1);  // has no effect here
   const FrameMoment seen = clock.at(100.5, machine.steady);
   EXPECT_EQ(seen.wall, at("2026-04-01T10:01:00.500"));
   EXPECT_EQ(seen.uptime, milliseconds(60'500));
@@ -114,7 +115,7 @@ TEST(SourceClockTest, ARecordingOfUnknownTimeKeepsItsDurations) {
   SourceClock clock(machine.clocks());
   clock.begin({false, std::nullopt}, 0);
   (void)clock.at(0, machine.steady);
-  machine.pass(milliseconds(100));  // read a hundred times faster than it plays
+  machine.pass(milliseconds(100));  // read a hundred times faster than real time
   const FrameMoment seen = clock.at(10, machine.steady);
   EXPECT_EQ(seen.wall, machine.wall);
   EXPECT_EQ(seen.uptime, milliseconds(10'000));
@@ -128,7 +129,7 @@ TEST(SourceClockTest, AllClocksAreNeeded) {
   EXPECT_TRUE(is_plausible(clocks.wall()));
 }
 
-// A vehicle before a camera, while NTP sets the clock.
+// A vehicle in front of a camera while NTP sets the clock.
 class SetClock : public testing::TestWithParam<std::chrono::hours> {};
 
 TEST_P(SetClock, StaysKeepTheirLengthAndEndRight) {

@@ -30,7 +30,7 @@ Reading reading_at(const std::string& text, double x, double y, double width = 1
   return reading;
 }
 
-// Feeds frames and keeps the events.
+// Processes frames and keeps the events.
 class Road {
  public:
   explicit Road(TrackerOptions options = {}) : options_(std::move(options)) {}
@@ -79,7 +79,7 @@ TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
   EXPECT_EQ(live[0].text, "1234BCD");
   EXPECT_TRUE(live[0].confirmed);
   EXPECT_FALSE(live[0].read);
-  EXPECT_NEAR(live[0].box.x, 10 + 12 * 27, 12);  // goes on where it was heading
+  EXPECT_NEAR(live[0].box.x, 10 + 12 * 27, 12);  // continues in its direction
   EXPECT_TRUE(road.events().empty());
   road.wait(13);
   ASSERT_EQ(road.events().size(), 1U);  // reported without a flush
@@ -91,7 +91,7 @@ TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
   EXPECT_NEAR(event.last_time, 2.6, 1e-9);
 }
 
-// What take_news() says of each frame.
+// The result of take_news() for each frame.
 class NewsTest : public testing::Test {
  protected:
   std::vector<std::string> frame(const std::vector<Reading>& readings) {
@@ -151,7 +151,7 @@ TEST_F(NewsTest, ALongStayIsNotWrittenAllTheTime) {
 
 TEST_F(NewsTest, WhatTurnsOutToBeASignIsTakenBack) {
   std::vector<std::string> news;
-  for (int k = 0; k < 100; ++k) {  // hardly certain, and it never moves
+  for (int k = 0; k < 100; ++k) {  // uncertain, and it never moves
     for (std::string& word : frame({reading_at("NO12", 100, 100, 100, 0.55)}))
       news.push_back(std::move(word));
   }
@@ -160,8 +160,8 @@ TEST_F(NewsTest, WhatTurnsOutToBeASignIsTakenBack) {
   EXPECT_THAT(finish(), ElementsAre("withdrawn 1 NO12"));
 }
 
-// A reading as a reader gives it of a sign: the word hardly, as few plates are one, and now and then what
-// a layout makes of it, surely.
+// Readings of a sign. The word itself has a low confidence, since few plates are one word. At times
+// a layout turns it into another text with high confidence.
 Reading sign_at(int k, double x) {
   const bool digit = k % 3 == 0;
   Reading reading = reading_at(digit ? "C0HKCDY" : "CDHKCDY", x, 100, 100, digit ? 0.95 : 0.06);
@@ -175,7 +175,7 @@ TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsASign) {
   EXPECT_THAT(road.finish(), testing::IsEmpty());
 }
 
-// Each reading is surely this text, but doubtfully a plate.
+// Each reading is sure of its text, but is probably no plate.
 Reading lettering_at(double x) {
   Reading reading = reading_at("CH00GOB", x, 100);
   reading.plate = 0.3;
@@ -212,7 +212,7 @@ TEST_F(NewsTest, AVehicleThatWasTakenForANewOneIsTakenBack) {
   for (int k = 0; k < 10; ++k) (void)frame({reading_at("1234BCD", 20 * k, 100)});
   for (int k = 0; k < 30; ++k) (void)frame({});
   std::vector<std::string> news;
-  for (int k = 0; k < 12; ++k) {  // misread at first
+  for (int k = 0; k < 12; ++k) {  // the first readings are wrong
     for (std::string& word : frame({k < 4 ? reading_at("7254RCO", 400 + 10 * k, 200, 100, 0.6)
                                           : reading_at("1234BCD", 400 + 10 * k, 200, 100, 0.99)}))
       news.push_back(std::move(word));
@@ -238,7 +238,7 @@ TEST(TrackerTest, CarsThatCrossKeepTheirTexts) {
   Road road;
   for (int k = 0; k < 40; ++k) {
     std::vector<Reading> readings{reading_at("1111BBB", 10 * k, 100, 60)};
-    // The nearer one hides the other for a while.
+    // The nearer vehicle hides the other one for some time.
     readings.push_back(reading_at("9999ZZZ", 400 - 10 * k, 102, 70));
     if (k >= 17 && k <= 22) readings.erase(readings.begin());
     road.frame(readings);
@@ -298,7 +298,7 @@ TEST(TrackerTest, AParkedCarIsOneEventForAllItsStay) {
       road.frame({reading});
       ++frames;
     }
-    road.wait(30);  // something stands before it
+    road.wait(30);  // the vehicle is hidden
   }
   const std::vector<PlateEvent> events = road.finish();
   ASSERT_EQ(events.size(), 1U);
@@ -346,7 +346,7 @@ TEST(TrackerTest, OnlyTheRegionCounts) {
 TEST(TrackerTest, TheBestFrameGivesTheCrop) {
   Road road;
   for (int k = 0; k < 10; ++k) {
-    // Frame 6 is the surest; each frame has its own grey.
+    // Frame 6 has the highest confidence; each frame has its own grey level.
     const cv::Mat image(480, 640, CV_8UC3, cv::Scalar::all(10 * k));
     road.frame({reading_at("1234BCD", 300 + k, 200, 100, k == 6 ? 0.95 : 0.6)}, image);
   }
@@ -373,7 +373,7 @@ TEST(TrackerTest, CropsAtTheBorderStayInTheImage) {
 TEST(TrackerTest, FewFramesASecondAreEnough) {
   TrackerOptions options;
   Road road(options);
-  // Two cars one after the other, read once in half a second, far from the last place.
+  // Two cars in sequence, each read once in half a second, far from the last position.
   for (int k = 0; k < 60; ++k) {
     std::vector<Reading> readings;
     if (k % 5 == 0 && k < 30) readings.push_back(reading_at("1234BCD", 30 * k, 100));
@@ -383,7 +383,7 @@ TEST(TrackerTest, FewFramesASecondAreEnough) {
   EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD", "5678FGH"));
 }
 
-// A minute of traffic with errors: six cars, one parked, one far away.
+// One minute of traffic with errors: six cars, one parked, one far away.
 TEST(TrackerTest, AMinuteOfTrafficIsSixEvents) {
   const std::vector<std::string> texts{"1234BCD", "5678FGH", "0912JKL",
                                        "4455MNP", "8086RST", "7301VWX"};
@@ -395,7 +395,7 @@ TEST(TrackerTest, AMinuteOfTrafficIsSixEvents) {
       std::vector<Reading> readings;
       const auto add = [&](std::size_t car, double x, double y, double width) {
         const double error = std::min(0.5, 5 / width + 0.02);
-        if (rng.uniform() < std::min(0.6, 10 / width)) return;  // not found
+        if (rng.uniform() < std::min(0.6, 10 / width)) return;  // not detected
         readings.push_back(
             noisy_reading(texts[car],
                           {static_cast<int>(x + rng.normal()), static_cast<int>(y + rng.normal()),

@@ -47,7 +47,7 @@ TEST(VoteTest, OneSureFrameBeatsManyDoubtfulSmallOnes) {
 }
 
 TEST(VoteTest, CharactersOfSeveralFramesMakeATextThatNoneHad) {
-  // Each frame has another character wrong, and doubts it.
+  // Each frame has another wrong character, with a low confidence.
   std::vector<Reading> readings;
   for (const auto& [text, wrong] : std::vector<std::pair<std::string, std::size_t>>{
            {"X234BCD", 0}, {"12Y4BCD", 2}, {"1234BZD", 5}}) {
@@ -76,7 +76,7 @@ TEST(VoteTest, AgreementRaisesTheConfidenceWithinBounds) {
     return vote(ballots, {}).front().confidence;
   };
   EXPECT_GT(confidence(4), confidence(1) + 0.05);
-  EXPECT_LT(confidence(500), 0.99);  // all of them may make the same mistake
+  EXPECT_LT(confidence(500), 0.99);  // all frames may make the same error
   double sum = 0;
   for (const Candidate& candidate :
        vote({ballot_of(sure_reading("A1", 0.5)), ballot_of(sure_reading("B2", 0.5))}, {})) {
@@ -85,8 +85,8 @@ TEST(VoteTest, AgreementRaisesTheConfidenceWithinBounds) {
   EXPECT_LE(sum, 1 + 1e-9);
 }
 
-// Tracks as they come: plates that grow, most frames poor. The vote is right more often than the
-// most confident frame, and hardly ever wrong where that is right.
+// Typical tracks: growing plates, most frames poor. The vote is right more often than the most
+// confident frame, and rarely wrong where that frame is right.
 TEST(VoteTest, IsBetterThanTheBestFrame) {
   Rng rng(11);
   int best_right = 0;

@@ -40,7 +40,7 @@ std::vector<std::string> found(const WatchList& list, const std::string& text,
   return plates;
 }
 
-// A vehicle whose plate goes from one box to another in ten readings.
+// A vehicle whose plate moves from one box to another in ten readings.
 PlateEvent moving(const std::string& text, cv::Rect from, cv::Rect to) {
   PlateEvent event;
   event.text = text;

@@ -19,7 +19,7 @@ namespace tarsier::plate {
 namespace {
 
 TEST(Logistic, FindsTheOddsThatTheDataHas) {
-  // Of 100 rows with x = 0 20 are right, of 100 with x = 1 80.
+  // 20 of 100 rows with x = 0 are right, and 80 of 100 with x = 1.
   LogisticRows data;
   for (int i = 0; i < 100; ++i) {
     data.add({1, 0}, i < 20);
@@ -29,7 +29,7 @@ TEST(Logistic, FindsTheOddsThatTheDataHas) {
   ASSERT_EQ(w.size(), 2U);
   EXPECT_NEAR(w[0], std::log(0.25), 1e-6);
   EXPECT_NEAR(w[0] + w[1], std::log(4), 1e-6);
-  EXPECT_LT(fit_logistic(data, {1e-9, 100})[1], 1);  // held back
+  EXPECT_LT(fit_logistic(data, {1e-9, 100})[1], 1);  // limited by the regularisation
   EXPECT_THROW((void)fit_logistic({}, {}), std::invalid_argument);
   EXPECT_THROW((void)fit_logistic(data, {1}), std::invalid_argument);
   data.add({1}, true);
@@ -47,7 +47,7 @@ TEST(Logistic, StaysFiniteWhereTheDataIsSeparable) {
 
 class Found : public FolderTest {
  protected:
-  // Drawn cars and their truth.
+  // Synthetic cars with ground truth.
   [[nodiscard]] std::string draw(const std::string& name, int count) const {
     const std::filesystem::path folder = std::filesystem::path(folder_) / name;
     std::filesystem::create_directories(folder / "images");
@@ -86,11 +86,11 @@ TEST_F(Found, JudgeIsFittedToWholeImages) {
       choose_countries(read_countries(models + "/countries"), {}), {cars}, model, progress, {});
   EXPECT_EQ(counts.images, 7);
   EXPECT_GE(counts.plates, 7);
-  EXPECT_GT(counts.finds, counts.plates);  // signs of shops, too
+  EXPECT_GT(counts.finds, counts.plates);  // shop signs too
   EXPECT_GE(counts.texts, 7);
   EXPECT_LE(counts.right, counts.texts);
   EXPECT_EQ(model.confidence.weights, before.weights);  // too few texts
-  // It tells the plates from the rest now.
+  // Now it separates plates from other texts.
   const Recognizer recognizer(read_detector_model(models + "/plate-detector.json"), model,
                               choose_countries(read_countries(models + "/countries"), {}));
   int returned = 0;

@@ -22,7 +22,7 @@
 namespace tarsier::plate {
 namespace {
 
-// A crop that shows `text`; '-' is hidden.
+// A crop that shows `text`; '-' is a hidden character.
 LabelledCrop crop_of(const std::string& text) {
   LabelledCrop crop;
   crop.image = cv::Mat(44, 200, CV_8UC3, cv::Scalar::all(230));
@@ -47,7 +47,8 @@ TEST(SplitCrops, NoPlateIsOnBothSides) {
   std::vector<LabelledCrop> crops;
   for (int plate = 0; plate < 40; ++plate) {
     const std::string text = std::to_string(1000 + 37 * plate) + "BCD";
-    for (const std::size_t hidden : {0U, 4U}) {  // the same plate twice, other places hidden
+    // The same plate twice with other hidden characters.
+    for (const std::size_t hidden : {0U, 4U}) {
       std::string shown = text;
       shown[hidden] = shown[hidden + 1] = '-';
       crops.push_back(crop_of(shown));
@@ -152,8 +153,8 @@ TEST_F(Training, ImpossibleOptionsAreRefused) {
 
 // --- corrections ---
 
-// A typeface that no reader has learnt: leaning strokes with a gap across their middle, as stencils
-// leave it.
+// A typeface that no reader was trained on: slanted strokes with a gap across their middle, as
+// stencils leave it.
 std::shared_ptr<const synth::GlyphSet> stencil(const synth::GlyphSet& known) {
   synth::GlyphSet::Typeface typeface = known.typefaces().front();
   typeface.name = "stencil";
@@ -172,7 +173,7 @@ std::shared_ptr<const synth::GlyphSet> stencil(const synth::GlyphSet& known) {
   return std::make_shared<const synth::GlyphSet>(std::vector{typeface, typeface});
 }
 
-// The crop that a log would hold of a plate, and where the plate lies in it.
+// The crop that a log would store of a plate, and the plate's position in it.
 cv::Mat crop_of_log(const synth::GlyphSet& glyphs, Rng& rng, std::string& text, Quad& corners) {
   synth::PlateFaceOptions options;
   options.px_per_mm = 0.35F;
@@ -234,7 +235,7 @@ TEST_F(Training, TenCorrectionsTeachATypeface) {
   ReaderModel after = before;
   after.line = train_line_reader(views_, corrections, options, progress, {}, &before.line);
   const Recognizer second = recognizer_of(after);
-  ReaderModel without = before;  // as long, from synthetic plates alone
+  ReaderModel without = before;  // the same length, from synthetic plates only
   without.line = train_line_reader(views_, {}, options, progress, {}, &before.line);
 
   const CharacterErrors old_errors = errors_on(first, *unknown);

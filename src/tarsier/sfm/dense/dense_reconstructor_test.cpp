@@ -34,7 +34,7 @@ namespace fs = std::filesystem;
 using testing::Contains;
 using testing::HasSubstr;
 
-// Ends the work after so many images of a stage.
+// Stops after a number of images of one stage.
 class StopAfter final : public Progress {
  public:
   StopAfter(std::string stage, int images) : stage_(std::move(stage)), left_(images) {}
@@ -75,7 +75,7 @@ class DenseTest : public FolderTest {
     options.noise = 1;
     return options;
   }
-  // Points of the surface, seen by all images that have them in view.
+  // Points of the surface, observed by all images that have them in view.
   void add_points() {
     const geometry::Camera& camera = job_.model.cameras[0];
     for (int v = 5; v < camera.height; v += 12) {
@@ -122,7 +122,7 @@ class DenseTest : public FolderTest {
     }
     return "no error";
   }
-  // The workspace of exact depths.
+  // A workspace with exact depths.
   void write_truth() {
     Model model = job_.model;
     write_colmap(path("truth/sparse"), model);
@@ -237,7 +237,7 @@ TEST_F(DenseTest, AnImageThatSharesNothingIsNamed) {
     std::erase_if(point.track, [](const Observation& seen) { return seen.image == 3; });
   lost.features.clear();
   lost.points.clear();
-  // Tracks of one image are none.
+  // Tracks of a single image do not count.
   Model& model = job_.model;
   std::vector<Point> kept;
   std::vector<int> place(model.points.size(), -1);
@@ -288,7 +288,7 @@ TEST_F(DenseTest, LittleMemoryMeansSmallerMaps) {
   DenseOptions tiny = options();
   tiny.memory_gb = 0.25;
   tiny.views.views = 3;
-  EXPECT_EQ(run(tiny).images[0].size, cv::Size(200, 150));  // it is enough for these
+  EXPECT_EQ(run(tiny).images[0].size, cv::Size(200, 150));  // this size is enough for these images
   tiny.memory_gb = 0.1;
   EXPECT_THROW(DenseReconstructor{tiny}, std::invalid_argument);
 }

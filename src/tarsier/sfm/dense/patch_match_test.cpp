@@ -64,7 +64,7 @@ const DrawnScene& relief() {
   return scene;
 }
 
-// Relative errors of the depths that both know, sorted.
+// Sorted relative errors of the depths that both maps have.
 std::vector<float> errors_of(const cv::Mat1f& depth, const cv::Mat1f& truth) {
   std::vector<float> errors;
   for (int y = 0; y < depth.rows; ++y)
@@ -130,7 +130,7 @@ TEST(PatchKernels, CostIsNothingForTheSameAndWorstOutside) {
   EXPECT_EQ(kernels.cost(patch, source.quads(), through), kWorstCost);
   const float none[9] = {NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN};
   EXPECT_EQ(kernels.cost(patch, source.quads(), none), kWorstCost);
-  // A flat patch has nothing in common with a flat patch.
+  // Flat patches do not correlate, not even with each other.
   const cv::Mat1b flat(64, 64, static_cast<unsigned char>(90));
   const SourceLevel flat_source =
       make_source(flat, {64, 64, 60, 60, 32, 32, {}, 0}, {}, {64, 64, 60, 60, 32, 32, {}, 0});
@@ -155,7 +155,7 @@ TEST(PatchKernels, BetweenPixelsTheSameIsPrepared) {
       for (int i = 0; i < kPatchSamples; ++i)
         EXPECT_NEAR(patch.weight[i], expected.weight[i], 2e-3F);
     }
-    // Half as wide a patch agrees with the image itself, half a pixel on.
+    // A patch of half the width at a half-pixel position agrees with the image itself.
     Patch patch;
     kernels->prepare_between(quads, 100.5F, 80, 0.5F, patch);
     const float same[9] = {100.5F, 0.5F, 0, 80, 0, 0.5F, 1, 0, 0};
@@ -168,7 +168,7 @@ TEST(PlaneField, NormalsComeBack) {
   const cv::Vec3f normal = cv::normalize(cv::Vec3f(0.3F, -0.4F, -0.8F));
   const Plane plane = plane_of(camera, 30, 150, 0.125F, normal);
   EXPECT_LT(cv::norm(normal_of(camera, 30, 150, plane) - normal), 1e-5);
-  // The same plane at another pixel has the same normal.
+  // The same plane has the same normal at another pixel.
   Plane moved = plane;
   moved.inverse_depth += 20 * plane.slope_x - 30 * plane.slope_y;
   EXPECT_LT(cv::norm(normal_of(camera, 50, 120, moved) - normal), 1e-5);
@@ -224,7 +224,8 @@ TEST(PatchMatch, WhatAgreesIsRight) {
   EXPECT_EQ(cv::countNonZero(kept.confidence > 0), static_cast<int>(errors.size()));
 }
 
-// A wall of upright bars, every second one farther away, seen from the left, the middle and the right.
+// A wall of upright bars, every second bar farther away, seen from the left, the middle and the
+// right.
 class Bars {
  public:
   static constexpr double kNear = 10;
@@ -244,7 +245,7 @@ class Bars {
     result.camera = {120, 90, 110, 110, 59.5, 44.5, {}, 0};
     return result;
   }
-  // The share of depths of a map from the middle that are right to 0.3 %.
+  // The share of the middle image's depths with an error below 0.3 %.
   static double share_right(const cv::Mat1f& depth) {
     int right = 0;
     int all = 0;
@@ -332,7 +333,7 @@ TEST(DepthFilter, TakesSmallIslandsAway) {
   map.confidence = cv::Mat1f(20, 20, 1.F);
   map.depth(cv::Rect(1, 1, 2, 2)).setTo(5);
   map.depth(cv::Rect(8, 8, 5, 5)).setTo(5);
-  map.depth(cv::Rect(13, 8, 2, 2)).setTo(6);  // beside it, but farther
+  map.depth(cv::Rect(13, 8, 2, 2)).setTo(6);  // a neighbour that is farther away
   remove_small_segments(map, 5, 0.01);
   EXPECT_EQ(cv::countNonZero(map.depth), 25);
   EXPECT_EQ(map.confidence.at<float>(1, 1), 0);

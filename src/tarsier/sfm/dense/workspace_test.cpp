@@ -93,7 +93,7 @@ TEST_F(WorkspaceTest, FilesAreThoseOfColmap) {
   EXPECT_EQ(second, 2);
   const std::string normal = read_file(path("normal.bin"), 1000);
   ASSERT_EQ(normal.size(), 6 + 18 * 4U);
-  std::memcpy(&second, normal.data() + 6 + 6 * 4, 4);  // the second plane
+  std::memcpy(&second, normal.data() + 6 + 6 * 4, 4);  // the second channel
   EXPECT_EQ(second, 2);
 }
 

@@ -32,7 +32,7 @@ std::vector<Eigen::Matrix3d> any_rotations(int count, Rng& rng) {
   return rotations;
 }
 
-// Each node with the next ones of a ring; off by noise, and some by anything.
+// Edges of each node to the next ones in a ring, with noise and a share of random outliers.
 std::vector<RelativeRotation> ring_of(const std::vector<Eigen::Matrix3d>& rotations, int next,
                                       double noise_deg, double outlier_share, Rng& rng) {
   std::vector<RelativeRotation> edges;
@@ -51,7 +51,7 @@ std::vector<RelativeRotation> ring_of(const std::vector<Eigen::Matrix3d>& rotati
   return edges;
 }
 
-// Largest angle to the truth when the first ones are laid on each other, degrees.
+// Largest angle to the truth after the first rotations are aligned, degrees.
 double worst_rotation(const std::vector<Eigen::Matrix3d>& found,
                       const std::vector<Eigen::Matrix3d>& truth) {
   double worst = 0;
@@ -127,7 +127,7 @@ struct Scene {
   PositioningProblem problem;
 };
 
-// Cameras on a circle that look outwards or inwards; each point is seen from a part of it.
+// Cameras on a circle that look outwards or inwards. Some of them observe each point.
 Scene circle(int cameras, int points, double noise_deg, double outlier_share, Rng& rng) {
   Scene scene;
   for (int i = 0; i < cameras; ++i) {
@@ -160,7 +160,8 @@ Scene circle(int cameras, int points, double noise_deg, double outlier_share, Rn
   return scene;
 }
 
-// Root mean square distance to the truth after the best shift and scale, in radii of the circle.
+// Root mean square distance to the truth after the best translation and scale, in radii of the
+// circle.
 double position_error(const std::vector<Eigen::Vector3d>& found,
                       const std::vector<Eigen::Vector3d>& truth) {
   Eigen::Vector3d a = Eigen::Vector3d::Zero();

@@ -14,7 +14,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// Images in a row, each matched with the `reach` next ones, the nearer the more.
+// A row of images, each matched with the next `reach` ones; nearer pairs have more matches.
 std::vector<WeightedEdge> chain(int nodes, int reach, bool closed = false) {
   std::vector<WeightedEdge> edges;
   for (int i = 0; i < nodes; ++i)
@@ -57,7 +57,7 @@ TEST(ViewGraphClusters, AChainIsCutIntoPiecesThatShareTheirEnds) {
     EXPECT_EQ(cluster.own.back() - cluster.own.front() + 1, static_cast<int>(cluster.own.size()))
         << "a piece has a hole";
     begins.push_back(cluster.own.front());
-    // What it takes of its neighbours lies directly beside it.
+    // The images that it shares with its neighbours are directly beside it.
     for (const int image : cluster.shared)
       EXPECT_TRUE(image >= cluster.own.front() - 5 && image <= cluster.own.back() + 5) << image;
   }
@@ -90,7 +90,7 @@ TEST(ViewGraphClusters, TheCutIsWhereLittleIsLost) {
   const auto clusters =
       cluster_view_graph(60, edges, {.clusters = 2, .max_size = 45, .overlap = 4});
   expect_partition(clusters, 60, 45);
-  // An even cut is at 30; 40 is not within a quarter of it.
+  // An even cut would be at 30; 40 is outside a quarter around it.
   for (const ViewCluster& cluster : clusters) EXPECT_GE(cluster.own.size(), 22U);
   edges = chain(35, 8);
   for (WeightedEdge edge : chain(25, 8))
@@ -117,7 +117,7 @@ TEST(ViewGraphClusters, ScenesThatDoNotHangTogetherAreNotMixedWhereThatFits) {
   }
 }
 
-// A grid from the air: pieces are compact, so that few pairs are cut.
+// A grid of aerial images. Compact pieces cut few pairs.
 TEST(ViewGraphClusters, AGridIsCutIntoCompactPieces) {
   constexpr int kSide = 20;
   std::vector<WeightedEdge> edges;
@@ -139,7 +139,7 @@ TEST(ViewGraphClusters, AGridIsCutIntoCompactPieces) {
                ? 1
                : 0;
   EXPECT_LE(cut, 65);  // two straight lines cut 40, four random parts 570
-  // All hang together by what they share.
+  // All clusters are connected by their shared images.
   std::set<std::size_t> reached{0};
   for (std::size_t round = 0; round < clusters.size(); ++round)
     for (std::size_t a = 0; a < clusters.size(); ++a)

@@ -18,7 +18,7 @@ namespace {
 using testing::kPrismImages;
 using testing::kPrismSide;
 
-// A prism, and a reconstruction of it by the pairs of one side only.
+// A prism, and its reconstruction from the pairs within the same side only.
 struct Scene {
   explicit Scene(bool folded) : prism(testing::prism(folded)), colors(kPrismImages) {
     for (std::size_t i = 0; i < colors.size(); ++i)
@@ -44,7 +44,7 @@ struct Scene {
   Reconstruction made;
 };
 
-// Points that images before several sides show.
+// Points that are observed by images of several sides.
 int between_sides(const Model& model) {
   int count = 0;
   for (const Point& point : model.points) {

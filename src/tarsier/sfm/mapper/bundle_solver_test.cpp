@@ -38,7 +38,7 @@ geometry::Camera camera_of(const LensNumbers& lens) {
   return camera;
 }
 
-// The sum that solve() is to minimise, through the camera of the library.
+// The sum that solve() minimises, computed with the library's camera.
 double sum_of(const BundleProblem& problem) {
   const double c2 = problem.loss_px * problem.loss_px;
   double sum = 0;
@@ -61,8 +61,9 @@ double sum_of(const BundleProblem& problem) {
   return sum / 2;
 }
 
-// Cameras in a row before a cloud, `spacing` apart, with noise in what they see, every tenth observation far off, and a
-// start away from the truth. The first camera stays; every camera shows the points within 1.5 along the row.
+// Cameras in a row in front of a cloud, `spacing` apart. Observations have noise, and every tenth
+// is a far outlier. The start is not the truth. The first camera is fixed. Every camera observes
+// the points within 1.5 along the row.
 BundleProblem some_problem(int cameras, int points, double noise, bool free_lens,
                            double spacing = 0.5) {
   Rng rng(4);
@@ -115,7 +116,7 @@ BundleSolverOptions exact() {
   return options;
 }
 
-// The equations of a point that lies much too far send it behind its cameras.
+// The equations move a point that is much too far away behind its cameras.
 TEST(BundleSolver, FewPointsThatOvershootDoNotHoldUpTheRest) {
   BundleProblem near = some_problem(12, 200, 0.3, false);
   BundleProblem far = near;
@@ -130,7 +131,7 @@ TEST(BundleSolver, FewPointsThatOvershootDoNotHoldUpTheRest) {
   EXPECT_NEAR(of_far.cost_after, of_near.cost_after, 1e-3 * of_near.cost_after);
 }
 
-// Central differences of the sum, through code that shares nothing with the solver's derivatives.
+// Central differences of the sum, by code that is independent of the solver's derivatives.
 TEST(BundleSolver, NothingAroundItsSolutionIsLower) {
   for (const bool free_lens : {false, true}) {
     BundleProblem problem = some_problem(6, 60, 0.5, free_lens);
@@ -202,7 +203,8 @@ TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
   }
 }
 
-// So many cameras that show nearly the same: sparse equations are solved with a factor of an earlier step where they can be.
+// Many cameras with nearly the same view. Where possible, the sparse equations are solved with the
+// factor of an earlier step.
 TEST(BundleSolver, CostlyEquationsGiveTheSame) {
   BundleProblem dense = some_problem(240, 50, 0.4, false, 0.01);
   BundleProblem sparse = dense;
@@ -216,7 +218,7 @@ TEST(BundleSolver, CostlyEquationsGiveTheSame) {
   EXPECT_NEAR(one.cost_after, other.cost_after, 1e-5 * one.cost_after);
 }
 
-// 80 poses are five stripes of the equations, with the lenses in the last.
+// 80 poses fill five stripes of the equations; the last stripe also has the lenses.
 TEST(BundleSolver, TheResultDoesNotDependOnTheNumberOfThreads) {
   for (const bool free_lens : {false, true}) {
     const BundleProblem given = some_problem(80, 1200, 0.5, free_lens);
@@ -236,7 +238,8 @@ TEST(BundleSolver, TheResultDoesNotDependOnTheNumberOfThreads) {
   }
 }
 
-// With second derivatives without the loss's own, each step goes half of the way, and it takes more than three times as many.
+// If the second derivatives leave out those of the loss, each step goes only half of the way. Then
+// more than three times as many steps are needed.
 TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
   BundleProblem problem = some_problem(12, 150, 0.5, false);
   BundleSolverOptions options;
@@ -246,8 +249,8 @@ TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
   EXPECT_LT(solution.iterations, 25);
 }
 
-// A ring of cameras that look at a wall inside it, from a start in which the ring is bent but neighbours nearly agree.
-// With R and t as the unknowns of a pose the search ends 11 % above the minimum.
+// A ring of cameras that look at a wall inside it. At the start the ring is bent, but neighbours
+// nearly agree. With R and t as the unknowns of a pose, the search ends 11 % above the minimum.
 TEST(BundleSolver, ALongChainDoesNotStayBent) {
   constexpr int kCameras = 240;
   constexpr double kRadius = 100;
@@ -295,7 +298,7 @@ TEST(BundleSolver, ALongChainDoesNotStayBent) {
   problem.poses = truth;
   BundleProblem bent = problem;
   const double best = solve(problem, exact()).cost_after;
-  // From camera to camera the ring turns by too much, then by too little.
+  // Along the ring, cameras are first rotated too much, then too little.
   std::vector<geometry::Rigid3> bend(truth.size());
   for (int i = 1; i < kCameras; ++i) {
     const Eigen::Vector3d center = truth[at(i)].center();

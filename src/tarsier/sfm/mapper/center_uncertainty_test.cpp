@@ -19,8 +19,8 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 
-// Cameras on a part of a circle of radius 1 that look outwards at a wall at radius 4, 6 degrees apart; each shows the points
-// within 25 degrees. Of 60 cameras the circle is closed.
+// Cameras on an arc of a circle of radius 1, 6 degrees apart. They look outwards at a wall at
+// radius 4. Each observes the points within 25 degrees. 60 cameras close the circle.
 Model arc(int cameras, double noise_px, std::uint64_t seed, int points_per_step = 6) {
   Model model;
   geometry::Camera camera;
@@ -86,7 +86,7 @@ std::vector<Eigen::Vector3d> centers_of(const Model& model) {
   return centers;
 }
 
-// Root mean square of how far adjusted centres are from the truth, over `trials` of the noise; a share of the extent.
+// Root mean square error of adjusted centres over `trials` of the noise, as a share of the extent.
 double true_error(int cameras, double noise_px, int trials) {
   double squares = 0;
   for (int trial = 0; trial < trials; ++trial) {
@@ -129,7 +129,7 @@ TEST(CenterUncertainty, GrowsWithTheNoise) {
   EXPECT_NEAR(large->mean / small->mean, 10, 2);
 }
 
-// The same spacing and points: what closes the circle is all the difference.
+// The same spacing and points; only the closure of the circle differs.
 TEST(CenterUncertainty, OfAClosedCircleIsSmallerThanOfAnOpenOne) {
   const auto closed = center_uncertainty(arc(60, 0.5, 1), known_lens());
   Model open = arc(60, 0.5, 1);
@@ -156,7 +156,7 @@ TEST(CenterUncertainty, IsLargerWhereTheLensIsUncertainToo) {
 }
 
 TEST(CenterUncertainty, OfSomePointsIsScaledToAll) {
-  // 8 cameras share nearly all points, of which 600 are used.
+  // 8 cameras observe nearly the same points, of which 600 are used.
   const auto few = center_uncertainty(arc(8, 0.5, 1, 150), known_lens());
   const auto many = center_uncertainty(arc(8, 0.5, 1, 600), known_lens());
   ASSERT_TRUE(few && many);

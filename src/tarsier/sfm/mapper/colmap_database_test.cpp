@@ -84,7 +84,7 @@ TEST(ColmapDatabase, AnotherOneOfThatNameIsReplaced) {
   EXPECT_TRUE(read_colmap_database(folder / "database.db").pairs.empty());
 }
 
-// What is wrong with a database after these statements.
+// The error for a database after these statements.
 std::string trouble(const std::string& statements) {
   const TemporaryFolder folder;
   write_colmap_database(folder / "database.db", drawn());

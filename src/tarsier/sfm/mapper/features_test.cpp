@@ -55,7 +55,7 @@ TEST(FindFeatures, AReducedImageGivesThePixelsOfTheWhole) {
 TEST(FindFeatures, AreTheStrongestOfEveryPlace) {
   const synth::ReliefScene scene({});
   cv::Mat image = scene.render(0);
-  // The left half has much less contrast: it keeps its share all the same.
+  // The left half has much less contrast, but keeps its share of the features.
   cv::Mat left = image(cv::Rect(0, 0, image.cols / 2, image.rows));
   left.convertTo(left, -1, 0.45, 70);
   FeatureOptions options;

@@ -15,7 +15,7 @@ namespace {
 constexpr double kPi = 3.14159265358979;
 const cv::Size kSize(320, 240);
 
-// A smooth surface without end whose value is known at every place, not only at pixels.
+// A smooth, unbounded surface with a known value at every position, not only at pixels.
 class Texture {
  public:
   explicit Texture(std::uint64_t seed) {
@@ -27,8 +27,8 @@ class Texture {
                         rng.uniform(0, 2 * kPi)});
     }
   }
-  // The values at `begin`, `begin + step` .. of a line: turning a pointer is many times faster than
-  // a sine each.
+  // The values at `begin`, `begin + step` .. of a line. Rotating a vector is many times faster than
+  // a sine for each value.
   [[nodiscard]] std::vector<double> along(const cv::Point2d& begin, const cv::Point2d& step,
                                           int count) const {
     std::vector<double> sums(static_cast<std::size_t>(count), 128);
@@ -58,7 +58,7 @@ struct Motion {
   double zoom = 1;    // a frame
   double turn = 0;    // radians a frame
 
-  // Where a point of frame 0 is in `frame`, and back.
+  // The position of frame 0's point in `frame`, and back.
   [[nodiscard]] cv::Point2d seen(const cv::Point2d& at, int frame) const {
     const double s = std::pow(zoom, frame);
     const double c = std::cos(turn * frame);
@@ -99,7 +99,7 @@ cv::Point2f point_of(const FlowResult& result, int image, int feature) {
   return result.features[static_cast<std::size_t>(image)].points[static_cast<std::size_t>(feature)];
 }
 
-// px, of a pair's matches, in order of size.
+// Sorted errors of a pair's matches, px.
 std::vector<double> errors_of(const FlowResult& result, const FlowMatches& pair,
                               const Motion& motion) {
   std::vector<double> errors;
@@ -194,13 +194,13 @@ TEST(Flow, DropsWhatIsCoveredOrLeaves) {
       if (inside.contains(cv::Point(b))) ++covered;
     }
   }
-  // A few at the cover's rim, whose patches are still mostly as they were.
+  // A few patches at the cover's rim are wrong, since most of their pixels stay as before.
   EXPECT_GT(across, 500);
   EXPECT_LT(wrong, across / 50);
   EXPECT_EQ(covered, 0);
   RecordProperty("wrong", std::to_string(wrong) + " of " + std::to_string(across));
   EXPECT_GT(before, 10);
-  // What was found on the cover stays there.
+  // Features found on the cover stay on it.
   const FlowMatches* late = pair_of(result, 4, 6);
   ASSERT_NE(late, nullptr);
   int still = 0;

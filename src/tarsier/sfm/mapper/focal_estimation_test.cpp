@@ -18,7 +18,7 @@ using Eigen::Vector3d;
 constexpr double kFocal = 500;
 constexpr double kThresholdPx = 1.5;
 
-// Six images of the same points, all pairs verified. What is known of the lens is another focal length than it has.
+// Six images of the same points, all pairs verified. The given focal length is wrong.
 struct Scene {
   std::vector<geometry::Camera> cameras;
   std::vector<Image> images;
@@ -106,7 +106,7 @@ TEST(FocalEstimation, AFewPairsSayNothing) {
   EXPECT_TRUE(scene.estimate().empty());
 }
 
-// Images 0 to 2 are of a lens that is known, the others of one that is not.
+// Images 0 to 2 have a known lens, the others an unknown one.
 TEST(FocalEstimation, UsesPairsWithAKnownLens) {
   Scene scene(800);
   scene.cameras.push_back(scene.cameras[0]);
@@ -116,11 +116,12 @@ TEST(FocalEstimation, UsesPairsWithAKnownLens) {
       estimate_focal_lengths(scene.cameras, {0, 1}, scene.images, scene.pairs, kThresholdPx, {});
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].camera, 1);
-  EXPECT_EQ(found[0].pairs, 12);  // but those of the known lens alone
+  EXPECT_EQ(found[0].pairs, 12);  // all pairs except those of the known lens alone
   EXPECT_NEAR(found[0].focal_px, kFocal, 0.04 * kFocal);
 }
 
-// Each image has a camera of its own: none has five pairs of its own, but together they tell.
+// Each image has its own camera. No camera has five pairs of its own, but all pairs together give
+// the factor.
 TEST(FocalEstimation, CamerasWithoutPairsOfTheirOwnShareAFactor) {
   Scene scene(800);
   scene.cameras.resize(6, scene.cameras[0]);
@@ -147,7 +148,7 @@ TEST(FocalEstimation, MotionsAreRightOnceItIsKnown) {
   EXPECT_GT(view.second_from_first.translation.dot(truth.translation.normalized()), 0.999);
 }
 
-// A model says that a lens is another one.
+// A model gives another focal length.
 TEST(FocalEstimation, TakesTheFocalLengthOfAModel) {
   Scene scene(800);
   ImageSet images{PipelineOptions()};

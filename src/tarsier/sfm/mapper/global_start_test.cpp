@@ -28,7 +28,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// A site as the mapper takes it.
+// A site in the form of the mapper's input.
 struct Given {
   synth::ObservedSite site;
   std::vector<geometry::Camera> cameras;
@@ -109,7 +109,7 @@ void expect_same(const Reconstruction& built, const Reconstruction& expected) {
   }
 }
 
-// Two rings of which no pair has images of both, and a few pairs that contradict the others.
+// Two rings without pairs between them, and a few pairs that contradict the others.
 Given two_rings() {
   Given result = given(synth::SiteKind::kRing, 30);
   Given other = given(synth::SiteKind::kRing, 24, 150);
@@ -131,7 +131,7 @@ Given two_rings() {
   return result;
 }
 
-// Runs it with a checkpoint at every step; returns these.
+// Runs the mapper with a checkpoint at every step, and returns the checkpoints.
 std::vector<MapperState> states_of(const Given& given, MapperChoice choice, Reconstruction& built) {
   std::vector<MapperState> states;
   MapperHooks hooks;
@@ -146,7 +146,7 @@ TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
   Reconstruction whole;
   const std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
   ASSERT_EQ(whole.models.size(), 2U);
-  std::set<std::tuple<std::size_t, int, int>> seen;  // models before, step, round
+  std::set<std::tuple<std::size_t, int, int>> seen;  // number of finished models, step, round
   for (const MapperState& state : states) {
     if (!state.start) continue;
     EXPECT_FALSE(state.current);
@@ -160,7 +160,7 @@ TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
       if (!next) next = kept;
     };
     expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
-    // What was done is not done again.
+    // Finished work is not done again.
     ASSERT_TRUE(next);
     if (next->start) {
       EXPECT_GT(std::tuple(next->models.size(), next->start->step, next->start->round), here);
@@ -184,15 +184,15 @@ TEST(GlobalCheckpoints, OfOtherPairsAreIgnored) {
   ASSERT_NE(adjusted, states.end());
   MapperHooks hooks;
   hooks.from = *adjusted;
-  hooks.from->start->points.pop_back();  // other tracks
+  hooks.from->start->points.pop_back();  // other tracks than those of the checkpoint
   expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
   hooks.from = *adjusted;
-  hooks.from->start->nodes.pop_back();  // of which edges remain
+  hooks.from->start->nodes.pop_back();  // edges refer to the missing node
   hooks.from->start->rotations.pop_back();
   expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
 }
 
-// Where global mapping is refused, that is tried and said once.
+// A refused global mapping is tried and reported only once.
 TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
   Given site = given(synth::SiteKind::kRing, 30);
   for (std::size_t k = 0; k < site.pairs.size(); ++k) {
@@ -215,7 +215,7 @@ TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
   };
   ASSERT_EQ(refusals(whole.log), 1);
   ASSERT_TRUE(kept && kept->start);
-  // As it is between the refusal and the first pair.
+  // The state between the refusal and the first pair.
   kept->start->step = GlobalStartState::kRefused;
   for (const std::string& line : whole.log) {
     kept->log.push_back(line);
@@ -307,7 +307,7 @@ TEST(GlobalMapper, PairsThatContradictEachOtherAreRefusedWithAReason) {
   EXPECT_TRUE(built.models.empty());
   EXPECT_THAT(built.no_model, HasSubstr("global mapping refused: only "));
   EXPECT_THAT(built.outcomes[3].reason, HasSubstr("global mapping refused"));
-  // Image by image the relative rotations do not matter beyond the first pair.
+  // Incremental mapping does not use the relative rotations after the first pair.
   EXPECT_THAT(run(site, MapperChoice::kAuto, 20).log, testing::Contains(HasSubstr("start from")));
 }
 
@@ -324,7 +324,7 @@ TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
   EXPECT_FALSE(built.refused[0].reason.empty());
 }
 
-// With these neighbours both mappers lay all four sides over each other at first.
+// With these neighbours, both mappers first map all four sides onto each other.
 TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   for (const MapperChoice choice : {MapperChoice::kIncremental, MapperChoice::kGlobal}) {
@@ -341,7 +341,7 @@ TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
   }
 }
 
-// The models of the strongest pairs of this prism are folded, and by these pairs alone they have no conflicts.
+// The models of this prism's strongest pairs are folded, but those pairs alone show no conflict.
 TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   TARSIER_LONG_TEST();
   synth::SiteOptions options;
@@ -359,7 +359,8 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
   EXPECT_GT(built.trust[0], 0.8);
 
-  // From a checkpoint in the middle of each try the result is the same, and the tries before it are not mapped again.
+  // From a checkpoint in the middle of each try, the result is the same. Earlier tries are not
+  // mapped again.
   ASSERT_GE(states.back().tries.size(), 3U);
   for (std::size_t tries = 1; tries <= states.back().tries.size(); ++tries) {
     std::vector<const MapperState*> of_try;
@@ -369,7 +370,7 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
     MapperHooks hooks;
     hooks.from = *of_try[of_try.size() / 2];
     hooks.keep_every_s = 0;
-    std::size_t begun = 0;  // tries that had no end
+    std::size_t begun = 0;  // tries that were not finished
     hooks.keep = [&](const MapperState& state) {
       EXPECT_GE(state.tries.size(), tries);
       for (std::size_t k = 0; k + 1 < tries; ++k) begun += state.tries[k].done ? 0 : 1;
@@ -378,7 +379,7 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
     EXPECT_EQ(begun, 0U);
   }
 
-  // An interruption leaves the models of before the tries, and their checkpoint.
+  // An interruption leaves the models from before the tries, and their checkpoint.
   std::stop_source stop;
   MapperHooks hooks;
   hooks.partial = true;
@@ -398,7 +399,8 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
 }
 
-// An image by image model that is taken up from any checkpoint ends the same, also after it was taken apart.
+// An incremental model that continues from any checkpoint ends the same, also after it was taken
+// apart.
 TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   TARSIER_LONG_TEST();
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
@@ -436,7 +438,7 @@ class StopsTheSecondTime final : public Progress {
   int begun_ = 0;
 };
 
-// Nothing has been made of its images again, and a model of little trust is better than none.
+// No second model exists yet, and a model of low trust is better than none.
 TEST(MapperOfRepeats, InterruptedTheModelThatWasTakenApartIsLeft) {
   TARSIER_LONG_TEST();
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
@@ -452,7 +454,7 @@ TEST(MapperOfRepeats, InterruptedTheModelThatWasTakenApartIsLeft) {
   EXPECT_LT(built.trust[0], 0.5);
 }
 
-// Few and noisy observations of a long ring: image by image its ends do not meet.
+// A long ring with few, noisy observations. Incremental mapping does not close it.
 Given drifting_ring() {
   synth::SiteOptions options;
   options.kind = synth::SiteKind::kRing;
@@ -478,7 +480,7 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   EXPECT_EQ(registered(whole), 200);
   EXPECT_LT(worst_center(whole.models[0], site.site.poses), 0.02);
 
-  // A checkpoint has the model that was set aside.
+  // The checkpoint contains the model that was set aside.
   const auto aside = std::find_if(states.begin(), states.end(),
                                   [](const MapperState& state) { return state.has_aside; });
   ASSERT_LT(aside + 2, states.end());

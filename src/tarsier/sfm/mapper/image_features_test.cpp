@@ -63,7 +63,7 @@ TEST_F(InputImage, OfAnyOrientationHasTheLensOfItsCamera) {
   EXPECT_EQ(guessed_set.cameras().size(), 1U);
 }
 
-// A camera that was calibrated with images that were shown upright.
+// A camera that was calibrated with upright images.
 TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
   geometry::Camera upright = landscape();
   std::swap(upright.width, upright.height);
@@ -75,7 +75,7 @@ TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
     const ImageFeatures image = read(kSize, orientation, options);
     ASSERT_STREQ(image.lens.from, "given");
     EXPECT_EQ(image.lens.camera.width, kSize.width);
-    // A point in the frame of the camera, and in that of the upright one.
+    // A point in the camera's frame, and in the frame of the upright camera.
     const Eigen::Vector3d point(0.2, -0.13, 1);
     Eigen::Vector3d turned = point;
     cv::Point2d pixel = *image.lens.camera.project(point);
@@ -94,7 +94,7 @@ TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
 TEST_F(InputImage, ThatWasTurnedWithoutASignHasItsLensInTheMiddle) {
   PipelineOptions options;
   options.camera = landscape();
-  const cv::Size turned(2 * kSize.height, 2 * kSize.width);  // and of twice the size
+  const cv::Size turned(2 * kSize.height, 2 * kSize.width);  // and twice the size
   const ImageFeatures image = read(turned, 1, options);
   ASSERT_STREQ(image.lens.from, "given");
   const geometry::Camera& camera = image.lens.camera;
@@ -106,7 +106,7 @@ TEST_F(InputImage, ThatWasTurnedWithoutASignHasItsLensInTheMiddle) {
   EXPECT_EQ(camera.distortion[0], landscape().distortion[0]);
   EXPECT_EQ(camera.distortion[2], 0);
 
-  // Of another form it is not used.
+  // It is not used for another aspect ratio.
   EXPECT_STREQ(read({60, 60}, 1, options).lens.from, "guess");
 }
 

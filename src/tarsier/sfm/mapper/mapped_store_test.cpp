@@ -30,7 +30,8 @@ TEST(MappedStore, GivesWhatWasAddedAfterItLeftMemory) {
   MappedStore store(folder.path());
   std::vector<cv::Mat> given;
   std::vector<cv::Mat> kept;
-  // The second one is larger than what is mapped at a time; one has no descriptors; one is a part of a matrix.
+  // The second matrix is larger than a mapped part of the file. One has no descriptors; one is part
+  // of a matrix.
   const int rows[] = {100, 600'000, 0, 33, 5000};
   for (const int count : rows) {
     given.push_back(drawn(count, static_cast<std::uint64_t>(count)));

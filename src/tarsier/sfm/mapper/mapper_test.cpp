@@ -24,7 +24,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// A point problem as the mapper takes it: features, and matches by the points' identity.
+// A point problem in the form of the mapper's input: features, and matches by the points' identity.
 struct Problem {
   synth::PointProblem truth;
   std::vector<geometry::Camera> cameras;
@@ -86,8 +86,8 @@ Reconstruction run(const Problem& problem, const MapperOptions& options = {}) {
   return reconstruct(input_of(problem, no_descriptors), options, progress, {});
 }
 
-// The same with descriptors that tell points apart, and a part of the matches missing: extending
-// has something to find.
+// The same with descriptors that identify the points. Some matches are missing, so that extending
+// the tracks can find them.
 struct Described {
   Problem problem;
   std::vector<cv::Mat> descriptors;
@@ -121,7 +121,7 @@ Reconstruction run(const Described& given, const MapperHooks& hooks,
   return reconstruct(input_of(given.problem, given.descriptors), {}, progress, stop, hooks);
 }
 
-// To the last bit.
+// Bit for bit.
 void expect_same(const Reconstruction& a, const Reconstruction& b) {
   EXPECT_EQ(a.log, b.log);
   ASSERT_EQ(a.models.size(), b.models.size());
@@ -150,7 +150,7 @@ void expect_same(const Reconstruction& a, const Reconstruction& b) {
   }
 }
 
-// Two scenes of these many images that have nothing to do with each other.
+// Two independent scenes with these numbers of images.
 Problem two_scenes(int first, int second) {
   Problem problem = problem_of(synth::make_point_problem(4, first, 200, 0.2, 0));
   const Problem other = problem_of(synth::make_point_problem(5, second, 200, 0.2, 0));
@@ -170,7 +170,7 @@ TEST(Reconstruct, WithoutNoiseItIsExact) {
   ASSERT_EQ(built.models.size(), 1U);
   const ModelStatistics statistics = statistics_of(built.models[0]);
   EXPECT_EQ(statistics.registered, 7);
-  EXPECT_LT(statistics.reprojection_px, 1e-3);  // features are single precision
+  EXPECT_LT(statistics.reprojection_px, 1e-3);  // features have single precision
   EXPECT_LT(worst_center(built.models[0], problem.truth.poses), 1e-4);
   EXPECT_GT(built.models[0].points.size(), 250U);
   EXPECT_EQ(built.models[0].points[0].color, cv::Vec3b(10, 20, 30));
@@ -208,7 +208,7 @@ TEST(Reconstruct, TwoScenesGiveTwoModels) {
   for (int i = 0; i < 9; ++i) {
     EXPECT_TRUE(built.outcomes[static_cast<std::size_t>(i)].registered);
     EXPECT_EQ(built.outcomes[static_cast<std::size_t>(i)].model, i < 5 ? 0 : 1);
-    // A model does not carry the features of images that are not in it.
+    // A model does not keep the features of images that are not in it.
     for (std::size_t m = 0; m < 2; ++m) {
       const Image& image = built.models[m].images[static_cast<std::size_t>(i)];
       EXPECT_EQ(image.features.empty(), !image.registered);
@@ -267,8 +267,8 @@ TEST(Checkpoints, OfOtherImagesAreIgnored) {
   EXPECT_EQ(run(other, hooks).resumed, 0);
 }
 
-// Stopped within each adjustment: the models so far are there, and the checkpoint of that moment
-// leads to the same end.
+// Stopped within each adjustment: the finished models are returned, and the checkpoint of that
+// moment leads to the same result.
 TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
   const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   const Reconstruction whole = run(given, {});
@@ -301,7 +301,7 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
       EXPECT_LT(statistics_of(so_far.models[0]).reprojection_px, 2);
       ++partial;
     } catch (const tarsier::Interrupted&) {
-      EXPECT_EQ(last, 1);  // within the first pair: there is no model yet
+      EXPECT_EQ(last, 1);  // stopped within the first pair: there is no model yet
     }
     ASSERT_TRUE(kept);
     MapperHooks from;
@@ -311,7 +311,7 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
   EXPECT_EQ(partial, adjustments - 1);
 }
 
-// Who watches sees more and more images, and the result is the same.
+// The caller is shown a growing number of images, and the result is the same.
 TEST(Mapper, ShowsTheModelThatGrows) {
   const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<int> registered;
@@ -339,7 +339,7 @@ TEST(Interrupted, WithoutPartialThrows) {
   EXPECT_THROW((void)run(given, hooks, stop.get_token()), tarsier::Interrupted);
 }
 
-// Counters that are kept up to date say what a walk through all features says.
+// The incremental counters equal a count over all features.
 TEST(IncrementalMapper, KnowsWhatEachImageSees) {
   const Described given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
   const Problem& problem = given.problem;
@@ -391,7 +391,7 @@ TEST(IncrementalMapper, KnowsWhatEachImageSees) {
   check("the end");
 }
 
-// An adjustment by few points, or few observations of each, takes the others along.
+// If only few points or observations are adjusted, the other points move with them.
 TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
   const Problem problem = problem_of(synth::make_point_problem(23, 8, 400, 0.4, 0));
   Model model;
@@ -501,7 +501,8 @@ TEST(Adjust, MovesAwayFromTheTruthComeBack) {
 TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
   const Problem problem = problem_of(synth::make_point_problem(9, 9, 150, 0.3, 0));
   Model start = run(problem).models.at(0);
-  for (std::size_t p = 0; p < start.points.size(); p += 3)  // that neither of the two shows
+  // Points that neither of the two observes.
+  for (std::size_t p = 0; p < start.points.size(); p += 3)
     std::erase_if(start.points[p].track,
                   [](const Observation& seen) { return seen.image == 2 || seen.image == 4; });
   BundleOptions options;
@@ -533,7 +534,7 @@ TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
   Rng rng(1);
   BundleOptions options;
   options.only_points = true;
-  options.focal = true;  // stays nevertheless
+  options.focal = true;  // has no effect here
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     for (int k = 0; k < 3; ++k) model.points[p].position[k] += rng.normal(0, 0.02);
     if (p % 2 == 0) options.points.push_back(static_cast<int>(p));
@@ -555,7 +556,8 @@ TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
 TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
   Model model = run(problem).models.at(0);
-  // An image so wide that the true focal length is just below the least share of it.
+  // The image is so wide that the true focal length is just below the allowed min share of the
+  // width.
   const double truth = model.cameras[0].fx;
   model.cameras[0].width = static_cast<int>(truth / (0.99 * kMinFocalShare));
   const double start = 1.04 * truth;
@@ -566,7 +568,7 @@ TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
   EXPECT_NEAR(model.cameras[0].fx, start, 1e-9 * start);
   EXPECT_THAT(report.trouble, HasSubstr("focal length"));
   EXPECT_GT(report.iterations, 0);  // the rest is adjusted
-  // With room for it, the lens is found.
+  // With a wider range, the right focal length is found.
   model.cameras[0].width = 640;
   EXPECT_TRUE(adjust(model, options).trouble.empty());
   EXPECT_NEAR(model.cameras[0].fx, truth, 0.02 * truth);
@@ -593,7 +595,7 @@ TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {
   options.focal = true;
   std::set<double> focal_lengths;
   for (std::size_t hole = 0; hole < 12; ++hole) {
-    // Free memory of several sizes below what comes after it: some arrays get it, others do not.
+    // Leaves free memory blocks of several sizes: some of the later arrays use them, others do not.
     std::vector<std::vector<char>> blocks;
     for (std::size_t size = 16; size <= 1024; size += 8) blocks.emplace_back(size);
     const std::vector<char> above(1 << 16);

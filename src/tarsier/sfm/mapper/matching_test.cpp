@@ -19,7 +19,7 @@ cv::Mat random_descriptors(int rows, int columns, std::uint64_t seed) {
   return result;
 }
 
-// Straight from the definition.
+// The direct definition.
 std::vector<Match> reference(const cv::Mat& a, const cv::Mat& b, FeatureKind kind, double ratio) {
   const auto distance = [&](int i, int j) {
     double sum = 0;
@@ -63,7 +63,7 @@ TEST(MatchFeatures, IsWhatTheDefinitionSays) {
     cv::Mat a = random_descriptors(150, columns, 1);
     cv::Mat b = random_descriptors(131, columns, 2);
     Rng rng(3);
-    for (int r = 0; r < 60; ++r) {  // some that belong together, more or less alike
+    for (int r = 0; r < 60; ++r) {  // some pairs of rows that match, with different distances
       for (int c = 0; c < columns; ++c) {
         const int noise = kind == FeatureKind::kSift ? rng.integer(-r / 4, r / 4)
                                                      : (rng.uniform() < r * 0.003 ? 1 : 0);
@@ -94,7 +94,7 @@ TEST(MatchFeatures, TheSameTwiceIsNoMatch) {
   EXPECT_TRUE(match_features(a, b, FeatureKind::kSift, {}).empty());
 }
 
-// Features at these places, of which the last descriptors are further ones of `owners`.
+// Features at these positions. The last descriptors are additional ones of the points in `owners`.
 Features features_at(const std::vector<cv::Point2f>& points, const cv::Mat& descriptors,
                      const std::vector<std::int32_t>& owners) {
   Features features;
@@ -105,7 +105,7 @@ Features features_at(const std::vector<cv::Point2f>& points, const cv::Mat& desc
 }
 
 TEST(MatchFeatures, DescriptorsOfOnePlaceDoNotFailTheRatioTestByEachOther) {
-  // Three points, of which two have a further descriptor that hardly differs from the first.
+  // Three points. Two have an additional descriptor that is nearly equal to the first.
   const cv::Mat one = random_descriptors(3, 128, 11);
   cv::Mat rows;
   rows.push_back(one);
@@ -115,7 +115,7 @@ TEST(MatchFeatures, DescriptorsOfOnePlaceDoNotFailTheRatioTestByEachOther) {
   for (int r = 0; r < noisy.rows; ++r) noisy.at<std::uint8_t>(r, 3 * r) += 9;
   const Features a = features_at({{1, 1}, {5, 1}, {9, 1}}, rows, {0, 1});
   const Features b = features_at({{2, 2}, {6, 2}, {9, 2}}, noisy, {0, 1});
-  // Row by row the second descriptor of a place is nearly as near as the first.
+  // In a match row by row, the second descriptor of a point is nearly as near as the first.
   EXPECT_EQ(match_features(a.descriptors, b.descriptors, FeatureKind::kSift, {}),
             (std::vector<Match>{{2, 2}}));
   std::vector<float> ratios;
@@ -132,11 +132,12 @@ TEST(MatchFeatures, AFurtherDescriptorMatchesForItsPoint) {
     for (const int row : which) result.push_back(one.row(row));
     return result;
   };
-  // Point 1 of each is the same by its second descriptor alone.
+  // Point 1 of the two images matches only by its second descriptor.
   const Features a = features_at({{1, 1}, {5, 1}}, rows({0, 1, 4}), {1});
   const Features b = features_at({{2, 2}, {6, 2}}, rows({2, 3, 4}), {1});
   EXPECT_EQ(match_features(a, b, FeatureKind::kSift, {}), (std::vector<Match>{{1, 1}}));
-  // Points at one place are one: the first. Of two that match it the nearer one is kept.
+  // Points at the same position count as the first of them. If two points match it, the nearer one
+  // is kept.
   const Features c = features_at({{1, 1}, {1, 1}, {7, 7}}, rows({0, 1, 2, 5}), {2});
   cv::Mat off = rows({1, 0, 2});
   off.at<std::uint8_t>(0, 0) += 3;

@@ -37,8 +37,9 @@ TEST(ModelConflicts, ATrueModelHasNone) {
     EXPECT_FALSE(conflicts.are_different(i, (i + 2) % testing::kPrismImages));
 }
 
-// An arc of ten images, 4 degrees from one to the next. A third of the points are features of all, the others of the three
-// images around one of them: images that are 12 degrees apart share none of those.
+// An arc of ten images, 4 degrees apart. A third of the points are features of all images. Each
+// other point is a feature of three neighbouring images, so images 12 degrees apart share none of
+// these.
 Model arc_of_weak_features() {
   constexpr int kArc = 10;
   Model model = registered_images(kArc);
@@ -66,8 +67,9 @@ TEST(ModelConflicts, FeaturesThatAreFoundFromNearbyOnlyAreNone) {
   EXPECT_FALSE(conflicts.any());
 }
 
-// A row of 20 images a step of 1 apart, with points 8 and 40 before it. Of those far away three of four are weak: they are
-// features of the images within six of one of them. Those of the last image only of the images within four.
+// A row of 20 images, 1 apart, with points at distances 8 and 40. Three of four far points are
+// weak: only the images within six of one image have them as features. Those of the last image are
+// features of the images within four.
 Model row_with_a_poor_image() {
   constexpr int kRow = 20;
   Model model = registered_images(kRow);
@@ -103,8 +105,8 @@ TEST(ModelConflicts, AnImageThatContradictsOnlyWhatIsFarFromItIsInItsPlace) {
   EXPECT_FALSE(conflicts.any());
 }
 
-// A row of images before a wall, whose points are found at random: most of them in two images of three, the others at a
-// lower rate.
+// A row of images in front of a wall with randomly detected points. Most points are detected in two
+// of three images, the others at a lower rate.
 struct RowOfChance {
   int images = 500;
   double step = 0.5;  // between images, at a distance of 5
@@ -142,10 +144,11 @@ TEST(ModelConflicts, ContradictionsHereAndThereAreChance) {
   const ModelConflicts conflicts(row_of_chance({}));
   EXPECT_GE(conflicts.pairs().size(), 5U);
   EXPECT_FALSE(conflicts.any());
-  EXPECT_TRUE(conflicts.any(true));  // but where places are known to look alike
+  EXPECT_TRUE(conflicts.any(true));  // unless places are known to look alike
 }
 
-// Each point should be shown by eight images or fewer: by chance some show few of those that are rare because of them.
+// On average eight images or fewer should observe each point. By chance, some images have few of
+// the points that are rare only because of them.
 TEST(ModelConflicts, PointsThatAreRareBecauseTheImageLacksThemAreNoContradiction) {
   const ModelConflicts conflicts(
       row_of_chance({.images = 100, .step = 0.5, .points = 2000, .weak_rate = 0.4}));
@@ -153,7 +156,7 @@ TEST(ModelConflicts, PointsThatAreRareBecauseTheImageLacksThemAreNoContradiction
   EXPECT_FALSE(conflicts.any(true));
 }
 
-// Some contradict many of those around them, but all images of two places never do.
+// Some images contradict many neighbours, but all images of two places never contradict each other.
 TEST(ModelConflicts, ContradictionsOfADenseRowAreChance) {
   const ModelConflicts conflicts(row_of_chance(
       {.images = 400, .step = 0.02, .points = 700, .weak_rate = 0.2, .unsharp_every = 20}));

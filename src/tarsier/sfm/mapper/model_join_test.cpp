@@ -31,7 +31,8 @@ using ::testing::HasSubstr;
 
 constexpr int kImages = 60;
 
-// Images once around, looking outwards at a rough wall; each point of it is seen by nine of them or so.
+// Images around a full circle, looking outwards at a rough wall. About nine images observe each
+// point.
 Model scene(double noise_px, double wall = 20, int images = kImages) {
   Rng rng(3);
   Model model;
@@ -85,7 +86,8 @@ std::vector<int> range_of(int first, int last) {
   return images;
 }
 
-// What one would map of some of the images: those, the points that three of them show, adjusted, anywhere and of any size.
+// The model that a mapper would make from some of the images: these images, and the points that
+// three of them observe. It is adjusted, and has any position and scale.
 Model piece(const Model& whole, const std::vector<int>& images, std::uint64_t seed) {
   Model model = whole;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
@@ -155,7 +157,7 @@ TEST(ModelJoin, TwoPiecesOfAnExactSceneAreOneAgain) {
   check_model(model);
   EXPECT_EQ(model.points[0].color, cv::Vec3b(10, 20, 30));
   EXPECT_THAT(joined.log, Contains(HasSubstr("joined: part 0 and part 1: 7 images")));
-  // A point that both pieces have is one point with the observations of both.
+  // A point of both pieces becomes one point with the observations of both.
   std::size_t most = 0;
   for (const Point& point : model.points) most = std::max(most, point.track.size());
   std::size_t true_most = 0;
@@ -179,14 +181,14 @@ TEST(ModelJoin, NoiseOfFeaturesIsNoMoreThanThatOfTheWhole) {
   EXPECT_LT(worst_center(joined.models[0], truth), 1.2 * worst_center(all, truth));
 }
 
-// Each piece grows from one end to the other, so that the ends of the chain do not meet.
+// Each piece drifts from one end to the other. So the ends of the chain do not meet.
 TEST(ModelJoin, ACycleThatDriftLeavesOpenCloses) {
   constexpr double kBend = 0.01;
   const Model whole = scene(0.5);
   std::vector<Model> pieces;
   for (int k = 0; k < 6; ++k) {
     Model made = piece(whole, range_of(10 * k, 10 * k + 15), 20 + static_cast<std::uint64_t>(k));
-    // What is farther from its first image is larger.
+    // The scale grows with the distance from the first image.
     const auto center = [&](int i) {
       return made.images[static_cast<std::size_t>(i % kImages)].pose.center();
     };
@@ -219,7 +221,7 @@ TEST(ModelJoin, TwoCommonImagesAreTooFew) {
   ASSERT_EQ(joined.joins.size(), 1U);
   EXPECT_EQ(joined.joins[0].refusal, "2 images in common, 3 are needed");
   ASSERT_EQ(joined.models.size(), 2U);
-  EXPECT_EQ(registered(joined.models[0]), 27);  // most images first
+  EXPECT_EQ(registered(joined.models[0]), 27);  // the largest model first
   EXPECT_EQ(registered(joined.models[1]), 20);
   EXPECT_EQ(joined.joined_in, (std::vector<int>{1, 0}));
   EXPECT_THAT(joined.log, Contains(HasSubstr("not joined: part 0 and part 1")));
@@ -255,7 +257,8 @@ TEST(ModelJoin, AMirroredPieceIsRefused) {
   EXPECT_EQ(joined.models.size(), 2U);
 }
 
-// Half of the common images and what they show lie elsewhere in the second: as where a facade was taken for another one.
+// Half of the common images and their points lie elsewhere in the second piece. This happens if one
+// facade is taken for another.
 TEST(ModelJoin, AFoldedPieceIsRefused) {
   const Model whole = scene(0.3);
   Model second = piece(whole, range_of(10, 40), 2);
@@ -268,7 +271,7 @@ TEST(ModelJoin, AFoldedPieceIsRefused) {
     if (point.track.front().image < 16) point.position = fold * point.position;
   const ModelJoin found = find_join(piece(whole, range_of(0, 25), 1), second);
   EXPECT_NE(found.refusal, "");
-  // Where the points are those of few images, their poses say it.
+  // If the points belong to few images, the check of the poses finds the fold.
   JoinOptions options;
   options.min_inlier_share = 0.2;
   EXPECT_THAT(find_join(piece(whole, range_of(0, 25), 1), second, options).refusal,
@@ -296,7 +299,8 @@ TEST(ModelJoin, OtherFeaturesAndNumbersThatAreNoneAreRefused) {
   EXPECT_EQ(find_join(first, second).refusal, "0 points in common, 30 are needed");
 }
 
-// Of a wall 150 times as far away as the images are apart, three images do not say how far.
+// The wall is 150 times as far away as the distance between the images. Three images do not
+// determine the scale.
 TEST(ModelJoin, AScaleThatNothingMeasuresIsRefused) {
   const Model whole = scene(0.5, 2000, 60);
   Model first = piece(whole, range_of(0, 12), 1);
@@ -307,7 +311,8 @@ TEST(ModelJoin, AScaleThatNothingMeasuresIsRefused) {
   EXPECT_NE(found.refusal, "") << found.scale_error;
 }
 
-// The third piece knows the place of the first one's images wrongly; its join with the second has more points.
+// The third piece has the first piece's images at a wrong place. Its join with the second piece has
+// more points.
 TEST(ModelJoin, AJoinThatContradictsOthersIsRefused) {
   const Model whole = scene(0.3);
   std::vector<int> images = range_of(20, 40);
@@ -327,7 +332,7 @@ TEST(ModelJoin, AJoinThatContradictsOthersIsRefused) {
   EXPECT_THAT(joined.joins[1].refusal, HasSubstr("contradicts joins of more points"));
   EXPECT_EQ(joined.joins[2].refusal, "");
   ASSERT_EQ(joined.models.size(), 1U);
-  // Nothing says where the images of the first and the third are.
+  // Nothing determines the poses of the images of both the first and the third piece.
   EXPECT_EQ(registered(joined.models[0]), 34);
   EXPECT_EQ(joined.left_out.size(), 6U);
   EXPECT_THAT(joined.left_out.at(3), HasSubstr("it lies elsewhere in part"));
@@ -370,7 +375,7 @@ TEST(ModelJoin, StopsAndRefusesModelsOfOtherImages) {
   EXPECT_TRUE(join_models({}, {}, {}, {}).models.empty());
 }
 
-// As files have them: only registered images, in any order, with cameras of their own.
+// As read from files: only registered images, in any order, with their own cameras.
 TEST(ModelJoin, ImagesAreFoundByTheirNames) {
   const Model whole = scene(0);
   std::vector<Model> files;
@@ -396,7 +401,8 @@ TEST(ModelJoin, ImagesAreFoundByTheirNames) {
   const std::vector<Model> same = with_same_images(files);
   for (const Model& model : same) check_model(model);
   EXPECT_EQ(same[0].images.size(), 45U);
-  EXPECT_EQ(same[0].cameras.size(), 3U);  // two small ones, and the one of all images
+  // Two of the small pieces, and the common one of all images.
+  EXPECT_EQ(same[0].cameras.size(), 3U);
   const JoinedModels joined = join(same);
   ASSERT_EQ(joined.models.size(), 1U);
   check_model(joined.models[0]);
@@ -407,7 +413,7 @@ TEST(ModelJoin, ImagesAreFoundByTheirNames) {
   EXPECT_LT(worst_center(joined.models[0], truth), 1e-5);
 }
 
-// Pairs of the nearest images, with all points that both show.
+// Pairs of neighbouring images, with all points that both observe.
 std::vector<Pair> pairs_of(const Model& whole) {
   std::vector<Pair> pairs;
   for (int a = 0; a < kImages; ++a) {
@@ -440,7 +446,7 @@ std::vector<Pair> pairs_of(const Model& whole) {
   return pairs;
 }
 
-// Images that no part has join the model, points that no part has are made of all pairs.
+// Images of no part are added to the joined model. Points of no part are made from all pairs.
 TEST(JoinedMapper, GoesOnFromTheJoinedModel) {
   const Model whole = scene(0.5);
   std::vector<Image> images = whole.images;
@@ -482,7 +488,7 @@ TEST(JoinedMapper, GoesOnFromTheJoinedModel) {
     EXPECT_TRUE(outcome.registered);
     EXPECT_EQ(outcome.reason, "");
   }
-  // Parts that stay apart keep their images.
+  // If the parts stay apart, they keep their images.
   mapped.parts = {{"left", piece(whole, range_of(0, 20), 1)},
                   {"right", piece(whole, range_of(19, 45), 2)}};
   const Reconstruction apart = map_joined(input, {}, mapped, progress, {});

@@ -8,7 +8,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// Images of one feature a point; each point is shown by the images named.
+// Images with one feature for each point; `shown` lists the images that observe each point.
 Model model_of(int images, const std::vector<std::vector<int>>& shown_by) {
   Model model;
   model.images.resize(static_cast<std::size_t>(images));
@@ -29,8 +29,8 @@ Model model_of(int images, const std::vector<std::vector<int>>& shown_by) {
 TEST(ModelParts, ImagesThatShareNothingWithTheOthersAreLeftOut) {
   std::vector<std::vector<int>> shown(8, {2, 3, 4});
   shown.insert(shown.end(), 8, {0, 1});
-  shown.push_back({1, 2});        // one common point is chance
-  shown.push_back({1, 3, 4});     // only two that show it are left
+  shown.push_back({1, 2});        // a single common point may be chance
+  shown.push_back({1, 3, 4});     // only two images that observe it remain
   shown.push_back({1, 2, 3, 4});  // loses an observation
   Model model = model_of(5, shown);
   EXPECT_EQ(keep_largest_part(model), 2);
@@ -41,7 +41,7 @@ TEST(ModelParts, ImagesThatShareNothingWithTheOthersAreLeftOut) {
   EXPECT_EQ(model.points[8].track.size(), 3U);
   EXPECT_EQ(model.points[8].track[0].image, 2);
   EXPECT_TRUE(model.images[0].features.empty());
-  // Images and points refer to each other.
+  // Images and points refer to each other consistently.
   int shown_points = 0;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     const Image& image = model.images[i];
@@ -66,12 +66,12 @@ TEST(ModelParts, OneThatHangsTogetherStays) {
   EXPECT_EQ(model.points[23].track.size(), 2U);
 }
 
-// Each can be made larger or smaller beside the other, about their common image.
+// The scale of each part relative to the other is free, about their common image.
 TEST(ModelParts, PartsWithOneImageInCommonAreApart) {
   std::vector<std::vector<int>> shown(20, {2, 3, 4, 5});
   shown.insert(shown.end(), 20, {0, 1, 2});
   shown.insert(shown.end(), 20, {2, 3});
-  shown.insert(shown.end(), 7, {1, 2, 3});  // one more, and they would measure it
+  shown.insert(shown.end(), 7, {1, 2, 3});  // one more would determine the scale
   Model model = model_of(6, shown);
   EXPECT_EQ(keep_largest_part(model), 2);
   for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(model.images[i].registered, i >= 2) << i;

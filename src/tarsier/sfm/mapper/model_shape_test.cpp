@@ -13,7 +13,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// Images in a row, one apart.
+// Images in a row with a distance of 1.
 Model row_of(int images) {
   Model model;
   model.images.resize(static_cast<std::size_t>(images));
@@ -26,7 +26,7 @@ Model row_of(int images) {
   return model;
 }
 
-// As the row has it.
+// A pair with the row's relative pose.
 Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
@@ -37,7 +37,7 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   return pair;
 }
 
-// Each with the next two.
+// Pairs of each image with the next two.
 std::vector<Pair> neighbours(int images, std::size_t inliers_of_second) {
   std::vector<Pair> pairs;
   for (int i = 0; i + 1 < images; ++i) {
@@ -69,7 +69,7 @@ TEST(ModelShape, StrongPairsWhoseImagesAModelTurnsALittleAreMissed) {
   EXPECT_TRUE(is_doubtful(shape));
 }
 
-// A ring of 40 images that does not close: each step turns a little too much or too little.
+// A ring of 40 images that does not close: each rotation is slightly too large or too small.
 TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
   const auto ring = [](double degrees) {
     Model model;
@@ -109,16 +109,16 @@ TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
 
 TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
   std::vector<Pair> pairs = neighbours(20, 90);
-  Pair far = pair_of(0, 19, 100);  // they look alike
+  Pair far = pair_of(0, 19, 100);  // the two images look alike
   far.view.second_from_first.translation = {1, 0, 0};
   far.view.inliers = shown_matches(100, 3);
   pairs.push_back(far);
   EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
-  Pair behind = pair_of(3, 5, 100);  // of two sides that look alike
+  Pair behind = pair_of(3, 5, 100);  // two opposite sides that look alike
   behind.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
   behind.view.inliers = shown_matches(100, 3);
   pairs.push_back(behind);
-  // A weak one beside pairs that agree says little.
+  // A weak pair beside pairs that agree has little weight.
   Pair weak = pair_of(10, 12, 60);
   weak.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
   weak.view.inliers = shown_matches(60, 3);
@@ -134,14 +134,14 @@ TEST(ModelShape, TheWeakestJointIsWhatHoldsTwoPartsTogether) {
   for (const int from : {0, 5})
     for (int i = from; i < from + 5; ++i)
       for (int k = i + 1; k < from + 5; ++k) pairs.push_back(pair_of(i, k, 100));
-  EXPECT_EQ(shape_of(row_of(10), pairs).weakest_joint, 0);  // nothing does
+  EXPECT_EQ(shape_of(row_of(10), pairs).weakest_joint, 0);  // no pair connects them
   pairs.push_back(pair_of(4, 5, 30));
   EXPECT_NEAR(shape_of(row_of(10), pairs).weakest_joint, 0.3, 1e-9);
   pairs.push_back(pair_of(3, 6, 40));
   const ModelShape shape = shape_of(row_of(10), pairs);
   EXPECT_NEAR(shape.weakest_joint, 0.7, 1e-9);
   EXPECT_NEAR(shape_trust(shape), 0.35, 1e-9);
-  // Two images are no part of their own.
+  // Two images are too few to count as a part.
   const std::vector<Pair> few{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 30),
                               pair_of(3, 4, 100)};
   EXPECT_TRUE(std::isinf(shape_of(row_of(5), few).weakest_joint));

@@ -37,7 +37,7 @@ std::vector<Nearest> by_definition(const ByteRows& rows, const ByteRows& others)
         nearest.index = j;
       }
     }
-    // Of the others.
+    // The second nearest, among the others.
     for (int j = 0; j < others.count; ++j) {
       if (j == nearest.index ||
           (others.groups != nullptr && others.groups[j] == others.groups[nearest.index]))
@@ -73,8 +73,8 @@ void expect_same(const std::vector<Nearest>& a, const std::vector<Nearest>& b) {
   }
 }
 
-// Numbers of rows beside those of a tile and a panel, depths beside those of a group, and bytes up
-// to 255, whose products fill 16 bits.
+// Row counts around those of a tile and a panel, depths around that of a group. Bytes up to 255,
+// whose products need 16 bits.
 TEST(FindNearest, EachInstructionSetIsWhatTheDefinitionSays) {
   for (const auto& [name, kernel] : kernels()) {
     for (const int most : {1, 255}) {

@@ -13,7 +13,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Two images of 8 x 6 points, 4 units before the first; `depth` of a point in front of the wall at that distance.
+// Two images of 8 x 6 points, 4 units in front of the first. `depth` gives each point's offset in
+// front of that wall.
 struct TwoImages {
   Model model;
   Pair pair;
@@ -41,7 +42,7 @@ struct TwoImages {
     pair.view.second_from_first.translation.normalize();
     pair.view.median_angle = 0.3;
   }
-  // What a homography of the matches says: the pose that is not the true one.
+  // The wrong one of the two poses from a homography of the matches.
   [[nodiscard]] geometry::Rigid3 other_pose() const {
     const cv::Mat h = cv::findHomography(model.images[0].features, model.images[1].features);
     const cv::Matx33d k(600, 0, 320, 0, 600, 240, 0, 0, 1);
@@ -76,14 +77,14 @@ TEST(PairAgreement, IsThatOfThePoses) {
   Model beside = images.model;
   beside.images[1].pose.translation = {0.3, 1, 0.3};
   EXPECT_FALSE(agrees(beside, images.pair));
-  images.pair.view.median_angle = 0.01;  // the direction is hardly known
+  images.pair.view.median_angle = 0.01;  // the direction is poorly determined
   EXPECT_TRUE(agrees(beside, images.pair));
 }
 
 TEST(PairAgreement, IsThatOfThePosesThatExplainTheMatches) {
   TwoImages images(uneven);
   images.pair.view.homography_inliers = 20;
-  // The pair knows another pose than the model, but its matches lie where the model has them.
+  // The pair has another pose than the model, but its matches agree with the model.
   Pair& pair = images.pair;
   pair.view.second_from_first = {geometry::rotation_by({0, -0.6, 0.1}), {1, 0.6, 0}};
   EXPECT_EQ(explained_matches(images.model, pair, 0.01), 48);
@@ -95,7 +96,7 @@ TEST(PairAgreement, IsThatOfThePosesThatExplainTheMatches) {
   for (std::size_t k = 0; k < 8; ++k) moved.images[1].features[1 + 6 * k].y -= 30;
   EXPECT_EQ(explained_matches(moved, pair, 2), 36);
   EXPECT_FALSE(agrees(moved, pair));
-  pair.view.inliers = {};  // nothing to explain
+  pair.view.inliers = {};  // no matches to explain
   EXPECT_FALSE(agrees(images.model, pair));
 }
 
@@ -112,7 +113,7 @@ TEST(PairAgreement, OfAPlaneIsThatOfEitherPose) {
   TwoImages images(flat);
   images.pair.view.second_from_first = images.other_pose();
   EXPECT_TRUE(agrees(images.model, images.pair));
-  // A fifth of the matches is elsewhere.
+  // A fifth of the matches are wrong.
   for (std::size_t k = 0; k < 48; k += 5) images.model.images[1].features[k].y += 30;
   EXPECT_TRUE(agrees(images.model, images.pair));
 }
@@ -133,7 +134,7 @@ TEST(PairAgreement, IsNotThatOfAnyPoseWhereAPlaneFits) {
 TEST(PairAgreement, OfPointsThatNoPlaneHasIsNotThatOfAPlane) {
   TwoImages images(uneven);
   TwoImages wall(flat);
-  Model other = images.model;  // the second pose of a plane, that these points do not lie on
+  Model other = images.model;  // the second pose of a plane; these points do not lie on one
   other.images[1].pose = wall.other_pose();
   EXPECT_FALSE(agrees(other, images.pair));
   images.pair.view.homography_inliers = 20;

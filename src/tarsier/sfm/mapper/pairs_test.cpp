@@ -54,7 +54,7 @@ class PairsList : public FolderTest {
     std::ofstream(path("pairs.txt"), std::ios::binary) << text;
     return read_pairs_list(path("pairs.txt"), names_);
   }
-  // What is wrong with it.
+  // The error for this text.
   std::string error_of(const std::string& text) {
     try {
       (void)read(text);
@@ -90,7 +90,7 @@ TEST_F(PairsList, ErrorsNameTheLine) {
   EXPECT_THROW((void)read_pairs_list(path("."), names_), InputError);
 }
 
-// What a point of the world looks like, seen a little differently each time.
+// The descriptors of world points, slightly different in each image.
 class World {
  public:
   World(int points, FeatureKind kind, std::uint64_t seed) : kind_(kind), rng_(seed) {
@@ -103,7 +103,7 @@ class World {
             sift ? std::min(255.0, std::abs(rng.normal(0, 45))) : rng.integer(0, 255));
   }
 
-  // `count` points from `from` on; after the last comes the first.
+  // `count` points from `from` on, in a circle.
   [[nodiscard]] cv::Mat image(int from, int count) {
     cv::Mat seen;
     for (int i = 0; i < count; ++i) seen.push_back(looks_.row((from + i) % looks_.rows));
@@ -125,7 +125,8 @@ class World {
   cv::Mat looks_;
 };
 
-// Around an object: each shares all of its 200 points but `step` with the next.
+// Images around an object. Each image has 200 points and shares all but `step` of them with the
+// next.
 std::vector<cv::Mat> ring(int images, FeatureKind kind, std::uint64_t seed, int step = 50) {
   World world(images * step, kind, seed);
   std::vector<cv::Mat> result;
@@ -158,7 +159,7 @@ TEST(Retrieval, FindsTheNeighboursOfARing) {
   }
 }
 
-// The four nearest of each are two away at most.
+// The four nearest neighbours of each image are at most two steps away.
 TEST(Retrieval, AddsFartherOnesWhereImagesLieClose) {
   constexpr int kImages = 150;
   constexpr int kStep = 2;
@@ -195,7 +196,7 @@ TEST(Retrieval, KeepsScenesApart) {
 }
 
 TEST(Retrieval, IsTheSameForAnyNumberOfThreads) {
-  // More images than a block of the product and than a panel has, more words than a panel.
+  // More images than in a block of the product and in a panel, and more words than in a panel.
   const auto images = ring(150, FeatureKind::kSift, 4);
   RetrievalOptions options;
   options.words = 60;
@@ -217,7 +218,7 @@ TEST(Retrieval, IsTheSameForAnyNumberOfThreads) {
 }
 
 TEST(Retrieval, PlacesTellTwinsApart) {
-  // The same ring twice, so far apart that only the places tell which is which.
+  // The same ring twice, so far apart that only the positions separate them.
   auto images = ring(60, FeatureKind::kSift, 5);
   for (const cv::Mat& twin : ring(60, FeatureKind::kSift, 5)) images.push_back(twin);
   KnownPlaces places;
@@ -237,7 +238,7 @@ TEST(Retrieval, PlacesTellTwinsApart) {
   const auto guided = retrieval.pairs(places);
   EXPECT_TRUE(in_order(guided));
   EXPECT_GT(between_rings(by_look), static_cast<int>(by_look.size()) / 3);
-  // A third of each image's pairs is by look alone.
+  // A third of each image's pairs is chosen by appearance alone.
   EXPECT_LE(between_rings(guided), 2 * 120);
   for (int i = 0; i < 60; ++i) {
     for (const int first : {0, 60}) {
@@ -253,7 +254,7 @@ TEST(Retrieval, PlacesThatTellNothingChangeNothing) {
   options.nearest = 6;
   const Retrieval retrieval = retrieval_of(images, FeatureKind::kSift, options);
   const auto by_look = retrieval.pairs();
-  // A receiver that stood still, and images of which no place is known.
+  // A receiver with a constant position, and images without positions.
   EXPECT_EQ(retrieval.pairs(KnownPlaces(40, Eigen::Vector3d(1, 2, 3))), by_look);
   EXPECT_EQ(retrieval.pairs(KnownPlaces(40)), by_look);
   EXPECT_THROW((void)retrieval.pairs(KnownPlaces(39)), std::invalid_argument);
@@ -264,7 +265,7 @@ TEST(Retrieval, PlacesThatTellNothingChangeNothing) {
 TEST(Retrieval, BearsEmptyAndEqualImages) {
   EXPECT_TRUE(retrieval_of({}, FeatureKind::kSift, {}).pairs().empty());
   EXPECT_TRUE(retrieval_of({cv::Mat(), cv::Mat()}, FeatureKind::kSift, {}).pairs().empty());
-  // All of one descriptor, which is then the only word: nothing tells them apart.
+  // All descriptors are equal, so there is one word and no information.
   const cv::Mat flat(50, 128, CV_8UC1, cv::Scalar(40));
   EXPECT_TRUE(retrieval_of({flat, flat}, FeatureKind::kSift, {}).pairs().empty());
 

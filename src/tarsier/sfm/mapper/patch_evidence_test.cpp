@@ -26,9 +26,9 @@ cv::Mat texture(std::uint64_t seed) {
   return image;
 }
 
-const cv::Matx23d kMove(0.95, 0.1, 12, -0.08, 1.02, 9);  // of the second image
+const cv::Matx23d kMove(0.95, 0.1, 12, -0.08, 1.02, 9);  // from the first image to the second
 
-// A plane seen twice, with features every 6 px; those of odd columns are not matched.
+// A plane in two images, with features every 6 px; those of odd columns have no match.
 struct Views {
   PatchImage first;
   PatchImage second;
@@ -123,7 +123,7 @@ TEST(Patches, OfAllPairsAreThoseOfEachAndImagesWithoutPixelsTellNothing) {
                Interrupted);
 }
 
-// Images 0 to 2 and 3 to 5 show two places that look alike; every pair matches.
+// Images 0 to 2 and images 3 to 5 are of two places that look alike. Every pair matches.
 struct Places {
   std::vector<Pair> pairs;
   std::vector<PatchEvidence> evidence;
@@ -139,7 +139,7 @@ struct Places {
 };
 
 TEST(Doubts, ArePairsWhosePatchesDifferMoreThanThoseOfTheBestPairs) {
-  for (const int usual : {0, 12}) {  // relief lets patches differ, too
+  for (const int usual : {0, 12}) {  // with relief, patches differ too
     const Places given(usual, usual + 30);
     const std::vector<PatchDoubt> doubts = doubts_of_patches(given.pairs, 6, given.evidence);
     for (std::size_t k = 0; k < doubts.size(); ++k) {

@@ -30,7 +30,7 @@ using testing::HasSubstr;
 
 class Images : public FolderTest {
  protected:
-  // Images of a scene in the folder; their truth grows in truth_.
+  // Renders images of a scene into the folder, and appends their ground truth to truth_.
   std::vector<Input> shoot(const synth::SceneOptions& options, const std::string& prefix = "") {
     const synth::ReliefScene scene(options);
     camera_ = scene.camera();
@@ -134,7 +134,7 @@ TEST_F(Images, ADamagedCacheIsWorkedOutAgain) {
   EXPECT_EQ(again.reconstruction.models.at(0).points.size(), first.points.size());
 }
 
-// A box whose four sides look alike: by its features alone it is folded onto one or two of them.
+// A box whose four sides look alike. Its features alone fold it onto one or two sides.
 TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
   TARSIER_LONG_TEST();
   synth::SceneOptions scene;
@@ -162,7 +162,8 @@ TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
   }));
 }
 
-// A lens that nothing is known of: its pairs are verified with a guess, and yet agree with the model.
+// Nothing is known of the lens. The pairs are verified with a guessed focal length, and still agree
+// with the model.
 TEST_F(Images, OfAnUnknownLensAreTrusted) {
   synth::SceneOptions scene = small_scene(8);
   scene.focal_px = 800;
@@ -177,7 +178,8 @@ TEST_F(Images, OfAnUnknownLensAreTrusted) {
   EXPECT_EQ(result.images[0].focal_from, "pairs");
 }
 
-// Cameras that face one place from all sides tell the focal length roughly or not at all: the model knows it better.
+// Cameras that face one place from all sides determine the focal length badly. The model's value is
+// better.
 TEST_F(Images, OfAnUnknownLensAreTrustedWithThatOfTheModel) {
   TARSIER_LONG_TEST();
   struct Case {
@@ -281,7 +283,7 @@ TEST_F(Images, WhatWasFollowedIsKept) {
   how.cache_folder = folder_ + "/cache";
   fs::create_directory(how.cache_folder);
   EXPECT_EQ(run(inputs, how).from_cache, 0);
-  // All but the checkpoint, so that the mapper works with what is read.
+  // Everything except the checkpoint, so that the mapper uses data that is read.
   for (const auto& entry : fs::directory_iterator(how.cache_folder))
     if (entry.path().extension() == ".mapper") fs::remove(entry.path());
   const PipelineResult again = run(inputs, how);
@@ -346,7 +348,7 @@ TEST_F(Images, TheMapperGoesOnWhereItWas) {
   EXPECT_EQ(checkpoints, 1);
 }
 
-// A camera that is held upright writes the same pixels, and says how they are to be shown.
+// A camera held upright writes the same pixels, and an orientation tag.
 TEST_F(Images, OfAllOrientationsShareALensAndGiveTheSameModel) {
   const synth::ReliefScene scene(small_scene(6));
   const auto shot = [&](const std::string& prefix, const std::vector<int>& orientations) {
@@ -384,7 +386,7 @@ TEST_F(Images, OfAllOrientationsShareALensAndGiveTheSameModel) {
   EXPECT_EQ(turned.reconstruction.models[0].points.size(),
             plain.reconstruction.models[0].points.size());
   EXPECT_NEAR(scores_of(turned).center_mean, expected.center_mean, 1e-9);
-  // Down is y for the images as they are to be shown.
+  // y points down in the images as displayed.
   const Model& model = turned.reconstruction.models[0];
   EXPECT_EQ(model.images[0].turns, 1);
   Eigen::Vector3d down = Eigen::Vector3d::Zero();
@@ -403,7 +405,7 @@ TEST_F(Images, WithSimulatedViewsAreTheSameFromTheCache) {
   how.cache_folder = folder_ + "/cache";
   fs::create_directory(how.cache_folder);
   (void)run(inputs, how);
-  // Matches again, of features that are read.
+  // Matches again with cached features.
   for (const auto& entry : fs::directory_iterator(how.cache_folder))
     if (entry.path().extension() != ".features") fs::remove(entry.path());
   const PipelineResult again = run(inputs, how);
@@ -413,7 +415,8 @@ TEST_F(Images, WithSimulatedViewsAreTheSameFromTheCache) {
   ASSERT_EQ(model.points.size(), one.points.size());
   for (std::size_t i = 0; i < model.images.size(); ++i)
     EXPECT_EQ(model.images[i].pose.center(), one.images[i].pose.center());
-  // No track has two features at a place of an image, and none is of a further descriptor.
+  // No track has two features at the same position of an image, and none has an additional
+  // descriptor.
   for (const Point& point : model.points)
     for (const Observation& seen : point.track)
       EXPECT_LT(static_cast<std::size_t>(seen.feature),

@@ -11,7 +11,8 @@ namespace {
 
 constexpr int kPoints = 3000;
 
-// Of each three points, one is shown by images 0 and 1, one by 1 and 2, one by 2 and 3; image 4 shows ten.
+// Of each three points, one is observed by images 0 and 1, one by 1 and 2, one by 2 and 3. Image 4
+// observes ten.
 Model chain() {
   Model model;
   model.images.resize(5);
@@ -60,7 +61,7 @@ TEST(PointSelection, WhatIsFewIsTakenWhole) {
   EXPECT_EQ(select_points(model, few, {0, 1, 2, 3}, 100), few);
 }
 
-// A point that images 0 to `images` - 1 show.
+// A point that images 0 to `images` - 1 observe.
 Point point_of(int images) {
   Point point;
   for (int i = 0; i < images; ++i) point.track.push_back({i, 7});
@@ -107,7 +108,7 @@ TEST(ChooseObservations, FewImagesThatMoveAreAllTakenAndOthersHoldThem) {
                             return roles[static_cast<std::size_t>(seen.image)] == ImageRole::kMoves;
                           }),
             3);
-  // Where many move, some of those that stay are left.
+  // If many images move, some observations of fixed images remain.
   std::fill(roles.begin() + 10, roles.end(), ImageRole::kMoves);
   choose_observations(point_of(100), 11, roles, 20, chosen);
   ASSERT_EQ(chosen.size(), 20U);
@@ -126,7 +127,7 @@ TEST(ChooseObservations, BesideAnchorsImagesAreNearEachOther) {
   constexpr int kImages = 900;
   Model model;
   model.images.resize(kImages);
-  // A track need not be in the order of the images.
+  // A track may have its images in any order.
   for (int p = 0; p < 9000; ++p) {
     model.points.push_back(point_of(kImages));
     std::vector<Observation>& track = model.points.back().track;

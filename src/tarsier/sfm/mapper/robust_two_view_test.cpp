@@ -23,7 +23,7 @@ struct Drawn {
   std::vector<char> is_right;
 };
 
-// Points with noise of `noise` px, of which a share is anywhere. `flat`: all on one plane.
+// Points with noise of `noise` px and a share of random outliers. `flat`: all on one plane.
 Drawn drawn(std::uint64_t seed, int count, double outliers, double noise, bool flat = false) {
   Rng rng(seed);
   Drawn result;
@@ -77,14 +77,15 @@ TEST(RobustMotion, IsFoundAmongOutliers) {
       EXPECT_LT(std::acos(std::min(
                     1.0, found.second_from_first.translation.dot(views.motion.translation))),
                 0.02);
-      // Of the outliers some lie near the epipolar line by chance.
+      // Some outliers lie near the epipolar line by chance.
       EXPECT_GT(agreeing(found.is_inlier, views.is_right), 385);
     }
   }
 }
 
 TEST(RobustMotion, TheSurestFirstFindFewAmongMany) {
-  // One of ten is right: 5 right ones are drawn once in 100 000 times, but the right ones are surer.
+  // One of ten is an inlier. 5 inliers are drawn once in 100 000 times, but inliers have the better
+  // order.
   const Drawn views = drawn(7, 600, 0.9, 0.3);
   PointPairs pairs = views.rays;
   pairs.order.resize(600);
@@ -141,7 +142,8 @@ TEST(RobustTwoView, TooFewPairsOrOnesThatAreAllAlikeAreNoTrouble) {
   EXPECT_THROW((void)robust_motion(pairs, threshold(1)), std::invalid_argument);
 }
 
-// Points near a plane that fills both images: a motion of the plane's other solution has most of them as inliers, too.
+// Points near a plane that fills both images. Most of them are inliers of the plane's second motion
+// too.
 TEST(RobustMotion, IsRightWherePointsAreNearAPlane) {
   int wrong = 0;
   for (std::uint64_t seed = 1; seed <= 100; ++seed) {

@@ -27,10 +27,10 @@ cv::Mat scene_image() {
 struct Share {
   int matches = 0;
   int right = 0;
-  double median_error = 0;  // px, of those that are right
+  double median_error = 0;  // px, of the right matches
 };
 
-// How many matches of an image and the image that `warp` makes of it lie within 1.5 px of the truth.
+// The share of matches between an image and its warp that are within 1.5 px of the truth.
 Share matched(const cv::Mat& image, const cv::Matx23d& warp, cv::Size size) {
   cv::Mat warped;
   cv::warpAffine(image, warped, warp, size, cv::INTER_CUBIC, cv::BORDER_REFLECT);
@@ -133,16 +133,16 @@ TEST(FindSift, AnImageOfWeakTextureGivesItsFaintPointsToo) {
   EXPECT_LT(strong.points.size(), 700U);
   EXPECT_GT(all.points.size(), 800U);
   EXPECT_LT(all.points.size(), 1300U);
-  // Those that have the contrast are among them.
+  // The high-contrast features are among them.
   for (const cv::Point2f& p : strong.points)
     EXPECT_NE(std::find(all.points.begin(), all.points.end(), p), all.points.end());
-  // Where there are enough nothing changes.
+  // If there are enough features, nothing changes.
   const cv::Mat image = scene_image();
   EXPECT_EQ(find_sift(image, {.min_count = 0}).points, find_sift(image, {}).points);
 }
 
 TEST(Spread, TakesTheStrongestOfEveryCellFirst) {
-  // Two cells: strong ones on the left, weak ones on the right.
+  // Two cells: strong features on the left, weak features on the right.
   const std::vector<cv::Point2f> points{{1, 1}, {2, 1}, {3, 1}, {158, 1}, {157, 1}};
   const std::vector<float> responses{5, 9, 7, 1, 2};
   EXPECT_EQ(spread(points, responses, {160, 10}, 3), (std::vector<int>{1, 4, 2}));

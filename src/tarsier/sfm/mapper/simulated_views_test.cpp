@@ -28,7 +28,8 @@ struct TiltedPlane {
   cv::Matx33d from_front;  // homography of pixels, pixel centres at integers
 };
 
-// What a camera sees of a plane with this image on it that it looks at from the side: turned about the upright axis through its middle.
+// The camera image of a plane with this image on it, rotated about the vertical axis through its
+// middle.
 TiltedPlane seen_from_the_side(const cv::Mat& image, double degrees) {
   const double c = std::cos(degrees * kDeg);
   const double s = std::sin(degrees * kDeg);
@@ -39,7 +40,7 @@ TiltedPlane seen_from_the_side(const cv::Mat& image, double degrees) {
   TiltedPlane plane;
   plane.from_front = cv::Matx33d(focal, 0, x, 0, focal, y, 0, 0, 1) *
                      cv::Matx33d(c, 0, -c * x, 0, 1, -y, s, 0, distance - s * x);
-  // Drawn three times as large and reduced, against aliasing.
+  // Rendered at three times the size and reduced, against aliasing.
   constexpr int kFiner = 3;
   const cv::Matx33d finer(kFiner, 0, (kFiner - 1) / 2.0, 0, kFiner, (kFiner - 1) / 2.0, 0, 0, 1);
   cv::Mat large;
@@ -52,7 +53,7 @@ TiltedPlane seen_from_the_side(const cv::Mat& image, double degrees) {
 struct Share {
   int matches = 0;
   int right = 0;            // within 3 px of the truth
-  double median_error = 0;  // px, of those
+  double median_error = 0;  // px, of those within 3 px
 };
 
 Share matched(const cv::Mat& front, const TiltedPlane& plane, bool wide) {
@@ -141,7 +142,7 @@ TEST(SimulatedViews, LeaveThePlainFeaturesAsTheyAre) {
   const cv::Mat own = wide.descriptors.rowRange(0, static_cast<int>(count));
   EXPECT_EQ(cv::norm(plain.descriptors, own, cv::NORM_INF), 0);
 
-  // Each descriptor has its point, and there are no more than was asked for.
+  // Each descriptor belongs to a point, and there are no more than requested.
   ASSERT_EQ(wide.descriptors.rows, static_cast<int>(wide.points.size() + wide.owners.size()));
   EXPECT_EQ(wide.sizes.size(), wide.points.size());
   EXPECT_EQ(wide.colors.size(), wide.points.size());
@@ -150,7 +151,7 @@ TEST(SimulatedViews, LeaveThePlainFeaturesAsTheyAre) {
   for (const std::int32_t owner : wide.owners)
     EXPECT_TRUE(owner >= 0 && owner < static_cast<std::int32_t>(wide.points.size()));
 
-  // New places are new, and inside.
+  // Additional positions are new and inside the image.
   std::set<std::pair<float, float>> places;
   for (std::size_t i = count; i < wide.points.size(); ++i) {
     const cv::Point2f p = wide.points[i];

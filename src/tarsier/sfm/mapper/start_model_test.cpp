@@ -23,7 +23,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Cameras on an arc and their features, matched by which point they show.
+// Cameras on an arc and their features, matched by point identity.
 class Starts : public testing::Test {
  protected:
   void make(double noise_px = 0.3, int images = 10) {
@@ -87,7 +87,7 @@ class Starts : public testing::Test {
     return check_start(start, input(start), std::vector<char>(pairs_.size(), 0), 1.5, {});
   }
 
-  // Turned by so many degrees and moved by so many units, by chance.
+  // Randomly rotated by `degrees` and moved by `units`.
   static geometry::Rigid3 moved(const geometry::Rigid3& pose, double degrees, double units,
                                 Rng& rng) {
     Eigen::Vector3d turn;
@@ -100,7 +100,7 @@ class Starts : public testing::Test {
     return {rotation, -(rotation * (pose.center() + step))};
   }
 
-  // Largest distance of a centre from the truth, without any alignment.
+  // Largest distance of a camera centre from the truth, without any alignment.
   [[nodiscard]] double worst(const Model& model) const {
     double result = 0;
     for (std::size_t i = 0; i < model.images.size(); ++i)
@@ -129,7 +129,7 @@ TEST_F(Starts, GrowToAllImagesInTheFrameOfTheirPoses) {
   ASSERT_EQ(made.models.size(), 1U);
   EXPECT_EQ(made.start_images, 6);
   EXPECT_EQ(registered(made.models[0]), 10);
-  EXPECT_LT(worst(made.models[0]), 0.02);  // of an arc of some 10 units
+  EXPECT_LT(worst(made.models[0]), 0.02);  // of an arc of about 10 units
   EXPECT_GT(made.models[0].points.size(), 300U);
   EXPECT_THAT(made.log.front(), HasSubstr("6 of 6 images have poses that agree"));
   for (const Outcome& outcome : made.outcomes) EXPECT_TRUE(outcome.registered) << outcome.reason;
@@ -170,7 +170,7 @@ TEST_F(Starts, AreRefinedWhereTheyAreRough) {
   ASSERT_EQ(made.models.size(), 1U) << made.no_model;
   EXPECT_EQ(registered(made.models[0]), 10);
   EXPECT_LT(worst_center(made.models[0], truth_.poses), 0.002);
-  // They cannot stay as they are: what does not meet is no point.
+  // The poses must not stay fixed: then most rays do not meet in a point.
   start.fixed = true;
   const Reconstruction fixed = run(start);
   const std::size_t points = fixed.models.empty() ? 0 : fixed.models[0].points.size();
@@ -192,7 +192,7 @@ TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
   EXPECT_EQ(made.start_images, 7);
   EXPECT_EQ(registered(made.models[0]), 10);
   EXPECT_LT(worst(made.models[0]), 0.02);
-  // One whose pose is to stay is not given another one.
+  // An image whose pose is fixed does not get another pose.
   start.fixed = true;
   const Reconstruction fixed = run(start);
   ASSERT_EQ(fixed.models.size(), 1U);
@@ -203,7 +203,7 @@ TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
 
 TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
   make();
-  // Mirrored at the plane x = 0 of the world, as by another handedness.
+  // Mirrored at the plane x = 0 of the world, as with the other handedness.
   StartPoses mirrored = first(8);
   const Eigen::Matrix3d mirror = Eigen::Vector3d(-1, 1, 1).asDiagonal();
   for (int i = 0; i < 8; ++i) {
@@ -211,7 +211,7 @@ TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
     pose.rotation = mirror * pose.rotation * mirror;
     pose.translation = mirror * pose.translation;
   }
-  // Those of other images.
+  // The poses of other images.
   StartPoses mixed = first(8);
   std::reverse(mixed.poses.begin(), mixed.poses.begin() + 8);
   StartPoses random = first(8);
@@ -334,7 +334,8 @@ TEST_F(StartFolders, GiveTheirCamerasByName) {
   EXPECT_NO_THROW(start.check_size(inputs[3], {64, 48}));
   EXPECT_THROW(start.check_size(inputs[0], {640, 400}), InputError);
 
-  // The fourth was taken by the make of the first two; the fifth's lens is given; the sixth is of another make.
+  // The fourth image has the make of the first two; the fifth's lens is given; the sixth is of
+  // another make.
   std::vector<ImageFeatures> images{found(0, "guess", "A"), found(1, "guess", "A"),
                                     found(2, "guess", "B"), found(3, "guess", "A"),
                                     found(4, "given", "A"), found(5, "guess", "C")};

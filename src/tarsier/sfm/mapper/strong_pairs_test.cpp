@@ -24,7 +24,7 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   return pair;
 }
 
-// Of other matches, and a rotation by so many radians.
+// A pair with wrong matches and a rotation by `angle` radians.
 Pair wrong_pair_of(int first, int second, std::size_t inliers, double angle) {
   Pair pair = pair_of(first, second, inliers);
   pair.view.inliers = shown_matches(inliers, 3);
@@ -38,10 +38,10 @@ TEST(StrongPairs, AreThoseOfMostInliersOfEitherImage) {
   const std::vector<Pair> strong = strong_pairs(pairs, 5, 0.8);
   ASSERT_EQ(strong.size(), 5U);
   EXPECT_EQ(strong[0].view.inliers.size(), 100U);
-  EXPECT_EQ(strong[1].view.inliers.size(), 79U);  // next to the most of image 2
+  EXPECT_EQ(strong[1].view.inliers.size(), 79U);  // below image 2's best pair
   EXPECT_EQ(strong[2].view.inliers.size(), 80U);
-  EXPECT_EQ(strong[3].view.inliers.size(), 0U);   // weak for 0 and for 3
-  EXPECT_EQ(strong[4].view.inliers.size(), 20U);  // all that image 4 has
+  EXPECT_EQ(strong[3].view.inliers.size(), 0U);   // weak for images 0 and 3
+  EXPECT_EQ(strong[4].view.inliers.size(), 20U);  // the best of image 4
 }
 
 TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
@@ -58,7 +58,7 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
   EXPECT_EQ(left[0].view.inliers.size(), 50U);
   EXPECT_EQ(left[1].view.inliers.size(), 0U);
   EXPECT_EQ(left[2].view.inliers.size(), 50U);  // image 3 is in no model
-  // But by little: errors may have added up.
+  // But if the contradiction is small, it may be accumulated drift.
   const Pair missed = wrong_pair_of(0, 2, 50, 0.3);
   const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
   EXPECT_EQ(without_contradicted(with_missed, {model})[1].view.inliers.size(), 50U);
@@ -71,10 +71,11 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
   EXPECT_EQ(supported[3].view.inliers.size(), 50U);
 }
 
-// A mapper whose models have `trusts[k]` in its call number k, and all five images in one place of a line.
+// A mapper whose call k returns a model of trust `trusts[k]`, with all five images at one place on
+// a line.
 struct FakeMapper {
   std::vector<double> trusts;
-  std::vector<std::vector<std::size_t>> calls;  // inliers of the pairs
+  std::vector<std::vector<std::size_t>> calls;  // inlier counts of the pairs
 
   Reconstruction operator()(const std::vector<Pair>& pairs) {
     std::vector<std::size_t> inliers;
@@ -107,9 +108,9 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0, 0}));
   EXPECT_EQ(mapper.calls[1], (Inliers{100, 100, 100, 100, 0, 85, 0}));
   EXPECT_EQ(mapper.calls[2],
-            (Inliers{100, 100, 100, 100, 0, 85, 0}));  // without the wrong one: worse
+            (Inliers{100, 100, 100, 100, 0, 85, 0}));  // without the wrong pair: worse
   EXPECT_EQ(mapper.calls[3],
-            (Inliers{100, 100, 100, 100, 0, 85, 30}));  // what the model agrees with
+            (Inliers{100, 100, 100, 100, 0, 85, 30}));  // the pairs that agree with the model
   ASSERT_EQ(made.refused.size(), 1U);
   EXPECT_EQ(made.refused[0].second, 4);
   EXPECT_EQ(made.trust[0], 0.6);
@@ -125,7 +126,8 @@ TEST(StrongPairs, TheScoreMayFallALittleWherePatchesDistinguishPlaces) {
     return mapper.calls.size();
   };
   std::vector<PatchDoubt> doubts(pairs.size());
-  EXPECT_EQ(calls_with(doubts), 3U);  // the second is worse; and what the best model agrees with
+  // The second is worse; then the pairs that agree with the best model.
+  EXPECT_EQ(calls_with(doubts), 3U);
   doubts.back() = kDiffer;
   EXPECT_EQ(calls_with(doubts), 4U);
 }

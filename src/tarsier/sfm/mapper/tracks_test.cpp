@@ -27,7 +27,7 @@ TEST(MakeTracks, MatchesOfSeveralPairsBecomeOneTrack) {
 }
 
 TEST(MakeTracks, AWrongMatchCostsALinkAndNotTheTrack) {
-  // The weak pair says that feature 0 of image 2 is another point of image 0.
+  // The weak pair matches feature 0 of image 2 with another point of image 0.
   const auto tracks = make_tracks({pair_of(0, 1, {{0, 0}, {1, 1}, {2, 2}}),
                                    pair_of(1, 2, {{0, 0}, {1, 1}}), pair_of(0, 2, {{1, 0}})},
                                   {3, 3, 3});

@@ -11,7 +11,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// A camera at `center` that looks along z, turned a little.
+// A camera at `center` that looks along z, slightly rotated.
 geometry::Rigid3 camera_at(const Eigen::Vector3d& center, double turn) {
   const Eigen::Matrix3d rotation = geometry::rotation_by({0.1 * turn, turn, -0.05 * turn});
   return {rotation, -(rotation * center)};

@@ -69,10 +69,10 @@ TEST_F(Inputs, OfFoldersInAFolderAreNamedByTheirPath) {
   EXPECT_EQ(names(inputs), (Names{"cam2/9.png", "cam2/10.png", "cam10/1.png", "top.png"}));
   EXPECT_EQ(inputs[2].path, path("rig/cam10/1.png"));
   EXPECT_NO_THROW(require_names(inputs));
-  // Of two such folders each image has a name of its own.
+  // The images of two such folders get different names.
   EXPECT_EQ(names(find({path("rig/cam2"), path("rig/out"), path("rig/out/")})),
             (Names{"9.png", "10.png", "frames/f.png", "frames/f-2.png"}));
-  // What holds results is taken where it is named.
+  // A folder with results is used if it is given itself.
   EXPECT_EQ(names(find({path("rig/model")})), (Names{"view.png"}));
 }
 
@@ -86,7 +86,7 @@ TEST_F(Inputs, OfOneNameGetNamesOfTheirOwn) {
 TEST_F(Inputs, ThatAreNoFilesAreRefused) {
   EXPECT_THROW((void)find({path("missing")}), InputError);
   EXPECT_THROW((void)find({"7"}), InputError) << "a camera";
-  // The start of an AVI file: without a folder for its key frames it is not even opened.
+  // The start of an AVI file. Without a folder for its key frames it is not opened.
   write_file_atomically(path("video.avi"), std::string("RIFF\x10\0\0\0AVI LIST", 16));
   try {
     (void)find({path("video.avi")});

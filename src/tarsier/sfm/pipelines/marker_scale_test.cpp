@@ -17,9 +17,9 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kSide = 0.05;  // m
-constexpr double kUnit = 3.7;   // units of the model for one metre
+constexpr double kUnit = 3.7;   // units of the model per metre
 
-// Three cameras about two markers on a table; the model is `kUnit` times as large as the truth.
+// Three cameras around two markers on a table. The model is `kUnit` times as large as the truth.
 class MarkerScaleTest : public FolderTest {
  protected:
   MarkerScaleTest() {
@@ -43,7 +43,7 @@ class MarkerScaleTest : public FolderTest {
     }
   }
 
-  // Marker `id` with its middle at (x, y) of the table, seen by image `i`.
+  // Adds marker `id` with its middle at (x, y) on the table, observed by image `i`.
   void put(int i, int id, double x, double y) {
     SeenMarker marker;
     marker.id = id;
@@ -62,7 +62,7 @@ class MarkerScaleTest : public FolderTest {
   MarkerScale measured(double side = kSide) {
     Model larger = model_;
     for (Image& image : larger.images) image.pose.translation *= kUnit;
-    // The grey of an image says which one it is.
+    // The grey level of an image identifies it.
     for (int i = 0; i < 3; ++i)
       write_image(path(std::to_string(i) + ".png"),
                   cv::Mat(size_, CV_8UC1, cv::Scalar(static_cast<double>(i))));
@@ -112,7 +112,7 @@ TEST_F(MarkerScaleTest, AnIdThatIsThereTwiceIsNotUsed) {
 
 TEST_F(MarkerScaleTest, WithoutMarkersItSaysSo) {
   EXPECT_THROW((void)measured(), Error);
-  put(0, 7, 0, 0);  // one image tells no scale
+  put(0, 7, 0, 0);  // a single image gives no scale
   EXPECT_THROW((void)measured(), Error);
   EXPECT_THROW((void)measured(0), std::invalid_argument);
 }

@@ -18,7 +18,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// A camera that goes along a wall.
+// A camera that moves along a wall.
 class OnlineReconstructing : public FolderTest {
  protected:
   static void SetUpTestSuite() {
@@ -94,7 +94,7 @@ TEST_F(OnlineReconstructing, TracksThePointsOfTheModelInTheFrame) {
   options_.grow_every = 2;
   OnlineReconstructor online(options_);
   for (int i = 0; i < 5; ++i) (void)online.process(frame(2 * i));
-  // The frame is itself the latest image of the model: the points are where its features are.
+  // The frame is the latest image of the model: the points are at its features.
   const OnlineResult now = online.process(frame(10));
   ASSERT_TRUE(now.model_changed);
   ASSERT_EQ(now.registered, 6);
@@ -106,7 +106,7 @@ TEST_F(OnlineReconstructing, TracksThePointsOfTheModelInTheFrame) {
       if (image.points[f] >= 0) nearest = std::min(nearest, cv::norm(image.features[f] - point));
     EXPECT_LT(nearest, 0.05);
   }
-  // The camera goes to the right by one step: the points go to the left.
+  // The camera moves to the right by one step: the points move to the left.
   const OnlineResult next = online.process(frame(11));
   ASSERT_GT(next.tracked.size(), 20U);
   const auto mean_x = [](const OnlineResult& result) {
@@ -115,7 +115,7 @@ TEST_F(OnlineReconstructing, TracksThePointsOfTheModelInTheFrame) {
     return sum / static_cast<double>(result.tracked.size());
   };
   EXPECT_LT(mean_x(next), mean_x(now) - 2);
-  // All of it adjusted: the model is another one, of the same images.
+  // After a global adjustment, the model differs, but has the same images.
   const Eigen::Vector3d before = online.model().images.back().pose.center();
   const OnlineResult refined = online.refine();
   EXPECT_TRUE(refined.model_changed);

@@ -21,7 +21,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// Of the registered images of the synthetic model (0, 2, 3, 4), moved by a similarity.
+// Positions of the registered images of the synthetic model (0, 2, 3, 4), moved by a similarity.
 Positions moved_positions(const Model& model, const geometry::Sim3& by) {
   Positions known;
   for (const Image& image : model.images)
@@ -106,12 +106,12 @@ TEST(Placement, MarkersGiveTheUnitWhereverTheModelIsMoved) {
   EXPECT_NEAR(distance(model), 0.25 * distance(original), 1e-9);
   EXPECT_EQ(to_json(placement)["markers"]["markers"], 0);
 
-  // Positions tell the place, the markers the unit.
+  // Positions give the place, markers give the scale.
   model = original;
   options.alignment = Alignment::kGps;
   (void)place(model, options, moved_positions(original, some_similarity()), 1, measured);
   EXPECT_NEAR(distance(model), 0.25 * distance(original), 1e-9);
-  EXPECT_THROW((void)place(model, options, {}, 1), std::invalid_argument);  // nothing was measured
+  EXPECT_THROW((void)place(model, options, {}, 1), std::invalid_argument);  // no measurement
 }
 
 TEST(Placement, ThatIsNotToldLeavesTheModel) {
@@ -195,7 +195,7 @@ std::string jpeg_with_gps(double latitude_deg, double longitude_deg) {
   tiff = "II";
   put(42, 2);
   put(8, 4);
-  put(1, 2);  // the main directory: where the GPS directory is
+  put(1, 2);  // the main directory: the offset of the GPS directory
   field(0x8825, 4, 1, 26);
   put(0, 4);
   put(4, 2);  // GPS: 26 + 2 + 4 * 12 + 4 = 80
@@ -240,7 +240,7 @@ TEST_F(Gps, PositionsAreInMetres) {
   PlacementOptions options;
   options.alignment = Alignment::kGps;
   EXPECT_EQ(positions_of(options, {}, inputs, {}), found);
-  // They guide the choice of pairs where that is by look; positions that are given go first.
+  // They guide the choice of pairs by appearance. Given positions have priority.
   PipelineOptions pipeline;
   pipeline.pairs = PairChoice::kRetrieval;
   EXPECT_EQ(with_places(inputs, {}, pipeline, {})[1].place, found.at("1.jpg"));

@@ -74,7 +74,7 @@ TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
             kImages - 1);
   EXPECT_FALSE(fs::is_empty(path("model/cache")));
 
-  // The file is what to_json() says, and the model on disk is the placed one.
+  // The file equals to_json(), and the model on disk is the placed one.
   const nlohmann::json written = report();
   EXPECT_EQ(written, nlohmann::json::parse(to_json(result).dump()));
   EXPECT_EQ(written["placed"]["aligned"]["images"], kImages);
@@ -147,7 +147,7 @@ TEST_F(Reconstructing, AnInterruptedRunKeepsAFinishedModel) {
   ASSERT_FALSE(run().models().empty());
   const std::string images = contents(path("model/images.txt"));
   const std::string written = contents(path("model/report.json"));
-  // Again with another scale of the images, so that it is mapped again, and stopped on the way.
+  // Again with another number of features, so that mapping repeats; it is stopped on the way.
   options_.pipeline.features.max_count = 400;
   std::stop_source stop;
   ReconstructorHooks hooks;
@@ -161,7 +161,7 @@ TEST_F(Reconstructing, AnInterruptedRunKeepsAFinishedModel) {
   EXPECT_EQ(contents(path("model/images.txt")), images);
   EXPECT_EQ(contents(path("model/report.json")), written);
 
-  // Without a finished one, the model so far is written.
+  // If there is no finished model, the current model is written.
   fs::remove_all(path("model"));
   std::stop_source again;
   hooks.watch = [&](const std::string& label, const Model&) {

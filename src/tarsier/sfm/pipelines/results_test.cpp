@@ -50,7 +50,7 @@ TEST_F(Results, OfAnEarlierRunAreKnownByTheReport) {
   EXPECT_EQ(run->models, 3);
   EXPECT_EQ(run->registered, 7);
   EXPECT_FALSE(run->partial);
-  // Of an older program: its log and its images were called otherwise.
+  // A report with the key names of an older program.
   write("report.json", R"({"models":[{"photographs":5}],"photographs":[],"stages":[],"story":[]})");
   ASSERT_TRUE(earlier_run(folder_));
   EXPECT_EQ(earlier_run(folder_)->registered, 5);
@@ -69,10 +69,10 @@ TEST_F(Results, ImagesAreFoundInTheirFolderOrByTheReport) {
   write("report.json", R"({"images":)" + list + "}");
   EXPECT_EQ(fs::path(files.at("b.jpg")), fs::path(folder_) / "images" / "b.jpg");
   EXPECT_THROW((void)image_files(folder_, "", {"c.jpg"}), InputError);
-  // A report of a stranger may name any file.
+  // A report from another source may name any file.
   EXPECT_THROW((void)image_files(folder_, "", {"a.jpg"}, false), InputError);
   EXPECT_EQ(image_files(folder_, "", {"b.jpg"}, false), image_files(folder_, "", {"b.jpg"}));
-  // A folder that is named is the only one.
+  // If a folder is given, only that folder is searched.
   EXPECT_THROW((void)image_files(folder_, folder_ + "/elsewhere", {"b.jpg"}), InputError);
 }
 
@@ -80,7 +80,7 @@ TEST_F(Results, ModelsOfAnEarlierRunGo) {
   write_report(4);
   for (const char* name : {"model-1", "model-2", "model-3"}) write_model(name);
   write("model-2/notes.txt", "mine");
-  // What export_undistorted leaves, and an image of somebody else.
+  // The output of export_undistorted, and an image of another origin.
   write_colmap(folder_ + "/model-3/undistorted/sparse", synthetic_model());
   for (const Image& image : synthetic_model().images)
     if (image.registered) write("model-3/undistorted/images/" + image.name, "image");
@@ -103,7 +103,7 @@ TEST_F(Results, FoldersThatNoRunWroteStay) {
     EXPECT_TRUE(has(std::string(name) + "/images.txt")) << name;
 }
 
-// A run that was killed before its report was written: its folders say themselves whose they are.
+// A run that was killed before its report was written. Its folders themselves mark their origin.
 TEST_F(Results, AFolderSaysItselfThatItIsOfARun) {
   begin_model_folder(folder_, 2);
   write_model("model-2");

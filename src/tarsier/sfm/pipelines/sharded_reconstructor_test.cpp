@@ -80,7 +80,7 @@ class Sharded : public ReliefFolderTest {
     for (const std::string file : {"cameras.txt", "images.txt", "points3D.txt", "points.ply"})
       EXPECT_EQ(contents(path(folder + "/" + file)), contents(path("whole/" + file))) << file;
   }
-  // What `run` throws names the command.
+  // The error of `run` names the command.
   template <class Run>
   void expect_error(const Run& run, const std::string& part) {
     try {
@@ -182,7 +182,7 @@ TEST_F(Sharded, AShardIsDoneOnceAndAgainWhereItsFileIsNotWhole) {
   change_byte(file, bytes.size() - 1);
   EXPECT_FALSE(sharded.find_features(1, progress_, {}).was_done);
   EXPECT_EQ(contents(file), bytes);
-  fs::remove(file + ".done");  // as a kill leaves it
+  fs::remove(file + ".done");  // as after a kill
   EXPECT_FALSE(sharded.find_features(1, progress_, {}).was_done);
   EXPECT_EQ(contents(file), bytes);
   EXPECT_EQ(contents(file + ".done"), info);
@@ -306,11 +306,11 @@ TEST_F(Sharded, ClustersAreMappedApartAndMerged) {
   ASSERT_EQ(report["joins"].size(), 1U);
   EXPECT_EQ(report["joins"][0]["joined"], true);
   EXPECT_GE(report["joins"][0]["images"], 3);
-  // Again, of other shards: the same to the byte.
+  // Merged again in the same way: the same byte for byte.
   const std::string points = contents(path("model/points3D.txt"));
   (void)merge(sharded, "again");
   EXPECT_EQ(contents(path("again/points3D.txt")), points);
-  // All images together is possible with such a plan, too.
+  // Mapping all images together is possible with such a plan too.
   (void)map(sharded, "together");
   expect_same_as_whole("together");
 }
@@ -380,7 +380,7 @@ TEST_F(Sharded, ModelsOfFoldersAreMerged) {
   EXPECT_EQ(statistics_of(result.models()[0]).registered, kImages);
   EXPECT_LT(statistics_of(result.models()[0]).reprojection_px, 0.6);
   EXPECT_TRUE(fs::exists(path("merged/points.ply")));
-  // With few common images they stay apart, and the report says why.
+  // With few common images the parts stay apart, and the report says why.
   const ReconstructorResult apart = merge_models({path("a"), path("c")}, options, progress_, {});
   EXPECT_EQ(apart.models().size(), 2U);
   const nlohmann::ordered_json report = to_json(apart);

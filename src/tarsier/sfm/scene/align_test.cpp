@@ -150,7 +150,7 @@ TEST(RobustSimilarity, FindsOneWrongOfFive) {
   EXPECT_NEAR(residuals[1], 30, 1e-6);
 }
 
-// With few pairs and noise it must come close to the plain fit, which uses all of them.
+// With few pairs and noise it must be close to the plain fit, which uses all pairs.
 TEST(RobustSimilarity, WastesFewGoodPairs) {
   int close = 0;
   for (std::uint64_t seed = 20; seed < 40; ++seed) {

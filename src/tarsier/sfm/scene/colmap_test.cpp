@@ -24,7 +24,7 @@ using ::testing::HasSubstr;
 
 class ColmapTest : public FolderTest {
  protected:
-  // As COLMAP 3.8 writes them, with two cameras and three points.
+  // Files as COLMAP 3.8 writes them, with two cameras and three points.
   void write_colmaps_own() {
     write_file_atomically(path("cameras.txt"),
                           "# Camera list with one line of data per camera:\n"
@@ -50,7 +50,7 @@ class ColmapTest : public FolderTest {
                           "5 0 0 12 1 2 3 -1 4 0 9 2\n");
   }
 
-  // What it says of COLMAP's files with one text changed.
+  // The error for COLMAP's files with one text changed.
   std::string refusal(const std::string& file, const std::string& old_text,
                       const std::string& new_text) {
     write_colmaps_own();
@@ -72,7 +72,7 @@ class ColmapTest : public FolderTest {
 TEST_F(ColmapTest, PosesAloneAreReadFromTheSameFiles) {
   write_colmaps_own();
   const Model whole = read_colmap(folder_);
-  std::filesystem::remove(path("points3D.txt"));  // is not looked at
+  std::filesystem::remove(path("points3D.txt"));  // is not read
   const Model poses = read_colmap_poses(folder_);
   ASSERT_EQ(poses.images.size(), 3U);
   for (std::size_t i = 0; i < 3; ++i) {
@@ -141,7 +141,7 @@ TEST_F(ColmapTest, ImagesStayTurned) {
   EXPECT_EQ(read.images[0].turns, 0);
   EXPECT_EQ(read.images[1].turns, 3);
   EXPECT_EQ(read.images[2].turns, 1);
-  // What other programs say in a comment is no error.
+  // Comments of other programs are no error.
   for (const char* comment :
        {"# TURNED", "# TURNED ", "# TURNED 9 x", "# TURNED 1", "# TURNED 1 y"}) {
     write_file_atomically(path("images.txt"), std::string(comment) + "\n" + text);
@@ -194,7 +194,8 @@ TEST_F(ColmapTest, ColmapsOwnFilesAreRead) {
   // The quaternion (1 1 1 1)/2 turns x to y.
   EXPECT_LT((model.images[0].pose * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(1, 3, 3)).norm(),
             1e-12);
-  // Point 63 has two features in one image: the first stays. Point 11 is in one only.
+  // Point 63 has two features in one image: the first one is kept. Point 11 is observed by one
+  // image only.
   ASSERT_EQ(model.points.size(), 2U);
   EXPECT_THAT(model.points[0].track, ElementsAre(Observation{0, 0}, Observation{1, 1}));
   EXPECT_EQ(model.points[0].color, cv::Vec3b(1, 128, 255));
@@ -202,7 +203,7 @@ TEST_F(ColmapTest, ColmapsOwnFilesAreRead) {
   EXPECT_EQ(model.points[1].error, 0);
   EXPECT_THAT(model.images[0].points, ElementsAre(0, -1, 1, -1));
   EXPECT_THAT(model.images[1].points, ElementsAre(1, 0, -1, -1));
-  // And what was read can be written.
+  // A model that was read can be written.
   write_colmap(path("again"), model);
   EXPECT_EQ(read_colmap(path("again")).points.size(), 2U);
 }
@@ -276,8 +277,8 @@ TEST_F(ColmapTest, MissingAndOddFilesAreErrorsThatNameThem) {
   EXPECT_THAT(complaint(), HasSubstr("points3D.txt: is no regular file"));
   std::filesystem::remove(path("images.txt"));
   write_file_atomically(path("images.txt"), "");
-  // Large files are read (a model of ten thousand images has 2 GB), endless lines are not.
-  // Sparse: it takes no room.
+  // Large files are read (a model of ten thousand images has 2 GB), endless lines are not. The file
+  // is sparse and occupies no space.
   write_file_atomically(path("images.txt"), "# a comment\n");
   std::filesystem::resize_file(path("images.txt"), 3'000'000'000);
   EXPECT_THAT(complaint(), HasSubstr("images.txt: line 2: longer than"));

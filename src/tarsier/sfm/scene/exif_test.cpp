@@ -14,7 +14,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// Writes TIFF directories, to be read by the parser.
+// Writes TIFF directories for the parser.
 class TiffWriter {
  public:
   explicit TiffWriter(bool is_little) : is_little_(is_little) {}
@@ -93,7 +93,7 @@ std::string jpeg_with(const std::string& tiff) {
   const std::size_t length = segment.size() + 2;
   std::string jpeg = "\xFF\xD8\xFF\xE0";
   jpeg += std::string("\0\4JF", 4);
-  jpeg += "\xFF\xFF\xE1";  // with a byte of filling
+  jpeg += "\xFF\xFF\xE1";  // with a fill byte
   jpeg += static_cast<char>(length >> 8U);
   jpeg += static_cast<char>(length);
   return jpeg + segment + "\xFF\xD9";
@@ -183,7 +183,7 @@ TEST(Exif, IsAbsentFromOtherBytes) {
   }
 }
 
-// A directory that leads to itself is read once as each of the three.
+// A directory that refers to itself is read once as each of the three.
 TEST(Exif, EndsForCircles) {
   TiffWriter w(true);
   w.bytes = "II";
@@ -197,7 +197,7 @@ TEST(Exif, ReadsWhatACutFileStillHas) {
   const std::string whole = jpeg_with(tiff_of(false));
   double known = 0;
   for (std::size_t size = 0; size <= whole.size(); ++size) {
-    // A copy of its own, so that a sanitizer sees every step outside.
+    // A separate copy, so that a sanitizer detects every access outside.
     const std::vector<char> part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
     const Exif exif = parse_exif({part.data(), part.size()});
     EXPECT_GE(exif.focal_35mm, known);

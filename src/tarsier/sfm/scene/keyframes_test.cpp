@@ -20,7 +20,7 @@ namespace {
 constexpr int kWidth = 320;
 constexpr int kHeight = 240;  // the diagonal is 400 px: min_motion 0.03 is 12 px
 
-// A wall of random patches, wide enough to slide over.
+// A wall of random patches, wide enough for a moving view.
 cv::Mat texture(std::uint64_t seed, int width = 900) {
   Rng rng(seed);
   cv::Mat wall(kHeight, width, CV_8UC3);
@@ -58,7 +58,7 @@ std::vector<Keyframe> pick(int frames, const std::function<cv::Mat(int)>& frame_
 
 TEST(Keyframes, AreEvenlySpacedOnAnEvenMotion) {
   const cv::Mat wall = texture(1);
-  const auto keys = pick(110, [&](int k) { return view(wall, 2 * k); });  // 6 frames to each
+  const auto keys = pick(110, [&](int k) { return view(wall, 2 * k); });  // 6 frames per key frame
   ASSERT_GE(keys.size(), 15U);
   ASSERT_LE(keys.size(), 21U);
   EXPECT_EQ(keys[0].index, 0);
@@ -137,7 +137,7 @@ TEST(Keyframes, FollowAFastCameraAndACut) {
 TEST(Keyframes, OfBlackFramesAreOne) {
   const auto black = [](int) { return cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(0)); };
   EXPECT_EQ(pick(20, black).size(), 1U);
-  // The video begins after the fade, and ends in one.
+  // The video begins after a fade-in and ends with a fade-out.
   const cv::Mat wall = texture(9);
   const auto keys = pick(55, [&](int k) {
     if (k < 10 || k >= 40) return cv::Mat(kHeight, kWidth, CV_8UC3, cv::Scalar(0, 0, 0));

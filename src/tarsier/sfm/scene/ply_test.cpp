@@ -24,7 +24,7 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::Pair;
 
-// A reader of PLY that knows only what its header says.
+// A PLY reader that uses only the information of the header.
 struct Property {
   std::string name;
   std::string type;
@@ -145,7 +145,7 @@ TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
     }
     first += 5;
   }
-  // Each face has its pyramid's middle behind it.
+  // The middle of the pyramid lies behind each of its faces.
   for (const std::vector<double>& row : elements[1].rows) {
     ASSERT_EQ(row.size(), 3U);
     std::vector<std::size_t> at;

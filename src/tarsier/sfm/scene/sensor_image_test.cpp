@@ -16,7 +16,7 @@ namespace {
 
 class SensorImage : public FolderTest {
  protected:
-  // A file whose pixels are stored as they are, and are to be shown by this orientation.
+  // A file whose pixels are stored unrotated, with this orientation tag for display.
   std::string written(const cv::Mat& stored, int orientation) {
     const std::string file = path("image.jpg");
     const auto bytes = with_orientation(encode_image(".jpg", stored, file), orientation);
@@ -39,7 +39,7 @@ cv::Mat turned(const cv::Mat& image, int quarters) {
   return result;
 }
 
-// Whatever EXIF says: what the turns make of the pixels of the sensor is what everybody else sees.
+// For every EXIF orientation, rotating the sensor pixels by the turns gives the displayed image.
 TEST_F(SensorImage, IsUprightAfterItsTurns) {
   const cv::Mat stored = smooth();
   for (int orientation = 1; orientation <= 8; ++orientation) {
@@ -70,7 +70,7 @@ TEST_F(SensorImage, IsTheStoredOneUnlessMirrored) {
 }
 
 TEST(DownOf, IsTheLowerEdgeOfTheUprightImage) {
-  // A bright lower edge, turned back: where is it in the pixels of the sensor?
+  // A bright lower edge, rotated back: its side in the pixels of the sensor.
   for (int turns = 0; turns < 4; ++turns) {
     cv::Mat upright(20, 20, CV_8UC1, cv::Scalar(0));
     upright.row(19) = 255;

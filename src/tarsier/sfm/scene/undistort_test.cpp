@@ -49,7 +49,7 @@ TEST(UndistortedCamera, SeesNothingOutsideOfTheSource) {
       check(0, y);
       check(to.width - 1, y);
     }
-    EXPECT_LT(nearest, 0.05);  // and no more is cut off than must be
+    EXPECT_LT(nearest, 0.05);  // no more than necessary is cut off
   }
 }
 
@@ -102,7 +102,7 @@ TEST(UndistortedModel, RefusesAFeatureFarOutside) {
   EXPECT_THROW((void)undistorted_model(model), std::invalid_argument);
 }
 
-// White ground with dark lines that are straight without distortion, as `from` sees it.
+// White background with dark lines that are straight without distortion, as `from` images it.
 cv::Mat distorted_grid(const geometry::Camera& from, const geometry::Camera& to, int spacing) {
   cv::Mat pixels(from.height, from.width, CV_8UC1);
   for (int v = 0; v < from.height; ++v) {
@@ -127,7 +127,8 @@ TEST(UndistortImage, MakesLinesStraightAndBordersFull) {
     double low = 0;
     cv::minMaxLoc(straight, &low);
     EXPECT_GT(low, 30);  // black would be a border; the lines have 55
-    // Each upright line: the middle of its darkness in each row between the lying lines.
+    // For each vertical line: the centroid of its darkness in each row between the horizontal
+    // lines.
     for (int x = kSpacing; x + kSpacing < to.width; x += kSpacing) {
       for (int y = kSpacing / 2; y < to.height; y += kSpacing) {
         double sum = 0;

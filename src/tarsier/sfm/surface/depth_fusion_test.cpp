@@ -51,7 +51,7 @@ std::string error_of(const std::string& folder, const VolumeOptions& options,
 class DepthFusionTest : public FolderTest {};
 
 TEST(CellTriangles, AgreeOnEverySideAndHaveNoDiagonalInIt) {
-  // Any pattern of signs on a closed grid gives a surface in which every edge has two faces.
+  // Any pattern of signs on a closed grid gives a surface with two faces at every edge.
   VoxelVolume volume(1);
   volume.allocate({VoxelVolume::key_of({0, 0, 0})});
   std::uint32_t state = 12345;
@@ -170,8 +170,8 @@ TEST_F(DepthFusionTest, EdgesBesideTheUnknownAreTrimmed) {
   EXPECT_GT(outside(0), 0);
 }
 
-// Pixels of the background beside the sphere get its depth in all maps, and a plate floats before the darkness
-// in some. The background is black, of noise.
+// In all maps, pixels of the background beside the sphere get the sphere's depth. In some, a plate
+// floats in front of the dark background. The background is black with noise.
 void spoil_before_darkness(int i, DrawnView& view) {
   const cv::Mat flat = view.map.depth == 0;
   cv::Mat wide;
@@ -204,18 +204,18 @@ TEST_F(DepthFusionTest, BeforeADarkBackgroundNothingFloats) {
 TEST(DarkBackground, IsLargeDarkAndUnknownAtTheBorder) {
   cv::Mat image(100, 100, CV_8UC3, cv::Scalar::all(200));
   cv::Mat1f depth(100, 100, 5.F);
-  image(cv::Rect(0, 0, 30, 100)) = cv::Scalar::all(10);  // it is one
+  image(cv::Rect(0, 0, 30, 100)) = cv::Scalar::all(10);  // this one is background
   depth(cv::Rect(0, 0, 27, 100)) = 0;
   image(cv::Rect(40, 40, 30, 30)) = cv::Scalar::all(10);  // not at the border
   depth(cv::Rect(40, 40, 30, 30)) = 0;
-  image(cv::Rect(80, 0, 20, 50)) = cv::Scalar::all(10);   // dark, but there is a surface
+  image(cv::Rect(80, 0, 20, 50)) = cv::Scalar::all(10);   // dark, but with a surface
   image(cv::Rect(90, 90, 10, 10)) = cv::Scalar::all(10);  // small
   depth(cv::Rect(90, 90, 10, 10)) = 0;
   const cv::Mat1b found = dark_background(image, depth, 24);
   EXPECT_EQ(cv::countNonZero(found), 3000);
   EXPECT_EQ(cv::countNonZero(found(cv::Rect(0, 0, 30, 100))), 3000);
   EXPECT_EQ(cv::countNonZero(dark_background(image, depth, 5)), 0);
-  // Maps may be smaller than their image.
+  // Maps may be smaller than their images.
   cv::Mat1f half;
   cv::resize(depth, half, {50, 50}, 0, 0, cv::INTER_NEAREST);
   EXPECT_EQ(cv::countNonZero(dark_background(image, half, 24)), 750);

@@ -14,7 +14,7 @@
 namespace tarsier::sfm {
 namespace {
 
-// A unit sphere of rings; the last `open` rings around the south pole are missing.
+// A unit sphere made of rings; the last `open` rings around the south pole are missing.
 SurfaceMesh globe(int rings, int around, int open = 0) {
   SurfaceMesh mesh;
   mesh.vertices.emplace_back(0.F, 0.F, 1.F);
@@ -50,7 +50,7 @@ TEST(CloseHoles, MakesAClosedSurface) {
   SurfaceMesh mesh = globe(40, 60, 6);
   mesh.colors.assign(mesh.vertices.size(), cv::Vec3b(10, 20, 30));
   ASSERT_EQ(measure_surface(mesh).holes, 1);
-  EXPECT_EQ(close_holes(mesh, 0.5), 0);  // it is wider
+  EXPECT_EQ(close_holes(mesh, 0.5), 0);  // the hole is wider
   EXPECT_EQ(close_holes(mesh, 2), 1);
   mesh.check();
   EXPECT_EQ(mesh.colors.back(), cv::Vec3b(10, 20, 30));
@@ -65,8 +65,8 @@ TEST(CloseHoles, MakesAClosedSurface) {
 
 TEST(CloseHoles, ClosesTheSmallest) {
   SurfaceMesh mesh = globe(10, 12);
-  mesh.faces.erase(mesh.faces.begin() + 40);                     // three edges
-  mesh.faces.erase(mesh.faces.begin(), mesh.faces.begin() + 2);  // four
+  mesh.faces.erase(mesh.faces.begin() + 40);                     // a hole of three edges
+  mesh.faces.erase(mesh.faces.begin(), mesh.faces.begin() + 2);  // a hole of four
   EXPECT_EQ(close_holes(mesh, 10), 2);
   EXPECT_TRUE(measure_surface(mesh).volume.has_value());
 }

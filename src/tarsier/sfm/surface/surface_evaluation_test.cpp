@@ -19,7 +19,8 @@
 namespace tarsier::sfm {
 namespace {
 
-// A sphere around the origin in rings of triangles, from `from` to `to` (0..1, of pole to pole).
+// A sphere around the origin made of rings of triangles, from `from` to `to` (0..1 from pole to
+// pole).
 SurfaceMesh sphere(float radius, float from = 0, float to = 1) {
   constexpr int kRings = 60;
   constexpr int kAround = 120;
@@ -93,7 +94,7 @@ TEST(TriangleTree, RefusesABrokenSurface) {
 }
 
 TEST(SampleSurface, EvenlyOverTheArea) {
-  SurfaceMesh mesh;  // two rectangles of 4 and 1 of the area, each of two triangles
+  SurfaceMesh mesh;  // two rectangles with areas 4 and 1, each of two triangles
   mesh.vertices = {{0, 0, 0}, {4, 0, 0}, {4, 1, 0}, {0, 1, 0},
                    {0, 0, 5}, {1, 0, 5}, {1, 1, 5}, {0, 1, 5}};
   mesh.faces = {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {4, 6, 7}};
@@ -136,12 +137,12 @@ TEST_F(SurfaceEvaluationTest, TheTruthItselfIsExactAndComplete) {
 }
 
 TEST_F(SurfaceEvaluationTest, ThresholdsDecideAboutALargerSphere) {
-  // 0.7 % of the extent too large.
+  // Too large by 0.7 % of the extent.
   const SurfaceScores scores = scores_of(cameras(), sphere(1.0242F));
   EXPECT_NEAR(scores.distance_median, 0.0242, 0.001);
   EXPECT_EQ(scores.thresholds[1].f1, 0);
   EXPECT_GT(scores.thresholds[2].f1, 0.999);
-  // Its errors are drawn: neither none nor the most.
+  // Its errors are drawn in another colour than no error.
   ASSERT_EQ(scores.errors.colors.size(), scores.errors.vertices.size());
   EXPECT_NE(scores.errors.colors[1000], scores_of(cameras(), sphere(1)).errors.colors[1000]);
 }

@@ -59,7 +59,7 @@ void put(std::string& bytes, float value) {
   for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(word >> shift));
 }
 
-// Four vertices; a face of four corners with a number before its list and a list behind it.
+// Four vertices, and a face of four corners with a property before its list and a list after it.
 std::string other_layout(const std::string& corners = std::string("\x04\0\x01\x02\x03", 5),
                          const std::string& header = "element face 1\n") {
   std::string bytes =

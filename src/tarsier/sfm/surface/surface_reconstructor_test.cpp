@@ -30,7 +30,7 @@ SurfaceResult surface_of(const std::string& folder, const SurfaceOptions& option
   return SurfaceReconstructor(options).run(Workspace::open(folder), progress, {});
 }
 
-// The colour that a texture has in the middle of each face.
+// The texture's colour in the middle of each face.
 cv::Vec3f texture_color(const SurfaceTexture& texture, std::size_t face) {
   cv::Vec2f uv(0, 0);
   for (const int corner : texture.corners[face])
@@ -46,7 +46,7 @@ Eigen::Vector3d middle_of(const SurfaceMesh& mesh, std::size_t face) {
   return sum;
 }
 
-// Grey levels, of the mean of three channels: the value that 95 % of the faces stay below.
+// Error of the mean of three channels in grey levels: the 95th percentile over the faces.
 double color_error(const SurfaceResult& result) {
   std::vector<double> errors;
   for (std::size_t f = 0; f < result.surface.mesh.faces.size(); ++f) {
@@ -105,7 +105,7 @@ TEST_F(SurfaceReconstructorTest, SeamsOfUnequalExposureAreLevelled) {
   const auto steps_of = [&](bool level) {
     options.level_seams = level;
     const SurfaceResult result = surface_of(folder_, options);
-    // The difference between neighbouring faces, which is small without seams.
+    // The difference between neighbouring faces; it is small without seams.
     const std::vector<Face> neighbors = face_neighbors(result.surface.mesh);
     double worst = 0;
     int large = 0;
@@ -162,7 +162,7 @@ TEST_F(SurfaceReconstructorTest, WhatNoImageShowsHasTheColorsAroundIt) {
 TEST_F(SurfaceReconstructorTest, ADarkBackgroundGivesNoColors) {
   write_sphere();
   const SurfaceMesh mesh = surface_of(folder_, small_options()).surface.mesh;
-  write_sphere([](int i, DrawnView& view) {  // only the first image shows the sphere
+  write_sphere([](int i, DrawnView& view) {  // only the first image contains the sphere
     if (i == 0) return;
     view.image.setTo(cv::Scalar::all(3));
     view.map.depth = cv::Mat(view.map.depth.size(), CV_32FC1, cv::Scalar::all(0));

@@ -19,7 +19,7 @@ std::string scratch(const std::string& name) {
   return (std::filesystem::path(testing::TempDir()) / ("sfm_view_" + name)).string();
 }
 
-// A reader of its own, as plain as the standard has it.
+// An independent reader that follows the standard directly.
 struct Gif {
   std::vector<cv::Mat> frames;
   std::vector<int> delays;  // 1/100 s
@@ -188,7 +188,7 @@ TEST(Gif, ManyColorsComeBackNearly) {
   }
 }
 
-// Noise fills the table of codes many times over.
+// The noise fills the code table many times.
 TEST(Gif, NoiseOfAnySizeComesBack) {
   Rng random(3);
   for (const cv::Size size : {cv::Size(1, 1), cv::Size(2, 1), cv::Size(17, 15), cv::Size(255, 1),
@@ -206,7 +206,7 @@ TEST(Gif, NoiseOfAnySizeComesBack) {
   }
 }
 
-// Every length up to where codes get one bit longer twice: the end code has the right length.
+// All lengths up to two increases of the code length: the end code has the right length.
 TEST(Gif, EveryLengthOfNoiseEnds) {
   Rng random(4);
   cv::Mat all(1, 1100, CV_8UC3);

@@ -101,7 +101,7 @@ TEST(Render, ViewStartsWhereTheCamerasStoodAndUpIsUp) {
 }
 
 TEST(Render, UpIsUpOfTurnedImages) {
-  // The camera was held upright: its pixels lie on their side, down is to the right in them.
+  // The camera was held upright: its pixels are rotated, and down in the scene is right in them.
   Model model = model_with_camera();
   add_plate(model, 0, kRed);
   model.images[0].turns = 1;
@@ -177,7 +177,7 @@ TEST(Render, CamerasAreDrawnOnlyWhenAskedFor) {
   options.cameras = false;
   const cv::Mat without = render_model(model, options);
   EXPECT_FALSE(same(with, without));
-  // Around the camera's centre, and nowhere but there.
+  // The change is around the camera's centre only.
   const Viewpoint view = viewpoint_of(model, options);
   const auto center = view.camera.project(view.pose * model.images[0].pose.center());
   ASSERT_TRUE(center.has_value());
@@ -205,7 +205,7 @@ TEST(Render, CamerasAllAroundStillGiveAFrame) {
     const double a = 2 * std::numbers::pi * i / 8;
     Image view;
     view.registered = true;
-    view.camera = 7;  // not there
+    view.camera = 7;  // does not exist
     view.pose.rotation = geometry::rotation_by({0, a, 0});
     view.pose.translation = {0, 0, 5};
     model.images.push_back(view);

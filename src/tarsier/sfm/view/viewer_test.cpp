@@ -61,7 +61,7 @@ TEST(Viewer, IsOnePageThatNeedsNoNetwork) {
   EXPECT_THAT(page, Not(HasSubstr("photo2.jpg")));  // not registered
 }
 
-// Two faces between four points of the cloud's size.
+// Two faces with four points as large as the cloud.
 ViewerLayers sample_layers() {
   ViewerLayers layers;
   for (int i = 0; i < 10; ++i) {
@@ -90,7 +90,7 @@ TEST(Viewer, LayersHaveButtonsAndTheUnitOfTheModel) {
   EXPECT_FALSE(data["mesh"].contains("texture"));
   // A face with a vertex far away is not drawn.
   EXPECT_EQ(bytes_of(data["mesh"]["indices"]).size(), 3 * sizeof(std::uint32_t));
-  // What is measured on the page is in units of the model.
+  // Distances measured on the page are in units of the model.
   const std::string bytes = bytes_of(data["mesh"]["positions"]);
   std::array<float, 6> at{};
   std::memcpy(at.data(), bytes.data(), sizeof at);
@@ -104,7 +104,7 @@ TEST(Viewer, RefusesLayersThatDoNotFit) {
   layers.surface.indices.back() = 4;
   EXPECT_THROW((void)viewer_html(model, "", layers), std::invalid_argument);
   layers = sample_layers();
-  layers.surface.texture = "bytes";  // without places in it
+  layers.surface.texture = "bytes";  // without texture coordinates
   EXPECT_THROW((void)viewer_html(model, "", layers), std::invalid_argument);
   layers = sample_layers();
   layers.cloud.colors.pop_back();
@@ -141,7 +141,7 @@ TEST(Viewer, NamesAndTitleCannotBecomeMarkup) {
   EXPECT_THAT(page, Not(HasSubstr("<img")));
   EXPECT_THAT(page, Not(HasSubstr("<b onclick")));
   EXPECT_THAT(page, HasSubstr("&lt;b onclick=&#39;x()&#39;&gt;&quot;&amp;"));
-  // The script reads back the very name.
+  // The script reads exactly this name.
   EXPECT_EQ(data_of(page)["names"][0], model.images[0].name);
 }
 

@@ -54,11 +54,11 @@ TEST_F(SynthFaceTest, TheTruthIsTheProjectionOfTheHeadsPoints) {
   const Eigen::Vector3d at = pose(20, 5) * Eigen::Vector3d(nose.x(), nose.y(), nose.z());
   EXPECT_NEAR(truth.points(0, 30), 159.5 + 400 * at[0] / at[2], 1e-9);
   EXPECT_NEAR(truth.points(1, 30), 119.5 + 400 * at[1] / at[2], 1e-9);
-  // Turned to image left, the nose is nearer to the eye corner on that side.
+  // If the head is turned to image left, the nose is nearer to the eye corner on that side.
   EXPECT_LT(truth.points(0, 30) - truth.points(0, 36), truth.points(0, 45) - truth.points(0, 30));
 }
 
-// The brightness pattern lies where the truth says: the dark of the eyes at the eyes.
+// The brightness agrees with the ground truth: the eyes are dark at the eye landmarks.
 TEST_F(SynthFaceTest, EyesAreDarkerThanTheCheeksBelowThem) {
   FaceSceneOptions plain;
   plain.noise = 0;
