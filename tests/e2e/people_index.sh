@@ -48,11 +48,11 @@ expect_status 1
 expect_out 'people.db.index: not there: all faces are compared'
 
 # Made, the same whatever the threads and the memory, and the answers stay to the last digit.
-run people index --least 1 --threads 1 --json
+run people index --min-faces 1 --threads 1 --json
 expect_status 0
 expect_out '"faces":562'
 cp people.db.index one
-run people index people.db --least 1 --threads 3 --memory 0.01
+run people index people.db --min-faces 1 --threads 3 --memory 0.01
 expect_status 0
 cmp -s one people.db.index || fail "the index depends on threads or memory"
 [ "$(stat -c %a people.db.index)" = 600 ] || fail "others may read the index"
@@ -74,11 +74,11 @@ expect_out '562 faces in it, 1 newer'
 
 # Killed at any moment: an index that is whole, or none, and the gallery as it was.
 for moment in 0.02 0.05 0.1 0.15 0.2 0.3 0.4 0.6; do
-  { timeout -s KILL "$moment" "$TARSIER" people index --least 1 --quiet; } >/dev/null 2>&1
+  { timeout -s KILL "$moment" "$TARSIER" people index --min-faces 1 --quiet; } >/dev/null 2>&1
   run people index --check
   expect_status 0
 done
-run people index --least 1
+run people index --min-faces 1
 expect_status 0
 expect_out '563 faces in 32 cells|563 faces in 64 cells'
 [ ! -e people.db.index.new ] || fail "something half-written was left"
@@ -116,7 +116,7 @@ run people forget Ben --yes --json
 [ "$status" = 0 ] || [ "$status" = 6 ] || fail "forget: $status"
 expect_out '"index":"deleted"'
 [ ! -e people.db.index ] || fail "the index is still there"
-run people index --least 1 --quiet
+run people index --min-faces 1 --quiet
 expect_status 0
 run people index --check
 expect_status 0

@@ -59,7 +59,7 @@ ExitStatus group_faces(const GroupFlags& flags, Context& context) {
 struct GroupsFlags {
   PeopleFlags people;
   int group = 0;
-  std::int64_t least = 1;
+  std::int64_t min_sightings = 1;
   std::string draw;
 };
 
@@ -125,7 +125,7 @@ ExitStatus list_groups(const GroupsFlags& flags, const Context& context) {
     list_sightings(gallery, flags, context);
     return ExitStatus::kDone;
   }
-  std::erase_if(groups, [&](const auto& group) { return group.sightings < flags.least; });
+  std::erase_if(groups, [&](const auto& group) { return group.sightings < flags.min_sightings; });
   for (const auto& group : groups) {
     if (context.json) {
       print_json({{"group", group.id},
@@ -188,7 +188,8 @@ void add_groups_flags(Command& verb, GroupsFlags& flags) {
   add_gallery_flag(verb, flags.people);
   verb.add_option("--group", flags.group, "list the sightings of this group only [all groups]")
       .check(at_least(1));
-  verb.add_option("--least", flags.least, "list only groups of at least this many sightings")
+  verb.add_option("--min-sightings", flags.min_sightings,
+                  "list only groups of at least this many sightings")
       .check(at_least(1))
       .show_default();
   verb.add_option(

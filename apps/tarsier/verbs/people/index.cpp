@@ -15,7 +15,7 @@ namespace {
 struct IndexFlags {
   PeopleFlags people;
   face::recognition::CellIndexOptions index;
-  std::int64_t least = face::people::kWorthIndexing;
+  std::int64_t min_faces = face::people::kWorthIndexing;
   bool check = false;
 };
 
@@ -63,11 +63,12 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   face::settle_templates(gallery, template_kind(flags.people), ModelStore::find(), false,
                          own_network(flags.people));
-  const std::int64_t faces = gallery.face_count_up_to(flags.least);
-  if (faces < flags.least) {
+  const std::int64_t faces = gallery.face_count_up_to(flags.min_faces);
+  if (faces < flags.min_faces) {
     log_info("{}: {} faces: with fewer than {} comparing all is as fast, no index is made",
-             flags.people.gallery, faces, flags.least);
-    if (context.json) print_json({{"index", nullptr}, {"faces", faces}, {"least", flags.least}});
+             flags.people.gallery, faces, flags.min_faces);
+    if (context.json)
+      print_json({{"index", nullptr}, {"faces", faces}, {"min_faces", flags.min_faces}});
     return ExitStatus::kNothingFound;
   }
   const auto background = face::background_for(
@@ -97,7 +98,7 @@ void add_flags(Command& verb, IndexFlags& flags) {
   verb.add_option("GALLERY,--gallery", flags.people.gallery, "gallery file: the enrolled people")
       .show_default();
   verb.add_flag("--check", flags.check, "only check for a valid index; exit status 0: yes, 1: no");
-  verb.add_option("--least", flags.least, "minimum number of faces for an index")
+  verb.add_option("--min-faces", flags.min_faces, "minimum number of faces for an index")
       .check(at_least(1))
       .show_default();
   bind_field(verb, flags.index, flags.index.memory_gb);

@@ -143,8 +143,8 @@ void add_match_flags(Command& verb, ReconstructFlags& flags, bool is_whole) {
                         "factor by which images are reduced for feature extraction")
             .show_default());
   match(verb.add_option("--pairs", flags.pairs,
-                        "auto, exhaustive, sequential, retrieval, or a file with two "
-                        "names a line")
+                        "auto, exhaustive, sequential, retrieval; or a file with two names per "
+                        "line")
             .show_default());
   match(bind_field(verb, pipeline, pipeline.overlap));
   match(bind_field(verb, pipeline, pipeline.nearest));
