@@ -2,7 +2,7 @@
 #include "pipe_window.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
+#include "tarsier/core/testing_log.h"
 #include "tarsier/media/image_file.h"
 
 #include <gmock/gmock.h>
@@ -58,14 +58,14 @@ class PipeWindowTest : public ::testing::Test {
  protected:
   PipeWindowTest() {
     std::signal(SIGPIPE, SIG_IGN);  // as the program does
-    set_log_level(LogLevel::kOff);
   }
   ~PipeWindowTest() override {
     window_.reset();
     hang_up(to_);
     hang_up(from_);
-    set_log_level(LogLevel::kInfo);
   }
+
+  const ScopedLogLevel log_level_{LogLevel::kOff};
 
   void open(WindowOptions options = {}) {
     std::array<int, 2> in{};
@@ -427,14 +427,13 @@ TEST_F(PipeWindowTest, WhatIsWrongIsPassedOver) {
 
 TEST_F(PipeWindowTest, AWarningASecondAtMost) {
   open();
-  set_log_level(LogLevel::kWarning);
+  const ScopedLogLevel warnings(LogLevel::kWarning);
   ::testing::internal::CaptureStderr();
   for (int i = 0; i < 200; ++i) {
     say("nonsense\n");
     (void)events();
   }
   const std::string said = ::testing::internal::GetCapturedStderr();
-  set_log_level(LogLevel::kOff);
   EXPECT_THAT(said, HasSubstr("window: a line is passed over"));
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 5) << said;
 }

@@ -2,7 +2,7 @@
 #include "tarsier/media/frame_source.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
+#include "tarsier/core/testing_log.h"
 #include "tarsier/media/cameras.h"
 #include "tarsier/media/still_source.h"
 #include "tarsier/media/testing_http_server.h"
@@ -31,7 +31,6 @@ using ::testing::HasSubstr;
 class FrameSourceTest : public ::testing::Test {
  protected:
   FrameSourceTest() {
-    set_log_level(LogLevel::kOff);
     folder_ = fs::temp_directory_path() /
               ("tarsier_sources_" + std::to_string(::getpid()) + "_" +
                ::testing::UnitTest::GetInstance()->current_test_info()->name());
@@ -40,6 +39,7 @@ class FrameSourceTest : public ::testing::Test {
   }
   ~FrameSourceTest() override { fs::remove_all(folder_); }
 
+  const ScopedLogLevel log_level_{LogLevel::kOff};
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   std::string write(const std::string& name, const std::string& bytes) const {
     fs::create_directories((folder_ / name).parent_path());

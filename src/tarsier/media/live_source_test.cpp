@@ -2,7 +2,7 @@
 #include "tarsier/media/live_source.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
+#include "tarsier/core/testing_log.h"
 #include "tarsier/media/capture_protocol.h"
 #include "tarsier/media/child_capture.h"
 #include "tarsier/media/http_stream.h"
@@ -109,13 +109,14 @@ bool group_runs(int group) {
 class LiveSourceTest : public ::testing::Test {
  protected:
   LiveSourceTest() {
-    set_log_level(LogLevel::kOff);
     folder_ = fs::temp_directory_path() /
               ("tarsier_live_" + std::to_string(::getpid()) + "_" +
                ::testing::UnitTest::GetInstance()->current_test_info()->name());
     fs::create_directories(folder_);
   }
   ~LiveSourceTest() override { fs::remove_all(folder_); }
+
+  const ScopedLogLevel log_level_{LogLevel::kOff};
 
   std::string write(const std::string& name, const std::string& bytes) {
     const fs::path path = folder_ / name;

@@ -2,7 +2,7 @@
 #include "tarsier/media/viewer_source.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
+#include "tarsier/core/testing_log.h"
 #include "tarsier/media/image_file.h"
 
 #include <gmock/gmock.h>
@@ -92,7 +92,6 @@ TEST(ViewerImage, OnlyWholeJpegsWillDo) {
 class ViewerSourceTest : public ::testing::Test {
  protected:
   ViewerSourceTest() {
-    set_log_level(LogLevel::kOff);
     int ends[2];
     if (::pipe(ends) != 0) throw std::runtime_error("no pipe");
     to_ = ends[1];
@@ -106,8 +105,8 @@ class ViewerSourceTest : public ::testing::Test {
   ~ViewerSourceTest() override {
     source_.reset();
     hang_up();
-    set_log_level(LogLevel::kInfo);
   }
+  const ScopedLogLevel log_level_{LogLevel::kOff};
   void send(const Bytes& bytes) const {
     ASSERT_EQ(::write(to_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
   }
@@ -163,7 +162,7 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   ASSERT_GT(broken.end() - at, 21);
   std::fill(at + 5, at + 21, std::uint8_t{0xff});
   ASSERT_EQ(trouble_of_viewer_image(broken), "");
-  set_log_level(LogLevel::kWarning);
+  const ScopedLogLevel warnings(LogLevel::kWarning);
   ::testing::internal::CaptureStderr();
   for (int i = 0; i < 20; ++i) {
     const std::int64_t before = source_->status().received;
@@ -174,7 +173,6 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
   const std::string said = ::testing::internal::GetCapturedStderr();
-  set_log_level(LogLevel::kOff);
   EXPECT_THAT(said, HasSubstr("it is passed over"));
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
 }
