@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""The headline figures of docs/results.md, held: one check an area on the images of $TARSIER_DATA.
+"""Checks the headline figures of docs/results.md: one check per area, on the images of $TARSIER_DATA.
 
-figures.py AREA             measures by the program and compares; exit status 1 where a figure has got worse, 77 without data
-figures.py AREA --broken    the same with something broken (a model's numbers, a camera, the truth): every figure that this
-                            touches must then be found wrong, which shows that the check can fail; exit status 1 if it is not
+figures.py AREA             measures with the program and compares; exit status 1 if a figure is worse, 77 without data
+figures.py AREA --broken    the same with something broken (a model's numbers, a camera, the ground truth): every affected
+                            figure must then fail, which shows that the check can fail; exit status 1 if it does not
 
-$TARSIER is the program, $WORK an empty folder to be in. The bounds are the figures of docs/results.md with the slack that is
-written beside each. They hold for any number of threads; nothing here measures time.
+$TARSIER is the program, $WORK an empty working folder. The bounds are the figures of docs/results.md with the slack written
+beside each. They hold for any number of threads; nothing here measures time.
 """
 import base64
 import glob
