@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Three nodes with synthetic drives, a broker and a hub, each in its own network namespace. Each is killed at random moments, and
 links are cut. At the end the hub has every event that a node ever wrote exactly once, including all vehicles of the drives, and
-the nodes' disks hold no pending event. Run in a network namespace with the right to make others; TARSIER_LINK_KILLS: number of
-kills."""
+the nodes' disks hold no pending event. Run in a network namespace with the right to make others. TARSIER_LINK_KILLS is the number
+of kills."""
 import json
 import os
 import random

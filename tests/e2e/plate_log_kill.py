@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Kills `plate read --log` at random moments, thirty times in `./test --all` and eight otherwise: each certain vehicle is in the
-log.
+"""Kills `plate read --log` at random moments: each certain vehicle is in the log. Thirty kills in `./test --all`, eight
+otherwise.
 
-The program's own lines tell which vehicles are certain: a line is written after its content was stored. So each confirmed
-vehicle of a line must be in the log, however soon after the line the program is killed.
+The program's own lines tell which vehicles are certain: a line is written after its content was stored. So each confirmed vehicle
+of a line must be in the log, however soon after the line the program is killed.
 """
 import difflib
 import json

@@ -231,8 +231,7 @@ class PageTest(unittest.TestCase):
 
     def judge(self, name, widths=WIDTHS):
         """Screenshots at each width, light and dark, if requested. Checks that the page does not scroll sideways, and that axe
-        finds
-        nothing serious at the narrowest and the widest, in light and dark."""
+        finds nothing serious at the narrowest and the widest, in light and dark."""
         source = axe_source()
         for width in sorted({*widths, 360, 800, 1440}) if LOOK else widths:
             self.page.resize(width, 800)

@@ -1,7 +1,7 @@
-"""The committed pages equal the output of their sources, and the client's unit tests pass (scripts/lint.sh has its other
-checks).
+"""The committed pages equal the output of their sources, and the client's unit tests pass.
 
 Needs node and the client's packages (npm ci); otherwise it is skipped, since a build of the program needs neither.
+scripts/lint.sh has the client's other checks.
 """
 
 import filecmp

@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Confirmed data is never lost. The server and all its children are killed at once while a user annotates and enrols, at
-moments
-drawn with a fixed seed. The state after the next start is compared with the last answer before the kill."""
+"""Confirmed data is never lost. The server and all its children are killed at once while a user annotates and enrols,
+at moments drawn with a fixed seed. The state after the next start is compared with the last answer before the kill."""
 
 import http.client
 import itertools

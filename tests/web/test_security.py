@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""The rules that protect the studio, each on the real server: who has access, where it listens, what is refused, and that
-hostile
+"""The rules that protect the studio, each on the real server: who has access, where it listens, what is refused, and that hostile
 clients do not affect the others."""
 import http.client
 import json
