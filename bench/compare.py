@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Compares the figures of `tarsier bench NAME --json` of two builds, or prints those of one: scripts/bench-compare.sh."""
+"""Compares the figures of `tarsier bench NAME --json` of two builds, or prints those of one build: scripts/bench-compare.sh."""
 import json
 import os
 import subprocess
@@ -9,7 +9,7 @@ ROUNDS = int(os.environ.get("ROUNDS", "3"))
 REPEATS = os.environ.get("REPEATS", "5")
 LIMIT = float(os.environ.get("LIMIT", "1.15"))
 MARK = 1.10
-LEAST_MS = 0.002  # shorter ones are the clock's own noise; they are shown, not judged
+LEAST_MS = 0.002  # shorter times are noise of the clock; they are shown but not compared
 
 
 def program_of(text):
@@ -30,7 +30,7 @@ def benches_of(program):
 
 
 def times_of(line):
-    """Field -> ms. The largest of several (max_ms) is no figure to compare by."""
+    """Field -> ms. The max of several (max_ms) is not used for comparisons."""
     found = {}
     for key, value in line.items():
         if not isinstance(value, (int, float)) or key == "max_ms":
@@ -61,7 +61,7 @@ def measure(program, bench):
 
 
 def best_of(programs, bench):
-    """For each program the least of each figure over all rounds; the programs take turns."""
+    """For each program the min of each figure over all rounds. The programs take turns."""
     best = [{} for _ in programs]
     for _ in range(ROUNDS):
         for kept, program in zip(best, programs):

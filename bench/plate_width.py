@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: MIT
 """Recall of number plates by their width: bench/plate_width.py [--sizes 1280x720 ..] [--count 200] [--svg FILE] [--json]
 
-Draws streets with cars near and far (`plate synth --far`), reads them (`plate read --json --threads 1`) and prints for each image
-size and each range of plate widths, px, how many of the plates were found (intersection over union of the boxes 0.5) and how many of them
-were read right, with 95 % intervals (Wilson), and the processor's milliseconds for an image, its
-decoding and the program's start included. --svg draws the curves.
+Renders streets with near and far cars (`plate synth --far`) and reads them (`plate read --json --threads 1`). For each image size
+and each range of plate widths (px) it prints how many plates were found (intersection over union of the boxes 0.5) and how many
+were read right, with 95 % intervals (Wilson). It also prints the processor time per image in ms, with decoding and the
+program's start. --svg draws the curves.
 """
 import argparse
 import csv
@@ -20,7 +20,7 @@ import tempfile
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 PROGRAM = os.environ.get("TARSIER", os.path.join(ROOT, "build", "release", "bin", "tarsier"))
 EDGES = [16, 24, 32, 40, 50, 60, 80, 110, 160, 240]  # px; ranges from each to the next
-FAR = {720: 9, 1080: 13, 2160: 25}  # so that the farthest plates have about 16 px
+FAR = {720: 9, 1080: 13, 2160: 25}  # the farthest plates have a width of about 16 px
 COLOURS = ["#1f5fa8", "#c05a1c", "#3a7d34", "#7a3fa0"]
 
 
@@ -46,7 +46,7 @@ def wilson(hits, trials):
 
 
 def measure(size, count, seed, folder):
-    """Rows of (from px, to px, plates, found, right), and CPU ms of an image."""
+    """Rows of (from px, to px, plates, found, right), and CPU ms per image."""
     width, height = map(int, size.split("x"))
     far = FAR.get(height, 0.012 * height)
     run("plate", "synth", "-o", folder, "--size", size, "--far", str(far), "--count", str(count), "--seed", str(seed), "--noise", "3")

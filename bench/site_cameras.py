@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: MIT
 """Cameras of a site read by one process: bench/site_cameras.py [--cameras 4 8 16] [--fps 5] [--seconds 120] [--json]
 
-Plays drawn streets, 1280x720, a car every 20 s, as so many cameras (MJPEG over loopback, in real time, each at a phase of its
-own), and has them read by one `tarsier plate read NAME=URL .. --log`. A car that has driven by from its first frame to its last is
-an event that must be there; the texts are those of the scene. Prints for each number of cameras:
+Plays synthetic streets (1280x720, a car every 20 s) as cameras: MJPEG over loopback in real time, each camera with its own phase.
+One `tarsier plate read NAME=URL .. --log` reads them all. Each car that drives by from its first frame to its last must be an
+event in the log. The texts are compared with those of the scene. Prints for each number of cameras:
 
-  passed, missed, wrong   cars that drove by; of these without an entry in the log; with another text
-  received, read          frames/s that came, and that were read (the others had no motion, or no time)
-  cores                   processor time of the reader for a second
-  part, ms                share of the read frames that were read only around what moved; processor time of reading one
+  passed, missed, wrong   cars that drove by; those without an entry in the log; those with another text
+  received, read          frames/s that arrived, and that were read (the others had no motion, or there was no time)
+  cores                   processor time of the reader per second
+  part, ms                share of the read frames that were read only around the motion; processor time to read one frame
 """
 import argparse
 import http.server
@@ -26,8 +26,8 @@ import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 PROGRAM = os.environ.get("TARSIER", os.path.join(ROOT, "build", "release", "bin", "tarsier"))
-LOOP = 20  # s, of a film
-FILMS = 8  # cameras share films, at phases of their own
+LOOP = 20  # s, length of a video
+FILMS = 8  # cameras share videos, each with its own phase
 
 
 def run(*words):
@@ -51,7 +51,7 @@ def jpegs_of(path):
 
 
 class Film:
-    """A street with one car: its images, its plate, and when it is in sight, s."""
+    """A street with one car: its images, its plate, and the time in sight, s."""
 
     def __init__(self, folder, seed, fps):
         source = (f"synth:drive?seconds={LOOP}&cars=1&parked=0&far=0&fps={fps}&frames={LOOP * fps}"
@@ -59,10 +59,10 @@ class Film:
         path = os.path.join(folder, f"{seed}.avi")
         run("cartoon", "run", source, "--mode", "none", "-o", path)
         self.images = jpegs_of(path)
-        # What it shows when each frame is read in peace.
+        # The result if each frame is read without time pressure.
         events = [event for event in run("plate", "read", path, "--events", "--json")
                   if event.get("event") == "plate" and event["state"] == "closed"
-                  and event["last_time"] - event["first_time"] < LOOP / 2]  # not a sign that is always there
+                  and event["last_time"] - event["first_time"] < LOOP / 2]  # not a sign that is always in sight
         if len(self.images) != LOOP * fps or len(events) != 1:
             sys.exit(f"site_cameras: film {seed}: {len(self.images)} images, {len(events)} vehicles")
         self.text = events[0]["text"]
@@ -106,7 +106,7 @@ class Site:
         return LOOP * camera / self.count  # s
 
     def passed(self, camera, now):
-        """How many cars drove by this camera, wholly."""
+        """The number of cars that drove by this camera from first to last frame."""
         film, phase = self.films[camera % len(self.films)], self.phase(camera)
         begin, end = phase, phase + now - self.begun[camera]
         return sum(begin <= film.first + LOOP * k and film.last + LOOP * k <= end for k in range(1 + int(end // LOOP)))
@@ -129,7 +129,7 @@ class Site:
         time.sleep(seconds)
         now = time.monotonic()
         passed = {k: self.passed(k, now) for k in range(cameras)}
-        time.sleep(3)  # what was in sight just now is read to its end
+        time.sleep(3)  # time to finish the vehicles that were in sight
         reader.send_signal(2)
         drain.join()
         reader.wait()

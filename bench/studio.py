@@ -5,10 +5,10 @@
 Over loopback, with the program of build/release/bin (or of $TARSIER_SERVE_BIN), 640x480 at 25 frames/s:
   frame age        ms from a frame's last byte in the session until its image is at the viewer
   event to image   ms from sending an action until the image that shows it is at the viewer
-  20 viewers       images each of 19 got in 10 s beside one that reads 1 kB/s
+  20 viewers       images that each of 19 viewers received in 10 s beside one that reads 1 kB/s
   9 sessions       frames/s of each in one tab
-  server           processor time beside its sessions, % of a core; memory
-  tabs             --minutes M: viewers come and go for so long; memory at the start, the most, at the end
+  server           processor time without its sessions, % of a core; memory
+  tabs             --minutes M: viewers come and go for M minutes; memory at the start, max, at the end
 """
 import argparse
 import json
@@ -41,7 +41,7 @@ def age_of(record):
 
 
 def watch(live, seconds, counts=None, index=0):
-    """Ages of the images that came in so many seconds."""
+    """Ages of the images that arrived in `seconds` s."""
     ages = []
     end = time.monotonic() + seconds
     while time.monotonic() < end:

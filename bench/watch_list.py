@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: MIT
 """How many readings match their plate on a watch list: bench/watch_list.py [--count 600] [--seed 78]
 
-Draws small plates of five kinds (`plate synth`), reads them (`plate read --json`), puts all of them that were found on a list, and asks for
-each reading by `plate watch test`, for several numbers of tolerated errors: how many match the entry of their own plate, how many of those
-that were read with a confidence of 0.5 or more, and how many have another plate's entry as the nearest. 95 % intervals (Wilson).
+Renders small plates of five kinds (`plate synth`), reads them (`plate read --json`), and puts the true texts of all found plates on a
+list. `plate watch test` then looks up each reading, for several numbers of tolerated errors. Prints how many readings match their own
+plate's entry, how many of those were read with a confidence of 0.5 or more, and how many have another plate's entry as the nearest.
+95 % intervals (Wilson).
 """
 import argparse
 import csv

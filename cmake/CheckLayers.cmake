@@ -1,19 +1,18 @@
-# Fails when a file includes a module that its own module did not declare in tarsier_module(DEPENDS ...), when a file
-# opens a namespace that is not its folder's, when a family of applications uses another one, when anything but a window
-# host uses highgui, when a header lacks #pragma once, or when a header that is installed includes one that is not. Test
-# files may also include tarsier/synth. Also when the table of docs/architecture.md lacks a module or names other modules
-# that it uses.
+# Fails in these cases: A file includes a module that its own module did not declare in tarsier_module(DEPENDS ...). A
+# file opens a namespace other than its folder's. A family of applications uses another one. A file outside a window
+# host uses highgui. A header lacks #pragma once. An installed header includes one that is not installed. The table of
+# docs/architecture.md lacks a module or names other modules that it uses. Test files may also include tarsier/synth.
 # Run as: cmake -DROOT=<src/tarsier> -DAPPS=<apps> -DLAYERS=<build>/layers.txt -DHEADERS=<build>/headers.txt
 #               -DTABLE=<architecture.md> -P CheckLayers.cmake
 cmake_minimum_required(VERSION 3.25)
 
-# The names of these stand everywhere, so they are in namespace tarsier itself.
+# These modules are used everywhere, so their names are in namespace tarsier itself.
 set(unnamed core media ui)
 set(applications cartoon face planar plate sfm)
-# cartoon finds faces: the one exception.
+# The only exception: cartoon detects faces.
 set(allowed_between "cartoon face")
 
-# The module of a path below src/tarsier: the longest declared folder that holds it.
+# The module of a path below src/tarsier: the longest declared folder that contains it.
 function(module_of path result)
   set(found "")
   foreach(module IN LISTS modules)
@@ -59,7 +58,7 @@ foreach(module IN LISTS modules)
     endforeach()
   endif()
 
-  # face/landmarks: tarsier::face or tarsier::face::landmarks, and what is nested in them.
+  # face/landmarks: tarsier::face or tarsier::face::landmarks, and namespaces nested in them.
   if(module IN_LIST unnamed)
     set(namespaces "tarsier(::[a-z_]+)?")
   else()
@@ -67,7 +66,7 @@ foreach(module IN LISTS modules)
     set(namespaces "tarsier::(${family}|${whole})(::[a-z_]+)?")
   endif()
 
-  # The one module of apps/: its headers are included as ui/.., what it uses as tarsier/..
+  # The only module of apps/: its headers are included as ui/.., those of other modules as tarsier/..
   set(root ${ROOT})
   if(module STREQUAL "ui")
     set(root ${APPS})
@@ -75,7 +74,7 @@ foreach(module IN LISTS modules)
   file(GLOB_RECURSE files RELATIVE ${root} ${root}/${module}/*.h ${root}/${module}/*.cpp ${root}/${module}/*.inl)
   foreach(path IN LISTS files)
     module_of(${path} own)
-    if(NOT own STREQUAL module)  # of a module in a folder below
+    if(NOT own STREQUAL module)  # belongs to a module in a subfolder
       continue()
     endif()
     file(STRINGS ${root}/${path} code REGEX "^(#include [\"<]|#pragma once|namespace tarsier)")

@@ -1,7 +1,7 @@
 # tarsier_embed_assets(<target> <namespace> FILE...)
 #
-# Web pages, styles and scripts are files that editors and linters understand; the program carries them within itself.
-# Writes a private header "assets.h" for <target> with one constant a file: viewer.css becomes kViewerCss.
+# Web pages, styles and scripts are separate files, for editors and linters; the program contains them. This writes a
+# private header "assets.h" for <target> with one constant per file: viewer.css becomes kViewerCss.
 function(tarsier_embed_assets target namespace)
   set(folder ${CMAKE_CURRENT_BINARY_DIR}/${target}_assets)
   set(code "// Made by cmake/EmbedAssets.cmake.\n#pragma once\n#include <string_view>\nnamespace ${namespace} {\n")

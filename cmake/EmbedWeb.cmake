@@ -1,10 +1,10 @@
 # tarsier_embed_web(<target> <folder>)
 #
-# Puts the files of <folder> (the bundle of the studio's client) into <target>, each compressed by gzip when it is
-# built, as they are: one assembler file takes them in by .incbin, and a table names them with their SHA-256
-# (embedded_assets() of apps/web/server/assets.h). The same files give the same bytes.
+# Puts the files of <folder> (the bundle of the studio's client) into <target>. Each file is compressed by gzip at build
+# time. One assembler file includes them by .incbin, and a table lists them with their SHA-256 (embedded_assets() of
+# apps/web/server/assets.h). The same files give the same bytes.
 #
-# The same file is the script that writes both: cmake -DFOLDER=.. -DOUT=.. -P EmbedWeb.cmake
+# This file is also the script that writes both: cmake -DFOLDER=.. -DOUT=.. -P EmbedWeb.cmake
 if(CMAKE_SCRIPT_MODE_FILE)
   cmake_minimum_required(VERSION 3.25)
   file(GLOB_RECURSE files RELATIVE ${FOLDER} ${FOLDER}/*)
@@ -20,7 +20,7 @@ if(CMAKE_SCRIPT_MODE_FILE)
     endif()
     set(packed ${OUT}/${number}.gz)
     file(SHA256 ${FOLDER}/${file} hash)
-    # A time of its own in the gzip header would make every build another.
+    # A time stamp in the gzip header would make every build different.
     file(ARCHIVE_CREATE OUTPUT ${packed} PATHS ${FOLDER}/${file} FORMAT raw COMPRESSION GZip COMPRESSION_LEVEL 9
          MTIME "1970-01-01")
     string(APPEND assembler ".balign 16\n.globl tarsier_web_asset_${number}\ntarsier_web_asset_${number}:\n"
@@ -72,6 +72,6 @@ function(tarsier_embed_web target folder)
     DEPENDS ${files} ${PROJECT_SOURCE_DIR}/cmake/EmbedWeb.cmake VERBATIM)
   target_sources(${target} PRIVATE ${out}/web_assets.S ${out}/web_assets.cpp)
   set_source_files_properties(${out}/web_assets.cpp PROPERTIES SKIP_PRECOMPILE_HEADERS ON)
-  # What .incbin reads is not seen by the compiler's list of dependencies.
+  # The compiler's dependency list does not contain the files of .incbin.
   set_source_files_properties(${out}/web_assets.S PROPERTIES OBJECT_DEPENDS ${out}/web_assets.cpp)
 endfunction()

@@ -1,5 +1,5 @@
-# Run by CPack when the files of each package are laid out: manual pages are compressed, and each package gets its
-# copyright and changelogs. gzip -n: the same files give the same package.
+# CPack runs this after it lays out the files of each package. It compresses manual pages, and adds copyright and
+# changelogs to each package. gzip -n: the same files give the same package.
 set(names_program tarsier)
 set(names_gui tarsier-gui)
 set(names_onnx tarsier-onnx)

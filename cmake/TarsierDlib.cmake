@@ -1,6 +1,6 @@
-# tarsier_dlib: dlib by its files, for the build and for those who use the installed libraries. The target that
-# Debian's package brings names libraries (libjpeg.so ..) that the package does not depend on. dlib's headers call
-# LAPACK and BLAS themselves.
+# tarsier_dlib: dlib by its files, for the build and for users of the installed libraries. The target of Debian's
+# package names libraries (libjpeg.so ..) that the package does not depend on. dlib's headers call LAPACK and BLAS
+# themselves.
 if(NOT TARGET tarsier_dlib)
   find_path(DLIB_INCLUDE_DIR dlib/image_processing.h REQUIRED)
   find_library(DLIB_LIBRARY dlib REQUIRED)

@@ -1,12 +1,12 @@
-# What `cmake --install` lays out beside the programs and libraries (those install themselves). The components are the
-# Debian packages: program, gui, onnx, dev, models.
+# Files that `cmake --install` installs in addition to programs and libraries (those install themselves). The components
+# are the Debian packages: program, gui, onnx, dev, models.
 include(CMakePackageConfigHelpers)
 
 set(TARSIER_CMAKE_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/tarsier)
 set(TARSIER_MODELS_DESTINATION share/tarsier/models)  # ModelStore::find() looks there
 
 install(DIRECTORY models/ DESTINATION ${TARSIER_MODELS_DESTINATION} COMPONENT models)
-# What fetches models that are not ours to hand on.
+# Downloads models that this project may not distribute.
 install(PROGRAMS scripts/get-model.sh DESTINATION share/tarsier/scripts COMPONENT program)
 
 configure_package_config_file(cmake/tarsierConfig.cmake.in ${PROJECT_BINARY_DIR}/tarsierConfig.cmake
@@ -18,14 +18,14 @@ install(FILES ${PROJECT_BINARY_DIR}/tarsierConfig.cmake ${PROJECT_BINARY_DIR}/ta
         DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
 install(EXPORT tarsierTargets NAMESPACE tarsier:: DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
 
-# Examples, units of systemd (not enabled), and the mirror of a desktop (docs/pi.md).
+# Examples, systemd units (not enabled), and the desktop mirror (docs/pi.md).
 install(DIRECTORY examples/find_package DESTINATION share/doc/libtarsier-dev/examples COMPONENT dev)
 file(GLOB programs CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/examples/*.cpp)
 install(FILES ${programs} DESTINATION share/doc/libtarsier-dev/examples COMPONENT dev)
-if(CMAKE_INSTALL_PREFIX STREQUAL "/usr")  # of packages only: elsewhere systemd does not look, and they name /usr/bin
+if(CMAKE_INSTALL_PREFIX STREQUAL "/usr")  # packages only: elsewhere systemd does not look, and the units name /usr/bin
   install(DIRECTORY packaging/systemd/ DESTINATION lib/systemd/system COMPONENT program)
   install(DIRECTORY packaging/systemd-user/ DESTINATION lib/systemd/user COMPONENT program)
-  # The studio in the menu of a desktop: starts the user's unit and opens a browser.
+  # The studio's entry in the desktop menu: starts the user's unit and opens a browser.
   install(FILES packaging/tarsier-studio.desktop DESTINATION share/applications COMPONENT program)
   install(FILES packaging/tarsier.svg DESTINATION share/icons/hicolor/scalable/apps COMPONENT program)
   install(PROGRAMS packaging/open-studio.sh DESTINATION libexec/tarsier RENAME open-studio COMPONENT program)

@@ -3,8 +3,8 @@
 #
 # Declares the library of the folder src/tarsier/<path>: face/landmarks is the target tarsier::face_landmarks. DEPENDS
 # lists every other module that its files may include; the test architecture/layers checks it. The files of TESTS are
-# linked into one program, face_landmarks_test; CTest runs each file as a test of its own, face/landmarks/trees_test.
-# APP: the folder is apps/<path>, its headers are included as <path>/.., and it is not installed.
+# linked into one program, face_landmarks_test. CTest runs each file as a separate test, face/landmarks/trees_test. APP:
+# the folder is apps/<path>, its headers are included as <path>/.., and it is not installed.
 function(tarsier_module path)
   cmake_parse_arguments(arg "APP" "" "DEPENDS;LIBS;PRIVATE_LIBS;SOURCES;HEADERS;TESTS;TEST_LIBS" ${ARGN})
   string(REPLACE "/" "_" name ${path})
@@ -65,8 +65,8 @@ function(tarsier_module path)
   endif()
 endfunction()
 
-# What is known of a test's processor time (scripts/test-times.py --write): ctest starts the longest first, so that it
-# does not wait for one of them at the end.
+# The measured processor time of each test (scripts/test-times.py --write). ctest starts the longest tests first, so
+# that it does not wait for one of them at the end.
 file(STRINGS ${PROJECT_SOURCE_DIR}/tests/costs.txt lines REGEX "^[^#]")
 foreach(line IN LISTS lines)
   string(REGEX MATCH "^([^ ]+) ([0-9]+)$" _ "${line}")
@@ -83,29 +83,29 @@ endfunction()
 function(tarsier_strict target)
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wconversion -Wshadow
                                            -Wnon-virtual-dtor)
-  # GCC 12 sees overlaps and overflows in std::string's operator+ that are none (GCC bug 105651).
+  # GCC 12 wrongly reports overlaps and overflows in std::string's operator+ (GCC bug 105651).
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
     target_compile_options(${target} PRIVATE -Wno-restrict -Wno-stringop-overflow)
   endif()
-  # GCC 13 and later take a reference to a part of the first argument for one to a temporary among the others.
+  # GCC 13 and later take a reference to a part of the first argument for one to a temporary among the other arguments.
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_GREATER_EQUAL 13)
     target_compile_options(${target} PRIVATE -Wno-dangling-reference)
   endif()
 endfunction()
 
-# Tests are compiled more often than they run: a third of the time goes into optimising them beyond this.
+# Tests are compiled more often than they run. Higher optimisation would take a third of the compile time.
 function(tarsier_quickly_compiled target)
   target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
 endfunction()
 
-# The headers that nearly all files include, compiled once: for libraries and programs, and with those of the tests.
-# They hide an #include that is missing, so the preset dev goes without; those of sanitizers do because GCC raises more
-# false alarms in headers that were precompiled, and warnings are errors there.
+# The headers that nearly all files include, compiled once: for libraries and programs, and with the test headers. They
+# hide a missing #include, so the preset dev does not use them. The sanitizer presets do not use them either: GCC raises
+# more false alarms in precompiled headers, and warnings are errors there.
 if(TARSIER_PCH)
   set(headers <algorithm> <array> <chrono> <cmath> <filesystem> <functional> <limits> <map> <memory> <optional> <random>
       <set> <span> <string> <string_view> <thread> <vector> <fmt/format.h> <nlohmann/json.hpp> <opencv2/core.hpp>
       <opencv2/imgproc.hpp> <Eigen/Core>)
-  # Not touched where it is there: else each configuration would compile everything again.
+  # An existing file is not touched; otherwise each configuration would compile everything again.
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/pch.cpp CONTENT "")
   foreach(kind IN ITEMS code test)
     if(kind STREQUAL test AND NOT TARSIER_BUILD_TESTS)
@@ -126,7 +126,7 @@ if(TARSIER_PCH)
   endif()
 endif()
 
-# Files with flags of their own cannot use them.
+# Files with their own compile flags cannot use them.
 function(tarsier_skip_precompiled target)
   get_target_property(sources ${target} SOURCES)
   foreach(source IN LISTS sources)
@@ -149,7 +149,7 @@ function(tarsier_precompiled target)
   cmake_language(EVAL CODE "cmake_language(DEFER CALL tarsier_skip_precompiled [[${target}]])")
 endfunction()
 
-# main() of the programs of unit tests.
+# main() of the unit test programs.
 if(TARSIER_BUILD_TESTS)
   add_library(tarsier_unit_main OBJECT ${PROJECT_SOURCE_DIR}/tests/unit/main.cpp)
   target_compile_features(tarsier_unit_main PRIVATE cxx_std_20)

@@ -1,7 +1,7 @@
-# The Debian packages that `cpack -G DEB` makes of the install components (scripts/package.sh is the one command):
-#   tarsier (program), tarsier-gui (the window), tarsier-onnx (networks of one's own), libtarsier-dev (dev), tarsier-models (models).
+# The Debian packages that `cpack -G DEB` makes from the install components (scripts/package.sh runs all steps):
+#   tarsier (program), tarsier-gui (the window), tarsier-onnx (the user's own networks), libtarsier-dev (dev), tarsier-models (models).
 set(TARSIER_MAINTAINER "Tarsier maintainers <maintainers@tarsier.example>" CACHE STRING "Maintainer field of the packages")
-set(release 1)  # of the packaging of one version
+set(release 1)  # packaging release of one version
 
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_NAME tarsier)
@@ -17,10 +17,10 @@ set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
     OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
-# Compresses pages and adds copyright and changelogs, which each package has for itself.
+# Compresses pages and adds copyright and changelogs to each package.
 set(CPACK_PRE_BUILD_SCRIPTS ${PROJECT_SOURCE_DIR}/cmake/PackageDocs.cmake)
 set(CPACK_TARSIER_SOURCE ${PROJECT_SOURCE_DIR})
-# Of the changelog: the time of the last commit, which scripts/package.sh passes on, or now.
+# Time of the changelog: that of the last commit, which scripts/package.sh passes, or now.
 string(TIMESTAMP CPACK_TARSIER_DATE "%a, %d %b %Y %H:%M:%S +0000" UTC)
 
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
@@ -29,7 +29,8 @@ set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_COMPRESSION_TYPE xz)
 set(version "${PROJECT_VERSION}-${release}")
 
-# The models were learnt from images that are for research only: what holds and needs them is outside Debian's main.
+# The models were trained on images for research only. So the packages that contain or need them are outside Debian's
+# main.
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME tarsier)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION contrib/graphics)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)

@@ -1,5 +1,5 @@
-# TARSIER_PYTHON3: the Python interpreter of the test scripts, or empty. Where python3 is the shim of a version manager, this
-# is the interpreter behind it: the shim takes more time than most of the scripts.
+# TARSIER_PYTHON3: the Python interpreter of the test scripts, or empty. If python3 is the shim of a version manager,
+# this is the interpreter behind it, since the shim takes more time than most scripts.
 find_program(TARSIER_PYTHON3_COMMAND python3)
 set(TARSIER_PYTHON3 "")
 if(TARSIER_PYTHON3_COMMAND)

@@ -1,5 +1,5 @@
-# Cross-builds for arm64 against the root of a Debian for arm64 (scripts/arm64.sh makes one in build/arm64-root, or
-# wherever $TARSIER_ARM64_ROOT is). Programs of the build run under qemu-user.
+# Cross-builds for arm64 against the root of a Debian for arm64. scripts/arm64.sh makes one in build/arm64-root, or in
+# $TARSIER_ARM64_ROOT. Programs of the build run under qemu-user.
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
 set(CMAKE_C_COMPILER aarch64-linux-gnu-gcc)
@@ -20,7 +20,7 @@ set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
 set(ENV{PKG_CONFIG_SYSROOT_DIR} ${root})
 set(ENV{PKG_CONFIG_LIBDIR} ${root}/usr/lib/aarch64-linux-gnu/pkgconfig:${root}/usr/share/pkgconfig)
 
-# The root was only unpacked: the links that packages make when they are installed are missing.
+# The root was only unpacked, so the links that packages make during installation are missing.
 set(libraries /usr/lib/aarch64-linux-gnu)
 set(CMAKE_CROSSCOMPILING_EMULATOR
     "qemu-aarch64-static;-L;${root};-E;LD_LIBRARY_PATH=${libraries}/blas:${libraries}/lapack")

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: MIT
 """scripts/build-times.py [BUILD] [--top N] [--limit PERCENT]
 
-The processor time of each compiled file of a build with tests (cmake/compile-time.sh measures it), by folder, and the N
-files that took longest (10). Exit status 1 where a file took more than PERCENT of the whole: the speed of the machine does not matter.
-What ccache answered counts as what it took: for the cost of a build from nothing, build with CCACHE_DISABLE=1 into an empty folder.
-For the limit, files that took less than half a second are taken for answers of ccache, and count as the mean of the others.
+The processor time of each compiled file of a build with tests (cmake/compile-time.sh measures it), by folder, and the N slowest
+files (10). Exit status 1 if a file took more than PERCENT of the total, which does not depend on the machine's speed.
+Files from ccache count with the time of the cache. For the cost of a full build, build with CCACHE_DISABLE=1 into an empty folder.
+For the limit, files below half a second are assumed to come from ccache and count as the mean of the others.
 """
 import argparse
 import collections
@@ -13,12 +13,12 @@ import os
 import re
 import sys
 
-CACHED_S = 0.5  # a file that took less was not compiled: ccache had it
+CACHED_S = 0.5  # a faster file was not compiled: it came from ccache
 TIME = re.compile(r"^(\d+)m([\d.]+)s (\d+)m([\d.]+)s$")
 
 
 def seconds_of(path):
-    """User and system seconds, None where the file holds none (a build that was interrupted)."""
+    """User and system seconds; None if the file has none (an interrupted build)."""
     with open(path, encoding="ascii", errors="replace") as file:
         match = TIME.match(file.read().strip().split("\n")[-1])
     if not match:

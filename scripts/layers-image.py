@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: MIT
 """scripts/layers-image.py [--check] docs/architecture.md docs/img/layers.svg
 
-Draws the table of modules of the page: a row for each layer, the lowest at the bottom; in layer 3 a box for each family, whose
-modules stand above those that they use. --check writes nothing and fails where the image is not what the table gives, where a
-module uses one of a higher layer, or one that the table lacks (the test architecture/diagram).
+Draws the page's table of modules: one row per layer, the lowest at the bottom. Layer 3 has a box for each family; modules stand
+above those that they use. --check writes nothing. It fails if the image differs from the table, or if a module uses a module
+of a higher layer or one that is not in the table (the test architecture/diagram).
 """
 import functools
 import re
@@ -21,7 +21,7 @@ GROUND, APPS = "#e4dceb", "#e6e3dc"
 LAYERS = {0: "base", 1: "input, maths", 2: "geometry", 3: "applications", 4: "synthetic", 5: "sessions", 6: "programs"}
 BOX, STEP, GAP, LEFT, TOP, PAD = 28, 36, 8, 136, 22, 12  # px
 FONT = 'font-family="ui-monospace,Menlo,DejaVu Sans Mono,monospace"'
-WIDEST = 3  # modules beside each other in a family
+WIDEST = 3  # max modules side by side in a family
 
 
 def read_table(path):
@@ -41,7 +41,7 @@ def check_layers(modules):
     wrong = []
     for name, (layer, uses) in modules.items():
         if layer > 4:
-            continue  # said in words: checked where the build links them
+            continue  # in words: checked where the build links them
         for used in uses:
             if used == "-":
                 continue
@@ -54,7 +54,7 @@ def check_layers(modules):
 
 
 def rows_of(names, modules):
-    """The modules of one family or layer, lowest row first: each above all of them that it uses."""
+    """The modules of one family or layer, lowest row first. Each stands above all modules that it uses."""
     @functools.lru_cache(None)
     def depth(name):
         return 1 + max((depth(used) for used in modules[name][1] if used in names), default=-1)
@@ -76,7 +76,7 @@ def box(x, y, text, colour):
 
 
 def draw(modules):
-    columns = {}  # of layer 3: rows of names without the family's own
+    columns = {}  # of layer 3: rows of names without the family's prefix
     for family in FAMILIES:
         names = tuple(name for name, (layer, _) in modules.items() if layer == 3 and name.split("/")[0] == family)
         columns[family] = [[name.split("/")[-1] for name in row] for row in rows_of(names, modules)]

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Times searches in a generated log of number plates.
 
-    scripts/plate-log-bench.py [--rows 1000000] [--runs 5] [--program build/release/bin/tarsier] [--folder DIR]
+scripts/plate-log-bench.py [--rows 1000000] [--runs 5] [--program build/release/bin/tarsier] [--folder DIR]
 
-Writes DIR/plates.db (kept; made again where it has another number of rows) as the first version of the program laid it
-out, lets `plate log --keep` bring it up to date, and times `plate log --text PATTERN --csv -`: CPU time of the whole
-program, less that of a search in an empty log; the least of the runs, in ms. One JSON line a pattern.
+Writes DIR/plates.db in the layout of the program's first version (kept; written again for another number of rows) and upgrades it
+with `plate log --keep`. Then times `plate log --text PATTERN --csv -`: the CPU time of the whole program minus that of a
+search in an empty log; the min of the runs, in ms. Prints one JSON line per pattern.
 """
 import argparse
 import json

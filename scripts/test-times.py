@@ -3,8 +3,8 @@
 """scripts/test-times.py [--build FOLDER] [--jobs N] [--write] [flags of ctest: -R .., -L .., -E ..]
 
 The processor time of each test: user and system seconds of its processes, which other work on the machine hardly changes.
-Runs N of them at a time (1), and lists the longest at the end. --write puts what was measured into tests/costs.txt, from
-which CMake takes the order that tests start in (longest first).
+Runs N tests at a time (1) and lists the slowest at the end. --write puts the times into tests/costs.txt. CMake takes the start
+order of the tests from there (longest first).
 """
 import argparse
 import collections
@@ -45,7 +45,7 @@ def run(test):
 
 
 def in_order(tests):
-    """Those that others need, then the others with the longest first, then those that clean up."""
+    """Tests that others need first, then the others with the longest first, then those that clean up."""
     parts = [[], [], []]
     for test in sorted(tests, key=lambda test: -float(properties(test).get("COST", 0))):
         about = properties(test)
@@ -57,7 +57,7 @@ locks = collections.defaultdict(threading.Lock)
 
 
 def run_locked(test, slots):
-    """run(), alone with what the test names as its resources, in one of the slots."""
+    """run() in one of the slots, with exclusive use of the test's resources."""
     held = [locks[name] for name in sorted(properties(test).get("RESOURCE_LOCK", []))]
     for lock in held:
         lock.acquire()

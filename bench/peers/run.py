@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: MIT
 """run.py [--program build/release/bin/tarsier] [--data DIR] [--out DIR] [--only AREA,..] [--npm DIR]
 
-Runs other people's programs and Tarsier on the same files and prints one table (markdown; with --out also peers.md and
-peers.json). Each row names its version; a peer that is not installed is one line that says how to install it. Rows of
---only: sfm, dense, markers, planar, people, landmarks, posit, plates.
+Runs other programs and Tarsier on the same files and prints one table (markdown; with --out also peers.md and
+peers.json). Each row names the program's version. A peer that is not installed gives one line that says how to install it.
+Rows of --only: sfm, dense, markers, planar, people, landmarks, posit, plates.
 
 Debian: apt-get install python3-opencv python3-numpy colmap libapriltag-dev libdlib-dev libdlib-data
         cmake --build build/release --target tarsier_peers     (the programs that run AprilTag and dlib)
 npm:    npm install --ignore-scripts --prefix build/peers @vladmandic/face-api@1.7.15 @mediapipe/face_mesh@0.4.1633559619
         (the second runs in Chromium: apt-get install nodejs npm chromium)
-Data:   scripts/get-data.sh list names the public sets; DIR holds them as they are named in `needs` below. Nothing of
-        them is copied into the source tree. Markers, images as targets, landmarks, models of sfm and poses are judged
-        by Tarsier's own `eval`, for all methods alike.
-Times are processor time, so other work on the machine counts little, but not nothing: caches are shared.
+Data:   scripts/get-data.sh list names the public sets. DIR holds them under the names in `needs` below. No data is
+        copied into the source tree. Tarsier's own `eval` evaluates all methods alike for markers, image targets, landmarks,
+        sfm models and poses.
+Times are processor time. Other work on the machine changes them little, but not at all: caches are shared.
 """
 import argparse
 import json
@@ -30,7 +30,7 @@ try:
     import numpy as np
     import cv2
 except ImportError:
-    # Debian's modules belong to Debian's own Python.
+    # Debian's modules work only with Debian's own Python.
     if sys.executable != "/usr/bin/python3" and os.path.exists("/usr/bin/python3") and not os.environ.get("PEERS_AGAIN"):
         os.environ["PEERS_AGAIN"] = "1"
         os.execv("/usr/bin/python3", ["/usr/bin/python3", os.path.abspath(__file__), *sys.argv[1:]])
@@ -39,8 +39,8 @@ except ImportError:
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 Z = 1.959964
 
-# Figures of programs that do not run here: given with the development data, measured once by others on a machine of this
-# kind, and repeated as they were given.
+# Figures of programs that do not run here. They come with the development data, were measured once by others on a similar machine, and are
+# reported unchanged.
 REFERENCES = [
     ("plates", "plates-eu (37 images)", "OpenALPR 2.3, country eu; with the best pattern", "whole plate right: 27; 30 of 37; 33 among ten", "36 ms"),
     ("plates", "plates-es (24)", "OpenALPR 2.3, Spanish pattern", "found 19, whole plate right 13 of 24", "75 ms"),
@@ -51,12 +51,12 @@ REFERENCES = [
 ]
 
 
-# The versions that were measured. Of the face mesh the one after it (0.4.1657299874) ends with an error of its own graph.
+# The measured versions. The next version of the face mesh (0.4.1657299874) fails with an error in its own graph.
 NPM = {"@vladmandic/face-api": "1.7.15", "@mediapipe/face_mesh": "0.4.1633559619"}
 
 
 class Skip(Exception):
-    """A peer or data set that is not there, and what to do about it."""
+    """A missing peer or data set, and what to do about it."""
 
 
 def wilson(hits, trials):
@@ -231,7 +231,7 @@ class Bench:
         self.attempt("dense", "tarsier", self.dense_fountain)
 
     def dense_row(self, files, method, out, truth, line, seconds, memory):
-        """One method's cloud, judged where the true surface is known. `line`: what it printed."""
+        """Evaluates one method's cloud where the true surface is known. `line`: the method's output."""
         result, figures = f"{line['points']} points", dict(line)
         if truth:
             scores = self.tarsier("sfm", "eval", out, "--dense", "--truth", truth, "--json")[0][0]
@@ -269,7 +269,7 @@ class Bench:
         self.tarsier("sfm", "reconstruct", images, "--camera-file", os.path.join(folder, "K.txt"), "-o", model, "--quiet")
         self.dense_methods("sfm-fountain-P11", "dense-fountain", model, images, None)
 
-    # --- markers, and images as targets ---
+    # --- markers and image targets ---
 
     def ar_row(self, area, files, method, lines, seconds=None):
         images = sum(line["images"] for line in lines if line["set"] != "all")
@@ -284,7 +284,7 @@ class Bench:
                      f"flips {number(line['flips_pct'], 1)} %", cost, line)
 
     def ar_tarsier(self, area, files, truth):
-        # Its own "ms" is time by the clock, in which other work counts.
+        # Its own "ms" is wall-clock time, which includes other work on the machine.
         lines, seconds, _ = self.tarsier("ar", "eval", truth, "--threads", "1", "--json")
         self.ar_row(area, files, self.version, lines, seconds)
 
@@ -445,7 +445,7 @@ class Bench:
         labels = [people.index(person) for _, person in faces]
         of_person = {p: [i for i, label in enumerate(labels) if label == p] for p in range(len(people))}
 
-        def split(seed, enrolled):  # that of `people eval`
+        def split(seed, enrolled):  # the split of `people eval`
             draw = np.random.RandomState(seed)
             train = []
             for p in range(len(people)):
@@ -483,14 +483,14 @@ class Bench:
                      {"identified": {"hits": right, "trials": asked, "draws": 5, "low": low, "high": high}, "tar": float(np.mean(accepts)),
                       "identify_ms": float(np.mean(ms))})
 
-    # --- points of faces ---
+    # --- landmarks of faces ---
 
     def landmarks(self):
         self.attempt("landmarks", "faces68", self.landmarks_split)
         self.attempt("landmarks", "imm-frontal", self.landmarks_imm)
 
     def boxes_of(self, images):
-        """Where `landmarks fit` begins: the box of the widest face in each image, for all methods alike."""
+        """The starts of `landmarks fit`: the box of the widest face in each image, for all methods alike."""
         listed = os.path.join(self.work, "images.txt")
         with open(listed, "w", encoding="utf-8") as file:
             file.writelines(os.path.abspath(image) + "\n" for image in images)
@@ -529,7 +529,7 @@ class Bench:
         truth = {name: self.points_of(os.path.join(folder, name.rsplit(".", 1)[0] + ".pts")) for name in names}
         mirror = [*range(16, -1, -1), *range(26, 16, -1), 27, 28, 29, 30, 35, 34, 33, 32, 31, 45, 44, 43, 42, 47, 46, 39, 38, 37, 36, 41, 40,
                   *range(54, 47, -1), 59, 58, 57, 56, 55, 64, 63, 62, 61, 60, 67, 66, 65]
-        # A box that does not hold the face, or none: where the others would have it.
+        # A box that misses the face, or no box, is replaced by one at the usual place relative to the face.
         right = {}
         for name in names:
             box, points = boxes.get(os.path.realpath(os.path.join(folder, name))), truth[name]
@@ -575,13 +575,13 @@ class Bench:
                  f"error mean {line['nme_mean']:.2f} %, median {line['nme_median']:.2f} %; failures {share_text(failures, line['faces'])}, of them "
                  f"{line['missed']} not found, {line['wrong']} another face", f"{line.get('ms', 0):.2f} ms; {cost}", line)
 
-    # The points that the 73 of IMM and the 68 of 300-W both have: corners of the eyes, nose tip and base, corners and
-    # middles of the lips. The outline, brows and eyelids are at other places of the face in the two.
+    # The points that the 73 of IMM and the 68 of 300-W have in common: corners of the eyes, nose tip and base, corners and middles of the
+    # lips. Outline, brows and eyelids have different places in the two markups.
     SHARED = {"eyes": [(36, 16), (39, 20), (42, 28), (45, 24)], "nose": [(30, 45), (33, 39)],
               "mouth": [(48, 46), (50, 48), (51, 49), (52, 50), (54, 52), (57, 54), (62, 57), (66, 60)]}
 
-    # The same of MediaPipe's mesh, by 300-W's numbers. MediaPipe's own names (MESH_ANNOTATIONS of its TensorFlow.js models) put
-    # the nose tip at 1; 4, which published lists of the 68 take, lies where both markups have it.
+    # The same points of MediaPipe's mesh, by 300-W's numbers. MediaPipe's own names (MESH_ANNOTATIONS of its TensorFlow.js models) put the
+    # nose tip at 1. Published lists of the 68 use 4, which is at the place of both markups.
     MESH = {36: 33, 39: 133, 42: 362, 45: 263, 30: 4, 33: 2, 48: 61, 50: 37, 51: 0, 52: 267, 54: 291, 57: 17, 62: 13, 66: 14}
 
     def landmarks_imm(self):
@@ -600,7 +600,7 @@ class Bench:
         files = f"imm-frontal ({len(truth)} images of 6 people), the {len(pairs)} points that both markups have"
 
         def judge(method, lines, cost, size):
-            """`lines`: what a method found; its points as the 68 of 300-W, or by their numbers there, {36: [x, y] ..}."""
+            """`lines`: the detections of a method. Its points are the 68 of 300-W, or are given by their numbers there, {36: [x, y] ..}."""
             offsets, missed = [], 0
             found = {}
             for line in lines:
@@ -708,10 +708,10 @@ class Bench:
                      f"{line['us']:.0f} us", line)
 
     def plates(self):
-        pass  # references alone
+        pass  # only reference figures
 
     def table(self):
-        # Load of this moment: what else runs beside it.
+        # The present load: other work on the machine.
         load = os.getloadavg()
         lines = [f"Processor: {processor()}. {self.version}. Load {load[0]:.1f} at the end, {self.load:.1f} at the beginning: times are of "
                  "processor time, so upper bounds where other work ran. Intervals: Wilson, 95 %; over several draws, by the probes of one.", "",
@@ -763,7 +763,7 @@ def main():
         with open(os.path.join(flags.out, "peers.json"), "w", encoding="utf-8") as file:
             json.dump({"processor": processor(), "version": bench.version, "rows": bench.rows}, file, indent=1)
             file.write("\n")
-    # A run that measured nothing is no success.
+    # A run without measurements is not a success.
     return 0 if any(row["state"] == "measured" for row in bench.rows) else 1
 
 

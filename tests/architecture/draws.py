@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """No two random numbers are drawn within one list of arguments.
 
-The order in which a compiler works out the arguments of a call is its own: GCC for x86-64 begins with the last, GCC for
-arm64 and clang with the first. The same seed would give other images there. Names for the numbers, or braces (whose
-order is fixed), give one result everywhere.     draws.py ROOT FOLDER..
+The evaluation order of arguments depends on the compiler: GCC for x86-64 begins with the last, GCC for arm64 and clang
+with the first. The same seed would then give other images. Named variables, or braces (their order is fixed), give the
+same result everywhere.     draws.py ROOT FOLDER..
 """
 import os
 import re
@@ -18,12 +18,12 @@ def blank(match):
 
 
 def draws(argument):
-    """Not so: a generator that is handed on, and a lambda, which is not run where it stands."""
+    """Not counted: a generator passed as an argument, and a lambda, which is not run at this place."""
     return bool(DRAW.search(argument)) and not argument.startswith("[")
 
 
 def draws_of(path):
-    """(line, text) of each list of arguments with draws in more than one of them."""
+    """(line, text) of each list of arguments with draws in more than one argument."""
     with open(path, encoding="utf-8") as file:
         text = file.read()
     code = re.sub(r"//[^\n]*", blank, re.sub(r'"(\\.|[^"\\\n])*"', blank, text))

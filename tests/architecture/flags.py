@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""flags.py ROOT: fails where a text of the library names a flag of the command line.
+"""flags.py ROOT: fails if a text of the library names a flag of the command line.
 
-The library does not know how its caller sets an option. Its messages write "option 'ca_file'" with the name of the field, of which
-the program makes the flag (apps/tarsier/framework/option_names.h); which verb helps is added behind a message by
-apps/tarsier/framework/error_help.cpp. Flags stand in the tables of the options alone: what fields() returns.
+The library does not know how its caller sets an option. Its messages write "option 'ca_file'" with the name of the field. The program
+turns the name into the flag (apps/tarsier/framework/option_names.h). apps/tarsier/framework/error_help.cpp adds to a message which verb
+helps. Only the tables of options may contain flags: what fields() returns.
 """
 import os
 import re
@@ -14,7 +14,7 @@ TEXT = re.compile(r'R"(\w*)\((?:.|\n)*?\)\1"|"(?:[^"\\\n]|\\.)*"')
 COMMENT = re.compile(r"//[^\n]*|'(?:[^'\\\n]|\\.)'")
 FLAG = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
-# What is about the command line itself.
+# Texts about the command line itself.
 EXEMPT = {
     "media/child_capture.cpp": "the flags of another program",
     "planar/sheets/sheet.cpp": "the line printed on a board says how `tarsier calibrate` is to be called",

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""glossary.py ROOT: fails on words that docs/glossary.md gave up (its last column, in backquotes).
+"""glossary.py ROOT: fails on words that docs/glossary.md refuses (its last column, in backquotes).
 
-A word that ends in _ is the beginning of an identifier's part (least_ in min_views or kMinViews), one that begins with a capital
-letter a whole identifier; others are words of sentences, with their endings. Keys of JSON, which follow a quotation mark, are left
-out. Looked at are headers, sources, the pages of the studio, scripts, and all pages but the changelog.
+A word that ends in _ is the beginning of a part of an identifier (least_ in min_views or kMinViews). A word with a capital first
+letter is a whole identifier. Others are words of sentences, with their endings. JSON keys, which follow a quotation mark, are
+allowed. The script checks headers, sources, pages of the studio, scripts, and all pages except the changelog.
 """
 import os
 import re
@@ -14,9 +14,9 @@ import sys
 CHECKED = re.compile(r"^(src|apps|examples|fuzz|bench)/.*\.(h|inl|cpp)$|^(README|CONTRIBUTING)\.md$|^docs/.*\.md$|^models/.*\.md$"
                      r"|^apps/web/client/(src|test)/.*\.tsx?$|^scripts/.*\.(py|sh)$|^(demo|test)$")
 
-# The list itself, and what takes flags by their former names.
+# The list itself, and files that accept flags by their former names.
 EXEMPT = ("docs/glossary.md", "apps/tarsier/framework/parse.cpp", "apps/tarsier/framework/command_test.cpp")
-# What reads a key of the program's JSON by its name.
+# Files that read a key of the program's JSON by its name.
 READS_KEY = {"apps/web/client/src/pages/reconstruct/model_view.tsx": "photograph"}
 
 
@@ -46,7 +46,7 @@ def main():
     if not rules:
         sys.exit("docs/glossary.md gives up no word: is its table still of three columns?")
     listed = subprocess.run(["git", "-C", root, "ls-files"], capture_output=True, text=True, check=False).stdout.split("\n")
-    if listed == [""]:  # not a clone
+    if listed == [""]:  # not a Git clone
         listed = [os.path.relpath(os.path.join(folder, name), root) for folder, _, names in os.walk(root) for name in names]
     found = 0
     for name in sorted(listed):

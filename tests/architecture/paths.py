@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""paths.py ROOT: fails where a comment or a page names a file of the project that does not exist, or links to a heading that does not.
+"""paths.py ROOT: fails if a comment or a page names a file of the project that does not exist, or links to a missing heading.
 
-Looked at are the comments of headers and sources, of scripts and CMake files, and all pages but the changelog. A name counts
-where it ends like one of the project's own kinds of files (.h, .cpp, .py, .md ..) or begins with one of its top folders. It
-may leave out the first folders of its path ("text/decode.h", "decode.h"), or be relative to the file that names it.
+It checks comments of headers, sources, scripts and CMake files, and all pages except the changelog. A name counts if it has one
+of the project's file endings (.h, .cpp, .py, .md ..) or begins with one of its top folders. It may leave out the first folders
+of its path ("text/decode.h", "decode.h"), or be relative to the file that names it.
 """
 import os
 import re
@@ -18,22 +18,22 @@ PAGE = re.compile(r"^(README|CONTRIBUTING)\.md$|^(docs|models|bench)/.*\.md$")
 NAME = re.compile(r"(?<![\w/.<$*{}~@%:>-])((?:[\w.-]+/)*[\w-][\w.-]*\.(?:h|inl|cpp|py|sh|cmake|md|ts|tsx|mjs))(?![\w/*({])")
 FOLDER = re.compile(r"`((?:src|apps|tests|scripts|docs|bench|fuzz|cmake|packaging|examples|models)/[\w./-]*)`")
 
-# Names that are not files of the project: placeholders (NAME.md), headers of libraries, files of an example, a tool beside the
-# development data, names of tests.
+# Names that are not files of the project: placeholders (NAME.md), library headers, files of an example, a tool of the development data,
+# test names.
 ALLOWED = re.compile(r"^(NAME\.\w+|jpeglib\.h|stays\.py|eval_ar\.py|fuzz/replay)$")
 
 
 def files_of(root):
     listed = subprocess.run(["git", "-C", root, "ls-files", "--cached", "--others", "--exclude-standard"],
                             capture_output=True, text=True, check=False).stdout.split("\n")
-    if listed == [""]:  # not a clone
+    if listed == [""]:  # not a Git clone
         listed = [os.path.relpath(os.path.join(folder, name), root) for folder, _, names in os.walk(root) for name in names]
         listed = [name for name in listed if not name.startswith("build/") and "node_modules/" not in name]
     return {name for name in listed if name and os.path.exists(os.path.join(root, name))}
 
 
 def endings_of(files):
-    """Each path without its first folders: all of what a text may call it; and those of the folders."""
+    """Each path without its first folders, i.e. all names that a text may use; and the same of the folders."""
     endings = set()
     for name in files:
         parts = name.split("/")
@@ -43,14 +43,14 @@ def endings_of(files):
 
 
 def headings_of(path):
-    """The anchors of a page's headings, as GitHub names them."""
+    """The anchors of a page's headings in GitHub's form."""
     with open(path, encoding="utf-8") as file:
         found = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", file.read(), flags=re.M | re.S), re.M)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in found}
 
 
 def lost_links(root, name, line):
-    """What a page's links name that is not there: a heading of this page or another."""
+    """The broken links of a page to headings of this page or of another."""
     for path, heading in re.findall(r"\]\(([\w./-]*\.md)?#([^)]+)\)", line):
         page = os.path.join(root, os.path.normpath(os.path.join(os.path.dirname(name), path)) if path else name)
         if os.path.isfile(page) and heading not in headings_of(page):

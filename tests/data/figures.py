@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""The headline figures of docs/results.md, held: one check an area on the images of $TARSIER_DATA.
+"""Checks the headline figures of docs/results.md: one check per area, on the images of $TARSIER_DATA.
 
-figures.py AREA             measures by the program and compares; exit status 1 where a figure has got worse, 77 without data
-figures.py AREA --broken    the same with something broken (a model's numbers, a camera, the truth): every figure that this
-                            touches must then be found wrong, which shows that the check can fail; exit status 1 if it is not
+figures.py AREA             measures with the program and compares; exit status 1 if a figure is worse, 77 without data
+figures.py AREA --broken    the same with something broken (a model's numbers, a camera, the ground truth): every affected
+                            figure must then fail, which shows that the check can fail; exit status 1 if it does not
 
-$TARSIER is the program, $WORK an empty folder to be in. The bounds are the figures of docs/results.md with the slack that is
-written beside each. They hold for any number of threads; nothing here measures time.
+$TARSIER is the program, $WORK an empty working folder. The bounds are the figures of docs/results.md with the slack written
+beside each. They hold for any number of threads; nothing here measures time.
 """
 import base64
 import glob
@@ -40,7 +40,7 @@ def data(*parts):
 
 
 def tarsier(*words):
-    """The lines of JSON that it printed."""
+    """The lines of JSON that the program printed."""
     done = subprocess.run([PROGRAM, *words, "--json", "--quiet"], stdin=subprocess.DEVNULL, capture_output=True, text=True)
     if done.returncode not in (0, 1):
         print(f"FAILED: tarsier {' '.join(words)}: exit status {done.returncode}: {done.stderr.strip()[-500:]}")
@@ -64,9 +64,9 @@ def at_most(name, value, bound, touched=True):
 
 
 def check(name, value, relation, bound, touched):
-    """`touched`: what --broken breaks makes this figure worse."""
+    """`touched`: the broken part of --broken makes this figure worse."""
     number = math.nan if value is None else value
-    good = number >= bound if relation == ">=" else number <= bound  # of NaN neither
+    good = number >= bound if relation == ">=" else number <= bound  # NaN fails both
     checks.append((good, touched))
     print(f"{'   ' if good else 'no '} {name}: {number:.6g} (to be {relation} {bound:g})", flush=True)
 
@@ -84,7 +84,7 @@ def finish():
 # --- ways to break ---
 
 def scaled(value, factor):
-    """A part of a model with its arrays of numbers multiplied, but the mean shape, which readers check."""
+    """A part of a model whose arrays of numbers are multiplied, except the mean shape, which readers check."""
     if isinstance(value, list):
         return [scaled(inner, factor) for inner in value]
     if not isinstance(value, dict):
@@ -99,7 +99,7 @@ def scaled(value, factor):
 
 
 def models_with(name, factor, parts=None):
-    """In --broken: from here on the program has models of which one is wrong, all of its payload or these parts."""
+    """In --broken: from here on one of the program's models is wrong, its whole payload or these parts."""
     if not broken:
         return
     shipped = os.path.join(SOURCE, "models")
@@ -120,9 +120,9 @@ def models_with(name, factor, parts=None):
 # --- areas ---
 
 def plates():
-    """The reader that ships, no country given; none of these images was learned from."""
+    """The installed reader, no country given; these images are held out."""
     models_with("plate-reader.json", 0.8)
-    # Of docs/results.md: 34 of 37, 24 of 24, 77 of 94 American ones, 33 of 39 Brazilian ones; each set may lose one plate.
+    # From docs/results.md: 34 of 37, 24 of 24, 77 of 94 American plates, 33 of 39 Brazilian plates. Each set may lose one plate.
     for name, found, exact in (("plates-eu", 36, 33), ("plates-es", 23, 23), ("plates-us", 92, 76), ("plates-br", 38, 32)):
         score = tarsier("plate", "eval", data(name, "images"), "--truth", data(name, "truth.csv"))[0]
         at_least(f"{name}: plates found of {score['truth']}", round(score["recall"] * score["truth"]), found, touched=False)
@@ -136,8 +136,8 @@ def write_list(path, names):
 
 
 def landmarks():
-    """The model that ships, on every ninth near-frontal face of its own training set: that it loads, finds and fits as it did.
-    And what training makes of two thirds of a set, judged on the last third: a small model, as training all takes minutes."""
+    """The installed model on every ninth near-frontal face of its own training set: it loads, finds and fits as before.
+    And a small model, trained on two thirds of a set and evaluated on the last third; full training takes minutes."""
     models_with("landmarks68.json", 0.5, ["trees", "descent"])
     with open(data("faces68", "frontal.txt"), encoding="utf-8") as file:
         names = [data("faces68", line.strip()) for line in file if line.strip()]
@@ -159,7 +159,7 @@ def landmarks():
 
 
 def sfm():
-    """Images with a known camera against the surveyed places (Strecha 2008)."""
+    """Images with a known camera, compared with surveyed positions (Strecha 2008)."""
     for name, count, millimetres, degrees in (("sfm-Herz-Jesu-P8", 8, 4.5, 0.06), ("sfm-fountain-P11", 11, 3.0, 0.06)):
         camera = data(name, "K.txt")
         if broken:
@@ -175,7 +175,7 @@ def sfm():
 
 
 def marker_truth(path):
-    """In --broken: a truth whose corners are half a pixel aside and whose every fifth marker is another or elsewhere."""
+    """In --broken: a ground truth with corners off by half a pixel; every fifth marker has another number or position."""
     if not broken:
         return data(*path)
     lines = []
@@ -192,7 +192,7 @@ def marker_truth(path):
 
 
 def markers():
-    """Drawn scenes with exact truth: 0.964 to 0.979 found, corners within 0.053 to 0.056 px, no flips."""
+    """Synthetic scenes with exact ground truth: 0.964 to 0.979 found, corners within 0.053 to 0.056 px, no flips."""
     for score in tarsier("ar", "eval", marker_truth(("ar", "markers.jsonl"))):
         if score["set"] == "all" and len(score) < 4:
             continue
@@ -212,12 +212,12 @@ def targets():
 
 
 def people():
-    """The recogniser on cut faces, two draws where docs/results.md has five."""
+    """The recogniser on cropped faces, two splits; docs/results.md has five."""
     for name, ending, words, accuracy in (("orl", "*/*.pgm", ["-k", "5"], 0.985),
                                           ("yale-b-cropped", "*/*.pgm", ["-k", "5", "--size", "42x48"], 0.975)):
         files = sorted(glob.glob(os.path.join(data(name), ending)))
         folder = [os.path.basename(os.path.dirname(path)) for path in files]
-        if broken:  # every tenth face is somebody else's
+        if broken:  # every tenth face has a wrong label
             folder = [folder[(k + 50) % len(folder)] if k % 10 == 0 else label for k, label in enumerate(folder)]
         faces = write_list(f"{name}.lst", [f"{path}\t{label}" for path, label in zip(files, folder)])
         score = tarsier("people", "eval", faces, "--raw", *words, "--seeds", "2", "--algorithm", "default")[0]
@@ -225,7 +225,7 @@ def people():
 
 
 def people_deep():
-    """Deep templates in the wild: the real network, which is no part of the project."""
+    """Deep templates in the wild: the real network, which is not part of the project."""
     package = os.environ.get("TARSIER_FACE_API", "")
     manifest = os.path.join(package, "model", "face_recognition_model-weights_manifest.json")
     if package and os.path.exists(manifest):
@@ -236,7 +236,7 @@ def people_deep():
     with open(data("faces-wild", "list.lst"), encoding="utf-8") as file:
         lines = [line.rstrip("\n").split("\t") for line in file if line.strip()]
     names = [name for _, name in lines]
-    if broken:  # every fifth face is somebody else's
+    if broken:  # every fifth face has a wrong label
         names = [names[(k + 170) % len(names)] if k % 5 == 0 else name for k, name in enumerate(names)]
     faces = write_list("wild.lst", [f"{data('faces-wild', path)}\t{name}" for (path, _), name in zip(lines, names)])
     score = tarsier("people", "eval", faces, "-k", "10", "--seeds", "3", "--template", "deep")[0]
@@ -246,7 +246,7 @@ def people_deep():
 
 
 def strangers(draw):
-    """Path and person of the sightings of twenty people: the first draw is of Yale, GRID and ORL, the others are random."""
+    """Path and person of the sightings of twenty people. The first draw is from Yale, GRID and ORL, the others are random."""
     sightings = []
     for path in sorted(glob.glob(os.path.join(data("orl"), "*/*.pgm"))):
         sightings.append((path, "orl " + os.path.basename(os.path.dirname(path))))
@@ -269,7 +269,7 @@ def strangers(draw):
 
 
 def groups_of(kind, draw):
-    """How many groups, how many of one sighting, and which share of the sightings is with the most of its group."""
+    """Number of groups, number of groups with one sighting, and the share of sightings whose person is the most frequent of the group."""
     gallery = f"{kind}-{draw}.db"
     people = dict(strangers(draw))
     faces = write_list(f"{kind}-{draw}.lst", list(people))
@@ -281,7 +281,7 @@ def groups_of(kind, draw):
         if seen["group"] is None:
             continue
         person = people[seen["source"]]
-        if broken and k % 5 == 0:  # every fifth is somebody else's
+        if broken and k % 5 == 0:  # every fifth has a wrong label
             person = names[(names.index(person) + 100) % len(names)]
         members.setdefault(seen["group"], []).append(person)
     sizes = [len(of) for of in members.values()]
@@ -292,7 +292,7 @@ def groups_of(kind, draw):
 
 
 def people_groups():
-    """Strangers in groups; deep templates where the network is installed."""
+    """Strangers in groups; deep templates if the network is installed."""
     package = os.environ.get("TARSIER_FACE_API", "")
     manifest = os.path.join(package, "model", "face_recognition_model-weights_manifest.json")
     groups, purity = groups_of("classic", 0)
@@ -310,8 +310,8 @@ def people_groups():
 
 
 def poses():
-    """The models that ship on two of the people whom the correction was learned from (docs/results.md has others left out):
-    that what is installed still does what it did."""
+    """The installed models on two of the people of the correction's training set (docs/results.md has held out people):
+    the installed files still give the same."""
     models_with("head-view.json", 0.2)
     for person in ("Person02", "Person05"):
         shutil.copytree(data("pointing04", person), f"heads/{person}", dirs_exist_ok=True)
@@ -322,7 +322,7 @@ def poses():
 
 
 def cartoon():
-    """What runs by default against the definition of the filters, on a sample image of opencv-doc."""
+    """The default filters compared with their definition, on a sample image of opencv-doc."""
     image = os.path.join(SAMPLES, "messi5.jpg")
     if not os.path.exists(image):
         skip("no sample images (package opencv-doc)")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""check_glb.py FILE: reads a binary glTF 2.0 file after its specification, with nothing of Tarsier's, and prints what it holds.
+"""check_glb.py FILE: reads a binary glTF 2.0 file by its specification, without Tarsier's code, and prints its content.
 
-Ends with 1 and a line that says why where the file breaks a rule that viewers rely on.
+If the file breaks a rule that viewers rely on, the script prints a line that says why and ends with status 1.
 """
 import json
 import struct

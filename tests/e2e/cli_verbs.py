@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Walks all verbs as `tarsier help --json` lists them, so that a new verb is in the test from its first day.
+"""Tests all verbs as `tarsier help --json` lists them, so that a new verb is tested from the start.
 
-For each: --help, its example, its flags, --version, an unknown flag, a missing input, a missing model, --json, --quiet,
-interruption. Runs in an empty folder; $TARSIER is the program. With all verbs --json and --quiet are left to same_again.py, which
-runs them twice anyway. A verb that is missing in a table below fails.
+For each verb: --help, its example, its flags, --version, an unknown flag, a missing input, a missing model, --json, --quiet,
+interruption. Runs in an empty folder; $TARSIER is the program. If all verbs are tested, same_again.py tests --json and --quiet,
+since it runs each verb twice anyway. A verb that is missing in a table below fails.
 
 cli_verbs.py [VERB ..]           these verbs, or all; of all, the share $TARSIER_SHARD ("2/4": the second of four)
 cli_verbs.py --make FOLDER       only makes the inputs, which $TARSIER_INPUTS then names to several runs
@@ -26,7 +26,7 @@ from processes import cpu_seconds, stat_of
 
 PROGRAM = os.environ["TARSIER"]
 INPUTS = os.environ.get("TARSIER_INPUTS", "")  # a folder that make_inputs() filled
-PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "900"))  # s, of a run on a loaded machine; more under sanitizers
+PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "900"))  # s, for a run on a loaded machine; more under sanitizers
 failures = []
 
 
@@ -63,8 +63,8 @@ def expect_error(verb, result, status, name=""):
         fail(verb, f"an error, and output: {result}")
 
 
-# What a verb is run with here: the words behind the verb, lines on stdin, exit status (0 unless given), lines of JSON
-# (at least one unless given). `head`, `cars` .. are made first, by the program.
+# The valid run of each verb: the words after the verb, lines on stdin, exit status (0 by default), lines of JSON (by default at
+# least one). The program makes `head`, `cars` .. first.
 FACE = "head/images/0000.png"
 BOARD = "'synth:board?size=320x240&fps=5&frames=%s' --board chess:9x6 --square 25mm"
 SHIPPED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../models/head.json")
@@ -156,27 +156,27 @@ VALID = {
     "doctor": dict(words=""),
     "merge": dict(words="part.jsonl -o merged.jsonl"),
 }
-# With --debug-dir these write what they go through: at least so many images or clouds of the run above.
+# With --debug-dir these verbs write their stages: at least this many images or clouds in the run above.
 STAGES = {"cartoon run": 5, "plate read": 3, "landmarks fit": 4, "landmarks track": 4, "aam fit": 2, "people identify": 4,
           "people live": 4, "pose track": 6, "sfm reconstruct": 4, "sfm dense": 8, "ar markers": 3, "ar target-track": 3}
-# These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
+# These runs are long, so they are only interrupted here. demo_page and the figures of docs/results.md run them fully.
 LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
         "hub": "mqtt://127.0.0.1:1 --log hub.db", **{f"bench {name}": "--json" for name in
         "aam cartoon eyes landmarks people plate calibrate markers posit render sfm steady targets".split()}}
 
-# The examples name files that are not there: all say so, with this status, but those that need no file.
+# The examples name files that do not exist. All must report this with this status, except those that need no file.
 EXAMPLE_STATUS = {
     "aam explore": 0, "pose synth": 0, "plate synth": 0, "sfm synth": 0, "ar marker-sheet": 0, "ar synth": 0, "models list": 0,
     "models info": 0, "people list": 1, "people group": 1, "people groups": 1, "people log": 1, "people forget": 1, "people export": 1, "people train": 1, "people index": 1, "people show": 1,
     "models verify": 0, "models remove": 1, "doctor": 0, "plate watch add": 0,
 }
 
-# These work without any file: what they draw is small here, where the example does not say how large.
+# These need no file. They draw small images here, where the example gives no size.
 SMALLER = {"sfm synth": "--size 160x120", "ar synth": "--size 320x240", "pose synth": "--size 160x120", "plate synth": "--size 320x180"}
 
 
 def default_in(text, flag):
-    """Whether --help shows, behind the flag's name, the default that `help --json` tells."""
+    """Whether --help shows, after the flag's name, the default of `help --json`."""
     shown = re.match(r"(?: [A-Z]+| \{[^}]*\})?(?: \([^)]*\))?=(\S+)", text)
     default = flag["default"]
     if default is None or default is False:
@@ -248,7 +248,7 @@ def check_flags(verb):
 
 
 def check_example(verb):
-    """It is of this verb, uses only flags that exist, has all that is required, and is no usage error."""
+    """It belongs to this verb, uses only existing flags, has all required ones, and is no usage error."""
     name = verb["verb"]
     words = shlex.split(verb["example"])
     if not words:
@@ -265,7 +265,7 @@ def check_example(verb):
     here = os.getcwd()
     os.chdir("empty")
     try:
-        if name.startswith("people "):  # a gallery of nobody
+        if name.startswith("people "):  # a gallery without people
             run(["people", "enroll", "Nobody", "missing.jpg"])
         result = run([*words[1:], *shlex.split(SMALLER.get(name, ""))])
     finally:
@@ -290,7 +290,7 @@ def check_usage(verb):
 
 
 def check_missing(verb):
-    """What is read comes from somewhere that does not exist: one line that names it."""
+    """Inputs at a path that does not exist: one line that names it."""
     name = verb["verb"]
     words = shlex.split(VALID[name]["words"])
     if name not in EXAMPLE_STATUS and not name.startswith("people "):
@@ -308,7 +308,7 @@ def check_missing(verb):
                 expect_error(f"{name} {called}", result, 5, "missing.json")
 
 
-# Flags of these names that are not read by the run of VALID.
+# Flags of these names that the run of VALID does not read.
 NO_FILE = {("plate log", "--detector"), ("plate log", "--reader"), ("landmarks train tracker", "--head"), ("plate train-reader", "--detector"), ("pose track", "--appearance"), ("pose eval", "--appearance")}
 
 
@@ -321,7 +321,7 @@ def check_json_and_quiet(verb):
 
 
 def check_lines(name, entry, result):
-    """What a run with --json and --quiet wrote; same_again.py calls it for its runs."""
+    """Checks the output of a run with --json and --quiet; same_again.py calls it for its runs."""
     if result.status != entry.get("status", 0):
         return fail(name, f"a run: {result}")
     told = [line for line in result.err.splitlines() if not line.startswith("tarsier: warning: ")]
@@ -340,7 +340,7 @@ def check_lines(name, entry, result):
 
 
 def check_stages(name):
-    """--debug-dir holds the stages of what the verb does."""
+    """--debug-dir contains the stages of the verb."""
     prepare(name)
     words = [*name.split(), *shlex.split(VALID[name]["words"]), "--quiet", "--debug-dir", "stages/" + name.replace(" ", "-")]
     result = run(words)
@@ -352,13 +352,14 @@ def check_stages(name):
 
 
 def prepare(name):
-    """Gives back what a verb's run needs and another's may have taken away: the gallery of Ann and Ben, and that of who was seen."""
+    """Restores what a verb's run needs and another verb may have removed: the gallery of Ann and Ben, and the sightings'
+    gallery."""
     if name.startswith("people "):
         for path in os.listdir("."):
             if path.startswith(("people.db", "seen.db")):
                 os.unlink(path)
         shutil.copy(os.path.join(INPUTS, "people.db"), "people.db")
-        if name != "people forget":  # it would find Ann's faces in the other one
+        if name != "people forget":  # it would find Ann's faces in the other gallery
             shutil.copy(os.path.join(INPUTS, "seen.db"), "seen.db")
 
 
@@ -367,7 +368,7 @@ def left_behind():
                   if name.startswith(".") or name.endswith((".tmp", ".part")))
 
 
-# `faces.txt`, `cars.txt`, `crowd.lst`, `head/crowd.json` .. name the same few images many times.
+# `faces.txt`, `cars.txt`, `crowd.lst`, `head/crowd.json` .. list the same few images many times.
 INTERRUPTED = {
     **LONG,
     "cartoon run": "synth:scene -o stopped.mp4 --quality reference",
@@ -420,24 +421,23 @@ INTERRUPTED = {
     "ar target-train": "scene.png -o stopped.json --trials 500",
     "ar target-track": "synth:scene --target first.target.json -o stopped.mp4",
 }
-# These end by themselves within a moment: nothing in them grows with what they are given, or as fast as files are read.
+# These end by themselves within a moment: their work does not grow with the input, or only as fast as files are read.
 SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list", "people group", "people groups", "people name", "people correct not", "people correct move",
          "people correct merge", "people correct split", "people correct undo", "people log", "people index", "people show", "people forget", "people export", "plate log",
          "plate watch add", "plate watch remove", "plate watch list", "plate watch test", "sfm plan", "sfm eval", "ar marker-sheet", "models list", "models info",
          "models verify", "models import", "models install", "models remove", "doctor", "merge"}
-# What may pass from SIGINT to the end: processor time. Each runs with one thread, so on an idle machine it is the time that a
-# user waits. A slower machine, or one whose cores and memory others use too, may take as much longer as it takes for VERIFY_CPU.
-# Sanitized code is several times slower.
+# Limit from SIGINT to the end, processor time. Each verb runs with one thread, so on an idle machine it is the user's waiting time.
+# On a slower or busy machine the limit grows by the factor that VERIFY_CPU takes longer. Sanitized code is several times slower.
 STOP_CPU = float(os.environ.get("TARSIER_STOP_CPU", "5" if os.environ.get("TARSIER_SANITIZED") else "0.5"))  # s
-VERIFY_CPU = 0.2  # s of `tarsier models verify --threads 1` where that limit was set
-STOP_TRIES = 3  # the best counts: another program may empty the processor's caches at any time
-STOP_WALL = 60  # s; on a loaded machine. A program that sleeps on would not be seen in its processor time.
+VERIFY_CPU = 0.2  # s of `tarsier models verify --threads 1` on the machine where that limit was set
+STOP_TRIES = 3  # the best counts: other programs may evict the processor's caches at any time
+STOP_WALL = 60  # s, on a loaded machine. Needed because a sleeping program uses no processor time.
 MOMENTS = (0.05, 0.5 if os.environ.get("TARSIER_TEST_ALL") else 0.2)  # CPU s after the program is ready for signals
 MORE_MOMENTS = (0.05, 0.2, 0.5, 1.0)
 
 
 def wait_until_ready(pid):
-    """Until the program waits for SIGINT, which it then blocks (or has ended): before that it has begun nothing."""
+    """Waits until the program waits for SIGINT, which it then blocks (or has ended). Before that it has begun nothing."""
     while stat_of(pid):
         with open(f"/proc/{pid}/status") as file:
             blocked = next((int(line.split()[1], 16) for line in file if line.startswith("SigBlk:")), 0)
@@ -447,7 +447,7 @@ def wait_until_ready(pid):
 
 
 def wait_until_used(pid, seconds):
-    """Until it has computed so long, has ended, or waits for something (a source that plays in real time)."""
+    """Waits until it has computed for this time, has ended, or waits for something (a source that plays in real time)."""
     begin = used = cpu_seconds(pid) or 0.0
     changed = time.monotonic()
     while used is not None and used - begin < seconds:
@@ -460,7 +460,7 @@ def wait_until_used(pid, seconds):
 
 
 class Stop:
-    """A run that was interrupted: exit status, stderr, and CPU seconds and seconds from the signal to the end."""
+    """An interrupted run: exit status, stderr, and CPU seconds and seconds from the signal to the end."""
 
     def __init__(self, words, moment):
         self.cpu = self.wall = 0.0
@@ -489,14 +489,14 @@ class Stop:
 
 
 def slowness():
-    """How many times slower this machine is now than the one of VERIFY_CPU, at least 1."""
+    """How many times slower this machine is now than the machine of VERIFY_CPU, at least 1."""
     begin = children_cpu()
     run(["models", "verify", "--quiet", "--threads", "1"])
     return max(1.0, (children_cpu() - begin) / VERIFY_CPU)
 
 
 def stop_anew(name, words, moment):
-    """A run with fresh inputs and without the results of the run before, stopped at `moment`; and the files before it."""
+    """A run stopped at `moment`, with fresh inputs and without earlier results; and the files before it."""
     subprocess.run("rm -rf stopped stopped.*", shell=True, check=True)
     prepare(name)
     before = left_behind()
@@ -504,9 +504,9 @@ def stop_anew(name, words, moment):
 
 
 def check_interruption(name, words, moments=MOMENTS):
-    """Stopped at several moments: 130 (or the end was reached), soon, and nothing half-written."""
+    """Stopped at several moments: status 130 (or the end was reached), quickly, and no partial output."""
     stops = []
-    # On a crowded machine the signal may come after the end: then once more, as early as it can come.
+    # On a busy machine the signal may come after the end. Then it is sent again, as early as possible.
     for moment in [*moments, *[0.0] * STOP_TRIES]:
         if moment == 0.0 and stops:
             break
@@ -545,7 +545,7 @@ def write_grey(path, width, height, value):
 
 
 def make_inputs(folder):
-    """Fills a new folder with what the words of VALID and INTERRUPTED name."""
+    """Fills a new folder with the inputs that VALID and INTERRUPTED name."""
     here = os.getcwd()
     shutil.rmtree(folder + ".part", ignore_errors=True)
     os.makedirs(folder + ".part")
@@ -598,7 +598,7 @@ def make_inputs_here():
         file.writelines(f"{800 * (x + 0.1 * z - 5) / (60 + z)} {800 * (y - 0.2 * z - 5) / (60 + z)}\n" for x, y, z in cube)
     for person, folder in (("Ann", "head"), ("Ben", "other")):
         made("people", "enroll", person, f"{folder}/images", "--any-quality", "--quiet")
-    # Of a third head: nothing of Ann, who is forgotten by a run beside it.
+    # Of a third head: nothing of Ann, whom a parallel run forgets.
     made("pose", "synth", "-o", "third", "--count", "4", "--size", "320x240", "--near", "450", "--far", "500", "--quiet", "--seed", "77")
     made("people", "enroll", "Eve", "third/images", "--any-quality", "--quiet", "--gallery", "seen.db")
     shutil.rmtree("third")
@@ -625,7 +625,7 @@ def make_inputs_here():
 
 
 def make_crowds():
-    """The same few images many times over, for runs that have to last."""
+    """Lists the same few images many times, for runs that must last."""
     faces = [f"{folder}/images/{name}" for folder in ("head", "other") for name in sorted(os.listdir(f"{folder}/images"))]
     cars = [f"cars/images/{name}" for name in sorted(os.listdir("cars/images"))]
     for path, names in (("faces.txt", faces * 30), ("cars.txt", cars * 100)):
@@ -651,7 +651,7 @@ def children_cpu():
 
 
 def take_inputs():
-    """Makes the inputs where nobody has, and goes to a copy of them. Caches and settings are the run's own."""
+    """Makes the inputs if they do not exist, and works in a copy of them. Caches and settings belong to this run."""
     global INPUTS
     for name in ("HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_CONFIG_HOME"):
         os.environ[name] = os.path.abspath("home")
@@ -663,13 +663,13 @@ def take_inputs():
 
 
 def my_share(verbs):
-    """Of a list the part that $TARSIER_SHARD names: "2/4" is the second, sixth, tenth .."""
+    """The part of a list that $TARSIER_SHARD names: "2/4" is the second, sixth, tenth .."""
     number, count = (int(word) for word in os.environ.get("TARSIER_SHARD", "1/1").split("/"))
     return verbs[number - 1 :: count]
 
 
 def stop_table(only):
-    """The longest of four moments for each verb."""
+    """The max over four moments for each verb."""
     take_inputs()
     print("| verb | CPU ms | ms |\n|---|---|---|")
     for name, words in INTERRUPTED.items():
@@ -707,7 +707,7 @@ def main():
         check_usage(verb)
         check_example(verb)
         if name in VALID:
-            if arguments or name == "doctor":  # of all others same_again.py sees to it
+            if arguments or name == "doctor":  # same_again.py tests all others
                 check_json_and_quiet(verb)
             check_missing(verb)
         if name in STAGES:

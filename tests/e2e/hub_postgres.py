@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""tarsier hub with PostgreSQL: the server is killed and comes back, the hub is killed, the tables are of another version, the password is
-wrong. $TARSIER_POSTGRES: the folder of the server's programs."""
+"""tarsier hub with PostgreSQL: the server is killed and restarted, the hub is killed, the tables have another version, the
+password is wrong. $TARSIER_POSTGRES: the folder of the server's programs."""
 import json
 import os
 import pwd
@@ -16,7 +16,7 @@ PROGRAMS = os.environ["TARSIER_POSTGRES"]
 
 
 class Server:
-    """In a folder of its own, on a free port of 127.0.0.1; never as root, which the server refuses."""
+    """In its own folder, on a free port of 127.0.0.1; never as root, which the server refuses."""
 
     def __init__(self):
         self.folder = tempfile.mkdtemp(prefix="tarsier-pg-", dir="/tmp")
@@ -119,7 +119,7 @@ def check(server):
     if result.returncode != 0 or len(lines) != len(truth) or lines[0]["node"] != "gate" or lines[0]["event"] != "plate":
         site.fail(f"--list: {len(lines)} lines of {len(truth)}; {result.stderr}")
     site.end(hub, signal.SIGINT)
-    # The same columns as of the file.
+    # The same columns as in the file.
     other = site.hub(broker)
     site.wait_for(lambda: site.rows("events.db", "SELECT id FROM hub_id"))
     site.end(other, signal.SIGINT)
@@ -128,13 +128,13 @@ def check(server):
         database = [row[0] for row in server.query(f"SELECT column_name FROM information_schema.columns WHERE table_name = '{table}' ORDER BY ordinal_position")]
         if file != database:
             site.fail(f"{table}: {file} in SQLite, {database} in PostgreSQL")
-    # Versions.
+    # Schema versions.
     server.query("UPDATE hub_version SET version = 99")
     refused(server, words[2:], 6, "has version 99, and this program knows")
     refused(server, ["--log", address, "--list"], 3, "has version 99")
     server.query("DROP TABLE hub_version, hub_mark, hub_id")
     refused(server, words[2:], 6, "has a table hub_event that is of no hub")
-    # Who may not.
+    # Users without access.
     for bad in (server.address(password="wrong"), server.address(database="missing")):
         refused(server, [words[2], "--log", bad], 6, "postgresql://***@127.0.0.1")
     site.end(broker.process)

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""What the window tests ask of the X server: lib_x11.py COMMAND. Needs libX11 and libXfixes only.
+"""Queries of the window tests to the X server: lib_x11.py COMMAND. Needs libX11 and libXfixes only.
 
 geometry TITLE   x y width height of the top-level window of that title; exit status 1 if there is none
-cursor           how many pixels of the pointer can be seen where it is now
+cursor           number of visible pixels of the pointer at its present place
 mean             mean of red, green, blue of the whole screen
 mean X Y W H     the same of a part
 hash X Y W H     a number that changes with the image
 stable SECONDS PID X Y W H HASH..
-                 the hash, once three looks agree on one that is none of those; exit status 1 if PID ends or time is up before
+                 the hash, once three looks give the same hash that is none of those; exit status 1 if PID ends or after
+                 SECONDS
 wait-window SECONDS PID TITLE
-                 until there is that window; the same exit status
+                 until that window exists; the same exit status
 wait-image SECONDS PID X Y W H
                  until that part is not black
 save FILE        the screen as PPM
@@ -76,7 +77,8 @@ def title(window):
 
 
 def wait(look):
-    """Until look() gives something, which is returned. Looks again after a while: a program that draws needs the time, too."""
+    """Repeats look() until it returns something, which is returned. Pauses between looks, since a drawing program needs the time
+    too."""
     deadline = time.monotonic() + float(sys.argv[2])
     while time.monotonic() < deadline and os.path.exists(f"/proc/{sys.argv[3]}"):
         found = look()
@@ -87,7 +89,7 @@ def wait(look):
 
 
 def stable():
-    """A look of wait(): the hash that three looks agree on."""
+    """A look for wait(): a hash that three looks agree on."""
     seen = []
     known = set(sys.argv[8:])
 

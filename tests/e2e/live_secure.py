@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""A camera that speaks TLS, for live_secure.sh: live_secure.py CERTIFICATE KEY STREAM.ts IMAGE.jpg LOG
+"""A camera with TLS, for live_secure.sh: live_secure.py CERTIFICATE KEY STREAM.ts IMAGE.jpg LOG
 
-Prints its port. https://../cam.mjpg is MJPEG, /video.ts the stream, /away redirects to http; rtsps://../cam is the
-stream over RTSP, interleaved. LOG gets the first line of each request.
+Prints its port. https://../cam.mjpg is MJPEG, /video.ts the stream, /away redirects to http; rtsps://../cam is the stream
+over RTSP, interleaved. LOG receives the first line of each request.
 """
 import socket
 import ssl

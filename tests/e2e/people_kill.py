@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Kills `people enroll` twenty times at random moments; the gallery opens each time, and no face that was in it is gone.
+"""Kills `people enroll` twenty times at random moments. The gallery opens each time, and no committed face is lost.
 
-people_kill.py IMAGE [SEED]. Every other round waits for a new face in the gallery before the kill, however slow the machine
-is; the others kill while the program starts, makes the gallery or looks for faces.
+people_kill.py IMAGE [SEED]. Every second round waits for a new face in the gallery before the kill, however slow the machine
+is. The others kill while the program starts, creates the gallery or detects faces.
 """
 import json
 import os
@@ -28,7 +28,7 @@ def fail(text):
 
 
 def faces_in_it():
-    """Committed faces; 0 while there is no gallery, or no table in it."""
+    """Number of committed faces; 0 without a gallery or without a table in it."""
     try:
         base = sqlite3.connect("file:people.db?mode=ro", uri=True)
         count = base.execute("SELECT count(*) FROM face").fetchone()[0]
@@ -39,7 +39,7 @@ def faces_in_it():
 
 
 def kill_once(number, before, moment):
-    """Starts and kills one enrolment; returns the faces that were committed before the kill."""
+    """Starts and kills one enrolment; returns the number of faces committed before the kill."""
     process = subprocess.Popen([PROGRAM, "people", "enroll", "Lena", "faces", "--any-quality", "--faces", "1000", "--threads", "1",
                                 "--quiet"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + PATIENCE
@@ -49,7 +49,7 @@ def kill_once(number, before, moment):
                 fail(f"round {number}: no face in {PATIENCE} s")
                 break
             time.sleep(0.005)
-    begin = cpu_seconds(process.pid)  # processor time: the same moments on a busy machine
+    begin = cpu_seconds(process.pid)  # processor time gives the same moments on a busy machine
     while (used := cpu_seconds(process.pid)) is not None and used - begin < moment and time.monotonic() < deadline:
         time.sleep(0.005)
     seen = faces_in_it()

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Drives the program's windows through pipes, as `tarsier serve` does, for pipe_window.sh.
+"""Controls the program's windows through pipes, as `tarsier serve` does, for pipe_window.sh.
 
-Session(arguments) starts the program with TARSIER_WINDOW=pipe:IN:OUT. Records are read as they come: the newest state
-and the newest image are kept. Nothing here needs a display.
+Session(arguments) starts the program with TARSIER_WINDOW=pipe:IN:OUT. Records are read when they arrive; the newest state and
+the newest image are kept. No display is needed.
 """
 import fcntl
 import json
@@ -19,7 +19,7 @@ from cli_verbs import STOP_CPU, children_cpu
 from processes import cpu_seconds
 
 PROGRAM = os.environ["TARSIER"]
-PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s; only a test that fails waits for so long
+PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s; only a failing test waits this long
 
 
 class Failed(Exception):
@@ -61,7 +61,7 @@ class Session:
         os.write(self.to, text)
 
     def read(self, patience=0.05):
-        """Takes in what is there."""
+        """Reads all available records."""
         if self.ended or not select.select([self.out], [], [], patience)[0]:
             return
         try:
@@ -123,7 +123,7 @@ class Session:
         return self.image
 
     def ends(self, status=0):
-        """Reads to the end, which must come by itself."""
+        """Reads until the program ends by itself."""
         end = time.monotonic() + PATIENCE
         while self.program.poll() is None:
             self.read()
@@ -146,7 +146,7 @@ class Session:
         self.away()
 
     def interrupt(self):
-        """Seconds of processor time from SIGINT to the end: what a user waits on an idle machine."""
+        """Seconds of processor time from SIGINT to the end: a user's waiting time on an idle machine."""
         before = children_cpu() + (cpu_seconds(self.program.pid) or 0.0)
         self.program.send_signal(signal.SIGINT)
         self.ends(130)
@@ -174,7 +174,7 @@ def expect(truth, text):
 
 
 def started(arguments, **more):
-    """A session whose first frame or image is there."""
+    """A session that has received its first frame or image."""
     session = Session(arguments, **more)
     session.until("image", lambda: session.state and session.state["width"] and
                   (session.state["frame"] is None or session.state["frame"]["index"] >= 0))
@@ -190,7 +190,7 @@ def act(session, name, what, condition):
 
 
 def changes(session, line, what):
-    """The image is another one after this event."""
+    """The image changes after this event."""
     before, asked = session.image, -1
     session.say(**line)
 
@@ -205,7 +205,7 @@ def changes(session, line, what):
 
 
 def interrupted_quickly(arguments, session=None):
-    """SIGINT ends it within half a second, at best of a few times: others may use the machine's caches."""
+    """SIGINT ends it within half a second, in the best of a few tries: other programs may use the machine's caches."""
     best = None
     for _ in range(5):
         session = session or started(arguments)
@@ -229,7 +229,7 @@ def cartoon():
     states = s.states
     s.until("states", lambda: s.states > states + 5)
     expect(s.images == images, "cartoon: an image that nobody wanted")
-    # Standing still: what is drawn again is shown, the panel of keys is not.
+    # While paused, a redrawn image is shown; the panel of keys is not.
     act(s, "pause", "paused", lambda state: state["paused"])
     s.next_image()
     frozen = s.next_image()
@@ -249,7 +249,7 @@ def cartoon():
     lines = [json.loads(line) for line in s_output()]
     expect(any(line.get("event") == "action sketch" for line in lines), "cartoon: no line of the action")
     interrupted_quickly(arguments)
-    # The other ways to end: q, the end of IN, the end of OUT.
+    # Other ways to end: q, the end of IN, the end of OUT.
     s = started(arguments)
     s.say(key=ord("q"))
     s.until("finished", lambda: s.state["finished"])
@@ -272,7 +272,7 @@ def s_output():
 
 
 def slow_reader():
-    """Nobody reads: the program goes on, and does not grow."""
+    """Nobody reads: the program continues, and its memory does not grow."""
     s = started(["cartoon", "run", "synth:bars?live=1&size=1920x1080", "--json", "--mode", "none"])
     s.say(want=1)
     pid = s.program.pid
@@ -287,7 +287,7 @@ def slow_reader():
     while s.states < 20 and time.monotonic() < end:
         s.read()
     held, seen = pages(), int(s.state["frame"]["index"])
-    time.sleep(2)  # in which some fifty frames come
+    time.sleep(2)  # about fifty frames arrive meanwhile
     expect(s.program.poll() is None, "slow reader: the program has ended")
     expect(pages() - held < 16384, "slow reader: %d pages more" % (pages() - held))
     s.until("newer state", lambda: s.state["frame"]["index"] > seen + 20)
@@ -325,7 +325,7 @@ def annotate():
     s = started(arguments)
     s.say(max_width=512)
     s.next_image("annotate.jpg")
-    # Clicks on the small image are points of the image.
+    # Clicks on the reduced image are mapped to points of the image.
     left, top, scale = s.state["state"]["view"]
     wanted = [(200, 150), (320, 240), (400, 300)]
     for count, (x, y) in enumerate(wanted, 1):
@@ -415,7 +415,7 @@ def people():
     arguments = ["people", "live", "synth:portrait?live=1&fps=15", "--gallery", "people.db", "--json"]
     s = started(arguments)
     s.until("face", lambda: s.state["state"]["recognized"])
-    # The button in the image, by the mouse.
+    # The button in the image, clicked with the mouse.
     s.next_image("people.jpg")
     s.say(mouse="left-down", x=50, y=20)
     s.until("collecting", lambda: s.state["state"]["mode"] == "collect")
@@ -426,7 +426,7 @@ def people():
     s.next_image("people-known.jpg")
     s.close()
     interrupted_quickly(arguments)
-    # Nobody is enrolled: who is seen is kept, put into a group, named by typing, and known; then that is taken back.
+    # Nobody is enrolled. A seen person is stored, grouped, named by typing, and then known. Then the naming is undone.
     s = started(["people", "live", "synth:portrait?live=1&fps=15", "--gallery", "unknown.db", "--keep", "1d", "--json"])
     s.until("sighting", lambda: s.state["state"]["unknown"]["waiting"] == 1)
     s.say(action="groups")
@@ -475,7 +475,7 @@ def online():
 
 
 def viewer():
-    """Frames of somebody's camera, as a server hands them over."""
+    """Frames of a remote camera, as a server passes them."""
     good = open("face.jpg", "rb").read()
 
     def record(image):
@@ -505,7 +505,7 @@ def viewer():
         s.ends(4)
         expect(s.state["frame"]["source"] == "lost", "viewer: the last state is %s" % s.state["frame"])
         s.away()
-    # A camera all the same where no window is: calibrate takes it for a session.
+    # A camera without a window: calibrate treats it as a session.
     s = Session(["calibrate", "viewer:ab12", "--board", "chess:9x6", "--square", "25mm", "-o", "none.yaml", "--json"],
                 viewer=True)
     os.write(s.viewer, record(good))

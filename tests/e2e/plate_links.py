@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Three nodes with synthetic drives, a broker and a hub, each in a network namespace of its own: each of them is killed at random
-moments, and links are cut. In the end the hub has every event that a node has ever written, each once, among them all vehicles of the
-drives; nothing is left on the nodes' disks. Run in a network namespace with the right to make others; TARSIER_LINK_KILLS: how many."""
+"""Three nodes with synthetic drives, a broker and a hub, each in its own network namespace. Each is killed at random moments, and
+links are cut. At the end the hub has every event that a node ever wrote exactly once, including all vehicles of the drives, and
+the nodes' disks hold no pending event. Run in a network namespace with the right to make others. TARSIER_LINK_KILLS is the number
+of kills."""
 import json
 import os
 import random
@@ -68,7 +69,7 @@ def size_of(name):
 
 
 def restart_ended(nodes):
-    """Those that were killed, or are at the end of their drive."""
+    """The nodes that were killed or have reached the end of their drive."""
     for name, node in nodes.items():
         if node.poll() is not None:
             nodes[name] = start_node(name)
@@ -108,7 +109,7 @@ def main():
     def is_all():
         return all(not site.rows(f"{name}.db", "SELECT 1 FROM outbox") for name in NODES)
 
-    for _ in range(10):  # what waits on a node comes with its next run at the latest
+    for _ in range(10):  # pending events of a node are sent at its next run at the latest
         for node in [start_node(name) for name in NODES]:
             node.wait()
         if site.wait_for(is_all, 5):

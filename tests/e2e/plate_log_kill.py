@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Kills `plate read --log` at random moments, thirty times in `./test --all` and eight otherwise: each vehicle that was certain is in the log.
+"""Kills `plate read --log` at random moments: each certain vehicle is in the log. Thirty kills in `./test --all`, eight
+otherwise.
 
-What is certain is known from the program's own lines: a line is written after what it says has been stored. So
-whatever a line calls confirmed must be in the log, however soon after it the program is killed.
+The program's own lines tell which vehicles are certain: a line is written after its content was stored. So each confirmed vehicle
+of a line must be in the log, however soon after the line the program is killed.
 """
 import difflib
 import json
@@ -53,7 +54,7 @@ for number in range(ROUNDS):
         if not line:
             break
         lines.append(line)
-    time.sleep(rng.random() * 0.03)  # somewhere within a frame
+    time.sleep(rng.random() * 0.03)  # anywhere within a frame
     process.send_signal(signal.SIGKILL)
     rest, errors = process.communicate()
     lines += [line for line in rest.splitlines(keepends=True) if line.endswith("\n")]
@@ -66,7 +67,7 @@ for number in range(ROUNDS):
         for track in line.get("tracks", []):
             if track["confirmed"]:
                 certain[track["id"]] = track["text"]
-            elif track["id"] in certain:  # it may be taken out again
+            elif track["id"] in certain:  # it may be removed again
                 del certain[track["id"]]
     certain_in_all += len(certain)
     if os.path.exists("plates.db") and os.path.getsize("plates.db") > 0:
@@ -81,7 +82,7 @@ for number in range(ROUNDS):
             fail(f"round {number}: entry {entry} of an earlier run is gone or changed")
     fresh = [text for entry, (text, _) in after.items() if entry not in before]
     for text in certain.values():
-        # The vote of a frame that was not written out any more may have changed a character.
+        # The vote of a frame whose line was not written may have changed a character.
         match = difflib.get_close_matches(text, fresh, 1, 0.6)
         if not match:
             fail(f"round {number}, killed after {len(lines)} lines: {text} was certain, the log has {fresh}")
@@ -91,7 +92,7 @@ for number in range(ROUNDS):
 if certain_in_all < ROUNDS:
     fail(f"only {certain_in_all} vehicles were ever certain: the test tests nothing")
 
-# A run that ends as it should closes its own entries; those of the others stay, interrupted where they were open.
+# A run that ends normally closes its own entries. Open entries of the other runs stay marked as interrupted.
 done = subprocess.run(command(0, 20), capture_output=True, text=True)
 if done.returncode != 0:
     fail(f"the last run: {done.returncode}: {done.stderr}")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""plate read --publish and tarsier hub, with Debian's mosquitto: nodes, broker and hub are killed at random moments; in the
-end the hub has every event of every node once. Then: passwords, TLS, the last will, Home Assistant, a broker that is away."""
+"""plate read --publish and tarsier hub, with Debian's mosquitto. Nodes, broker and hub are killed at random moments; at the end the
+hub has every event of every node once. Then: passwords, TLS, the last will, Home Assistant, a broker that is not available."""
 import json
 import os
 import random
@@ -97,14 +97,14 @@ def rows(path, query):
     database = sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=20)
     try:
         return database.execute(query).fetchall()
-    except sqlite3.OperationalError:  # it is being made
+    except sqlite3.OperationalError:  # it is being created
         return []
     finally:
         database.close()
 
 
 def given(name):
-    """How many numbers a node's outbox has given."""
+    """How many numbers a node's outbox has assigned."""
     found = rows(f"{name}.db", "SELECT seq FROM sqlite_sequence WHERE name = 'outbox'")
     return found[0][0] if found else 0
 
@@ -143,7 +143,7 @@ def check_kills():
             end(nodes[victim], signal.SIGKILL)
             nodes[victim] = node(broker, victim, cars * 5)
         print(f"   {turn + 1}: {victim} killed; {len(stored())} stored of {sum(given(n) for n in names)}", flush=True)
-    for name in names:  # the last words of each: what its outbox holds comes with the next run at the latest
+    for name in names:  # the last run of each node: pending events of its outbox are sent with the next run at the latest
         if nodes[name].wait(120) not in (0, 1):
             fail(f"{name} ended with {nodes[name].returncode}: {open(name + '.err').read()[-500:]}")
 
@@ -165,7 +165,7 @@ def check_kills():
     if not is_all():
         fail("a node keeps what the hub has stored")
     end(centre, signal.SIGINT)
-    # A new hub begins with nothing: the nodes no longer have what another one has stored, and it does not wait for that.
+    # A new hub starts empty: the nodes no longer have events that another hub has stored, and it does not wait for them.
     os.rename("events.db", "first.db")
     for ending in ("-wal", "-shm"):
         if os.path.exists("events.db" + ending):
@@ -248,7 +248,7 @@ def check_states():
     if '"offline"' not in states:
         fail(f"a node that has ended is {states!r}")
     end(broker.process)
-    # A broker that is away: reading goes on, and what was read waits.
+    # Without a broker, reading continues, and the events wait.
     before = given("porch")
     begin = time.time()
     result = subprocess.run([TARSIER, "plate", "read", "cars/images", "-o", "none", "--publish", f"mqtt://127.0.0.1:{broker.port}/site/porch",

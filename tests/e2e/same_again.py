@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Every verb gives the same files and the same JSON whatever the number of threads and wherever memory lies.
+"""Every verb gives the same files and the same JSON for any number of threads and any memory layout.
 
-Each run of tests/e2e/cli_verbs.py is done with one thread and with three, from the same start; addresses differ from run to
-run by themselves. Times are left out of what is compared. same_again.py [VERB ..]: these verbs, or of all the share
-$TARSIER_SHARD ("2/4": the second of four); $TARSIER is the program, $TARSIER_INPUTS what cli_verbs.py --make made.
+Each run of tests/e2e/cli_verbs.py is done with one thread and with three, from the same start. Addresses differ between runs by
+themselves. Times are not compared. same_again.py [VERB ..]: these verbs, or of all the share $TARSIER_SHARD ("2/4": the second of
+four); $TARSIER is the program, $TARSIER_INPUTS the output of cli_verbs.py --make.
 """
 import hashlib
 import json
@@ -15,17 +15,17 @@ import sys
 
 import cli_verbs
 
-# Times, memory, and what is of the day.
+# Times, memory, and values of the day.
 MEASURED = re.compile(r"(^|_)(seconds?|s|ms|us|fps|hz|time|when|date|mb|created|threads)($|_)|_per_")
-# Databases have the time of each row. They are written in place; all else is written beside its place and renamed.
+# Databases contain the time of each row, and are written in place. Other files are written beside their place and renamed.
 DATABASE = re.compile(r"\.(db|db-wal|db-shm|db-journal)$")
 
 
-# Other work than in cli_verbs.VALID: all that is learnt with several threads.
+# Larger work than in cli_verbs.VALID: everything that is trained with several threads.
 OTHER = {"landmarks train tracker": "head/set.json -o tracker.json --levels 1 --trees 2 --scatter 3 --patch 7"}
 
 
-# Two runs of each take 2 to 9 CPU s: only `./test --all` does them.
+# Two runs of each take 2 to 9 CPU s, so only `./test --all` does them.
 LONG = {"landmarks train face-networks", "landmarks train visibility", "landmarks train tracker", "sfm dense", "calibrate", "aam eval"}
 
 
@@ -38,7 +38,7 @@ def without_times(value):
 
 
 def take(source, target):
-    """Puts an input into the folder of a run: as a link, where nothing writes into it."""
+    """Puts an input into the folder of a run: as a link if nothing writes into it."""
     try:
         if not DATABASE.search(source):
             return os.link(source, target)
@@ -55,7 +55,7 @@ def is_input(path):
 
 
 def state_of_inputs():
-    """Size and time of each, in case that something does write into them."""
+    """Size and time of each input, to detect writes."""
     paths = [os.path.join(folder, name) for folder, _, names in os.walk(cli_verbs.INPUTS) for name in names]
     return {path: (os.stat(path).st_size, os.stat(path).st_mtime_ns) for path in paths}
 
@@ -87,7 +87,7 @@ def run_with(threads, verb, entry):
 
 
 def difference(one, other, path=""):
-    """Where two values of JSON begin to differ."""
+    """The first difference between two values of JSON."""
     if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
         return next((d for key in one if (d := difference(one[key], other[key], f"{path}.{key}"))), "")
     if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
@@ -98,7 +98,7 @@ def difference(one, other, path=""):
 def main():
     cli_verbs.take_inputs()
     before = state_of_inputs()
-    # All but doctor, which tells the number of threads.
+    # All except doctor, which reports the number of threads.
     left_out = {"doctor"} if os.environ.get("TARSIER_TEST_ALL") else {"doctor", *LONG}
     verbs = sys.argv[1:] or cli_verbs.my_share([verb for verb in cli_verbs.VALID if verb not in left_out])
     for verb in verbs:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Kills `sfm reconstruct` at random moments of all its stages; the same command then ends with the files of an undisturbed run.
+"""Kills `sfm reconstruct` at random moments of all its stages. The same command then produces the files of an undisturbed run.
 
 sfm_kill.py IMAGES KILLS [MAPPER ..]. The moments are spread over the processor time of the undisturbed run, so they are the
-same on a busy machine; one kill falls into each of KILLS equal parts of it. Every run begins in a new folder.
+same on a busy machine. One kill falls into each of KILLS equal parts of it. Every run begins in a new folder.
 """
 import json
 import os
@@ -17,7 +17,7 @@ from processes import cpu_seconds
 
 PROGRAM = os.environ["TARSIER"]
 PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "600"))  # s
-# Of report.json: what says how a run went, and not what it made.
+# Keys of report.json that describe the run, not its result.
 OF_THE_RUN = ("stages", "from_cache", "resumed")
 failures = []
 
@@ -37,7 +37,7 @@ def start(folder, mapper):
 
 
 def run(folder, mapper):
-    """To its end; returns the processor time that it took."""
+    """Runs to the end; returns the processor time."""
     before = os.times()
     done = subprocess.run(command(folder, mapper), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE, check=False)
     if done.returncode != 0:
@@ -47,7 +47,7 @@ def run(folder, mapper):
 
 
 def files_of(folder):
-    """The bytes of all files that a run made, without the cache."""
+    """The bytes of all files that a run wrote, without the cache."""
     result = {}
     for root, folders, names in os.walk(folder):
         if root == folder and "cache" in folders:
@@ -64,7 +64,7 @@ def files_of(folder):
 
 
 def kill_once(mapper, moment):
-    """Returns what the killed run had: nothing, its features and pairs, or a checkpoint of the mapping; or that it had ended."""
+    """Returns the progress of the killed run: nothing, features and pairs, or a checkpoint of the mapping; or that it had ended."""
     process = start("killed", mapper)
     deadline = time.monotonic() + PATIENCE
     while (used := cpu_seconds(process.pid)) is not None and used < moment and time.monotonic() < deadline:

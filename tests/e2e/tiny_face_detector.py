@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""tiny_face_detector.py FOLDER: an installable face detector whose weights are written by hand, as tensorflow.js stores one:
-a weights manifest (tiny-weights_manifest.json) and its shard (tiny.bin). It takes what is bright for a face."""
+"""tiny_face_detector.py FOLDER: an installable face detector with handwritten weights in the format of tensorflow.js: a weights
+manifest (tiny-weights_manifest.json) and its shard (tiny.bin). It takes bright areas for faces."""
 import json
 import os
 import struct

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""tiny_face_network.py FOLDER [SEED]: a face network that nobody trained, as tensorflow.js stores one: a weights manifest
-(tiny-weights_manifest.json) and its shard (tiny.bin). Random weights, all kinds of layers, 128 numbers a face: enough for
-everything but being right."""
+"""tiny_face_network.py FOLDER [SEED]: an untrained face network in the format of tensorflow.js: a weights manifest
+(tiny-weights_manifest.json) and its shard (tiny.bin). It has random weights, all kinds of layers, 128 numbers per face. That
+is enough for everything except right answers."""
 import json
 import os
 import random

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Tiny ONNX files that nobody trained, written without the package onnx: protobuf's wire format is a few lines.
+"""Tiny untrained ONNX files, written without the package onnx: protobuf's wire format is a few lines.
 
-tiny_onnx.py embedding FILE [SEED]     3 x 112 x 112 -> 32 numbers: convolution, rectifier, matrix; random weights
-tiny_onnx.py detector FILE W H X0 Y0 .. X4 Y4
-                                       3 x H x W -> the outputs of the YuNet family at cells of 8 px: whatever the image shows,
-                                       one face with these five points (eyes, nose, corners of the mouth; px)
-tiny_onnx.py hostile FOLDER            files that must be refused, each named by its fault
+  tiny_onnx.py embedding FILE [SEED]     3 x 112 x 112 -> 32 numbers: convolution, rectifier, matrix; random weights
+  tiny_onnx.py detector FILE W H X0 Y0 .. X4 Y4
+                                         3 x H x W -> the outputs of the YuNet family at cells of 8 px: for any image
+                                         one face with these five points (eyes, nose, corners of the mouth; px)
+  tiny_onnx.py hostile FOLDER            files that must be refused, each named by its fault
 """
 import math
 import os
@@ -26,7 +26,7 @@ def varint(value):
 
 
 def field(number, value):
-    """A number as varint, a text or message by its length."""
+    """A number as varint; a text or message with its length."""
     if isinstance(value, int):
         return varint(number << 3) + varint(value)
     if isinstance(value, str):

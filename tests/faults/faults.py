@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Every verb that writes, with a full disk, a read-only one, an unreliable one, too little memory, and killed.
 
-Each verb of tests/e2e/cli_verbs.py first runs undisturbed, which tells what it writes and how many files it opens, writes,
-syncs and renames. Then it runs again and again; fault_shim.cpp lets one of these operations, chosen by the seed, fail or
-kills the program there, with old files in the outputs' places or without. Checked after each:
+Each verb of tests/e2e/cli_verbs.py first runs undisturbed. This shows what it writes and how many files it opens, writes,
+syncs and renames. Then it runs many times. Each time fault_shim.cpp makes one of these operations, chosen by the seed, fail,
+or kills the program there. The outputs' places hold old files or none. Checked after each run:
 
 - no crash; the exit status is a documented one; an error is one line that begins "tarsier: error: ";
-- an output is the old file (or none) or the whole new one, never half of one; exit status 0 means: all of them, whole;
-- nothing else is left behind; what a SIGKILL leaves is gone after the next run;
-- inputs are untouched; databases pass PRAGMA integrity_check and the program opens them;
-- the next undisturbed run does what it should.
+- an output is the old file (or none) or the whole new one, never a part of it; exit status 0 means all of them, whole;
+- nothing else remains; remains of a SIGKILL are gone after the next run;
+- inputs are unchanged; databases pass PRAGMA integrity_check, and the program opens them;
+- the next undisturbed run succeeds.
 
 faults.py [--seed N] [--rounds N] [--seconds S] [--short] [VERB ..]; $TARSIER the program, $TARSIER_FAULT_SHIM the shim.
 """
@@ -37,7 +37,7 @@ SHIM = os.environ["TARSIER_FAULT_SHIM"]
 STATUSES = {0, 1, 2, 3, 4, 5, 6, 130}
 OLD = b"the old file\n"
 
-# Runs beside those of cli_verbs.VALID: more kinds of output. A verb without a row has its run of VALID alone.
+# Runs in addition to cli_verbs.VALID, for more kinds of output. A verb without a row here has only its run of VALID.
 MORE = {
     "cartoon run": ["many/images -o video.mp4 --mode sketch --sequence", "many/images -o video.avi --mode sketch --sequence",
                     "markers/images -o drawn --mode sketch", "scene.png -o drawn.png --debug-dir stages"],
@@ -51,16 +51,16 @@ MORE = {
     "ar markers": ["markers/images -o marked --csv markers.csv"],
     "people enroll": [f"Cleo {cli_verbs.FACE} --any-quality --gallery new.db"],
 }
-# Runs that take their own earlier output into account (it must be theirs), or that refuse to write over anything.
+# Runs that read their own earlier output (so the old file must be theirs), or that refuse to overwrite.
 READS_OUTPUT = {"landmarks annotate", "sfm reconstruct", "people export"}
-# Tables that grow line by line while a video or a camera is followed, so that what was measured is there whatever happens: the
-# old one is gone with the first line, and a disturbed one is a beginning of the whole one.
+# Tables that grow line by line while a video or camera is processed, so that no measurement is lost. The first line replaces the
+# old table. After a fault the table is a beginning of the complete one.
 STREAMED = {"points.csv", "poses.csv", "markers.csv", "plates.csv"}
-# The second run finds nothing left to do.
+# The second run has no work left.
 STATUS_AGAIN = {"people forget": {0, 1}, "plate log": {0, 1}, "people train": {0, 1}, "people enroll": {0, 1, 3}, "people export": {0, 6},
                 "people name": {0, 3}, "people correct not": {0, 3}, "people correct move": {0, 3}, "people correct merge": {0, 3},
                 "people correct split": {0, 3}, "people correct undo": {0, 3}}
-# The runs of the short version: cheap ones of each kind of output.
+# The runs of the short version: fast ones of each kind of output.
 SHORT = ["cartoon run", "landmarks annotate", "landmarks import", "landmarks train shape", "people enroll", "people forget",
          "people export", "plate log", "ar marker-sheet", "pose solve"]
 
@@ -121,7 +121,7 @@ def run(words, stdin="", fault=None, counts=None, least=None, file_limit=None, k
     return Run(process.returncode, out or "", err)
 
 
-digests = {}  # of what was read before, by place on the disk, size and time of the last change
+digests = {}  # digests of files read before, by place on the disk, size and time of the last change
 
 
 def digest(path):
@@ -134,7 +134,7 @@ def digest(path):
 
 
 def take(source, target):
-    """Puts an input into the folder of a run: as a link, where nothing that works as it should writes into it."""
+    """Puts an input into the folder of a run: as a link if nothing writes into it in normal operation."""
     if is_database(source):
         return shutil.copy2(source, target)
     try:
@@ -152,12 +152,12 @@ def tree():
 
 
 def is_database(path):
-    """What grows and is repaired by its reader; a .journal (landmarks annotate) is one, too."""
+    """Files that grow and are repaired by their reader; a .journal (landmarks annotate) is one too."""
     return path.endswith((".db", ".db-wal", ".db-shm", ".db-journal", ".journal"))
 
 
 def is_unborn(path):
-    """A database that was stopped before its tables were there: an empty one, to be filled by the next run."""
+    """A database that was stopped before its tables existed: empty, to be filled by the next run."""
     try:
         base = sqlite3.connect(path)
         tables = base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
@@ -168,7 +168,7 @@ def is_unborn(path):
 
 
 def is_whole(path):
-    """For outputs that are not the same each time: as far as their kind can tell."""
+    """For outputs that differ each time: compares as far as their kind allows."""
     with open(path, "rb") as file:
         data = file.read()
     if path.endswith(".json"):
@@ -190,7 +190,7 @@ def is_whole(path):
 
 
 class Case:
-    """One verb with one set of words, in a folder of its own."""
+    """One verb with one set of words, in its own folder."""
 
     def __init__(self, verb, words, stdin, inputs):
         self.verb, self.stdin, self.inputs = verb, stdin, inputs
@@ -211,7 +211,7 @@ class Case:
         os.chdir(self.folder)
 
     def learn(self):
-        """Undisturbed runs: what is written, what is the same each time, how often each operation happens."""
+        """Undisturbed runs: which outputs there are, which are the same each time, how often each operation occurs."""
         self.fresh()
         self.before = tree()
         counts = os.path.join(os.path.dirname(self.inputs), "counts.txt")
@@ -253,7 +253,7 @@ class Case:
             lines = [line for line in result.err.splitlines() if not line.startswith("tarsier: warning: ")]
             if len(lines) != 1 or not lines[0].startswith("tarsier: error: "):
                 self.fail(f"not one line of error: {result}", fault)
-            # A database that cannot be opened for reading is bad input, also where the output would have been refused later.
+            # A database that cannot be opened for reading is bad input, also if the output would have been refused later.
             expected = {6} if self.writes and ".db: " not in result.err else {3, 6}
             if not killed and not memory and result.status not in expected:
                 self.fail(f"expected exit status 6: {result}", fault)
@@ -302,7 +302,7 @@ class Case:
                 self.fail(f"{path}: {error}", fault)
 
     def run_again(self, fault):
-        """The same words, undisturbed, where the disturbed run left things."""
+        """The same words, undisturbed, after the disturbed run."""
         result = run(self.words, self.stdin)
         if result.status != self.status and result.status not in STATUS_AGAIN.get(self.verb, ()):
             self.fail(f"the next run: {result}", fault)
@@ -348,7 +348,7 @@ class Case:
         killed = "KILL" in fault or "TEAR" in fault
         tally[kind if not killed else "SIGKILL"] += 1
         tally[f"status {result.status}"] += 1
-        if kind == "stdout":  # words on stdout may be all that failed: the files are there or they are not
+        if kind == "stdout":  # perhaps only text on stdout failed: the files are complete or missing
             if result.status not in (6, self.status):
                 self.fail(f"expected exit status 6: {result}", fault)
         else:

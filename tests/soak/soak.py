@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Hours of live cameras that are killed, frozen and started again, watched by readers that must not grow.
+"""Hours of live cameras that are killed, frozen and started again, watched by readers whose memory must not grow.
 
-A camera (`tarsier cartoon run synth:.. -o http://..`) is killed with SIGKILL or frozen with SIGSTOP at seeded random
-moments and started again. The readers: one that draws the stream and serves the drawing to viewers that come and go, one
-that looks for markers in it, one whose camera is a child process (picam:, its rpicam-vid is played by a script), which is
-killed, too. Every few seconds each reader's memory, descriptors, threads and children go into samples.csv.
+A camera (`tarsier cartoon run synth:.. -o http://..`) is killed with SIGKILL or frozen with SIGSTOP at seeded random moments and
+started again. The readers: one draws the stream and serves the drawing to viewers that come and go; one detects markers in
+it; one has a camera that is a child process (picam:, its rpicam-vid is simulated by a script), which is killed too. Every few
+seconds each reader's memory, descriptors, threads and children are written to samples.csv.
 
-Passed when, for each reader: at rest (nothing killed, no viewers) before the end it has as many descriptors, threads and
-children as at rest in the beginning, no zombies; its own memory (RssAnon), by a straight line through the second half of
-the run, grows by less than GROWTH_KB in that half; frames come again after every kill, within BACK_S; SIGINT ends it with 130.
+Passed if for each reader: at rest (nothing killed, no viewers) before the end it has as many descriptors, threads and children
+as at rest in the beginning, and no zombies; its own memory (RssAnon), by a straight line through the second half of the
+run, grows by less than GROWTH_KB in that half; frames arrive again after every kill, within BACK_S; SIGINT ends it with 130.
 """
 import argparse
 import atexit
@@ -22,10 +22,10 @@ import subprocess
 import sys
 import time
 
-GROWTH_KB = 2048  # over the second half; what the allocator keeps or gives back from one sample to the next is below 1 MB
-BACK_S = 30       # until frames come again; about 2 s on an idle machine. Another interruption meanwhile does not stop the clock
-REST_S = 30       # nothing is killed in the first and the last seconds
-START_S = 180     # until each reader has its first frames; the clock of the run starts then
+GROWTH_KB = 2048  # over the second half; changes of the allocator between samples are below 1 MB
+BACK_S = 30  # until frames arrive again; about 2 s on an idle machine. A further interruption meanwhile does not stop the clock
+REST_S = 30  # nothing is killed in the first and last seconds of this length
+START_S = 180  # until each reader has its first frames; then the clock of the run starts
 TICK_S = 0.2
 
 FAKE_RPICAM = """#!{python}
@@ -48,7 +48,7 @@ def start(words, **how):
 
 
 def end_all():
-    """Whatever ends this script, nothing of it stays."""
+    """Ends all processes, however this script ends."""
     for process in started:
         if process.poll() is None:
             process.kill()
@@ -62,7 +62,7 @@ def free_port():
 
 
 class Reader:
-    """A tarsier that must stay as it is, with what it is measured by."""
+    """A tarsier process whose resources must stay constant, with its measurements."""
 
     def __init__(self, name, words, environment=None):
         self.name = name
@@ -72,9 +72,9 @@ class Reader:
         os.set_blocking(self.process.stdout.fileno(), False)
         self.frames = 0
         self.rest = b""
-        self.waiting_since = None  # the camera is back, its images are not yet
+        self.waiting_since = None  # the camera is back, but no image has arrived yet
         self.delays = []
-        self.newest = self.longest_silence = 0.0  # s, the time of the last frame; of the longest time without one
+        self.newest = self.longest_silence = 0.0  # s, time of the last frame; longest time without a frame
         self.samples = []
 
     def wait_for_frames(self, now):
@@ -148,11 +148,11 @@ class Camera:
 
 
 class Viewers:
-    """Who watches what a reader serves: they come, read for a while, and are gone without a word."""
+    """Viewers of a reader's server: they connect, read for a while, and disconnect without notice."""
 
     def __init__(self, port):
         self.port = port
-        self.open = []  # (socket, when it leaves)
+        self.open = []  # (socket, time to leave)
         self.came = 0
 
     def tick(self, now, dice, may_come):
@@ -179,7 +179,7 @@ class Viewers:
 
 
 def slope(samples, key):
-    """kB a second, of the straight line through the samples."""
+    """kB per second, by a straight line through the samples."""
     times = [s["t"] for s in samples]
     values = [s[key] for s in samples]
     middle, mean = statistics.mean(times), statistics.mean(values)
@@ -188,7 +188,7 @@ def slope(samples, key):
 
 
 def judge(reader, seconds):
-    """A row of figures, and what is wrong."""
+    """A row of figures, and its failures."""
     wrong = []
     at_rest = [s for s in reader.samples if s["t"] < REST_S]
     in_the_end = [s for s in reader.samples if s["t"] > seconds - REST_S + 15]
@@ -296,7 +296,7 @@ def main():
                             pids += file.read().split()
                     except OSError:
                         pass
-                for pid in set(pids):  # the reader's own child, whatever its thread
+                for pid in set(pids):  # the reader's own child, of any of its threads
                     try:
                         os.kill(int(pid), signal.SIGKILL)
                         child_kills += 1

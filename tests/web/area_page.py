@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the areas' pages have in common."""
+"""Common parts of the tests of the areas' pages."""
 
 import os
 import unittest
@@ -7,7 +7,7 @@ import unittest
 import pages
 
 LONG = pages.LONG
-# Every screen of every path at every width, for people who look at them: TARSIER_WEB_LOOK=1.
+# TARSIER_WEB_LOOK=1 saves every screen of every path at every width, for people to look at.
 WIDTHS = (360, 800, 1440) if os.environ.get("TARSIER_WEB_LOOK") else (360,)
 
 
@@ -15,18 +15,18 @@ long = unittest.skipUnless(os.environ.get("TARSIER_TEST_ALL"), "long: ./test --a
 
 
 class AreaPageTest(pages.PageTest):
-    """One server and one browser for all. Tests go in the order of their names."""
+    """One server and one browser for all. Tests run in the order of their names."""
 
     def path(self, name):
-        """A page of a path is judged like all others."""
+        """Checks a page of a path in the same way as all others."""
         self.judge(f"path-{name}", widths=WIDTHS)
 
     def started(self, verb):
-        """How many jobs of a verb there will be with the next one."""
+        """The number of jobs of a verb after the next one is started."""
         return 1 + len(self.jobs_of(verb))
 
     def job_of(self, verb, at_least=1):
-        """The newest job of a verb, when it is over, and so many of them are there."""
+        """The newest job of a verb, once it has ended and the verb has `count` jobs."""
 
         def over():
             jobs = self.jobs_of(verb)
@@ -43,7 +43,7 @@ class AreaPageTest(pages.PageTest):
         return None
 
     def values(self, verb):
-        """What that session says of itself; empty before its first image."""
+        """The state values that this session reports; empty before its first image."""
         return (self.state(verb) or {}).get("state") or {}
 
     def named(self, role, part):

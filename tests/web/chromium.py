@@ -1,4 +1,4 @@
-"""Drives Debian's Chromium over its debugging pipe. The standard library is enough.
+"""Controls Debian's Chromium over its debugging pipe, with the standard library only.
 
     with Browser() as browser:
         page = browser.page("http://127.0.0.1:8765/", width=800)
@@ -7,8 +7,8 @@
         page.screenshot("session.png")
         assert page.complaints() == []
 
-Elements are found as people with a screen reader find them: by role and name of the accessibility
-tree. Waiting asks the page until a condition holds; nothing sleeps for a guessed time.
+Elements are found as users of a screen reader find them: by role and name in the accessibility tree. Waiting repeats a
+condition in the page until it holds; no fixed time is slept.
 """
 
 import base64
@@ -24,11 +24,11 @@ import threading
 import time
 from urllib.parse import urlsplit
 
-TIMEOUT = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a test that fails waits for so long
+TIMEOUT = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a failing test waits this long
 
 
 class BrowserError(Exception):
-    """The browser refused a command, or a page did not do in time what was expected."""
+    """The browser refused a command, or a page did not reach an expected state in time."""
 
 
 def find_chromium():
@@ -55,7 +55,7 @@ _KEYS = {
     " ": (32, " "),
 }
 
-# Tells the driver of broken security policies, and counts what a test may want to know.
+# Reports violated security policies to the driver, and counts events for the tests.
 _WATCH = """
 addEventListener('securitypolicyviolation', (event) => {
   tarsierReport(JSON.stringify({kind: 'csp', text: `${event.violatedDirective} ${event.blockedURI} ` +
@@ -65,7 +65,7 @@ addEventListener('securitypolicyviolation', (event) => {
 
 
 class Browser:
-    """One Chromium with a profile of its own, removed at the end."""
+    """One Chromium with its own profile, which is removed at the end."""
 
     def __init__(self, arguments=(), fake_camera=True):
         path = find_chromium()
@@ -74,7 +74,7 @@ class Browser:
         self._profile = tempfile.mkdtemp(prefix="tarsier-chromium-")
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
-        # The child's ends get high numbers first, so that they cannot be 3 and 4 the wrong way round.
+        # The child's ends first get high numbers. Otherwise they could be 3 and 4 in the wrong order.
         read_end = fcntl.fcntl(to_browser, fcntl.F_DUPFD, 20)
         write_end = fcntl.fcntl(from_browser, fcntl.F_DUPFD, 20)
 
@@ -103,7 +103,7 @@ class Browser:
             "--force-color-profile=srgb",
             "--enable-unsafe-swiftshader",
             "--password-store=basic",
-            # The popup of a page is a page of its own, and hidden windows are drawn like others.
+            # A popup of a page is a page of its own, and hidden windows are drawn like others.
             "--disable-popup-blocking",
         ]
         if os.geteuid() == 0:
@@ -157,7 +157,7 @@ class Browser:
         shutil.rmtree(self._profile, ignore_errors=True)
 
     def send(self, method, parameters=None, session=None, timeout=TIMEOUT):
-        """One command of the DevTools protocol; its result."""
+        """One command of the DevTools protocol; returns its result."""
         with self._lock:
             self._next += 1
             number = self._next
@@ -180,8 +180,8 @@ class Browser:
         return answer.get("result", {})
 
     def page(self, address="about:blank", width=1280, height=800, **options):
-        """A new page; with cookies of its own only if `context` is given. With `window` it stays visible beside others;
-        window=False makes it a tab before those of the last window, which are hidden then."""
+        """A new page; it has its own cookies only if `context` is given. With `window` it stays visible beside others;
+        window=False makes it a tab in front of those of the last window, which are hidden then."""
         parameters = {"url": "about:blank"}
         if "window" in options:
             parameters["newWindow"] = options.pop("window")
@@ -195,7 +195,7 @@ class Browser:
         return page
 
     def new_context(self):
-        """Cookies and storage of their own, for another person."""
+        """Separate cookies and storage, for another user."""
         return self.send("Target.createBrowserContext")["browserContextId"]
 
     def targets(self):
@@ -233,14 +233,14 @@ class Browser:
 
 
 class Page:
-    """A tab. Collects all that it complains of."""
+    """A tab. Collects all its complaints."""
 
     def __init__(self, browser, target, width, height, dark=False, still=True, touch=False):
         self._browser = browser
         self.target = target
         self._complaints = []
         self._requests = []
-        self._posts = set()  # that wait for their answers
+        self._posts = set()  # requests that wait for their answers
         self._own = None  # host of the page
         self._session = browser.send("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]
         browser._pages[self._session] = self
@@ -262,10 +262,10 @@ class Page:
     def close(self):
         self._browser.send("Target.closeTarget", {"targetId": self.target})
 
-    # ---- Where it is ----
+    # ---- Navigation ----
 
     def resize(self, width, height=800, zoom=1):
-        """`zoom` 2 is what a reader sees at 200 %: half the pixels of the page, each twice as large."""
+        """`zoom` 2 is the view at 200 %: half as many CSS pixels, each twice as large."""
         self.width, self.height = width, height
         self.send(
             "Emulation.setDeviceMetricsOverride",
@@ -274,7 +274,7 @@ class Page:
 
     def open(self, address):
         self._own = urlsplit(address).netloc
-        self._posts.clear()  # of the page before
+        self._posts.clear()  # requests of the previous page
         result = self.send("Page.navigate", {"url": address})
         if "errorText" in result:
             raise BrowserError(f"{address}: {result['errorText']}")
@@ -286,10 +286,10 @@ class Page:
         self.wait("!window.tarsierOld && document.readyState === 'complete'")
 
     def hide(self, hidden):
-        """As if the tab were not the front one."""
+        """Behaves as if the tab were in the background."""
         self.send("Page.setWebLifecycleState", {"state": "frozen" if hidden else "active"})
 
-    # ---- Asking ----
+    # ---- Queries ----
 
     def evaluate(self, script, timeout=TIMEOUT):
         """The value of an expression (awaited) in the page."""
@@ -305,7 +305,7 @@ class Page:
         return answer["result"].get("value")
 
     def wait(self, condition, timeout=TIMEOUT, what=None):
-        """Until the expression is true in the page; its value. The page itself looks every 25 ms."""
+        """Waits until the expression is true in the page; returns its value. The page itself checks every 25 ms."""
         end = time.monotonic() + timeout
         script = f"""new Promise((done) => {{
           const until = performance.now() + 1000;
@@ -323,7 +323,7 @@ class Page:
                 if value:
                     return value
             except BrowserError as error:
-                # A navigation ends the question; it is asked again in the new page.
+                # A navigation ends the query; it is repeated in the new page.
                 problem = str(error)
                 if "navigat" not in problem and "context" not in problem.lower():
                     raise
@@ -337,16 +337,16 @@ class Page:
         return self.evaluate(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''")
 
     def wait_posts(self, timeout=TIMEOUT):
-        """Until all that the page sent has been answered."""
+        """Waits until all requests of the page are answered."""
         end = time.monotonic() + timeout
         while True:
-            self.evaluate("new Promise((done) => setTimeout(done, 100))")  # what the page still holds back
+            self.evaluate("new Promise((done) => setTimeout(done, 100))")  # requests that the page delays
             if not self._posts:
                 return
             if time.monotonic() > end:
                 raise BrowserError(f"{len(self._posts)} requests without an answer in {timeout} s")
 
-    # ---- Finding by role and name ----
+    # ---- Finding elements by role and name ----
 
     def find_all(self, role, name=None, contains=None):
         root = self.send("DOM.getDocument", {"depth": 0})["root"]["nodeId"]
@@ -364,7 +364,7 @@ class Page:
         return found
 
     def find(self, role, name=None, contains=None, timeout=TIMEOUT):
-        """The first element of that role and name; waits until it is there."""
+        """The first element with this role and name; waits until it exists."""
         end = time.monotonic() + timeout
         while True:
             try:
@@ -376,14 +376,14 @@ class Page:
             if time.monotonic() > end:
                 names = sorted({one[1] for one in self.find_all(role)})
                 raise BrowserError(f"no {role} {name or contains!r} in {timeout} s; there are: {names[:40]}")
-            # Wait for the page to draw, not for a guessed time.
+            # Waits until the page draws, not for a fixed time.
             self.evaluate("new Promise((done) => setTimeout(done, 40))")
 
     def has(self, role, name=None, contains=None):
         return bool(self.find_all(role, name, contains))
 
     def on(self, node, function):
-        """Calls a function of the page with the element as `this`; its value."""
+        """Calls a function of the page with the element as `this`; returns its value."""
         handle = self.send("DOM.resolveNode", {"backendNodeId": node})["object"]["objectId"]
         answer = self.send(
             "Runtime.callFunctionOn",
@@ -394,10 +394,10 @@ class Page:
             raise BrowserError(answer["exceptionDetails"].get("exception", {}).get("description", "failed"))
         return answer["result"].get("value")
 
-    # ---- Doing ----
+    # ---- Actions ----
 
     def middle(self, node):
-        """Scrolls the element into view; its middle. Refuses an element that another one covers."""
+        """Scrolls the element into view and returns its middle. Refuses an element that another one covers."""
         self.send("DOM.scrollIntoViewIfNeeded", {"backendNodeId": node})
         at = self.on(node, """function () {
           const box = this.getBoundingClientRect();
@@ -436,7 +436,7 @@ class Page:
         self.send("Input.dispatchMouseEvent", {"type": "mouseReleased", "x": x1, "y": y1, "button": "left", "clickCount": 1})
 
     def click(self, role, name=None, contains=None, timeout=TIMEOUT):
-        """A real click of the mouse; tried again while the page still moves things."""
+        """A real mouse click; repeated while the page still moves elements."""
         end = time.monotonic() + timeout
         while True:
             node = self.find(role, name, contains, timeout)
@@ -451,10 +451,10 @@ class Page:
             self.evaluate("new Promise((done) => setTimeout(done, 50))")
 
     def missed(self):
-        """Whether the last click met something else, as the page moved before it came."""
+        """Whether the last click hit another element, because the page moved before it arrived."""
         try:
             return self.evaluate("window.tarsierMissed")
-        except BrowserError:  # it led to another page
+        except BrowserError:  # the click led to another page
             return False
 
     def focus(self, role, name=None, contains=None):
@@ -463,7 +463,7 @@ class Page:
         return node
 
     def fill(self, role, name, text):
-        """Replaces what a field holds, as typing does."""
+        """Replaces the content of a field as typing does."""
         node = self.focus(role, name)
         self.on(node, "function () { this.select?.(); }")
         if text:
@@ -472,7 +472,7 @@ class Page:
             self.press("Delete")
 
     def choose(self, name, value):
-        """An option of a select box."""
+        """Selects an option of a select box."""
         end = time.monotonic() + TIMEOUT
         while True:
             node = self.find("combobox", name)
@@ -515,7 +515,7 @@ class Page:
         self.send("Input.dispatchKeyEvent", down)
         self.send("Input.dispatchKeyEvent", dict(base, type="keyUp"))
 
-    # ---- Judging ----
+    # ---- Checks ----
 
     def screenshot(self, path, full=True):
         parameters = {"format": "png", "captureBeyondViewport": full}
@@ -531,7 +531,7 @@ class Page:
         return path
 
     def overflow(self):
-        """Pixels that the page is wider than its window; what sticks out."""
+        """By how many pixels the page is wider than its window; which elements reach out."""
         return self.evaluate("""(() => {
           const wide = document.documentElement.scrollWidth - innerWidth;
           if (wide <= 0) return null;
@@ -542,7 +542,7 @@ class Page:
         })()""")
 
     def axe(self, source, rules=None):
-        """Findings of axe-core that are serious or critical, one line each; of these rules alone, if given."""
+        """Serious or critical findings of axe-core, one line each; of these rules only, if given."""
         if not self.evaluate("typeof axe !== 'undefined'"):
             self.send("Runtime.evaluate", {"expression": source})
         tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
@@ -561,7 +561,7 @@ class Page:
         ]
 
     def complaints(self):
-        """Errors of the console, broken policies, requests to other hosts since the last call."""
+        """Console errors, violated policies, and requests to other hosts since the last call."""
         found, self._complaints = self._complaints, []
         return found
 

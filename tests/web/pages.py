@@ -1,4 +1,4 @@
-"""The real server with a workspace of its own, for tests. The standard library is enough."""
+"""The real server with its own workspace, for tests, with the standard library only."""
 
 import atexit
 import json
@@ -23,9 +23,9 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(os.path.dirname(HERE))
 CLIENT = os.path.join(ROOT, "apps", "web", "client")
 DIST = os.path.join(ROOT, "apps", "web", "dist")
-SKIPPED = 77  # what ctest counts as skipped
-LONG = 240  # s, of work on a busy machine
-# What was on its way when its session or camera was ended: on a busy machine the server hears of the end first.
+SKIPPED = 77  # ctest treats this status as skipped
+LONG = 240  # s, for work on a busy machine
+# Requests that were pending when their session or camera ended. On a busy machine the server notices the end first.
 LATE = re.compile(r"404 \(Not Found\) \S+/api/(sessions/\w+(/stages\b|$)|viewer-cameras/\w+/frame)")
 
 BIN = os.environ.get("TARSIER_SERVE_BIN", os.path.join(ROOT, "build", "release", "bin"))
@@ -49,14 +49,14 @@ class Server:
         self.start()
 
     def start(self):
-        self.fresh = True  # its first link has not been used
+        self.fresh = True  # its first link is not used yet
         self.port = free_port()
         self.origin = f"http://127.0.0.1:{self.port}"
         self.log = []
         self._links = queue.Queue()
         command = [os.path.join(BIN, "tarsier"), "serve", "--workspace", self.workspace, "--port", str(self.port),
                    "--no-browser", *self.arguments]
-        if os.environ.get("TARSIER_WEB_ASSETS"):  # pages from a folder instead of the program's own
+        if os.environ.get("TARSIER_WEB_ASSETS"):  # pages from a folder instead of those in the program
             command += ["--assets", os.environ["TARSIER_WEB_ASSETS"]]
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -71,7 +71,7 @@ class Server:
             self.stop()
             raise RuntimeError("the server printed no link:\n" + "\n".join(self.log))
 
-    def _read(self, stream, links):  # its own: the server may have been started again meanwhile
+    def _read(self, stream, links):  # separate arguments: the server may have been restarted meanwhile
         for line in stream:
             self.log.append(line.rstrip())
             found = re.search(r"https?://\S+#t=\S+", line)
@@ -91,7 +91,7 @@ class Server:
         return found.group(0)
 
     def call(self, path, data=None, method=None, kind="application/json"):
-        """A request as a program makes it: with the workspace's token. Status and decoded body."""
+        """A request as a program makes it, with the workspace's token. Returns status and decoded body."""
         with open(os.path.join(self.workspace, ".studio", "api-token"), encoding="utf-8") as file:
             token = file.read().strip()
         body = json.dumps(data).encode() if isinstance(data, (dict, list)) else data
@@ -125,7 +125,7 @@ class Server:
 
 
 def axe_source():
-    """axe-core of the client's packages, or None where they are not installed."""
+    """axe-core from the client's packages, or None if they are not installed."""
     path = os.path.join(CLIENT, "node_modules", "axe-core", "axe.min.js")
     if not os.path.exists(path):
         return None
@@ -133,15 +133,15 @@ def axe_source():
         return file.read()
 
 
-# Images of every screen, for people who look at them, take a quarter of a browser's time: TARSIER_WEB_LOOK=1.
+# Screenshots of every screen for people take a quarter of a browser's time: TARSIER_WEB_LOOK=1.
 LOOK = bool(os.environ.get("TARSIER_WEB_LOOK"))
-# Where nobody asks for more, pages are judged as a phone shows them; `./test --all` judges all of these widths.
+# By default, pages are checked at the width of a phone; `./test --all` checks them at all these widths.
 ALL = LOOK or bool(os.environ.get("TARSIER_TEST_ALL"))
 WIDTHS = (360, 800, 1440) if ALL else (360,)
 
 
 def shot(page, name):
-    """A screenshot for people, where they want them: OUT/name.png."""
+    """A screenshot for people, if requested: OUT/name.png."""
     if LOOK:
         page.screenshot(os.path.join(OUT, f"{name}.png"))
 
@@ -159,8 +159,8 @@ atexit.register(_close_shared)
 
 
 class PageTest(unittest.TestCase):
-    """One browser and one server for all tests of a file, a page for each class. A class with
-    `server_arguments`, or with `own_server`, has a server of its own. Each test must end without complaint."""
+    """One browser and one server for all tests of a file, and a page for each class. A class with `server_arguments` or
+    `own_server` has its own server. Each test must end without complaints."""
 
     server_arguments = ()
     own_server = False
@@ -181,7 +181,7 @@ class PageTest(unittest.TestCase):
                 _shared["server"] = Server()
             cls.server = _shared["server"]
         try:
-            # Cookies of its own: a port that is used again must not find those of another server.
+            # Separate cookies: a port that is used again must not find those of another server.
             cls.context = cls.browser.new_context()
             cls.page = cls.browser.page(width=1440, height=900, context=cls.context)
             cls.sign_in(cls.page, cls.server.link if cls.server.fresh else cls.server.new_link())
@@ -201,7 +201,7 @@ class PageTest(unittest.TestCase):
 
     @classmethod
     def sign_in(cls, page, link=None):
-        # The page "api" asks the server for little.
+        # The page "api" makes few requests to the server.
         page.open((link or cls.server.link).replace("/#t=", "/api#t="))
         page.wait("document.querySelector('main[data-page=api][data-ready=yes]')", what="signed in")
 
@@ -212,7 +212,7 @@ class PageTest(unittest.TestCase):
         self.assertEqual([one for one in self.page.complaints() if not LATE.search(one)], [])
 
     def until(self, what, condition):
-        """What `condition` gives when it is true; only a test that fails waits for as long as LONG."""
+        """Waits until `condition` is true and returns its value; only a failing test waits for LONG."""
         end = time.monotonic() + LONG
         while time.monotonic() < end:
             value = condition()
@@ -230,8 +230,8 @@ class PageTest(unittest.TestCase):
         self.page.wait("document.querySelector('main[data-ready=yes]')", what=f"page {path}")
 
     def judge(self, name, widths=WIDTHS):
-        """Screenshots at each width, light and dark, where somebody wants them; no sideways scrolling; nothing serious for axe on the
-        narrowest and the widest, in light and dark."""
+        """Screenshots at each width, light and dark, if requested. Checks that the page does not scroll sideways, and that axe
+        finds nothing serious at the narrowest and the widest, in light and dark."""
         source = axe_source()
         for width in sorted({*widths, 360, 800, 1440}) if LOOK else widths:
             self.page.resize(width, 800)
@@ -246,7 +246,7 @@ class PageTest(unittest.TestCase):
                 self.assertEqual(self.page.axe(source), [], f"{name} at {width} px")
         self.page.evaluate("document.documentElement.dataset.theme = 'dark'")
         if source:
-            # Where the light page was judged at this width, the dark one differs in its colours.
+            # After the light page was checked at this width, the dark page differs only in colours.
             rules = None if ALL and len(widths) > 1 else ["color-contrast"]
             self.assertEqual(self.page.axe(source, rules), [], f"{name}, dark")
         self.page.evaluate("delete document.documentElement.dataset.theme")
@@ -256,7 +256,7 @@ class PageTest(unittest.TestCase):
 
 
 def main():
-    """Runs the tests of the calling file; 77 and one line where there is nothing to run them with."""
+    """Runs the tests of the calling file; 77 and one line if nothing is available to run them with."""
     if chromium.find_chromium() is None:
         print("skipped: no chromium on this machine (apt-get install chromium)")
         sys.exit(SKIPPED)

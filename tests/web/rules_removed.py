@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Takes the studio's security rules out, one by one, and demands that a test fails each time.
+"""Removes the studio's security rules, one by one, and checks that a test fails each time.
 
-    tests/web/rules_removed.py [--build build/release] [--table FILE] [NAME ..]
-    tests/web/rules_removed.py --check      only whether each patch still finds its place
+tests/web/rules_removed.py [--build build/release] [--table FILE] [NAME ..]
+tests/web/rules_removed.py --check      only checks that each patch still finds its place
 
-Works on a copy of apps/web/server and of what compares secrets. Each patch puts a rule under a condition, so that the environment
-(TARSIER_RULE_OUT=NAME) takes it out at run time: the files that hold rules are compiled once, and the server and the
-unit tests are linked once. With no rule out, every test must pass; with one out, the test that is named with it must fail.
+Works on a copy of apps/web/server and of the comparison of secrets. Each patch puts a rule under a condition, so that the
+environment (TARSIER_RULE_OUT=NAME) disables it at run time. So the files with rules are compiled once, and server and unit
+tests are linked once. With all rules, every test must pass; with a rule disabled, the test named with it must fail.
 """
 
 import argparse
@@ -23,11 +23,11 @@ import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SERVER = os.path.join(ROOT, "apps", "web", "server")
-# Holds a rule, too: what compares secrets.
+# The comparison of secrets contains a rule too.
 SERVICE = os.path.join(ROOT, "src", "tarsier", "media", "http_service.cpp")
 HERE = os.path.join(ROOT, "tests", "web")
 
-# What a patch may say: rule_is_out("name").
+# The condition of a patch: rule_is_out("name").
 SWITCH = """#include <cstdlib>
 #include <string_view>
 namespace {
@@ -47,9 +47,9 @@ def header(name, rule, what):
             "test_answers_carry_the_policy")
 
 
-# (rule, what it says, [(text, text with the rule under a condition)], file of the test, test)
+# (rule, its description, [(text, text with the rule under a condition)], file of the test, test)
 RULES = [
-    # Where it listens.
+    # Listening addresses.
     ("loopback", "listens on 127.0.0.1 and ::1 alone",
      [('    ListenAddress four = parse_listen_address(text("127.0.0.1", options.port));\n'
        '    http.sockets.push_back(listen_on(text("127.0.0.1", options.port), four));',
@@ -64,7 +64,7 @@ RULES = [
      [("::open(key_path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);",
        '::open(key_path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, rule_is_out("tls-key") ? 0644 : 0600);')],
      SECURITY, "test_tls_with_a_certificate_of_its_own"),
-    # Who may speak.
+    # Access.
     ("token-file", "the API token lies in a file of mode 0600",
      [("O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);\n  if (fd < 0) throw OutputError(temporary",
        'O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, rule_is_out("token-file") ? 0644 : 0600);\n'
@@ -281,7 +281,7 @@ RULES = [
      [("std::string LiveSession::without_secrets(std::string text) const {\n",
        "std::string LiveSession::without_secrets(std::string text) const {\n  if (rule_is_out(\"masks\")) return text;\n")],
      UNIT, "LiveSession.MasksSecrets"),
-    # Caps.
+    # Limits.
     ("per-address", "64 connections of one address",
      [("if (same > options_.max_per_address) {", 'if (same > options_.max_per_address && !rule_is_out("per-address")) {')],
      SECURITY, "test_200_clients_take_nothing_from_others"),
@@ -315,7 +315,7 @@ RULES = [
     ("slow-reader", "a slow viewer gets fewer images: none waits for it",
      [("  const int unsent = kUnsent;\n", '  if (rule_is_out("slow-reader")) return;\n  const int unsent = kUnsent;\n')],
      SECURITY, "test_a_viewer_that_stops_reading_finds_new_images"),
-    # What is kept of it.
+    # Stored data.
     ("audit", "sign-in, enrolment, forgetting and export are in the audit log",
      [("  nlohmann::json line = details.is_object() ? details : nlohmann::json::object();\n",
        '  if (rule_is_out("audit")) return;\n  nlohmann::json line = details.is_object() ? details : nlohmann::json::object();\n')],
@@ -327,12 +327,12 @@ RULES = [
 
 
 class Problem(Exception):
-    """A patch that finds no place, a build that fails, a test that does not do what it must."""
+    """A patch without a place, a failed build, or a test with the wrong outcome."""
 
 
 def patched_sources(rules):
-    """{file: text} of the files that hold these rules, each rule under its condition."""
-    # Rules of one line share the patch of the first of them.
+    """{file: text} of the files with these rules, each rule under its condition."""
+    # Rules on the same line share the patch of the first one.
     shared = {row[2] for row in rules if isinstance(row[2], str)}
     rules = [row for row in RULES if row in rules or row[0] in shared]
     texts = {}
@@ -358,7 +358,7 @@ def commands(build, *arguments):
 
 
 def run_all(work, jobs):
-    """Runs commands of the shell, two at a time."""
+    """Runs shell commands, two at a time."""
     waiting, running = list(work), []
     while waiting or running:
         while waiting and len(running) < jobs:
@@ -372,7 +372,7 @@ def run_all(work, jobs):
 
 
 def build_scratch(build, scratch, rules, jobs):
-    """The server and its unit tests with these rules under their conditions, in scratch/bin."""
+    """Builds the server and its unit tests with these rules under their conditions, in scratch/bin."""
     sources = os.path.join(scratch, "server")
     shutil.copytree(SERVER, sources)
     with open(os.path.join(build, "compile_commands.json"), encoding="utf-8") as file:
@@ -392,17 +392,17 @@ def build_scratch(build, scratch, rules, jobs):
     links = []
     for target in ("tarsier-serve", "web_test"):
         words = commands(build, target).strip().splitlines()[-1]
-        # What stands before the archive is taken instead of the archive's own.
+        # Objects before the archive are linked instead of the archive's own.
         words = words.replace(f"-o bin/{target}", f"-o {os.path.join(binaries, target)}")
         links.append((re.sub(r" (?=apps/web/libtarsier_web\.a)", " " + " ".join(objects) + " ", words, count=1), build))
     run_all(links, jobs)
-    # The program looks for its companion beside itself.
+    # The program looks for its companion in its own folder.
     shutil.copy(os.path.join(build, "bin", "tarsier"), binaries)
     return binaries
 
 
 def run_test(binaries, file, test, rule, scratch):
-    """Whether it passed, and what it said."""
+    """Whether the test passed, and its output."""
     environment = {**os.environ, "TARSIER_SERVE_BIN": binaries, "TARSIER_RULE_OUT": rule, "TARSIER_WEB_BUILD": scratch, "WORK": scratch,
                    "TARSIER_MODELS": os.path.join(ROOT, "models")}
     if file == UNIT:
@@ -419,7 +419,7 @@ def run_test(binaries, file, test, rule, scratch):
 
 
 def why(output):
-    """The line that says what failed."""
+    """The line that names the failure."""
     lines = [line.strip() for line in output.splitlines() if re.search(r"^FAIL |AssertionError|^\S*Error: |Failure$|FAILED", line.strip())]
     return lines[0][:160] if lines else output.strip().splitlines()[-1][:160] if output.strip() else "nothing"
 

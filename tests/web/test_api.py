@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""The interface that the studio describes: every curl example is run, every verb that takes images answers with its
-schema, and the figures are what Prometheus reads."""
+"""The documented interface of the studio: every curl example is run, every verb that accepts images answers with its schema,
+and Prometheus can read the metrics."""
 
 import json
 import os
@@ -26,7 +26,7 @@ def draw(*words):
 
 
 def check(value, schema, schemas, where="answer"):
-    """What of JSON Schema the description uses."""
+    """The part of JSON Schema that the description uses."""
     if "$ref" in schema:
         return check(value, schemas[schema["$ref"].rsplit("/", 1)[1]], schemas, where)
     types = schema.get("type", [])
@@ -79,7 +79,7 @@ class ApiTest(unittest.TestCase):
             return error.code, error.headers, error.read()
 
     def job(self, request):
-        """A job that is over."""
+        """A job that has ended."""
         name = self.server.call("/api/jobs", request)[1]["id"]
         end = time.monotonic() + 60
         while self.server.call(f"/api/jobs/{name}")[1]["state"] in ("queued", "running") and time.monotonic() < end:
@@ -111,7 +111,7 @@ class ApiTest(unittest.TestCase):
         run("post", "/api/sets/{name}/files")
         for path in ("/api/sets", sets, file):
             run("get", path)
-        # Verbs on images; some need what others made.
+        # Verbs on images; some need the results of others.
         self.assertEqual(self.server.call("/api/run", {"verb": "people enroll", "inputs": ["Ann", "set:holiday/photo.jpg"],
                                                        "flags": {"--any-quality": True}})[1]["exit"], 0)
         with open(os.path.join(self.folder, "cover.jpg"), "rb") as cover:
@@ -124,7 +124,7 @@ class ApiTest(unittest.TestCase):
         for path in sorted(verbs):
             run("post", path)
         run("post", "/api/run")
-        # Jobs: that of the description is long and needs other images, so it is cancelled.
+        # Jobs: the job of the description is long and needs other images, so it is cancelled.
         run("post", "/api/jobs")
         newest = self.server.call("/api/jobs")[1]["jobs"][0]["id"]
         self.server.call(f"/api/jobs/{newest}/cancel", {})
@@ -136,7 +136,7 @@ class ApiTest(unittest.TestCase):
         run("post", one + "/cancel", JOB=long)
         run("post", one + "/again", JOB=drawn)
         run("delete", one, JOB=drawn)
-        # Live.
+        # Live sessions.
         run("post", "/api/sessions")
         session = self.server.call("/api/sessions")[1]["sessions"][0]["id"]
         for method, path in (("get", "/api/sessions"), ("get", "/api/sessions/{id}"), ("post", "/api/sessions/{id}/events"),
@@ -147,11 +147,11 @@ class ApiTest(unittest.TestCase):
             threading.Event().wait(0.1)
         run("get", "/api/sessions/{id}/snapshot.jpg", SESSION=session)
         run("get", "/api/sessions/{id}/stages", SESSION=session)
-        # 204 where the next frame is late: on a busy machine it is asked for again.
+        # 204 if the next frame is late. On a busy machine the request is repeated.
         stages = os.path.join(self.folder, "stages.bin")
         while time.monotonic() < end + 60 and not (os.path.exists(stages) and os.path.getsize(stages)):
             run("get", "/api/sessions/{id}/stages", SESSION=session)
-        run("get", "/api/sessions/{id}/stream.mjpg", 28, SESSION=session)  # it has no end: curl's time is over
+        run("get", "/api/sessions/{id}/stream.mjpg", 28, SESSION=session)  # endless stream: curl ends by its time limit
         run("get", "/api/live", 28, SESSION=session)
         for name in ("snapshot.jpg", "stream.mjpg", "live.bin", "stages.bin"):
             self.assertGreater(os.path.getsize(os.path.join(self.folder, name)), 1000, name)
@@ -160,7 +160,7 @@ class ApiTest(unittest.TestCase):
         camera = self.server.call("/api/viewer-cameras", {})[1]["id"].removeprefix("viewer:")
         run("post", "/api/viewer-cameras/{id}/frame", VIEWER=camera)
         run("delete", "/api/viewer-cameras/{id}", VIEWER=camera)
-        # The rest.
+        # Other requests.
         draw("cartoon", "run", "synth:scene?frames=1", "--mode", "none", "-o", os.path.join(self.server.workspace, "x.png"))
         shutil.move(os.path.join(self.server.workspace, "x.png"), os.path.join(self.server.workspace, "camera.yaml"))
         for path in ("/api/state", state, "/metrics", "/healthz", "/api/info", "/api/help", "/api/openapi.json", "/api/audit", "/api/session"):
@@ -169,15 +169,15 @@ class ApiTest(unittest.TestCase):
         run("delete", file)
         run("delete", sets)
         run("get", "/api/sign-ins")
-        run("post", "/api/api-token", 22)  # refused to a program
+        run("post", "/api/api-token", 22)  # refused for a program
         for _ in range(2):
             self.server.call("/api/session", {"token": self.server.new_link().split("#t=")[1]})
         signed_in = self.server.call("/api/sign-ins")[1]["sign_ins"]
         self.assertEqual(len(signed_in), 2)
         run("delete", "/api/sign-ins/{id}", SIGN_IN=signed_in[0]["id"])
         run("delete", "/api/sign-ins")
-        run("post", "/api/session", 22)  # the token of the example is none
-        done.add(("delete", "/api/session"))  # of a browser's cookie
+        run("post", "/api/session", 22)  # the token of the example is not valid
+        done.add(("delete", "/api/session"))  # needs a browser's cookie
         self.assertEqual(set(everything) - done, set(), "examples that nobody ran")
 
     def test_every_verb_answers_with_its_schema(self):

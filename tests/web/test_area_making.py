@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Whole paths through the pages that make something of images: a reconstruction, annotations, a trained model, a
-calibrated camera. On the real server, with drawn scenes, people and boards."""
+"""Complete workflows through the pages that make results from images: a reconstruction, annotations, a trained model, a
+calibrated camera. On the real server, with synthetic scenes, people and boards."""
 
 import glob
 import json
@@ -37,7 +37,7 @@ class AreaMaking(AreaPageTest):
         self.page.wait("Number(document.querySelector('.cloud canvas')?.dataset.drawn) > 1000", 60, "a drawn cloud")
         self.path("reconstruct")
 
-        # By keys: the view turns, and a point is shown in its images.
+        # By keys: the view rotates, and a point is shown in its images.
         self.page.focus("application", contains="Cloud of")
         before = self.page.evaluate("document.querySelector('.cloud canvas').toDataURL().length")
         for key in ("ArrowLeft", "ArrowUp", "0"):
@@ -66,7 +66,7 @@ class AreaMaking(AreaPageTest):
         self.large_cloud(job)
 
     def measure_by_clicks(self):
-        """Two clicks on what is shown, left and right of the middle, measure."""
+        """Two clicks, left and right of the middle, measure a distance."""
         self.page.evaluate("document.querySelector('.cloud canvas').scrollIntoView({block: 'center'})")
         left, top, width, height = self.page.evaluate(
             "(() => { const b = document.querySelector('.cloud canvas').getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()")
@@ -76,7 +76,7 @@ class AreaMaking(AreaPageTest):
         return float(re.search(r"Distance: ([\d.]+) m", self.page.text(".cloud")).group(1))
 
     def dense_and_surface(self, job):
-        """The dense cloud and the surface that the same job made, in the same view, cut and measured as the points are."""
+        """The dense cloud and the surface of the same job, in the same view, cropped and measured like the points."""
         shown = "document.querySelector('.cloud canvas').dataset.shown"
         drawn = "Number(document.querySelector('.cloud canvas').dataset.drawn)"
         points = int(re.search(r"(\d+) points, each", self.page.text("main")).group(1))
@@ -105,7 +105,7 @@ class AreaMaking(AreaPageTest):
         self.assertEqual((status, glb[:4]), (200, b"glTF"))
 
     def cut_box(self):
-        """A part of the cloud, by keys and by numbers; the file has what the page counts."""
+        """Part of the cloud, chosen by keys and by numbers. The file has the number of points that the page shows."""
         inside = "Number(document.querySelector('.cut-box [data-inside]').dataset.inside)"
         drawn = "Number(document.querySelector('.cloud canvas').dataset.drawn)"
         every = self.page.evaluate(drawn)
@@ -117,7 +117,7 @@ class AreaMaking(AreaPageTest):
         for _ in range(20):
             self.page.press("ArrowRight")
         self.page.wait(f"{inside} < {first}", what="fewer points")
-        # The scale of before makes them metres.
+        # The scale set before makes them metres.
         self.page.evaluate("""(() => { const one = document.querySelector('[data-number=y-high]');
           one.value = String(Number(document.querySelector('[data-number=y-low]').value) - 1);
           one.dispatchEvent(new Event('change', {bubbles: true})); })()""")
@@ -146,12 +146,12 @@ class AreaMaking(AreaPageTest):
         self.path("reconstruct-cut")
 
     def drag_box(self, inside, every):
-        """A face of the cut box, dragged by its handle in the image, then moved by keys."""
+        """Drags a face of the crop box by its handle in the image, then moves it by keys."""
         self.page.evaluate("document.querySelector('.cloud canvas').scrollIntoView({block: 'center'})")
         self.page.focus("application", contains="Cloud of")
         self.page.press("0")
         self.page.wait("JSON.parse(document.querySelector('.cloud canvas').dataset.handles)['x-high']", what="handles")
-        self.page.evaluate("new Promise((done) => setTimeout(done, 400))")  # the view comes to rest
+        self.page.evaluate("new Promise((done) => setTimeout(done, 400))")  # until the view rests
         place = """(() => { const canvas = document.querySelector('.cloud canvas'), box = canvas.getBoundingClientRect();
           const at = JSON.parse(canvas.dataset.handles); const to = (name) => [box.left + at[name][0], box.top + at[name][1]];
           return {high: to('x-high'), low: to('x-low')}; })()"""
@@ -196,7 +196,7 @@ class AreaMaking(AreaPageTest):
 
     @long
     def test_reconstruct_watch_it_grow(self):
-        """The model grows before the viewer's eyes."""
+        """The model grows while it is viewed."""
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
             subprocess.run(
@@ -219,7 +219,7 @@ class AreaMaking(AreaPageTest):
         self.page.click("button", "End" if self.page.has("button", "End") else "Close")
 
     def large_cloud(self, job):
-        """A cloud of 100 000 points is read beside the page and turns in software rendering."""
+        """A cloud of 100 000 points is loaded beside the page and rotates in software rendering."""
         points = os.path.join(self.server.workspace, "jobs", job["id"], "files", "model", "points3D.txt")
         with open(points, encoding="utf-8") as file:
             lines = [line.split() for line in file if not line.startswith("#")]
@@ -238,7 +238,7 @@ class AreaMaking(AreaPageTest):
         self.assertLess(float(moving["ms"]), 500)
         self.page.wait("Number(document.querySelector('.cloud canvas').dataset.drawn) === 100000", 20, "all points at rest")
 
-    KEEP = [36, 39, 42, 45, 30, 48, 54, 33]  # of the 68 points of the truth
+    KEEP = [36, 39, 42, 45, 30, 48, 54, 33]  # of the 68 points of the ground truth
 
     MIRROR = [(0, 3), (1, 2), (5, 6), (4, 4), (7, 7)]
 
@@ -250,7 +250,7 @@ class AreaMaking(AreaPageTest):
         return {os.path.basename(one["image"]): [one["points"][i] for i in self.KEEP] for one in lines}
 
     def click_image(self, x, y):
-        """A click at a pixel of the image."""
+        """Clicks a pixel of the image."""
         session = self.state("landmarks annotate")
         x0, y0, scale = session["state"]["view"]
         box = self.page.evaluate("""(() => { const c = document.querySelector('.annotate-image canvas');
@@ -273,12 +273,12 @@ class AreaMaking(AreaPageTest):
         for n, (x, y) in enumerate(points[:7]):
             self.click_image(x, y)
             self.at("points", n + 1)
-        # One click is taken back and comes again.
+        # One click is undone and redone.
         self.page.click("button", "Undo")
         self.at("points", 6)
         self.page.click("button", "Redo")
         self.at("points", 7)
-        # The last point by keys alone: the cross is moved to it, Enter clicks.
+        # The last point by keys only: the cross is moved to it, and Enter clicks.
         session = self.state("landmarks annotate")
         x0, y0, scale = session["state"]["view"]
         self.page.focus("application", contains="Cross at")
@@ -294,7 +294,7 @@ class AreaMaking(AreaPageTest):
         self.at("points", 8)
         self.path("annotate-points")
 
-        # The kill of the program loses nothing: the journal has every click.
+        # Killing the program loses nothing: the journal has every click.
         self.page.click("button", "Mirror images")
         self.at("stage", "symmetry")
         for a, b in self.MIRROR:
@@ -333,7 +333,7 @@ class AreaMaking(AreaPageTest):
         self.path("train-worst")
 
     def drag_points(self, truth):
-        """Proposals that are off are dragged to where they belong, by their places if the session tells them."""
+        """Wrong proposals are dragged to the right places, by their positions if the session reports them."""
         session = self.state("landmarks annotate")
         places = session["state"].get("places")
         if not places:
@@ -359,7 +359,7 @@ class AreaMaking(AreaPageTest):
                        LONG, "drawn heads")
         self.page.fill("spinbutton", "Hold out", "3")
         self.page.click("button", "Train")
-        self.page.wait_text("aam train, ", LONG)  # until then an earlier training is shown, with its own "Judge it"
+        self.page.wait_text("aam train, ", LONG)  # until then the page shows an earlier training, with its own "Judge it"
         self.page.click("button", "Judge it", timeout=LONG)
         self.page.fill("spinbutton", "Held out", "3")
         self.page.click("button", "Judge")
@@ -369,7 +369,7 @@ class AreaMaking(AreaPageTest):
             ["What", "Mine", "What ships", "Better"])
         self.path("train-compare")
 
-        # The new model takes the place of the one that ships, for what starts from now on.
+        # From now on the new model replaces the installed one.
         self.page.wait_text("Of ")
         self.page.click("button", "Install")
         self.page.click("button", "Install it")
@@ -388,7 +388,7 @@ class AreaMaking(AreaPageTest):
         status, session = self.server.call("/api/sessions", {"verb": "aam fit", "inputs": ["synth:portrait?live=1"]})
         self.until("the session falls over it, too", lambda: self.server.call(f"/api/sessions/{session['id']}")[1]["exit"] == 5)
         os.rename(kept, own)
-        # A file that is no such model is refused, and leaves what is installed.
+        # A file that is not such a model is refused and does not change the installed model.
         reference = [one for one in self.server.call("/api/jobs")[1]["jobs"] if one["verb"] == "pose synth"][0]["id"]
         answer = self.server.call("/api/run", {"verb": "models install", "inputs": [f"job:{reference}/heads/set.json"]})[1]
         self.assertEqual(answer["exit"], 5, answer)

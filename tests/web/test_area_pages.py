@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""The pages of the areas, empty, and whole paths through those of people, plates and exploring, as a user goes them: on
-the real server, with drawn people and streets."""
+"""The pages of the areas, empty, and complete workflows through those of people, plates and exploring, as a user does them.
+On the real server, with synthetic people and streets."""
 
 import json
 import os
@@ -77,29 +77,29 @@ class AreaPages(AreaPageTest):
         self.page.wait("!document.body.innerText.includes('Forget Ann')")
 
     def people(self):
-        """How many faces each person has, as the program says."""
+        """The number of faces of each person, as the program reports it."""
         lines = self.server.call("/api/run", {"verb": "people list", "inputs": [], "flags": {}})[1]["lines"]
         return {one["name"]: one["faces"] for one in lines}
 
     def faces_of(self, name):
-        """Opens the dialog of a person's faces. The names of the boxes to tick."""
+        """Opens the dialog of a person's faces. Returns the names of the check boxes."""
         self.page.click("button", f"Faces of {name}")
         self.page.find("checkbox", contains="Face ")
         return [one for _, one, _ in self.page.find_all("checkbox") if one.startswith("Face ")]
 
     def first_button(self, beginning):
-        """The whole name of the first button that begins so, once there is one."""
+        """The whole name of the first button whose name begins with this text; waits for it."""
         self.page.find("button", contains=beginning)
         return next(name for _, name, _ in self.page.find_all("button") if name.startswith(beginning))
 
     def undo_last(self):
-        """Takes the newest correction back that holds."""
+        """Undoes the newest active correction."""
         undo = self.first_button("Undo correction")
         self.page.click("button", undo)
         self.page.wait(f"!document.querySelector('[aria-label={json.dumps(undo)}]')", 30, "taken back")
 
     def correct_named(self, one, other):
-        """Faces of people who are named: split off, moved, not theirs, two names merged; each is taken back."""
+        """Faces of named people: split off, moved, ruled out, two names merged. Each correction is undone."""
         before = self.people()
         boxes = self.faces_of(one)
         self.assertEqual(len(boxes), before[one])
@@ -140,13 +140,14 @@ class AreaPages(AreaPageTest):
         self.assertEqual(self.people(), before)
 
     def groups_there(self, count):
-        """So many groups, and all other lists of the page are up to date: a row more above would move what is clicked next."""
+        """Waits for this number of groups, and for all other lists of the page: a new row above would move the next click's
+        target."""
         self.page.wait("[...document.querySelectorAll('button')].filter((one) => "
                        f"one.getAttribute('aria-label')?.startsWith('Name group')).length === {count}", what=f"{count} groups")
         self.page.wait_posts()
 
     def test_people_groups_named_merged_corrected(self):
-        """Unknown faces: grouped, named, merged, "not this person", and each taken back."""
+        """Unknown faces: grouped, named, merged, "not this person". Each is undone."""
         status, job = self.server.call("/api/jobs", {
             "verb": "pose synth", "flags": {"--output": "out:strangers", "--count": 3, "--seed": 1, "--size": "320x240",
                                             "--near": 450, "--far": 500}})
@@ -167,7 +168,7 @@ class AreaPages(AreaPageTest):
         buttons = [name for _, name, _ in self.page.find_all("button") if name.startswith("Name group")]
         self.assertEqual(len(buttons), 3)
 
-        # A face of a group that is somebody else's.
+        # A face in a group that belongs to another person.
         boxes = self.faces_of("group " + buttons[0].split()[-1])
         self.assertEqual(len(boxes), 2)
         self.page.click("checkbox", boxes[0])
@@ -309,7 +310,7 @@ class AreaPages(AreaPageTest):
         self.page.slide(name, 2)
         self.until("the face has changed", lambda: any(
             abs(value) > 1.5 for value in self.values("aam explore").get("shape", [])))
-        # All modes have a slider, the further ones on request.
+        # All modes have a slider; further sliders appear on request.
         every = len(self.server.call(f"/api/sessions/{self.state('aam explore')['id']}")[1]["sliders"])
         self.assertGreater(every, 8)
         self.assertEqual(len(self.page.find_all("slider")), 8)

@@ -1,6 +1,7 @@
-"""The committed pages are what their sources make; the unit tests of the client pass (scripts/lint.sh has its other checks).
+"""The committed pages equal the output of their sources, and the client's unit tests pass.
 
-Needs node and the client's packages (npm ci); else it is skipped: a build of the program needs neither.
+Needs node and the client's packages (npm ci); otherwise it is skipped, since a build of the program needs neither.
+scripts/lint.sh has the client's other checks.
 """
 
 import filecmp
@@ -15,10 +16,10 @@ import pages
 
 
 def packages():
-    """Whether the client's packages are there, or could be had."""
+    """Whether the client's packages are installed or can be installed."""
     if not shutil.which("node") or not shutil.which("npm"):
         return "no node and npm on this machine"
-    # What npm installed is described by its own lock file; it is there when the installation was whole.
+    # npm writes its own lock file when the installation is complete.
     if os.path.exists(os.path.join(pages.CLIENT, "node_modules", ".package-lock.json")):
         return None
     got = subprocess.run(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=pages.CLIENT,

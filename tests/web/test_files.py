@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Sets, files and state of a workspace on the real server: what is stored, refused, and left after a kill."""
+"""Sets, files and state of a workspace on the real server: what is stored, what is refused, and what remains after a kill."""
 
 import http.client
 import os
@@ -17,7 +17,7 @@ import pages
 
 
 def png(width, height, rows=None):
-    """A PNG of so many pixels by its header; `rows` of them are really there."""
+    """A PNG whose header states this size; only `rows` rows are present."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -57,7 +57,7 @@ class FilesTest(unittest.TestCase):
         return [file["name"] for file in self.server.call(f"/api/sets/{self.name}")[1]["files"]]
 
     def raw(self, method, path, body=None, headers=None):
-        """A request whose path nobody tidies up."""
+        """A request whose path is sent unchanged."""
         with open(os.path.join(self.server.workspace, ".studio", "api-token"), encoding="utf-8") as file:
             token = file.read().strip()
         connection = http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=30)
@@ -137,7 +137,7 @@ class FilesTest(unittest.TestCase):
                 self.assertIn(status, (400, 404, 405), f"{method} {path}: {body[:100]}")
         for name in ("", ".", "..", ".x", "a/b", "a\\b", "a\nb", "*", "[a]", "?", "x" * 121, " a", "\u202e", None, 3, {}):
             self.assertEqual(self.server.call("/api/sets", {"name": name})[0], 400, repr(name))
-        # A name with markup is a name.
+        # A name with markup is shown as text.
         name = "<img src=x onerror=alert(1)>"
         self.assertEqual(self.put(name + ".png", png(5, 5))[0], 201)
         status, headers, body = self.raw("GET", f"/api/sets/{self.name}")
@@ -173,7 +173,7 @@ class FilesTest(unittest.TestCase):
             self.assertIn(status, (400, 415), file)
             self.assertIn("error", answer, file)
         self.assertEqual(self.files(), [])
-        # What a browser must not run is a download.
+        # Files that a browser must not execute are downloads.
         self.assertEqual(self.put("data.json", b'{"a": "<script>"}')[0], 201)
         _, headers, _ = self.raw("GET", f"/api/sets/{self.name}/files/data.json")
         self.assertEqual(headers["Content-Type"], "application/octet-stream")
@@ -214,13 +214,13 @@ class KillTest(unittest.TestCase):
             self.assertEqual(server.call("/api/sets/a/files/old.png", png(40, 30), "PUT", "image/png")[0], 201)
             with open(os.path.join(server.workspace, ".studio", "api-token"), encoding="utf-8") as file:
                 token = file.read().strip()
-            for name in ("new.png", "old.png"):  # half of it
+            for name in ("new.png", "old.png"):  # half of the file
                 half = socket.create_connection(("127.0.0.1", server.port))
                 half.sendall(f"PUT /api/sets/a/files/{name} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
                              f"Authorization: Bearer {token}\r\nContent-Type: image/png\r\nContent-Length: 1000000\r\n\r\n".encode()
                              + b"x" * 300000)
                 self.addCleanup(half.close)
-            server.call("/api/sets")  # a request later: the halves have come in
+            server.call("/api/sets")  # after one more request, both halves have arrived
             server.stop(signal.SIGKILL)
             server.start()
             files = server.call("/api/sets/a")[1]["files"]

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Jobs and runs on the real server: results, cancel, the queue, and what is left after a kill."""
+"""Jobs and runs on the real server: results, cancellation, the queue, and what remains after a kill."""
 
 import base64
 import json
@@ -15,7 +15,7 @@ import pages
 
 
 def children_of(server):
-    """Command lines of processes that work in the server's workspace, the server itself aside."""
+    """Command lines of processes that work in the server's workspace, except the server."""
     found = []
     for entry in os.listdir("/proc"):
         if not entry.isdigit() or int(entry) == server.process.pid:
@@ -32,7 +32,7 @@ def children_of(server):
 
 
 def until(what, patience=300):
-    """Waits until what() is something; the last of it."""
+    """Waits until what() returns something; returns the last value."""
     end = time.monotonic() + patience
     while True:
         value = what()
@@ -78,7 +78,7 @@ class JobsTest(unittest.TestCase):
         self.assertEqual(self.server.call(f"/api/jobs/{name}/files/sheet.png?width=64")[1][:2], b"\xff\xd8")
         self.assertEqual(self.server.call(f"/api/jobs/{name}/log")[0], 200)
         self.assertIn(name, [one["id"] for one in self.server.call("/api/jobs")[1]["jobs"]])
-        # Its result is the input of another.
+        # Its result is the input of another job.
         run = self.server.call("/api/run", {"verb": "ar markers", "inputs": [f"job:{name}/sheet.png"],
                                                 "flags": {"--family": "4x4_50"}})[1]
         self.assertEqual(run["exit"], 0, run)
@@ -141,12 +141,12 @@ class JobsTest(unittest.TestCase):
         status, run = self.server.call("/api/run", {"verb": "models list"})
         self.assertEqual((status, run["exit"], run["error"]), (200, 0, None))
         self.assertGreater(len(run["lines"]), 3)
-        # What is drawn comes along.
+        # Drawn images are included.
         status, run = self.server.call("/api/run", {"verb": "cartoon run", "inputs": ["synth:portrait?frames=1"],
                                                     "flags": {"--mode": "sketch", "-o": "out:drawn.png"}})
         self.assertEqual((status, [file["name"] for file in run["files"]]), (200, ["drawn.png"]), run)
         self.assertEqual(base64.b64decode(run["files"][0]["base64"])[:4], b"\x89PNG")
-        # The verb's own judgement of what the policy let through.
+        # The verb itself checks what the policy accepted.
         status, run = self.server.call("/api/run", {"verb": "cartoon run", "inputs": ["synth:none"]})
         self.assertEqual((status, run["exit"]), (422, 3), run)
         status, run = self.server.call("/api/run", {"verb": "cartoon run", "inputs": ["synth:scene"], "flags": {"--mode": "none-such"}})
@@ -154,7 +154,7 @@ class JobsTest(unittest.TestCase):
         self.assertEqual(os.listdir(os.path.join(self.server.workspace, ".studio", "runs")), [])
 
     def test_people_and_plates(self):
-        """What the pages of people and plates are made of, from a job's results."""
+        """The job results that the pages of people and plates show."""
         name = self.start({"verb": "pose synth", "flags": {"--output": "out:heads", "--count": 4, "--people": 2}})
         self.assertEqual(self.wait(name, "done", "failed")["state"], "done")
         person = "-Ann <b>é"
@@ -256,7 +256,7 @@ class KillTest(unittest.TestCase):
             self.assertTrue(until(lambda: server.call(f"/api/jobs/{waiting}")[1]["state"] == "done"), "what waited is done")
             self.assertEqual(server.call(f"/api/jobs/{running}/again", {})[1]["id"], running)
             self.assertTrue(until(lambda: server.call(f"/api/jobs/{running}")[1]["state"] == "running"))
-            server.stop()  # asked to end: it ends its children
+            server.stop()  # a normal stop: it ends its children
             self.assertFalse(children_of(server))
             server.start()
             self.assertEqual(server.call(f"/api/jobs/{running}")[1]["state"], "interrupted")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Live sessions over the real server: images, states and events, slow viewers, cameras of viewers, and their end."""
+"""Live sessions over the real server: images, states and events, slow viewers, cameras of viewers, and the end of sessions."""
 import json
 import os
 import signal
@@ -33,7 +33,7 @@ def test_images_states_and_events():
         assert name == session["id"]
         frame, age = struct.unpack(">II", payload[:8])
         assert payload[8:10] == b"\xff\xd8" and payload.endswith(b"\xff\xd9") and age < 5000, (frame, age)
-        # Newer images follow, each a later one.
+        # Newer images follow, each later than the previous.
         for _ in range(5):
             later = struct.unpack(">I", live.wait_for(IMAGE)[2][:4])[0]
             assert later > frame or frame == 0xffffffff, (frame, later)
@@ -53,7 +53,7 @@ def test_images_states_and_events():
         told = studio.get(f"/api/sessions/{session['id']}").json()
         assert told["frames"] > 3 and told["viewers"] == 1 and told["width"] == 320 and told["output"], told
         assert studio.get("/api/sessions").json()["sessions"][0]["id"] == session["id"]
-        # The end is told to those who watch.
+        # Viewers are informed of the end.
         expect(studio.ask("DELETE", f"/api/sessions/{session['id']}"), 204, "the end")
         ended = json.loads(live.wait_for(ENDED)[2])
         assert ended["error"] is None, ended
@@ -89,7 +89,7 @@ def test_without_viewers_nothing_is_encoded():
     with Studio() as studio:
         session = studio.start_session("cartoon run", [SOURCE])
         wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["frames"] > 5, what="frames")
-        # No viewer has asked: frames are processed, no image came.
+        # Without a viewer, frames are processed but no image is sent.
         assert studio.get("/api/sessions/" + session["id"]).json()["viewers"] == 0
         live = studio.live([session["id"]])
         live.wait_for(IMAGE)
@@ -101,7 +101,7 @@ def test_one_slow_viewer_of_twenty():
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=640x480"])
         fast = [studio.live([session["id"]]) for _ in range(19)]
-        # A small window of TCP, and 1 kB a second out of it.
+        # A small TCP window, read at 1 kB per second.
         slow = studio.live([session["id"]], receive_buffer=2048)
         fast[0].wait_for(IMAGE)
         counts = [0] * len(fast)
@@ -133,7 +133,7 @@ def test_one_slow_viewer_of_twenty():
         grown = memory_of(studio.process.pid) - rss
         print(f"      images of each fast viewer: {min(counts)}..{max(counts)} in 6 s, oldest {max(worst)} ms; "
               f"{frames['fps']} fps; memory {rss >> 20} MB, +{grown >> 20} MB")
-        # All of the fast ones see nearly the same: none waits for the slow one.
+        # All fast viewers receive nearly the same number: none waits for the slow one.
         assert min(counts) >= 6 and min(counts) >= 0.7 * max(counts), counts
         assert frames["viewers"] == 20
         assert grown < 64 << 20, grown
@@ -184,7 +184,7 @@ def test_sessions_that_end_say_why():
         told = studio.get("/api/sessions/" + missing["id"]).json()
         assert told["running"] is False and told["exit"] == 3 and told["error"] == ended["error"] and told["log"], told
         expect(studio.post(f"/api/sessions/{missing['id']}/events", [{"key": 115}]), 409, "events to one that ended")
-        # One that is killed from outside takes nothing else along.
+        # A session that is killed from outside affects no other session.
         first = studio.start_session("cartoon run", [SOURCE])
         before = set(studio.children())
         second = studio.start_session("cartoon run", [SOURCE])
@@ -195,7 +195,7 @@ def test_sessions_that_end_say_why():
         ended = json.loads(watching.wait_for(ENDED)[2])
         assert ended["exit"] == 137 and "signal 9" in ended["error"], ended
         assert studio.get("/api/sessions/" + first["id"]).json()["running"]
-        # A camera that is not there.
+        # A camera that does not exist.
         gone = studio.start_session("cartoon run", ["camera:63"])
         told = wait_until(lambda: (lambda s: s if not s["running"] else None)(studio.get("/api/sessions/" + gone["id"]).json()))
         assert told["exit"] == 3 and told["error"], told
@@ -203,9 +203,9 @@ def test_sessions_that_end_say_why():
 
 def test_camera_of_a_viewer():
     with Studio() as studio:
-        # An image to send: what a session shows.
+        # An image to send: the image of a session.
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=320x240"])
-        watching = studio.live([session["id"]])  # the first image says that it connects
+        watching = studio.live([session["id"]])  # the first image shows that it is connected
         jpeg = watching.wait_for(IMAGE, lambda payload: payload[:4] != b"\xff\xff\xff\xff")[2][8:]
         watching.close()
         studio.ask("DELETE", "/api/sessions/" + session["id"])
@@ -246,7 +246,7 @@ def test_camera_of_a_viewer():
 
 
 def test_interrupt_ends_all_at_once():
-    for number, expected in ((signal.SIGINT, 130), (signal.SIGTERM, 0)):  # Ctrl-C interrupts; a service ends
+    for number, expected in ((signal.SIGINT, 130), (signal.SIGTERM, 0)):  # Ctrl-C interrupts; SIGTERM ends a service
         with Studio() as studio:
             ids = [studio.start_session("cartoon run", [SOURCE])["id"] for _ in range(3)]
             live = studio.live(ids)
@@ -255,7 +255,7 @@ def test_interrupt_ends_all_at_once():
             assert len(children) >= 3
             seconds, status = studio.interrupt(number)
             print(f"      ended after {seconds:.2f} s")
-            assert status == expected and seconds < 1.5, (status, seconds)  # 0.5 s where nothing else runs
+            assert status == expected and seconds < 1.5, (status, seconds)  # 0.5 s on an idle machine
             assert not any(os.path.exists(f"/proc/{child}") for child in children)
             assert live.record() is None or True
             assert not os.path.exists(os.path.join(studio.workspace, ".studio", "server.json"))
@@ -268,7 +268,7 @@ def test_children_end_with_a_server_that_is_killed():
         studio.process.kill()
         studio.process.wait()
         wait_until(lambda: not any(os.path.exists(f"/proc/{child}") and is_alive(child) for child in children), what="their end")
-        with Studio(workspace=studio.workspace) as second:  # the lock is free, what it left is no trouble
+        with Studio(workspace=studio.workspace) as second:  # the lock is free, and the remains of the first server do no harm
             assert second.get("/api/info").status == 200
 
 
@@ -299,7 +299,7 @@ def test_click_to_image():
         ages.sort()
         print(f"      event to image: median {1000 * delays[6]:.0f} ms, longest {1000 * delays[-1]:.0f} ms; "
               f"frame age: median {ages[6]} ms, oldest {ages[-1]} ms")
-        assert delays[6] < 1.5, delays  # 0.1 s where nothing else runs
+        assert delays[6] < 1.5, delays  # 0.1 s on an idle machine
 
 
 if __name__ == "__main__":

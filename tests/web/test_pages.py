@@ -15,7 +15,7 @@ IMAGE = "document.querySelector('.live-view:not(.is-waiting) canvas')"
 
 
 def width_of(jpeg):
-    """Of a JPEG, by its frame header."""
+    """Size of a JPEG, by its frame header."""
     at = 2
     while jpeg[at + 1] not in (0xC0, 0xC1, 0xC2):
         at += 2 + int.from_bytes(jpeg[at + 2:at + 4], "big")
@@ -23,7 +23,7 @@ def width_of(jpeg):
 
 
 def sum_of_canvas():
-    """A number that differs between two images, for all purposes of a test."""
+    """A number that in practice differs between two images."""
     return """(() => {
       const canvas = document.querySelector('.live-view canvas');
       const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
@@ -41,7 +41,7 @@ class SignInTest(pages.PageTest):
         other.open(self.server.link)
         other.wait_text("tarsier serve --link")
         self.assertNotIn("#", other.evaluate("location.href"))
-        # Why: the server's own words. The refusal itself is what the browser's log tells of.
+        # The reason in the server's own words. The browser's log reports the refusal itself.
         self.assertTrue(other.evaluate("document.querySelector('.notice-problem')?.innerText.length > 10"))
         other.complaints()
         source = pages.axe_source()
@@ -84,7 +84,7 @@ class HomeTest(pages.PageTest):
         self.assertEqual(len(cards), 9)
         for card in cards:
             self.assertRegex(card, "^Try it: .*, with synthetic data$")
-        # Those that begin no session of an area page are tried elsewhere; these two have a path of their own.
+        # Links that begin no session of an area page are tested elsewhere; these two have their own path.
         self.page.click("button", "Try it: Calibration, with synthetic data")
         self.page.wait("location.pathname.startsWith('/session/')")
         self.page.wait(IMAGE, what="the board")
@@ -155,7 +155,7 @@ class SessionTest(pages.PageTest):
         try:
             super().tearDown()
         finally:
-            self.page.open("about:blank")  # a page must not ask for a session that is gone
+            self.page.open("about:blank")  # a page must not request a session that has ended
             for session in self.server.call("/api/sessions")[1]["sessions"]:
                 self.server.call(f"/api/sessions/{session['id']}", method="DELETE")
 
@@ -174,7 +174,7 @@ class SessionTest(pages.PageTest):
         self.page.wait("document.querySelector('.live-status').innerText !== 'Waiting for the first image.'")
         self.page.wait("/frames\\/s/.test(document.querySelector('.figures').innerText)")
         first = self.page.evaluate("location.pathname.split('/').pop()")
-        # One that leaves the processor to the judge.
+        # A source that leaves the processor to the checks.
         self.go(f"/session/{self.start('cartoon run', SMALL)}")
         self.server.call(f"/api/sessions/{first}", method="DELETE")
         self.page.wait(IMAGE)
@@ -188,14 +188,14 @@ class SessionTest(pages.PageTest):
         self.page.click("button", contains="pencil sketch")
         mode = "document.querySelector('.live-status').innerText.toLowerCase()"
         self.page.wait(f"{mode}.includes('sketch')", what="the sketch in the status")
-        # Each action that the session has is a button, and none of them breaks the session.
+        # Each action of the session is a button, and none of them breaks the session.
         actions = self.server.call(f"/api/sessions/{id}")[1]["actions"]
         shown = [one["name"] for one in actions if one["name"] not in ("quit", "help", "fullscreen", "save")]
         for name in shown:
             self.page.evaluate(f"document.querySelector('[data-action={json.dumps(name)}]').click()")
         self.page.wait(IMAGE)
         self.assertTrue(self.server.call(f"/api/sessions/{id}")[1]["running"])
-        # Keys: the image gets the focus by Tab order, takes keys, and Tab leaves it.
+        # Keys: the image gets the focus in Tab order and receives keys; Tab leaves it.
         self.page.on(self.page.find("application", contains="Live image"), "function () { this.focus(); }")
         self.page.press("s")
         self.page.wait(f"{mode}.includes('sketch')")
@@ -303,7 +303,7 @@ class SessionTest(pages.PageTest):
         self.page.wait("!document.querySelector('dialog[open]')")
         self.page.click("button", "Stages")
         self.page.wait("!document.querySelector('.stages')")
-        # Sessions whose first frames take long have them, too.
+        # Also for sessions with slow first frames.
         for verb, name in (("pose track", b"second/mean"), ("people live", b"light taken out")):
             id = self.start(verb, SMALL)
             self.go(f"/session/{id}")
@@ -316,7 +316,7 @@ class SessionTest(pages.PageTest):
             self.judge(f"session-stages-{verb.replace(' ', '-')}")
             self.server.call(f"/api/sessions/{id}", method="DELETE")
         self.server.call("/api/state/gallery", method="DELETE")  # of people live
-        # A session without stages has no such button, and says so to programs.
+        # A session without stages has no such button, and reports this to programs.
         other = self.start("calibrate", "synth:board?live=1&fps=8&size=480x360")
         self.assertEqual(self.server.call(f"/api/sessions/{other}/stages")[0], 409)
         self.assertEqual(self.server.call("/api/sessions/none/stages")[0], 404)
@@ -330,12 +330,12 @@ class SessionTest(pages.PageTest):
         self.page.click("tab", "Keys")
         self.page.evaluate("document.querySelector('[data-key-of=sketch]').click()")
         self.page.wait(f"{key} === 'Press a key'")
-        self.page.press("p")  # that of the oil paint
+        self.page.press("p")  # the key of oil paint
         self.page.wait("document.querySelector('.keys .notice-problem')?.innerText.includes('is the key of')")
         self.page.press("x")
         self.page.wait(f"{key} === 'x'")
         self.judge("session-keys", widths=(360, 1440))
-        # It is kept in this browser.
+        # The setting is kept in this browser.
         self.page.reload()
         self.page.wait(IMAGE)
         self.page.wait("document.querySelector('[data-action=sketch] kbd')?.innerText === 'x'")
@@ -343,7 +343,7 @@ class SessionTest(pages.PageTest):
         self.page.on(self.page.find("application", contains="Live image"), focus)
         self.page.press("p")
         self.page.wait(f"{mode}.includes('paint')")
-        self.page.press("s")  # does nothing now
+        self.page.press("s")  # has no effect now
         self.page.press("x")
         self.page.wait(f"{mode}.includes('sketch')")
         self.page.click("tab", "Keys")
@@ -357,7 +357,7 @@ class SessionTest(pages.PageTest):
         width = "document.querySelector('.live-view:not(.is-waiting) canvas')?.width"
         self.page.wait(f"{width} > 100 && {width} <= 640", what="a small image on the wall")
         sent = self.page.evaluate(width)
-        # Whoever wants the whole gets it, and the wall goes back to less.
+        # A viewer can request the full size, and the wall returns to a smaller one.
         self.assertEqual(width_of(self.server.call(f"/api/sessions/{id}/snapshot.jpg")[1]), 1280)
         self.page.wait(f"{width} === {sent}")
         # On its own page, and in a recording, it is larger.
@@ -384,8 +384,8 @@ class SessionTest(pages.PageTest):
           const scale = Math.min(box.width / one.width, box.height / one.height);
           return {x: box.left + box.width / 2, y: box.top + box.height / 2, shown: one.width * scale};
         })()""")
-        # The server may send the image in another size between now and the click: an event says of which width
-        # its pixels are.
+        # The server may send the image in another size between now and the click. An event states the image width to which its
+        # pixels refer.
         self.page.click_at(box["x"] + box["shown"] / 8, box["y"] - box["shown"] / 16)
         self.page.wait("window.sent.some((one) => one.mouse === 'left-up')")
         down = self.page.evaluate("window.sent.find((one) => one.mouse === 'left-down')")
@@ -449,7 +449,7 @@ class SessionTest(pages.PageTest):
                        f"Portrait <b>{mode}</b>")
         self.page.wait("document.querySelectorAll('.tile .live-view:not(.is-waiting) canvas').length === 4",
                        what="four live images")
-        # Names are text.
+        # Names are shown as text.
         self.page.wait_text("Portrait <b>sketch</b>")
         self.assertFalse(self.page.evaluate("Boolean(document.querySelector('.tile b'))"))
         self.page.wait("[...document.querySelectorAll('.figures')].every((one) => /frames/.test(one.innerText))")
@@ -478,7 +478,7 @@ class SessionTest(pages.PageTest):
 
 
 class TabsTest(pages.PageTest):
-    """A browser opens six connections to a server, for all its tabs; each visible one has a live stream."""
+    """A browser opens six connections to a server for all its tabs. Each visible tab has a live stream."""
 
     own_server = True
 
@@ -498,14 +498,14 @@ class TabsTest(pages.PageTest):
             self.assertEqual(tab.evaluate("document.visibilityState"), "visible")
             first = tab.evaluate(sum_of_canvas())
             tab.wait(f"({sum_of_canvas()}) !== {first}", what="an image that moves")
-        # What a page asks for meanwhile is answered, too.
+        # Other requests of a page are answered meanwhile.
         for tab in (tabs[0], tabs[5]):
             tab.click("button", contains="pencil sketch")
             tab.wait("document.querySelector('.live-status').innerText.toLowerCase().includes('sketch')")
             self.assertEqual(tab.complaints(), [])
         for tab in tabs[:5]:
             tab.close()
-        # A tab before it hides the last one: the browser's own doing, not a page's.
+        # A tab in front hides the last one. The browser does this, not a page.
         front = self.browser.page(width=480, height=400, context=self.context, window=False)
         tabs[5].wait("document.visibilityState === 'hidden'")
         self.until("no viewer is left", lambda: self.figure("tarsier_session_viewers") == 0)
@@ -569,7 +569,7 @@ class SystemTest(pages.PageTest):
         self.page.click("button", "Remove holiday")
         self.page.click("button", "Remove it")
         self.page.wait_text("Nothing is kept yet.")
-        # A bench is a job; its lines are a table.
+        # A bench is a job; its lines form a table.
         self.page.click("tab", "Bench")
         self.page.choose("What", "bench posit")
         self.page.click("button", "Start the bench")
@@ -577,7 +577,7 @@ class SystemTest(pages.PageTest):
         self.page.wait("document.querySelectorAll('main tbody tr').length > 1")
         self.page.wait_text("done")
         self.judge("system-bench")
-        # Whoever is signed out sees nothing more, in pages that are open too.
+        # After signing out, no further data is visible, also in open pages.
         other = self.browser.page(context=self.browser.new_context())
         self.sign_in(other, self.server.new_link())
         self.page.click("tab", "Sign-ins")
@@ -624,7 +624,7 @@ class ApiTest(pages.PageTest):
         texts = self.page.evaluate("[...document.querySelectorAll('.endpoints .command code')].map((one) => one.textContent)")
         self.page.wait(f"document.querySelector('.command code').innerText.includes({self.server.workspace!r})", what="the workspace")
         settings = self.page.text(".command code")
-        # Those that need nothing but an image. The others name a session, a job or a set of the reader's.
+        # Requests that need only an image. The others name a session, a job or a set of the user.
         named = ("$", "{", "-X DELETE", "FROM_THE_LINK", "holiday", "viewer-cameras", "/api/live", "/api/api-token", "/people/", "/api/state/", "/calibrate", "/v1/ar/", "/v1/plate/")
         plain = [one for one in texts
                  if not any(word in one.replace("$TARSIER_", "") for word in named) or "POST" in one and one.endswith("/api/sets")]
@@ -654,7 +654,7 @@ class ApiTest(pages.PageTest):
         self.judge("api-try", widths=(360, 1440))
         self.page.choose("Verb", "cartoon run")
         self.page.wait("document.querySelector('#try-inputs')")
-        # What is out of range cannot be sent.
+        # Values out of range cannot be sent.
         self.page.fill("spinbutton", "Every", "0")
         self.page.wait_text("Every is more than 0.")
         self.assertTrue(self.page.evaluate("[...document.querySelectorAll('button')].find((b) => b.innerText === 'Run').disabled"))

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Nothing that was confirmed is lost: the server and all that it started are killed at once, at moments that a fixed
-seed draws, while a user annotates and enrols. What the next server finds is compared with what the last one answered."""
+"""Confirmed data is never lost. The server and all its children are killed at once while a user annotates and enrols,
+at moments drawn with a fixed seed. The state after the next start is compared with the last answer before the kill."""
 
 import http.client
 import itertools
@@ -26,7 +26,7 @@ def draw(*words):
 
 
 def family(process):
-    """A process and all that it started, the youngest last."""
+    """A process and all its descendants, the youngest last."""
     children = {}
     for entry in os.listdir("/proc"):
         if not entry.isdigit():
@@ -43,7 +43,7 @@ def family(process):
 
 
 def cut_power(server):
-    """SIGKILL to the server and its children; returns when none of them is left."""
+    """SIGKILL to the server and its children; returns when all have ended."""
     for process in family(server.process.pid):
         try:
             os.kill(process, signal.SIGKILL)
@@ -74,7 +74,7 @@ class PowerCut(unittest.TestCase):
         self.random = random.Random(f"{SEED} {self.id().rsplit('.', 1)[1]}")
 
     def ask(self, path, data=None):
-        """The decoded answer; None where the server went away before it was complete."""
+        """The decoded answer; None if the server ended before it was complete."""
         try:
             status, answer = self.server.call(path, data)
         except (OSError, http.client.HTTPException):
@@ -92,7 +92,7 @@ class PowerCut(unittest.TestCase):
         self.fail(f"not in {patience} s: {what}")
 
     def cut_within(self, shortest, longest):
-        """The power goes at a moment between, in seconds from now."""
+        """Cuts the power at a random moment within this range, in seconds from now."""
         timer = threading.Timer(self.random.uniform(shortest, longest), cut_power, [self.server])
         timer.start()
         return timer
@@ -112,7 +112,7 @@ class PowerCut(unittest.TestCase):
         return self.until("the first view", look)
 
     def test_clicks_of_an_annotation(self):
-        """Each click, and each one taken back, is in the journal when the POST is answered."""
+        """Each click, and each undone click, is in the journal when the POST is answered."""
         kept, clicks, confirmed = [], 0, 0
         for cut in range(CUTS + 1):
             name, state = self.annotate()
@@ -129,7 +129,7 @@ class PowerCut(unittest.TestCase):
                 if undone < len(kept) - len(places) and self.random.random() < 0.2:
                     events, after = [{"action": "undo"}], kept[:-1]
                 else:
-                    clicks += 1  # a place of its own for each: none is a click on a point
+                    clicks += 1  # each at its own place: none hits an existing point
                     at = (20 + clicks % 23 * 12, 20 + clicks // 23 % 20 * 11)
                     x, y = x0 + scale * at[0], y0 + scale * at[1]
                     events = [{"mouse": kind, "x": x, "y": y} for kind in ("left-down", "left-up")]
@@ -146,7 +146,7 @@ class PowerCut(unittest.TestCase):
     # --- enrolment ---
 
     def faces_of(self, name):
-        """How many of a person the gallery has; it opens, whatever happened to its last writer."""
+        """Number of faces of a person in the gallery. It opens, whatever happened to its last writer."""
         if not os.path.exists(os.path.join(self.server.workspace, "gallery")):
             return 0
         listed = self.ask("/api/run", {"verb": "people list"})
@@ -154,7 +154,7 @@ class PowerCut(unittest.TestCase):
         return sum(one["faces"] for one in listed["lines"] if one["name"] == name)
 
     def test_enrolment_from_images(self):
-        """As the page does it: an image at a time, each with its own answer."""
+        """As the page does it: one image at a time, each with its own answer."""
         confirmed = 0
         for _ in range(3):
             before, taken, timer = self.faces_of("Ann"), 0, None
@@ -205,7 +205,7 @@ class PowerCut(unittest.TestCase):
         print(f"enrolment in a session: 3 cuts, {confirmed} faces confirmed, {kept} kept")
 
     def test_enrolment_as_a_job(self):
-        """What was cut says so, and what it had confirmed by then is there; done again, the rest comes."""
+        """An interrupted job reports this, and has what it had confirmed. Repeated, it adds the rest."""
         before = self.faces_of("Cleo")
         request = {"verb": "people enroll", "inputs": ["Cleo", "set:faces"], "flags": {"--any-quality": True}}
         job = self.ask("/api/jobs", request)["id"]

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Each patch of rules_removed.py still finds its place in the server: whoever moves a rule moves its patch."""
+"""Each patch of rules_removed.py still finds its place in the server. If a rule is moved, its patch must be moved too."""
 import os
 import subprocess
 import sys

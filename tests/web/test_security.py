@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""The rules that keep others out of the studio, each against the real server: who may speak, what is listened to, what
-is refused, and that hostile clients take nothing from the others."""
+"""The rules that protect the studio, each on the real server: who has access, where it listens, what is refused, and that hostile
+clients do not affect the others."""
 import http.client
 import json
 import os
@@ -23,7 +23,7 @@ POLICY = ("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'sel
 
 
 def raw(studio, text, seconds=5, source="127.0.0.1"):
-    """Sends bytes as they are; what came back until the end, or until it was silent for so long."""
+    """Sends raw bytes; returns the answer until the end, or until no data came for `seconds` s."""
     with socket.socket() as client:
         client.settimeout(seconds)
         client.bind((source, 0))
@@ -79,13 +79,13 @@ def test_the_link_signs_in_once():
             assert part in cookie, cookie
         assert "Secure" not in cookie, "without TLS a browser would drop it"
         expect(studio.post("/api/session", {"token": studio.token()}), 401, "a used token")
-        # Another link for another browser; the first one stays signed in.
+        # Another link for another browser; the first browser stays signed in.
         first = cookie.split(";")[0]
         studio.link = studio.new_link()
         studio.sign_in()
         for own in (first, studio.cookie):
             assert studio.get("/api/info", headers={"Cookie": own}).status == 200
-        # Signing out ends this one alone.
+        # Signing out ends only this session.
         assert studio.ask("DELETE", "/api/session").status == 204
         assert studio.get("/api/info").status == 401
         assert studio.get("/api/info", headers={"Cookie": first}).status == 200
@@ -93,7 +93,7 @@ def test_the_link_signs_in_once():
 
 def test_the_token_stands_where_no_log_sees_it():
     with Studio(sign_in=False) as studio:
-        # Browsers keep the fragment to themselves: it is in no request, so in no log of a proxy, and in no Referer.
+        # Browsers do not send the fragment. So it is in no request, no log of a proxy, and no Referer.
         assert re.fullmatch(re.escape(studio.url) + "#t=[0-9a-f]{64}", studio.link), studio.link
         assert re.fullmatch(re.escape(studio.url) + "#t=[0-9a-f]{64}", studio.new_link())
 
@@ -122,10 +122,10 @@ def test_guessing_is_slowed_down():
         refused = studio.post("/api/session", {"token": studio.token()})
         expect(refused, 429, "also the right one")
         assert 1 <= int(refused.headers["Retry-After"]) <= 60
-        # Others are not shut out, and the token was not used up.
+        # Other clients are not locked out, and the token was not used up.
         other = studio.post("/api/session", {"token": studio.token()}, source="127.0.0.9")
         assert other.status == 200, other.body
-        # Who is no proxy of ours does not say from where it comes: 14 names are one address.
+        # A client that is not our proxy cannot state another address: 14 names count as one address.
         named = [studio.post("/api/session", {"token": f"{i:064x}"}, headers={"X-Forwarded-For": f"203.0.113.{i}"},
                              source="127.0.0.10").status for i in range(14)]
         assert named[:10] == [401] * 10 and named[10:] == [429] * 4, named
@@ -143,7 +143,7 @@ def test_api_token_of_programs():
     with Studio() as studio:
         own = {"Authorization": "Bearer " + studio.api_token()}
         assert studio.get("/api/info", headers=own).status == 200
-        # No CSRF header: no browser sends this one by itself.
+        # No CSRF header: no browser sends one by itself.
         assert studio.post("/api/sets", {"name": "x"}, headers=own).status == 201
         expect(studio.get("/api/info", headers={"Authorization": "Bearer x"}), 401, "a wrong one")
         expect(studio.get("/api/info", headers={"Authorization": "Basic " + studio.api_token()}), 401, "another scheme")
@@ -191,7 +191,7 @@ def test_foreign_hosts_are_refused():
                 assert answer.status in (400, 421), (host, path, answer.status)
         for host in (f"127.0.0.1:{studio.port}", f"localhost:{studio.port}", f"LOCALHOST:{studio.port}", f"[::1]:{studio.port}"):
             assert studio.get("/api/info", headers={**own, "Host": host}).status == 200, host
-        # libmicrohttpd itself refuses HTTP/1.1 without any; of HTTP/1.0 it would take it.
+        # libmicrohttpd itself refuses HTTP/1.1 without Host; it would accept HTTP/1.0.
         assert status_of(raw(studio, b"GET /api/session HTTP/1.0\r\n\r\n")) == 400
         assert status_of(raw(studio, b"GET /api/session HTTP/1.1\r\n\r\n")) == 400
 
@@ -209,12 +209,12 @@ def test_other_sites_are_refused():
         for site in ("cross-site", "same-site", "anything"):
             expect(studio.get("/api/info", headers={**own, "Sec-Fetch-Site": site}), 403, site)
             expect(studio.post("/api/sets", {"name": "a"}, headers={**own, "Sec-Fetch-Site": site}), 403, site)
-            # An image or a frame of another page.
+            # An image or a frame in another page.
             expect(studio.get("/", headers={"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "no-cors",
                                             "Sec-Fetch-Dest": "image"}), 403, site)
             expect(studio.get("/", headers={"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate",
                                             "Sec-Fetch-Dest": "iframe"}), 403, site)
-            # A link may lead to the page, not to the data, and a form of another site to nothing.
+            # A link may lead to the page, not to the data; a form of another site may lead to nothing.
             link = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"}
             assert studio.get("/live", headers=link).status == 200
             expect(studio.get("/api/info", headers={**own, **link}), 403, site)
@@ -235,7 +235,7 @@ def files_of(folder):
 
 
 def test_a_link_from_another_site_shows_and_changes_nothing():
-    """The one request that another site may cause: what it opens is the same for everybody, and nothing is kept of it."""
+    """The only request that another site can cause. Its answer is the same for everybody, and nothing of it is stored."""
     with Studio() as studio:
         studio.post("/api/sets", {"name": "secret-holiday"})
         studio.start_session("cartoon run", ["synth:bars?live=1&size=64x48&fps=1"])
@@ -254,7 +254,7 @@ def test_a_link_from_another_site_shows_and_changes_nothing():
 
 
 def test_reading_changes_nothing():
-    """Each change has an address that a GET, which a link or an image can make, does not reach."""
+    """Each change has an address that does not accept GET, which a link or an image can cause."""
     with Studio() as studio:
         camera = studio.post("/api/viewer-cameras", {}).json()["id"]
         session = studio.start_session("cartoon run", ["synth:bars?live=1&size=64x48&fps=1"])["id"]
@@ -336,7 +336,7 @@ def test_malformed_paths_and_bodies():
         expect(answer, 405, "a method")
         assert answer.headers["Allow"] == "GET"
         expect(studio.get("/api/nothing"), 404, "no such address")
-        # Too long a head, too many fields: refused or cut off, and the server goes on.
+        # A head that is too long, or too many fields: refused or cut off, and the server continues.
         raw(studio, b"GET /" + b"a" * 100000 + b" HTTP/1.1\r\n\r\n")
         raw(studio, b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 20000 + b"\r\n")
         head = f"GET / HTTP/1.1\r\nHost: {studio.host}\r\n".encode()
@@ -361,7 +361,7 @@ def test_free_sources_and_dangerous_flags_are_refused():
                       {"--output": "http://0.0.0.0:80/"}, {"mode": "sketch"}, {"--mode": ["a", {}]}):
             answer = studio.post("/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1&fps=8&size=320x240"], "flags": flags})
             assert answer.status == 400, (flags, answer.status, answer.body)
-        # A value that looks like a flag is a value.
+        # A value that looks like a flag is treated as a value.
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&fps=8&size=320x240"], {"--mode": "--json"})
         wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["exit"] == 2, what="a usage error")
         assert studio.ask("DELETE", "/api/sessions/" + session["id"]).status == 204
@@ -370,7 +370,7 @@ def test_free_sources_and_dangerous_flags_are_refused():
             assert answer.status in (400, 404), (verb, answer.body)
         assert studio.get("/api/sessions").json()["sessions"] == []
         assert b"hunter2" not in studio.get("/api/sources").body
-        # The source that was allowed is known by its name, wherever it is told of.
+        # The allowed source is shown by its name everywhere.
         session = studio.start_session("cartoon run", ["allowed:door"], {})
         wait_until(lambda: not studio.get("/api/sessions/" + session["id"]).json()["running"], what="the end without a camera")
         told = studio.get("/api/sessions").body + studio.get("/api/audit").body
@@ -393,7 +393,7 @@ def test_slow_clients_are_closed():
                 if ended[i]:
                     continue
                 try:
-                    client.sendall(b"X-A: b\r\n")  # a field a second keeps an idle time away
+                    client.sendall(b"X-A: b\r\n")  # one field per second prevents an idle timeout
                     client.settimeout(0.01)
                     ended[i] = client.recv(100) == b""
                 except socket.timeout:
@@ -428,7 +428,7 @@ def test_browsers_have_sixteen_cameras():
 
 
 def test_a_viewer_that_stops_reading_finds_new_images():
-    """What a slow viewer missed is not kept for it, neither in the server nor in the socket."""
+    """Images that a slow viewer missed are not kept for it, neither in the server nor in the socket."""
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=320x240&fps=20"], {"--mode": "none"})
         live = studio.live([session["id"]], receive_buffer=2048)
@@ -467,12 +467,12 @@ def test_200_clients_take_nothing_from_others():
             thread.start()
         for thread in threads:
             thread.join()
-        # From one address more than its share: its own oldest make room, nobody else's.
+        # If one address exceeds its share, its own oldest connections are closed, no others.
         open_some(100, "127.0.2.1")
         for k in range(4):
             open_some(40, f"127.0.3.{k + 1}")
-        # The page is answered, of the same address as the hostile ones too, and the images go on.
-        # A question may be refused while those that make room for it are still being closed; the next one is answered.
+        # The page is answered, also for the address of the hostile clients, and the images continue.
+        # A request may be refused while older connections are being closed; the next one is answered.
         def answered(source):
             try:
                 return studio.get("/api/info", source=source).status == 200
@@ -483,7 +483,7 @@ def test_200_clients_take_nothing_from_others():
         wait_until(lambda: answered("127.0.2.1"), what="an answer for the address of the hostile ones")
         for _ in range(5):
             live.wait_for(IMAGE, seconds=5)
-        # 64 of one address, 256 in all, each with its thread.
+        # 64 per address, 256 in total, each with its thread.
         def connections():
             return float(re.search(r"^tarsier_http_connections (\S+)$", studio.get("/metrics").body.decode(), re.M).group(1))
 
@@ -511,7 +511,7 @@ def test_uploads_stay_in_their_place():
             expect(studio.post("/api/sets", {"name": name}), 400, name)
         assert studio.ask("PUT", "/api/sets/a/files/%3Cimg%20src=x%20onerror=alert(1)%3E.png", image, own).status == 201
         assert sorted(os.listdir(os.path.join(studio.workspace, "sets"))) == ["a"]
-        # A file of the user is no page of ours, whatever it holds: it runs nothing and asks for nothing.
+        # A user's file is never a page of the studio, whatever it contains: it runs nothing and requests nothing.
         answer = studio.get("/api/sets/a/files/%3Cimg%20src=x%20onerror=alert(1)%3E.png")
         assert answer.status == 200 and answer.headers["Content-Security-Policy"].endswith("sandbox"), answer.headers
         html = b"<script>alert(1)</script>"
@@ -582,12 +582,12 @@ def test_tls_with_a_certificate_of_its_own():
         answer = connection.getresponse()
         assert answer.status == 200 and "Secure" in answer.headers["Set-Cookie"], answer.headers
         answer.read()
-        # The addresses are in the certificate, too.
+        # The certificate contains the addresses too.
         check = http.client.HTTPSConnection("127.0.0.1", studio.port, timeout=20, context=context)
         check.request("GET", "/api/session")
         answer = check.getresponse()
         assert answer.status == 200 and json.loads(answer.read())["tls"] is True
-        # Plain HTTP is not answered, other names are refused, old TLS is not spoken.
+        # Plain HTTP is not answered, other names and old TLS versions are refused.
         assert status_of(raw(studio, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", 2)) in (0, 400)
         check.request("GET", "/api/session", headers={"Host": f"evil.example:{studio.port}"})
         answer = check.getresponse()
@@ -614,7 +614,7 @@ def test_proxy_origin_and_addresses():
         expect(studio.get("/api/session", headers={**own, "Host": "evil.example"}), 421, "another name")
         with open(os.path.join(studio.workspace, ".studio", "audit.log"), encoding="utf-8") as file:
             assert json.loads(file.readline())["address"] == "203.0.113.9"
-        # The tries of one client do not shut out another behind the same proxy.
+        # The attempts of one client do not lock out another behind the same proxy.
         for _ in range(11):
             studio.post("/api/session", {"token": "x"}, headers={**own, "X-Forwarded-For": "203.0.113.10"})
         expect(studio.post("/api/session", {"token": "x"}, headers={**own, "X-Forwarded-For": "203.0.113.10"}), 429, "many")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Starts the real server on a workspace of its own and talks to it: urllib and sockets alone.
+"""Starts the real server on its own workspace and talks to it, with urllib and sockets only.
 
 The folder of the programs is $TARSIER_SERVE_BIN.
 """
@@ -19,7 +19,7 @@ import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 TARSIER = os.path.join(os.environ.get("TARSIER_SERVE_BIN", os.path.join(ROOT, "build", "release", "bin")), "tarsier")
-PATIENCE = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a test that fails waits for so long
+PATIENCE = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a failing test waits this long
 IMAGE, STATE, HELLO, JOB, PING, ENDED = range(1, 7)
 
 
@@ -52,7 +52,7 @@ class Studio:
         self.url = self.about["url"]
         self.host = re.match(r"https?://([^/]+)/", self.url).group(1)
         port = self.host.rpartition(":")[2]
-        self.port = int(port) if port.isdigit() else None  # of a proxy: not told
+        self.port = int(port) if port.isdigit() else None  # behind a proxy: not known
         if sign_in:
             self.sign_in()
 
@@ -85,7 +85,7 @@ class Studio:
         return own
 
     def ask(self, method, path, body=None, headers=None, source="127.0.0.1"):
-        """Follows nothing and hides nothing. `headers` replaces those of a signed-in page."""
+        """Follows no redirects and hides no errors. `headers` replaces those of a signed-in page."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE, source_address=(source, 0))
         try:
             connection.request(method, path, body, self.headers() if headers is None else headers)
@@ -111,7 +111,7 @@ class Studio:
         return Live(self, sessions, source, receive_buffer, jobs)
 
     def children(self):
-        """The processes that the server started, and theirs."""
+        """The processes that the server started, and their children."""
         found, parents = [], {self.process.pid}
         listing = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True, check=True).stdout
         rows = [tuple(map(int, line.split())) for line in listing.splitlines()]
@@ -142,7 +142,7 @@ class Studio:
 
 
 class Live:
-    """GET /api/live as a program reads it: records, one by one."""
+    """GET /api/live as a program reads it: record by record."""
 
     def __init__(self, studio, sessions, source, receive_buffer, jobs):
         self.socket = socket.socket()
@@ -152,7 +152,7 @@ class Live:
         self.socket.bind((source, 0))
         self.socket.connect(("127.0.0.1", studio.port))
         lines = [f"GET /api/live?s={','.join(sessions)}{'&jobs=1' if jobs else ''} HTTP/1.1", f"Host: {studio.host}"]
-        # Each of them is a viewer of its own: streams of one browser would take turns.
+        # Each is a separate viewer: streams of one browser would take turns.
         lines.append(f"Authorization: Bearer {studio.api_token()}")
         self.socket.sendall("\r\n".join(lines + ["", ""]).encode())
         self.file = self.socket.makefile("rb", buffering=1 << 16 if not receive_buffer else 512)
@@ -216,7 +216,7 @@ def wait_until(condition, seconds=PATIENCE, what="a condition"):
 
 
 def run_tests(namespace):
-    """Runs every function test_.. of a module, or those that the command line names; the status for sys.exit."""
+    """Runs every function test_.. of a module, or those that the command line names; returns the status for sys.exit."""
     failed = []
     for name, function in list(namespace.items()):
         if not name.startswith("test_") or not callable(function) or (sys.argv[1:] and name not in sys.argv[1:]):
@@ -225,7 +225,7 @@ def run_tests(namespace):
         try:
             function()
             print(f"ok    {name} ({time.monotonic() - begin:.1f} s)", flush=True)
-        except Exception as error:  # noqa: BLE001 - every failure is told, the others still run
+        except Exception as error:  # noqa: BLE001 - every failure is reported, the others still run
             import traceback
             traceback.print_exc()
             print(f"FAIL  {name}: {error}", flush=True)

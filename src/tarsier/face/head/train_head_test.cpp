@@ -105,7 +105,7 @@ TEST(TrainHead, FindsTheHeadThatWasPhotographed) {
   EXPECT_NEAR((model.mean.col(0) - model.mean.col(1)).norm(), 89, 1e-6);
   EXPECT_LT((model.mean.col(0) + model.mean.col(1)).norm(), 1e-6);  // the origin
   EXPECT_LT(model.mean(2, 22), -10);                                // the nose is in front
-  // The head is upright and faces the camera as the median face does.
+  // The head is upright and faces the camera like the median face.
   const Eigen::Vector3d down = model.mean.col(24) - model.mean.col(22);
   EXPECT_GT(down[1], 40);
   double yaw = 0;
@@ -116,7 +116,7 @@ TEST(TrainHead, FindsTheHeadThatWasPhotographed) {
   }
   EXPECT_LT(yaw, 2.5);
   EXPECT_LT(pitch, 3.5);
-  // Its modes span those of the truth (up to what is pose).
+  // Its modes span those of the ground truth, except for components of pose.
   const Eigen::MatrixXd left = truth.modes - model.modes * (model.modes.transpose() * truth.modes);
   EXPECT_LT(left.col(0).norm(), 0.3);
   EXPECT_NEAR(model.deviation[0] / truth.deviation[0], 1, 0.25);
@@ -160,7 +160,7 @@ TEST(TrainHead, RefusesWhatTeachesNothing) {
   const Images images = image(truth, 12, 0, 6);
   const std::vector<Matrix2Xd> few(images.faces.begin(), images.faces.begin() + 9);
   EXPECT_THROW((void)train_head(few, markup), std::invalid_argument);
-  // All look the same way: depth cannot be seen.
+  // All faces have the same direction, so depth is not observable.
   const std::vector<Matrix2Xd> still(20, image_of(
                                              truth.mean, {Eigen::Matrix3d::Identity(), {0, 0, 1e7}},
                                              [] {
@@ -188,7 +188,7 @@ TEST(TrainHead, RefusesWhatTeachesNothing) {
                Interrupted);
 }
 
-// Against the mean head of ICT-FaceKit, which nothing was learnt from.
+// Compares with the mean head of ICT-FaceKit, which is not in the training set.
 TEST(TrainHeadData, IsNearAMeasuredHead) {
   TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
@@ -222,7 +222,7 @@ TEST(TrainHeadData, IsNearAMeasuredHead) {
   EXPECT_LT(all, 7);
   EXPECT_LT(inside, 5);
   EXPECT_LT(trained.model.mean(2, 30), -20);
-  // The model that ships is this one.
+  // The result equals the installed model.
   const HeadModel shipped = read_head_model(TARSIER_SOURCE_MODELS "/head.json");
   EXPECT_LT((shipped.mean - trained.model.mean).colwise().norm().maxCoeff(), 0.5);
 }

@@ -16,7 +16,7 @@ TEST(HeadView, AHeadAtTheRimThatLooksIntoTheCameraIsSeenStraight) {
   geometry::Rigid3 pose{Eigen::Matrix3d::Identity(), {150, 0, 700}};
   const Eigen::Vector3d middle = pose * Eigen::Vector3d(0, 30, 40);
   const double aside = std::atan2(middle[0], middle[2]) * 180 / CV_PI;
-  // Turned towards the camera: it stands at image right, so it turns to image left.
+  // The head looks towards the camera. It is at image right, so it is rotated to image left.
   pose.rotation = head::rotation_of_angles({aside, 0, 0});
   const auto view = view_of_painted(painted_head(pose, camera), camera, pose);
   ASSERT_TRUE(view);
@@ -42,7 +42,7 @@ TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredImage) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 12}), {30, -20, 550}};
   const cv::Mat image = painted_head(pose, camera);
-  // The landmarks slipped: they are those of the head as it is turned less.
+  // The landmarks slipped: they are those of a head with a smaller rotation.
   const geometry::Rigid3 slipped{head::rotation_of_angles({14, 4, 12}), {30, -20, 550}};
   const HeadView view = mirrored(*view_of_painted(image, camera, pose, &slipped));
   cv::Mat flipped;
@@ -62,7 +62,7 @@ TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredImage) {
 
 TEST(HeadView, OffsetsAreInMillimetresOfTheUprightHead) {
   const geometry::Camera camera = testing_camera();
-  // The landmarks are those of the head in another place: 10 mm to image left, 20 mm down.
+  // The landmarks are those of a displaced head: 10 mm to image left, 20 mm down.
   const geometry::Rigid3 rough{head::rotation_of_angles({0, 0, 30}), {0, 0, 2000}};
   geometry::Rigid3 truth = rough;
   truth.translation += rough.rotation * Eigen::Vector3d(-10, 20, 0);
@@ -90,13 +90,13 @@ TEST(HeadView, DirectionsGoThereAndBack) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 30}), {60, -20, 550}};
   const HeadView view = *view_of_painted(painted_head(pose, camera), camera, pose);
-  // The pose's own direction is that of its angles, and gives its rotation.
+  // The direction of the pose is that of its angles, and gives the pose's rotation.
   const Eigen::Vector3d forward = pose.rotation * Eigen::Vector3d(0, 0, -1);
   const Direction own = direction_of(view, view.camera_from_view.transpose() * forward);
   EXPECT_NEAR(own.pitch_deg, view.angles.pitch_deg, 1e-9);
   EXPECT_NEAR(own.yaw_deg, view.angles.yaw_deg, 1e-9);
   EXPECT_LT((rotation_towards(view, own) - pose.rotation).norm(), 1e-9);
-  // Any other: the rotation looks there.
+  // For any other direction, the returned rotation has this direction.
   const Direction other{-17, 40};
   const Eigen::Vector3d there = view.camera_from_view.transpose() *
                                 (rotation_towards(view, other) * Eigen::Vector3d(0, 0, -1));

@@ -129,7 +129,7 @@ struct FoundFace {
 };
 
 // All faces of an image (CV_8UC1), largest first. Of overlapping faces the one with the best score
-// is kept. The steps, where the model has a Quality:
+// is kept. Scores need LandmarkModel::quality; without it every fit counts as good. The steps:
 // - A face that only the less strict search found needs a score of at least `min_score`.
 // - If the fit of a sure face is bad, other starts around it are tried. The face needs a
 //   score of 0.1.

@@ -207,7 +207,7 @@ TEST(ReconstructorOptions, FollowTheKindOfFeatures) {
   EXPECT_EQ(options.features.kind, FeatureKind::kOrb);
   EXPECT_EQ(options.matching.ratio, 0.85);
   EXPECT_EQ(options.mapper.extend_similarity, 0.6);
-  options.matching.ratio = 0.9;  // asked for
+  options.matching.ratio = 0.9;  // set by the user
   use_features(options, FeatureKind::kAkaze);
   EXPECT_EQ(options.matching.ratio, 0.9);
 }
