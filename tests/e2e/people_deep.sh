@@ -96,7 +96,7 @@ expect_out '"label":"person 1"'
 # One gallery keeps one kind, until it is asked to change; then the templates are made again from the crops.
 run people enroll "person 3" heads/images/0003.png --any-quality --template classic
 expect_status 3
-expect_error 'its templates are deep, and one gallery keeps one kind: .people train --template classic'
+expect_error 'its templates are deep, and one gallery keeps one kind: recompute them with .people train --template classic'
 run people identify heads/images/0001.png --template classic
 expect_status 3
 expect_error 'its templates are deep'
