@@ -29,7 +29,7 @@ expect_out 'scripts/get-model.sh face-embedding'
 python3 "$here/tiny_face_network.py" tiny
 run models import tiny/tiny-weights_manifest.json
 expect_status 5
-expect_error 'no file of the face network that is known'
+expect_error 'not a known file of the face network'
 cp -r tiny named && mv named/tiny-weights_manifest.json named/face_recognition_model-weights_manifest.json
 run models import named/face_recognition_model-weights_manifest.json
 expect_status 5

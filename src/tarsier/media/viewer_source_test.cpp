@@ -175,7 +175,7 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   EXPECT_NEAR(value_of_next(), 50, 2);
   const std::string said = ::testing::internal::GetCapturedStderr();
   set_log_level(LogLevel::kOff);
-  EXPECT_THAT(said, HasSubstr("it is passed over"));
+  EXPECT_THAT(said, HasSubstr("it is skipped"));
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
 }
 

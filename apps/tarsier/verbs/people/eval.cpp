@@ -136,7 +136,9 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
           text_of(result.rate(&SeedResult::stated_right_count)),
           text_of(result.rate(&SeedResult::stated_false_count)));
     } else {
-      text += "         no calibrated threshold: too few faces to estimate the impostor scores\n";
+      text +=
+          "         no calibrated threshold: no impostor scores (more people or a background "
+          "needed)\n";
     }
     text += fmt::format(
         "         at a threshold chosen on these very scores for {:g} % false accepts:\n"

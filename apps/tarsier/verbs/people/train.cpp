@@ -75,7 +75,7 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
                                            : "",
         calibration->genuine_scores);
   } else {
-    text += "  no threshold: too few faces to estimate the impostor scores\n";
+    text += "  no threshold: no impostor scores (more people or a background needed)\n";
   }
   print_text(text);
 }
