@@ -125,7 +125,7 @@ with open("many.obj", "w") as f:
     f.write("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 5000000)
 END
 refused 3 'range.obj: line 2' --mesh range.obj
-refused 3 'point.obj: .*points are one' --mesh point.obj
+refused 3 'point.obj: .*points coincide' --mesh point.obj
 refused 3 'noise.obj' --mesh noise.obj
 refused 3 'many.obj: .*more than 500000 triangles' --mesh many.obj
 refused 3 'gone.obj' --mesh gone.obj

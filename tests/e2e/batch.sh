@@ -72,10 +72,10 @@ run ar markers photos --shard 2/4 --jsonl part-2.jsonl --min-side 40
 expect_status 0
 run merge part-*.jsonl -o again.jsonl
 expect_status 3
-expect_error 'is of another batch than part-1.jsonl: other flags'
+expect_error 'belongs to another batch than part-1.jsonl: different flags'
 run ar markers photos --shard 2/4 --jsonl part-2.jsonl --resume
 expect_status 3
-expect_error 'part-2.jsonl: is of other inputs, flags or another shard'
+expect_error 'part-2.jsonl: was written with other inputs, flags or another shard'
 [ ! -e again.jsonl ] || fail 'a merge that failed left a file'
 
 # What is no batch of images.
@@ -98,7 +98,7 @@ cp photos/0001.png twins/a 2>/dev/null || cp "$(ls -d photos/* | head -1)" twins
 cp twins/a/* twins/b
 run ar markers twins/a twins/b --shard 1/2 -o out/
 expect_status 2
-expect_error 'would be the same file there'
+expect_error 'have the same file name'
 run ar markers photos --jsonl missing/x.jsonl
 expect_status 6
 

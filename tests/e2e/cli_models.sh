@@ -166,7 +166,7 @@ run models install stranger.json --as head
 expect_status 5
 run models install mine.json --as landmarks68
 expect_status 2
-expect_error 'takes the place of head'
+expect_error 'can replace only head'
 run models install "$shipped/plate-hog.json"
 expect_status 2
 expect_error 'plate-hog, plate-mlp'

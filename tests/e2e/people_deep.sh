@@ -29,7 +29,7 @@ expect_out 'scripts/get-model.sh face-embedding'
 python3 "$here/tiny_face_network.py" tiny
 run models import tiny/tiny-weights_manifest.json
 expect_status 5
-expect_error 'no file of the face network that is known'
+expect_error 'not a known file of the face network'
 cp -r tiny named && mv named/tiny-weights_manifest.json named/face_recognition_model-weights_manifest.json
 run models import named/face_recognition_model-weights_manifest.json
 expect_status 5
@@ -96,7 +96,7 @@ expect_out '"label":"person 1"'
 # One gallery keeps one kind, until it is asked to change; then the templates are made again from the crops.
 run people enroll "person 3" heads/images/0003.png --any-quality --template classic
 expect_status 3
-expect_error 'its templates are deep, and one gallery keeps one kind: .people train --template classic'
+expect_error 'its templates are deep, and one gallery keeps one kind: recompute them with .people train --template classic'
 run people identify heads/images/0001.png --template classic
 expect_status 3
 expect_error 'its templates are deep'

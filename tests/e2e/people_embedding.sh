@@ -15,7 +15,7 @@ for i in $(seq 0 11); do printf 'heads/images/%04d.png\tperson %d\n' "$i" "$i"; 
 # Without a background it is not calibrated: said, before anything is written.
 run people enroll Ann heads/images/0000.png --any-quality --embedding face.onnx
 expect_status 5
-grep -q 'face.onnx: is not calibrated, no background is given: .people train --learn-background LIST --embedding FILE' stderr.txt || fail "no word of calibration: $err"
+grep -q 'face.onnx: is not calibrated, no background is given: train a background with .people train --learn-background LIST --embedding FILE' stderr.txt || fail "no word of calibration: $err"
 [ ! -e people.db ] || fail "a gallery was made with a network that is not calibrated"
 run people enroll Ann heads/images/0000.png --embedding face.onnx --template classic
 expect_status 2
@@ -59,7 +59,7 @@ run people identify heads/images/0001.png --json --embedding renamed.onnx --back
 expect_out '"label":"person 1"'
 run people identify heads/images/0001.png
 expect_status 3
-expect_error "people.db: its templates are of face.onnx .SHA-256 ${sum:0:12}..., --embedding names that file|people.db: its templates are of face.onnx"
+expect_error "people.db: its templates were computed with face.onnx .SHA-256 ${sum:0:12}..., which is not given: pass that file with --embedding"
 run people train --learn-background once.lst --embedding other.onnx -o other.people.json --quiet
 expect_status 0
 run people identify heads/images/0001.png --embedding other.onnx --quiet

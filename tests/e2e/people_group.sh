@@ -81,7 +81,7 @@ expect_status 1
 grep -q '"label":"Ben"' stdout.txt && fail "still named so: $out"
 run people correct not --sighting "$sighting"
 expect_status 3
-expect_error "sighting $sighting is nobody's"
+expect_error "sighting $sighting has no name"
 run people correct undo
 expect_status 0
 run people identify "$second" --json
@@ -119,7 +119,7 @@ run people list --json
 [ "$(wc -l <stdout.txt)" -eq 2 ] || fail "two people expected: $out"
 run people correct undo 8
 expect_status 3
-expect_error 'has changed the same since: undo that first'
+expect_error 'later changed the same entries: undo it first'
 for _ in 1 2 3; do
   run people correct undo --quiet
   expect_status 0
@@ -186,7 +186,7 @@ expect_status 3
 expect_error 'no face 999'
 run people correct not
 expect_status 2
-expect_error 'say which'
+expect_error 'give either --face ID or --sighting ID'
 run people correct not --face 1 --sighting 1
 expect_status 2
 run people correct move Zoe --face 999

@@ -45,7 +45,7 @@ named >exact.txt
 grep -q '"label"' exact.txt || fail "nobody was found: $(cat exact.txt)"
 run people index --check
 expect_status 1
-expect_out 'people.db.index: not there: all faces are compared'
+expect_out 'people.db.index: no index: all faces are compared'
 
 # Made, the same whatever the threads and the memory, and the answers stay to the last digit.
 run people index --min-faces 1 --threads 1 --json

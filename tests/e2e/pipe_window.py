@@ -489,7 +489,7 @@ def viewer():
     s.next_image("viewer.jpg")
     os.write(s.viewer, record(b"no image") + record(good[:1000]))
     s.until("stale source", lambda: s.state["frame"]["source"] == "stale")
-    expect(s.log().count("is passed over") in (1, 2), "viewer: warnings: " + s.log())
+    expect(s.log().count("is skipped") in (1, 2), "viewer: warnings: " + s.log())
     os.write(s.viewer, record(good))
     s.until("live source", lambda: s.state["frame"]["source"] == "live")
     print("viewer: %.2f CPU s after SIGINT" % s.interrupt())

@@ -56,7 +56,7 @@ expect_status 3
 expect_error 'broken.csv: line 6: .wide. is no w'
 run plate eval results.jsonl --truth truth.csv --truth truth.csv
 expect_status 3
-expect_error "a.jpg' is in another truth"
+expect_error "a.jpg' is in two ground-truth files"
 run plate eval results.jsonl
 expect_status 2
 run plate eval results.jsonl --truth truth.csv --csv missing/outcomes.csv

@@ -44,12 +44,12 @@ grep -q '"camera":"dead","received":0' alone.txt || fail "no report of the dead 
 two=('synth:drive?live=1' 'synth:drive?live=1&seed=2')
 run plate read "${two[@]}" -o drawn/
 expect_status 2
-expect_error 'several cameras are read without images'
+expect_error 'images cannot be written for several cameras'
 run plate read "${two[@]}" --window
 expect_status 2
 run plate read "${two[@]}" --csv read.csv
 expect_status 2
-expect_error 'csv goes with one source; of several cameras --log'
+expect_error 'csv needs a single source; for several cameras use --log'
 [ ! -e read.csv ] || fail "a table was begun"
 run plate read a=photo.jpg b=photo.jpg
 expect_status 3
@@ -61,7 +61,7 @@ expect_status 2
 expect_error 'a: two cameras of one name'
 run plate read "${two[@]}" synth:drive
 expect_status 2
-expect_error 'cameras and files do not go together'
+expect_error 'cameras and files cannot be combined'
 run plate read 'a=synth:drive'
 expect_status 2
 expect_error 'NAME=SOURCE names cameras and streams'

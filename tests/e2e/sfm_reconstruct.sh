@@ -74,7 +74,7 @@ PY
 little none --wide --features orb
 run "${words[@]}"
 expect_status 2
-expect_error '--wide: .*--features sift'
+expect_error '--wide .*--features sift'
 
 # --- placed, exported ---
 python3 - <<'PY'
@@ -189,7 +189,7 @@ expect_status 2
 expect_error 'relief, boxes or plane'
 run sfm synth --trajectory city --depth -o refused
 expect_status 2
-expect_error 'not of --trajectory city'
+expect_error 'not possible with --trajectory city'
 [ ! -e refused ] || fail 'a folder was made before the flags were checked'
 
 # Features and matches without images: what is kept of one pair is not taken for another's.

@@ -97,9 +97,9 @@ Batch::Batch(const BatchFlags& flags, BatchTable table, const std::vector<std::s
       const PartInfo before = read_part_info(flags.jsonl);
       if (before.list != info_.list || before.settings != info_.settings ||
           before.shard.number != info_.shard.number || before.shard.count != info_.shard.count) {
-        throw InputError(flags.jsonl,
-                         "is of other inputs, flags or another shard: --resume goes on with the "
-                         "same ones only");
+        throw InputError(
+            flags.jsonl,
+            "was written with other inputs, flags or another shard: --resume needs the same ones");
       }
       // of a run that was killed after it had finished
       fs::remove(flags.jsonl + ".journal", ignored);

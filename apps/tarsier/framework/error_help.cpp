@@ -33,18 +33,17 @@ std::string remedy_of(face::TemplateProblem problem) {
   using face::TemplateProblem;
   switch (problem) {
     case TemplateProblem::kNotCalibrated:
-      return ": `people train --learn-background LIST --embedding FILE -o B.json` learns how "
-             "strangers score, --background B.json "
-             "names it";
+      return ": train a background with `people train --learn-background LIST --embedding FILE -o "
+             "B.json` and pass --background B.json";
     case TemplateProblem::kOtherNetwork:
-      return ": `people train --embedding FILE` makes them again";
+      return ": recompute them with `people train --embedding FILE`";
     case TemplateProblem::kNetworkNotGiven:
-      return ": --embedding names that file, `people train --template deep or classic` makes "
-             "others";
+      return ": pass that file with --embedding, or recompute them with `people train --template "
+             "deep|classic`";
     case TemplateProblem::kNotDeep:
-      return ": `people train --template deep` makes them again";
+      return ": recompute them with `people train --template deep`";
     case TemplateProblem::kNotClassic:
-      return ": `people train --template classic` makes them again";
+      return ": recompute them with `people train --template classic`";
   }
   return {};
 }

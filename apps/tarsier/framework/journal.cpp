@@ -81,9 +81,9 @@ void Journal::read_entries(const std::string& header) {
   const auto next = [&] { return std::getline(file, line) && !file.eof(); };  // only complete lines
   if (!next()) return;
   if (line != header) {
-    throw InputError(path_,
-                     "is of other inputs, flags or another shard: without --resume the batch "
-                     "begins again");
+    throw InputError(
+        path_,
+        "was written with other inputs, flags or another shard: omit --resume to start again");
   }
   end_ = static_cast<std::int64_t>(line.size()) + 1;
   while (next()) {

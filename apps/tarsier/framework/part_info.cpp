@@ -84,8 +84,8 @@ std::vector<Part> checked_parts(const std::vector<std::string>& paths) {
                           : part.info.header_lines != first.info.header_lines ? "kind of file"
                                                                               : nullptr;
       if (other != nullptr) {
-        throw InputError(path,
-                         fmt::format("is of another batch than {}: other {}", first.path, other));
+        throw InputError(
+            path, fmt::format("belongs to another batch than {}: different {}", first.path, other));
       }
     }
     const int number = part.info.shard.number;
@@ -95,7 +95,7 @@ std::vector<Part> checked_parts(const std::vector<std::string>& paths) {
                                          place->second.info.shard.count, place->second.path));
     }
   }
-  if (parts.empty()) throw UsageError("no part is named");
+  if (parts.empty()) throw UsageError("no part is given");
   const int count = parts.begin()->second.info.shard.count;
   std::vector<int> missing;
   for (int number = 1; number <= count && missing.size() < 20; ++number) {

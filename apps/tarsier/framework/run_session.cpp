@@ -73,7 +73,7 @@ class Run {
     if (batch_) {
       batch_->finish();
     } else if (taken_ == 0 && !window_closed_ && !finished_) {
-      throw InputError(flags_.inputs.front(), "no image came from it");
+      throw InputError(flags_.inputs.front(), "delivered no image");
     }
     if (!flags_.output.empty() && sink_ != nullptr) {
       const double seconds = watch.seconds();
@@ -144,8 +144,8 @@ class Run {
     if (opens_window(flags_)) throw UsageError("--shard, --jsonl: need -o and no window");
     if (flags_.source.sequence || flags_.frames > 0 || flags_.every > 1 || !flags_.actions.empty())
       throw UsageError(
-          "--shard, --jsonl: take all images of the inputs, each for itself: not with "
-          "--sequence, --frames, --every or --actions");
+          "--shard, --jsonl: process each image independently: not with --sequence, --frames, "
+          "--every or --actions");
   }
 
   void open_batch(const std::vector<Scheme>& schemes, SinkKind kind) {
@@ -157,8 +157,8 @@ class Run {
       const auto [other, is_new] = files.emplace(fs::path(name).filename().string(), name);
       if (!is_new) {
         throw UsageError(
-            fmt::format("-o {}: {} and {} would be the same file there: give each "
-                        "folder of images a run of its own",
+            fmt::format("-o {}: {} and {} have the same file name: process each folder of images "
+                        "in a separate run",
                         flags_.output, printable(other->second), printable(name)));
       }
     }
@@ -244,7 +244,7 @@ class Run {
   // Returns false if nobody can ever continue.
   bool wait_for_user() {
     if (window_ == nullptr && (!actions_ || actions_->ended())) {
-      log_warning("paused, and no more actions can come: ending here");
+      log_warning("paused, and the actions have ended: stopping");
       return false;
     }
     paced_from_.reset();

@@ -231,7 +231,7 @@ class VideoSink final : public FrameSink {
   void finish() override {
     if (finished_) return;
     finished_ = true;
-    if (count_ == 0) log_warning("{}: no frame came, no video is written", path_);
+    if (count_ == 0) log_warning("{}: no frame was received, no video is written", path_);
     end_file();
   }
 

@@ -329,7 +329,7 @@ SourceKind classify_source(const std::string& text, const std::vector<Scheme>& s
   if (fs::exists(status)) return classify_on_disk(text, status);
   // It may exist: no permission, name too long.
   if (status.type() != fs::file_type::not_found) {
-    throw InputError(text, error ? error.message() : "cannot be looked at");
+    throw InputError(text, error ? error.message() : "cannot be inspected");
   }
   if (has_slashes) {
     throw InputError(masked(text),

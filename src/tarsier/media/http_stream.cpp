@@ -367,7 +367,7 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
         if (next_snapshot_ == Clock::time_point{}) next_snapshot_ = Clock::now() + snapshot_period_;
       } else if (result.kind != LiveRead::Kind::kFrame) {
         return end_with({.reason = judged_ ? "the server ended the stream"
-                                           : "the server hung up without an answer"});
+                                           : "the server closed the connection without an answer"});
       }
       // Otherwise return the frame first; the next read() sees the end again.
     }

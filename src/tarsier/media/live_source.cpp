@@ -159,7 +159,7 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
     const Clock::time_point now = Clock::now();
     if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {
       warned_ = now;
-      log_warning("{}; it is passed over", trouble);
+      log_warning("{}; it is skipped", trouble);
     } else {
       log_debug("{}", trouble);
     }

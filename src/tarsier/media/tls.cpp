@@ -62,21 +62,21 @@ std::string distrust(unsigned status, const std::string& host) {
   if ((status & GNUTLS_CERT_SIGNER_NOT_FOUND) == 0) {
     if ((status & GNUTLS_CERT_UNEXPECTED_OWNER) != 0) {
       return fmt::format(
-          "its certificate is not for '{}': use the name that is in the certificate, or trust "
-          "whoever answers (option 'insecure')",
+          "its certificate is not for '{}': use the name in the certificate, or skip the check "
+          "(option 'insecure')",
           host);
     }
     if ((status & (GNUTLS_CERT_EXPIRED | GNUTLS_CERT_NOT_ACTIVATED)) != 0) {
       return fmt::format(
-          "its certificate {}: is this machine's clock right? Or trust whoever answers (option "
-          "'insecure')",
+          "its certificate {}: check this machine's clock, or skip the check (option 'insecure')",
           (status & GNUTLS_CERT_EXPIRED) != 0 ? "has expired" : "is not valid yet");
     }
   }
   return fmt::format(
       "its certificate is not trusted ({}): name the file of the authority's certificate (option "
-      "'ca_file'), or trust whoever answers (option 'insecure')",
-      (status & GNUTLS_CERT_SIGNER_NOT_FOUND) != 0 ? "nobody known signed it" : "bad signature");
+      "'ca_file'), or skip the check (option 'insecure')",
+      (status & GNUTLS_CERT_SIGNER_NOT_FOUND) != 0 ? "signed by an unknown authority"
+                                                   : "bad signature");
 }
 
 }  // namespace
@@ -111,7 +111,7 @@ TlsStream::Step TlsStream::handshake() {
       definite_ = true;
       trouble_ = distrust(gnutls_session_get_verify_cert_status(impl_->session), host_);
     } else if (result == GNUTLS_E_PREMATURE_TERMINATION || result == GNUTLS_E_PULL_ERROR) {
-      trouble_ = "it hung up during the TLS handshake";
+      trouble_ = "it closed the connection during the TLS handshake";
     } else {
       definite_ = true;
       trouble_ = fmt::format("TLS failed: {}", gnutls_strerror(result));

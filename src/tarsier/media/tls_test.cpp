@@ -132,7 +132,7 @@ TEST_F(TlsTest, OtherServersAreRefusedBeforeAnythingIsSent) {
   };
   for (const Case& one :
        {Case{wrong_name, "its certificate is not for '127.0.0.1'"}, Case{expired, "has expired"},
-        Case{stranger, "its certificate is not trusted (nobody known signed it)"}}) {
+        Case{stranger, "its certificate is not trusted (signed by an unknown authority)"}}) {
     const TlsServer server(one.certificate, [](const std::string&) { return video(); });
     const Outcome outcome = read_http(server.url("/", "me:secret@"));
     EXPECT_TRUE(outcome.image.empty());

@@ -80,7 +80,7 @@ void ViewerBackend::warn(const std::string& trouble) {
     ++not_warned_of_;
     return;
   }
-  log_warning("{}: an image is passed over: {}{}", label_, trouble,
+  log_warning("{}: an image is skipped: {}{}", label_, trouble,
               not_warned_of_ > 0 ? fmt::format(" ({} more before)", not_warned_of_) : "");
   warned_ = now;
   not_warned_of_ = 0;

@@ -173,7 +173,7 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
   const std::string said = ::testing::internal::GetCapturedStderr();
-  EXPECT_THAT(said, HasSubstr("it is passed over"));
+  EXPECT_THAT(said, HasSubstr("it is skipped"));
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
 }
 

@@ -75,7 +75,7 @@ void run_hub(HubLog& log, const HubOptions& options, const std::stop_token& stop
           auto event = parse_event_message(message.payload);
           if (node.empty() || !event) {
             if (!std::exchange(strange, true))
-              log_warning("{}: no event of a node, passed over", printable(message.topic));
+              log_warning("{}: not an event of a node, skipped", printable(message.topic));
             continue;
           }
           received.push_back({node, std::move(*event)});

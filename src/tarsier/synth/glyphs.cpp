@@ -149,7 +149,7 @@ std::vector<GlyphSet::Typeface> load_usual() {
   std::vector<GlyphSet::Typeface> typefaces = load_all(kFiles);
   if (typefaces.size() < 2) {
     throw InputError("typefaces",
-                     "too few are installed to letter plates with: apt-get install fonts-opendin "
+                     "too few typefaces for plates are installed: apt-get install fonts-opendin "
                      "fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-extra");
   }
   return typefaces;

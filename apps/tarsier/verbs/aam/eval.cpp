@@ -46,7 +46,7 @@ std::array<int, 2> eyes_of(const EvalFlags& flags, int points) {
   const auto markup = face::shape::known_markup(points);
   if (!markup || markup->outer_eyes[0] < 0)
     throw UsageError(fmt::format(
-        "--eyes A,B: a set of {} points is not known; name the two outer eye corners", points));
+        "--eyes A,B: unknown markup of {} points; give the two outer eye corners", points));
   return markup->outer_eyes;
 }
 
@@ -120,7 +120,8 @@ ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& s
 ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const face::shape::LandmarkSet set =
       face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
-  if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
+  if (set.samples.empty())
+    throw InputError(flags.set.input, "no complete sample is left to evaluate");
   const face::AppearanceTracker tracker = load_appearance_tracker(flags.aam);
   if (tracker.model().points() != set.points())
     throw InputError(flags.set.input, fmt::format("has {} points, the model {}", set.points(),

@@ -121,7 +121,7 @@ ExploredImage fitted(const ExploreFlags& flags) {
   face::appearance::FitWorkspace workspace;
   const auto found = face::appearance::find_objects(tracker.fitter(), tracker.find_starts(),
                                                     result.image, 1, workspace);
-  if (found.empty()) throw InputError(flags.image, "the model finds nothing of its kind in it");
+  if (found.empty()) throw InputError(flags.image, "the model finds no object in it");
   result.points = found.front().fit.points;
   return result;
 }

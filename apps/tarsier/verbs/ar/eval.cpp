@@ -143,7 +143,9 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   const bool has_images = !truth.front().target.empty();
   for (const planar::markers::MarkerTruth& line : truth) {
     if (line.target.empty() == has_images)
-      throw InputError(flags.truth, "has lines of markers and of images: one kind a file");
+      throw InputError(
+          flags.truth,
+          "has lines of markers and of image targets: a file may contain only one kind");
     if (!has_images) (void)planar::markers::find_dictionary(line.family);
   }
   if (!flags.family.empty()) {

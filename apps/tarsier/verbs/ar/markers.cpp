@@ -70,7 +70,7 @@ std::shared_ptr<const render::Mesh> read_thing(const std::string& path, planar::
   const render::ObjFile file = render::read_obj(path, limits);
   for (const std::string& note : file.notes) log_warning("{}", note);
   const render::Bounds box = render::bounds_of(file.mesh);
-  if (cv::norm(box.high - box.low) <= 0) throw InputError(path, "all its points are one");
+  if (cv::norm(box.high - box.low) <= 0) throw InputError(path, "all its points coincide");
   return std::make_shared<const render::Mesh>(planar::augment::standing(file.mesh, up));
 }
 
@@ -123,8 +123,10 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     if (guesses && !has_told) {
-      log_warning("no --camera: a focal length of {:.0f} px is guessed, distances err as it does",
-                  session.result().camera.fx);
+      log_warning(
+          "no --camera: a focal length of {:.0f} px is guessed, and distances have the same "
+          "relative error",
+          session.result().camera.fx);
       has_told = true;
     }
     if (on_event) events.frame(frame, to_json(session.result()).at("markers"));

@@ -38,8 +38,8 @@ void check_raster(const SheetFlags& flags, const planar::sheets::SheetOptions& o
   const double pixels = options.paper.area() / (25.4 * 25.4) * flags.dpi * flags.dpi;
   if (flags.output.ends_with(".png") && pixels > 1e8) {
     throw UsageError(
-        fmt::format("--dpi {:g}: a page of {:g}x{:g} mm would have {:.0f} million pixels, 100 are "
-                    "the most; use .pdf or .svg",
+        fmt::format("--dpi {:g}: a page of {:g}x{:g} mm would have {:.0f} million pixels, the "
+                    "limit is 100; use .pdf or .svg",
                     flags.dpi, options.paper.width, options.paper.height, pixels / 1e6));
   }
 }

@@ -125,8 +125,8 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   default_to_headless(flags.run);
   if (flags.targets.empty() && !opens_window(flags.run) && flags.run.actions.empty())
     throw UsageError(
-        "--target: which files of `ar target-train` to look for (or --window, to "
-        "train an image on the spot)");
+        "--target: give the files of `ar target-train` to detect (or --window, to train on an "
+        "image)");
   TargetSessionOptions options;
   options.train.trials = 8;  // fewer trials, because a user waits
   options.train.seed = context.seed;

@@ -25,22 +25,23 @@ planar::CalibratorState search(const CalibrateFlags& flags, const planar::Calibr
   for (const std::string& input : flags.run.inputs) {
     const auto source = open_source(input, flags.run.source, input_schemes());
     if (source->is_live()) {
-      throw UsageError(fmt::format("{}: is live, and others are not: give it alone", input));
+      throw UsageError(
+          fmt::format("{}: a live source cannot be combined with other inputs", input));
     }
     calibrator.search(*source, state, *context.progress, context.stop);
   }
-  if (state.images.empty()) throw InputError(flags.run.inputs.front(), "no image came from it");
+  if (state.images.empty()) throw InputError(flags.run.inputs.front(), "delivered no image");
   return state;
 }
 
 // Advice if no image shows the board.
 std::string hint_of(const planar::Calibrator& calibrator, const planar::CalibratorState& state) {
   if (const auto other = calibrator.other_board(state))
-    return fmt::format("; a board of {0} inner corners is there: --board chess:{0}", *other);
+    return fmt::format("; a board of {0} inner corners was found: use --board chess:{0}", *other);
   return calibrator.options().board.kind == planar::calibration::BoardKind::kChess
              ? "; chess:9x6 means 9 x 6 inner corners, one less than squares each way, and the "
                "whole board with its white rim must be in the image"
-             : "; all of the board must be in the image (of charuco boards a part)";
+             : "; the whole board must be in the image (a part is enough for charuco boards)";
 }
 
 // --- the session ---

@@ -57,7 +57,7 @@ void print_table(const CalibrationResult& result) {
                     report.dropped > 0 ? fmt::format(", {} left out", report.dropped) : "",
                     entry.reason.empty() ? "" : ": LEFT OUT, it " + entry.reason);
   }
-  if (dull > 0) text += fmt::format("{} more frames brought nothing new\n", dull);
+  if (dull > 0) text += fmt::format("{} more frames added no new views\n", dull);
   const Camera& c = result.calibration.camera;
   const planar::calibration::Deviations& d = result.calibration.deviations;
   text += fmt::format(

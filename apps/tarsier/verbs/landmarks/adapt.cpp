@@ -44,8 +44,9 @@ std::string text_of(const AdaptFlags& flags, const face::landmarks::AdaptedModel
   std::string text = fmt::format("{}: {} {}, ridge {:g}", flags.output, adapted.faces,
                                  adapted.faces == 1 ? "image" : "images", adapted.ridge);
   if (adapted.before > 0) {
-    text += fmt::format("; on images left out {:.2f} % of the face's size, the base {:.2f} %",
-                        100 * adapted.after, 100 * adapted.before);
+    text += fmt::format(
+        "; error on held-out images {:.2f} % of the face size, of the base model {:.2f} %",
+        100 * adapted.after, 100 * adapted.before);
   }
   return text + fmt::format("; {} s\n", seconds);
 }
@@ -55,7 +56,7 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
   const std::string base = ModelStore::find().path_or(flags.base, "landmarks68.json");
   const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(base);
   if (!model.trees && !model.descent) {
-    throw ModelError(base, "has neither trees nor sdm, which are what is adapted");
+    throw ModelError(base, "has neither trees nor sdm: only these can be adapted");
   }
   const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
   flags.options.seed = context.seed;
@@ -64,7 +65,8 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
       model, set, "", flags.options, *context.progress, context.stop);
   for (const std::string& skipped : adapted.skipped) log_warning("{}; left out", skipped);
   if (adapted.kept)
-    log_warning("{}: the base is as good on images left out: nothing was changed", base);
+    log_warning("{}: adapting does not reduce the error on held-out images: the base model is kept",
+                base);
   face::landmarks::write_landmark_model(flags.output, adapted.model,
                                         provenance(flags, base, adapted, context));
   const double seconds = rounded(watch.seconds(), 1);

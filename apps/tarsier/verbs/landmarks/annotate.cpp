@@ -200,7 +200,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   options.canvas = parse_size(flags.size, 320, 4096);
   std::error_code ignored;
   if (flags.input.empty() && !fs::exists(flags.output, ignored))
-    throw UsageError("name the images or the video: there is no set " + flags.output + " yet");
+    throw UsageError("give the images or the video: there is no set " + flags.output + " yet");
   std::unique_ptr<FrameSource> source = open_input(flags.input, options);
   if (!is_headless) window::prepare();  // before a journal is opened
 

@@ -53,10 +53,8 @@ std::array<int, 2> eyes_of(const EvalFlags& flags, const face::shape::LandmarkSe
   }
   const auto markup = face::shape::known_markup(set.points());
   if (!markup || markup->outer_eyes[0] < 0) {
-    throw UsageError(
-        fmt::format("--eyes A,B: a set of {} points is not known; name the two outer "
-                    "eye corners",
-                    set.points()));
+    throw UsageError(fmt::format(
+        "--eyes A,B: unknown markup of {} points; give the two outer eye corners", set.points()));
   }
   return markup->outer_eyes;
 }
@@ -166,7 +164,7 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
     print_json(line);
   } else {
     print_text(fmt::format(
-        "{} of {} found ({:.1f} %), off by {:.1f} % of the box; {} false alarms in {} images\n",
+        "{} of {} found ({:.1f} %), mean error {:.1f} % of the box; {} false alarms in {} images\n",
         score.found, score.objects, 100 * rate, 100 * score.off, score.false_alarms, score.images));
   }
   return score.found == 0 ? ExitStatus::kNothingFound : ExitStatus::kDone;
@@ -175,11 +173,12 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
 ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (flags.occlude && (flags.detection || flags.by_person || !flags.results.empty()))
     throw UsageError(
-        "--occlude judges a model on images: not with --detection, --by-person, --results");
+        "--occlude evaluates a model on images: not with --detection, --by-person, --results");
   if (flags.detection) return judge_detection(flags, context);
   const face::shape::LandmarkSet set =
       face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
-  if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
+  if (set.samples.empty())
+    throw InputError(flags.set.input, "no complete sample is left to evaluate");
   if (flags.by_person) return study_persons(flags, set, context);
   const std::array<int, 2> eyes = eyes_of(flags, set);
 

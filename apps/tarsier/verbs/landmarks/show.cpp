@@ -261,7 +261,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
   }
   if (!flags.on.empty() && type != "landmark-tracker") {
     throw UsageError(
-        fmt::format("--on: patches are tried on an image; {} is a '{}'", flags.file, type));
+        fmt::format("--on needs a model with patches; {} is a '{}'", flags.file, type));
   }
   return found->second(flags, context);
 }

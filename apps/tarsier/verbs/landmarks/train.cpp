@@ -140,7 +140,7 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
         face::landmarks::train_landmark_model(set, "", options, *context.progress, context.stop);
     for (const std::string& skipped : trained.skipped) log_warning("{}; left out", skipped);
     if (kind == Kind::kDetector && trained.model.box.trained_on == 0) {
-      throw InputError(flags.set.input, "the face detector sees none of the objects");
+      throw InputError(flags.set.input, "the face detector detects none of the objects");
     }
     face::landmarks::write_landmark_model(flags.output, trained.model, about);
     line["faces"] = trained.faces;

@@ -79,8 +79,8 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
   warn_of_skipped(trained.skipped);
   if (trained.ignored > 0) {
     log_warning(
-        "{} boxes are not learned from: smaller than the window (--upsample), cut off or of "
-        "another form",
+        "{} boxes are not used for training: smaller than the window (--upsample), cut off by the "
+        "image border or of another shape",
         trained.ignored);
   }
   const double seconds = rounded(watch.seconds(), 1);

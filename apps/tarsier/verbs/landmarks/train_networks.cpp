@@ -149,8 +149,9 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
     print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format(
-        "{}: {} faces, {} images without; mistakes learned from: {}, {}, {}; {} s\n"
-        "a face is sure from a score of {:.3f} on: {} false in {} images that were held out\n",
+        "{}: {} faces, {} images without faces; hard examples of the three networks: {}, {}, {}; "
+        "{} s\n"
+        "a face is certain above a score of {:.3f}: {} false alarms in {} held-out images\n",
         flags.output, trained.faces, trained.without, trained.scan_mistakes, trained.judge_mistakes,
         trained.check_mistakes, seconds, trained.networks.sure, trained.held_out_alarms,
         trained.held_out));

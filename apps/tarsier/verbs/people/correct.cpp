@@ -35,7 +35,7 @@ std::int64_t group_of(const std::string& text) {
   std::int64_t id = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
   if (error != std::errc() || end != text.data() + text.size() || id < 1)
-    throw UsageError(fmt::format("'{}' is no number of a group: `people groups` lists them", text));
+    throw UsageError(fmt::format("'{}' is not a group number: `people groups` lists them", text));
   return id;
 }
 
@@ -62,7 +62,7 @@ ExitStatus tell(Gallery& gallery, std::int64_t id, const Context& context) {
   } else if (entry->kind == "undo") {
     print_text(fmt::format("Correction {}: {}\n", id, text_of(*entry)));
   } else {
-    print_text(fmt::format("Correction {}: {}. `people correct undo {}` takes it back\n", id,
+    print_text(fmt::format("Correction {}: {}. Undo it with `people correct undo {}`\n", id,
                            text_of(*entry), id));
   }
   return ExitStatus::kDone;
@@ -74,7 +74,7 @@ Gallery open(const CorrectFlags& flags) {
 
 ExitStatus correct_not(const CorrectFlags& flags, const Context& context) {
   if ((flags.face == 0) == (flags.sighting == 0))
-    throw UsageError("say which: --face ID or --sighting ID");
+    throw UsageError("give either --face ID or --sighting ID");
   Gallery gallery = open(flags);
   return tell(gallery,
               flags.face > 0 ? gallery.not_this_face(flags.face, correction_stamp())
@@ -100,17 +100,17 @@ ExitStatus correct_merge(const CorrectFlags& flags, const Context& context) {
 ExitStatus correct_split(const CorrectFlags& flags, const Context& context) {
   if (flags.group > 0) {
     if (!flags.from.empty() || !flags.faces.empty())
-      throw UsageError("--group goes with --sighting alone");
-    if (flags.sightings.empty()) throw UsageError("say which: --sighting ID");
+      throw UsageError("--group can only be combined with --sighting");
+    if (flags.sightings.empty()) throw UsageError("--sighting ID is missing");
     Gallery gallery = open(flags);
     return tell(gallery,
                 gallery.split_group(flags.group, wide(flags.sightings), correction_stamp()),
                 context);
   }
   if (flags.from.empty() || flags.to.empty())
-    throw UsageError("say whom: FROM TO --face ID, or --group ID --sighting ID");
-  if (!flags.sightings.empty()) throw UsageError("--sighting goes with --group");
-  if (flags.faces.empty()) throw UsageError("say which: --face ID");
+    throw UsageError("give FROM TO --face ID, or --group ID --sighting ID");
+  if (!flags.sightings.empty()) throw UsageError("--sighting needs --group");
+  if (flags.faces.empty()) throw UsageError("--face ID is missing");
   Gallery gallery = open(flags);
   return tell(gallery,
               gallery.split_person(flags.from, wide(flags.faces), flags.to, correction_stamp()),

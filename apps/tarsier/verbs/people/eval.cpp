@@ -128,7 +128,7 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
   if (result.options.strangers) {
     if (m.calibrated) {
       text += fmt::format(
-          "         at the stated rate of {:g} %, the threshold a user gets:\n"
+          "         at the stated rate of {:g} %, with the calibrated threshold:\n"
           "           true accepts      {}\n"
           "           by the right name {}\n"
           "           false accepts     {}\n",
@@ -136,7 +136,9 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
           text_of(result.rate(&SeedResult::stated_right_count)),
           text_of(result.rate(&SeedResult::stated_false_count)));
     } else {
-      text += "         no threshold of its own: too little is known to tell strangers\n";
+      text +=
+          "         no calibrated threshold: no impostor scores (more people or a background "
+          "needed)\n";
     }
     text += fmt::format(
         "         at a threshold chosen on these very scores for {:g} % false accepts:\n"
@@ -148,7 +150,7 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
   }
   if (result.rate(&SeedResult::uncertain_identified).draws > 0) {
     text += fmt::format(
-        "         uncertain faces, which count only in the first line: identified {}\n"
+        "         uncertain faces (included in the first line only): identified {}\n"
         "           true accepts      {}\n"
         "           false accepts     {}\n",
         text_of(result.rate(&SeedResult::uncertain_identified)),
@@ -183,12 +185,13 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
                 {"scores", fit.scores}});
     return ExitStatus::kDone;
   }
-  print_text(fmt::format(
-      "strangers before this camera score {:+.4f} above what the background expects, and spread "
-      "{:.3f} times as far\n  ({} scores against {} galleries of one, {} people; the program uses "
-      "{:g} and {:g})\n",
-      fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people, compiled.shift,
-      compiled.spread));
+  print_text(
+      fmt::format("impostor scores of this camera: mean {:+.4f} above the background's, standard "
+                  "deviation {:.3f} times the background's\n"
+                  "  ({} scores against {} galleries of one person, {} people; the program uses "
+                  "{:g} and {:g})\n",
+                  fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people,
+                  compiled.shift, compiled.spread));
   return ExitStatus::kDone;
 }
 
@@ -207,9 +210,10 @@ ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::Face
   for (const std::string& label : asked.labels)
     if (std::find(out.labels.begin(), out.labels.begin() + gallery, label) ==
         out.labels.begin() + gallery)
-      throw InputError(flags.list, fmt::format("{} has no face in {}: who is asked for must be "
-                                               "there as well",
-                                               printable(label), flags.train_list));
+      throw InputError(
+          flags.list,
+          fmt::format("{} has no face in {}: each probe person needs a training image there",
+                      printable(label), flags.train_list));
   out.missed = std::move(asked.missed);
   std::move(asked.faces.begin(), asked.faces.end(), std::back_inserter(out.faces));
   std::move(asked.labels.begin(), asked.labels.end(), std::back_inserter(out.labels));
@@ -281,10 +285,10 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
     return fit_constants(flags, listed, only_deep ? deep_background : background, context);
   std::vector<EvaluationResult> results;
   if (!context.json) {
-    const std::string training =
-        options.gallery > 0
-            ? fmt::format("{} more of {} train", options.gallery, printable(flags.train_list))
-            : fmt::format("{} training images each", flags.training);
+    const std::string training = options.gallery > 0
+                                     ? fmt::format("{} more training images of {}", options.gallery,
+                                                   printable(flags.train_list))
+                                     : fmt::format("{} training images each", flags.training);
     print_text(fmt::format(
         "{} faces of {} people in {}, {}, {} draws; {} not found, {} uncertain (these do not "
         "train)\n"

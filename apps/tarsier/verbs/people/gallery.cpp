@@ -119,7 +119,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
 // Asks the user, which needs a terminal.
 bool agreed(const std::string& name, const std::string& what) {
   if (isatty(STDIN_FILENO) == 0)
-    throw UsageError("forgetting cannot be undone: say --yes where nobody can be asked");
+    throw UsageError("forgetting cannot be undone: without a terminal, confirm it with --yes");
   print_text(fmt::format("Forget '{}' with {} for good? [y/N] ", printable(name), what));
   const int answer = std::getchar();
   return answer == 'y' || answer == 'Y';
@@ -153,18 +153,19 @@ std::string forget_text(const std::string& name, const face::people::ForgetRepor
   if (report.index == face::people::IndexFate::kRewritten)
     text += "The index was written again, without them.\n";
   if (report.index == face::people::IndexFate::kDeleted)
-    text += "The index is deleted: `people index` makes another.\n";
+    text += "The index is deleted: build a new one with `people index`.\n";
   if (report.shared > 0) {
     std::string others;
     for (const std::string& other : report.shared_with)
       others += (others.empty() ? "'" : ", '") + printable(other) + "'";
-    text += fmt::format("{} pieces are also in faces of {}, who stay: they were not looked for.\n",
-                        report.shared, others);
+    text += fmt::format(
+        "{} pieces also occur in faces of {}, who stay enrolled: they were not searched for.\n",
+        report.shared, others);
   }
   if (report.unproven > 0) {
     text += fmt::format(
-        "Of {} crops and templates most pieces could not be looked for: nothing is proven of "
-        "them{}.\n",
+        "{} crops and templates could mostly not be searched for: their deletion is not "
+        "verified{}.\n",
         report.unproven, report.shared > 0 ? " (the same image is there under another name)" : "");
   }
   if (search.links > 0) text += fmt::format("{} links were not followed.\n", search.links);
@@ -210,9 +211,10 @@ ExitStatus tell_forgotten(const face::people::Gallery& gallery, const std::strin
   }
   if (!search.unread.empty()) throw OutputError(search.unread.front(), "could not be searched");
   if (!search.skipped.empty()) {
-    throw OutputError(flags.people.gallery,
-                      "the person is removed, but not all below its folder could be searched: " +
-                          printable(search.skipped.front()));
+    throw OutputError(
+        flags.people.gallery,
+        "the person is removed, but some files in its folder could not be searched: " +
+            printable(search.skipped.front()));
   }
   return ExitStatus::kDone;
 }
@@ -235,7 +237,7 @@ ExitStatus forget_group(face::people::Gallery& gallery, const GalleryFlags& flag
 ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   if (flags.name.empty() == (flags.group == 0))
-    throw UsageError("say whom: NAME, or --group of unknown faces");
+    throw UsageError("give NAME, or --group of unknown faces");
   if (flags.group > 0) return forget_group(gallery, flags, context);
   const auto person = gallery.find(flags.name);
   if (!person) {

@@ -33,8 +33,8 @@ face::recognition::Background directions_of(face::people::Gallery& gallery,
   auto background = find_background(flags);
   if (!background || background->basis.rows() == 0)
     throw UsageError(
-        "grouping needs a background: people-background.json, which ships, or another "
-        "one with directions");
+        "grouping needs a background: the shipped people-background.json, or another one with "
+        "directions");
   return std::move(*background);
 }
 
@@ -167,10 +167,9 @@ ExitStatus name_group(const NameFlags& flags, Context& context) {
                 {"group", flags.group},
                 {"faces", person ? person->faces : 0}});
   } else {
-    print_text(
-        fmt::format("group {} is {}: {} faces enrolled. Correction {}: `people correct undo "
-                    "{}` takes it back\n",
-                    flags.group, printable(flags.name), person ? person->faces : 0, id, id));
+    print_text(fmt::format(
+        "group {} is {}: {} faces enrolled. Correction {}: undo it with `people correct undo {}`\n",
+        flags.group, printable(flags.name), person ? person->faces : 0, id, id));
   }
   // Prepares the model for the next verb.
   (void)model_of_gallery(gallery, flags.people, context);

@@ -33,9 +33,9 @@ struct IdentifyFlags {
 
 ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   default_to_headless(flags.run);
-  if (flags.raw && flags.model.empty()) throw UsageError("--raw goes with --model");
+  if (flags.raw && flags.model.empty()) throw UsageError("--raw needs --model");
   if (!flags.keep.empty() && !flags.model.empty())
-    throw UsageError("--keep goes with a gallery, not with --model");
+    throw UsageError("--keep needs a gallery, not --model");
   face::IdentifierOptions options = identifier_options(flags.people);
   options.write_gallery = !flags.keep.empty();
   options.recognizer = flags.model;

@@ -41,7 +41,7 @@ ExitStatus check_index(face::people::Gallery& gallery, Context& context) {
                 {"faces", state.faces},
                 {"newer", state.newer}});
   } else if (!state.there) {
-    print_text(fmt::format("{}: not there: all faces are compared\n", printable(path)));
+    print_text(fmt::format("{}: no index: all faces are compared\n", printable(path)));
   } else if (!state.current) {
     print_text(fmt::format("{}: {}: all faces are compared\n", printable(path), state.trouble));
   } else {
@@ -74,7 +74,8 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
   const auto background = face::background_for(
       gallery, ModelStore::find(), background_of(flags.people), own_network(flags.people));
   if (!background)
-    throw InputError(gallery.path(), "--background none: without directions nothing is indexed");
+    throw InputError(gallery.path(),
+                     "--background none: the index needs the directions of a background");
   // Does the pending learning and computes missing templates.
   (void)face::learn_gallery(gallery, &*background, face::people::Learn::kWhenDue, *context.progress,
                             context.stop, face::people::Searching::kNothing);

@@ -41,7 +41,7 @@ ExitStatus ask(LivenessFlags& flags, Context& context) {
   hooks.before_frame = [](const Frame& frame) {
     if (frame.still)
       throw UsageError(
-          "a challenge needs a video or a camera: of images that follow each other --sequence");
+          "a challenge needs a video or a camera; for consecutive images add --sequence");
   };
   hooks.after_frame = [&](const Frame& frame) {
     const face::head::LivenessStatus& now = session.challenge();

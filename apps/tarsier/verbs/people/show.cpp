@@ -71,8 +71,8 @@ void describe(const Recognizer& model, const Context& context) {
     const auto& c = *model.calibration;
     const int people = std::max(1, static_cast<int>(model.labels.size()));
     text += fmt::format(
-        "strangers against one person: {:.3f} +- {:.3f}; right person: {:.3f}; score for 1 false "
-        "accept in 10, 100, 1000: {:.3f}, {:.3f}, {:.3f}\n",
+        "impostor scores against one person: {:.3f} +- {:.3f}; genuine scores: {:.3f}; threshold "
+        "for 1 false accept in 10, 100, 1000: {:.3f}, {:.3f}, {:.3f}\n",
         c.location, c.scale, c.genuine_mean, c.threshold(0.1, people), c.threshold(0.01, people),
         c.threshold(0.001, people));
   }
@@ -171,7 +171,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
           images.add(printable(person.name), face->crop);
   }
   if (flags.output.empty()) {
-    if (!flags.stages.empty()) throw UsageError("-o: the image to write");
+    if (!flags.stages.empty()) throw UsageError("-o: name the image to write");
     return ExitStatus::kDone;
   }
   if (images.images.empty()) {

@@ -67,15 +67,15 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
                   model.templates.rows(), learned_from(model), printable(where));
   if (calibration) {
     text += fmt::format(
-        "  score for 1 false accept in 100: {:.3f}; from {} scores of {} left-out people as "
-        "strangers{} and {} of right ones\n",
+        "  threshold for 1 false accept in 100: {:.3f}; from {} impostor scores of {} held-out "
+        "people{} and {} genuine scores\n",
         calibration->threshold(0.01, static_cast<int>(model.labels.size())),
         calibration->stranger_scores, calibration->stranger_people,
-        calibration->stranger_scores < 100 ? " (few: what is known of faces in general counts too)"
+        calibration->stranger_scores < 100 ? " (few: combined with the background's statistics)"
                                            : "",
         calibration->genuine_scores);
   } else {
-    text += "  no threshold: too little is known to tell strangers\n";
+    text += "  no threshold: no impostor scores (more people or a background needed)\n";
   }
   print_text(text);
 }
@@ -189,9 +189,9 @@ ExitStatus train(const TrainFlags& flags, Context& context) {
   if (!flags.list.empty() && !flags.background_list.empty())
     throw UsageError("--list or --learn-background, not both");
   const bool listed = !flags.list.empty() || !flags.background_list.empty();
-  if (listed && flags.output.empty()) throw UsageError("-o: where to write the model");
+  if (listed && flags.output.empty()) throw UsageError("-o: name the model file to write");
   if (!listed && (flags.raw || !flags.size.empty()))
-    throw UsageError("--raw and --size go with --list");
+    throw UsageError("--raw and --size need --list");
   if (!flags.background_list.empty()) return train_background(flags, context);
   return listed ? train_list(flags, context) : train_gallery(flags, context);
 }

@@ -46,7 +46,7 @@ std::vector<ImageReadings> read_results(const std::string& input) {
 std::vector<ImageReadings> read_images(const std::vector<std::string>& inputs,
                                        const ImageReader& reader, const Context& context) {
   const std::unique_ptr<FrameSource> source = open_sources(inputs);
-  if (source->is_live()) throw UsageError("plate eval judges images, not live sources");
+  if (source->is_live()) throw UsageError("plate eval evaluates images, not live sources");
   std::vector<ImageReadings> readings;
   context.progress->begin("reading", source->count(), "images");
   while (!source->ended()) {
@@ -66,9 +66,10 @@ plate::PlateTruth read_truths(const std::vector<std::string>& paths) {
   for (const std::string& path : paths) {
     for (auto& [image, plates] : plate::read_plate_truth(path)) {
       if (!all.emplace(image, std::move(plates)).second) {
-        throw InputError(path, fmt::format("'{}' is in another truth too: images are matched by "
-                                           "their base names",
-                                           printable(image)));
+        throw InputError(
+            path,
+            fmt::format("'{}' is in two ground-truth files: images are matched by their base names",
+                        printable(image)));
       }
     }
   }
@@ -141,7 +142,7 @@ std::string table(const plate::PlateScores& scores) {
                              interval_text(scores.sure_wrong, scores.sure)));
   }
   if (scores.median_ms >= 0) {
-    text += fmt::format("{:<22} {:5.1f} ms median, {:.1f} ms of nine in ten\n", "time",
+    text += fmt::format("{:<22} {:5.1f} ms median, {:.1f} ms 90th percentile\n", "time",
                         scores.median_ms, scores.p90_ms);
   }
   return text;

@@ -74,7 +74,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   const std::vector<NamedSource> cameras = site_cameras(flags.run);
   if (!cameras.empty()) {
     if (!flags.csv.empty())
-      throw UsageError("--csv goes with one source; of several cameras --log keeps the vehicles");
+      throw UsageError("--csv needs a single source; for several cameras use --log");
     return read_site(cameras, flags.site, flags.run, flags.plate, flags.tracker, flags.reports,
                      context);
   }

@@ -120,7 +120,7 @@ PlateReports::PlateReports(const ReportFlags& flags, const RunFlags& run, const 
       publisher_(flags.publish, http_access(run)) {
   if (!flags.start.empty()) {
     (void)plate::parse_moment(flags.start, plate::moment_now(), false, "--start");
-    if (run.inputs.size() > 1) throw UsageError("--start goes with one input");
+    if (run.inputs.size() > 1) throw UsageError("--start needs a single input");
   }
   if (!flags.watch.empty()) watch_.emplace(flags.watch);
   if (flags.log.empty()) return;

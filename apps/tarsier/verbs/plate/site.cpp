@@ -50,12 +50,12 @@ NamedSource parted(const std::string& text) {
 
 void refuse_what_needs_one_source(const RunFlags& run) {
   if (!run.output.empty() && run.output != "none")
-    throw UsageError("-o: several cameras are read without images; leave it out");
+    throw UsageError("-o: images cannot be written for several cameras; omit it");
   if (run.window || run.fullscreen || run.frames > 0 || run.every != 1 || !run.actions.empty() ||
       run.source.sequence || run.batch.wanted())
     throw UsageError(
-        "--window, --frames, --every, --actions, --sequence and --shard go with one source, and "
-        "not with several cameras");
+        "--window, --frames, --every, --actions, --sequence and --shard need a single source: not "
+        "possible with several cameras");
 }
 
 std::map<std::string, plate::Region> regions_of(const std::vector<std::string>& words,
@@ -96,8 +96,8 @@ void print_reports(const std::vector<plate::CameraReport>& reports, const Contex
   }
   for (const plate::CameraReport& report : reports) {
     log_info(
-        "{}: {} frames came, {} were looked at, {} moved, {} were read in {:.1f} CPU s; {} "
-        "vehicles, {} restarts",
+        "{}: {} frames received, {} checked for motion, {} with motion, {} read in {:.1f} CPU s; "
+        "{} vehicles, {} restarts",
         report.name, report.received, report.looked_at, report.moving, report.read, report.cpu_s,
         report.vehicles, report.restarts);
   }
@@ -136,7 +136,7 @@ std::vector<NamedSource> site_cameras(const RunFlags& run) {
   }
   if (!is_named && live < 2) return {};
   if (live < cameras.size())
-    throw UsageError("cameras and files do not go together: read the files by themselves");
+    throw UsageError("cameras and files cannot be combined: read the files in a separate run");
   return cameras;
 }
 

@@ -59,8 +59,9 @@ ExitStatus run_sweep(SweepFlags& flags, Context& context) {
   const plate::CharacterSet set = plate::read_character_set(flags.input);
   const auto count = static_cast<int>(set.characters.size());
   if (flags.options.train >= count) {
-    throw UsageError(fmt::format("--train {}: there are {} characters, some must be left to judge",
-                                 flags.options.train, count));
+    throw UsageError(
+        fmt::format("--train {}: there are {} characters, some must be left as a test set",
+                    flags.options.train, count));
   }
   const std::vector<plate::StudyCell> cells =
       plate::study_reader(set, flags.options, *context.progress, context.stop);

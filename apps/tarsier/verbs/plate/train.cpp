@@ -100,7 +100,7 @@ ExitStatus train_detector(TrainFlags& flags, Context& context) {
   plate::DetectorModel model;
   model.detector = plate::train_detector(views, flags.options, *context.progress, context.stop);
   views.distractors = plate::find_distractors(views.scenes, model.detector);
-  log_info("{} places look like plates to it and are none", views.distractors.size());
+  log_info("{} false detections are used as negative examples", views.distractors.size());
   model.aligner = plate::train_aligner(views, flags.options, *context.progress, context.stop);
   flags.inputs.clear();
   plate::write_detector_model(flags.output, model, provenance(flags, context));
@@ -181,8 +181,9 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   if (!flags.found.empty()) {
     const plate::FoundCounts counts = plate::fit_to_found(detector_model, countries(), flags.found,
                                                           model, *context.progress, context.stop);
-    log_info("{} finds in {} images, {} of them plates; of {} texts that are known {} were read",
-             counts.finds, counts.images, counts.plates, counts.texts, counts.right);
+    log_info(
+        "{} detections in {} images, {} of them plates; of {} known texts {} were read correctly",
+        counts.finds, counts.images, counts.plates, counts.texts, counts.right);
     learnt_from["found"] = short_names(flags.found);
   }
   if (before.is_object()) {

@@ -62,7 +62,7 @@ ExitStatus train_classic_detector(const ClassicTrainFlags& flags, Context& conte
   if (context.json)
     print_json(about);
   else
-    log_info("{}: {} candidates, {:.1f} % of unseen ones wrong", flags.output,
+    log_info("{}: {} candidates, error on held-out candidates {:.1f} %", flags.output,
              set.candidates.size(), 100 * error);
   return ExitStatus::kDone;
 }
@@ -90,7 +90,7 @@ ExitStatus train_classic_reader(const ClassicTrainFlags& flags, Context& context
   if (context.json)
     print_json(about);
   else
-    log_info("{}: {} characters, {:.1f} % of unseen ones wrong", flags.output,
+    log_info("{}: {} characters, error on held-out characters {:.1f} %", flags.output,
              set.characters.size(), 100 * error);
   return ExitStatus::kDone;
 }

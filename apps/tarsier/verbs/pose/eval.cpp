@@ -95,7 +95,7 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
     throw UsageError("give --pointing DIR, --truth FILE or --compare FILE");
   }
   if (flags.occlude && (flags.truth.empty() || !flags.results.empty()))
-    throw UsageError("--occlude judges poses found in images: with --truth, not --results");
+    throw UsageError("--occlude evaluates poses estimated in images: needs --truth, not --results");
   if (!flags.results.empty() && flags.truth.empty()) {
     throw UsageError("--results needs --truth FILE");
   }

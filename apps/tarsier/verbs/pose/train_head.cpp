@@ -48,9 +48,8 @@ face::shape::Markup markup_of(const TrainHeadFlags& flags, const face::shape::La
                      "symmetry with `landmarks annotate`");
   }
   if (markup.outer_eyes[0] < 0) {
-    throw UsageError(
-        fmt::format("--eyes A,B: a set of {} points is not known; name the two outer eye corners",
-                    set.points()));
+    throw UsageError(fmt::format(
+        "--eyes A,B: unknown markup of {} points; give the two outer eye corners", set.points()));
   }
   return markup;
 }

@@ -149,7 +149,7 @@ void look_at_machine(std::vector<Item>& items) {
                    used == best
                        ? std::string(tarsier::name_of(used))
                        : fmt::format("{} of {}", tarsier::name_of(used), tarsier::name_of(best)),
-                   used != best ? "TARSIER_SIMD in the environment holds it down"
+                   used != best ? "the environment variable TARSIER_SIMD limits it"
                    : slow ? "no vector instructions that Tarsier knows: live modes will be slow"
                           : ""});
   items.push_back({"machine", "OpenCV's", Finding::kOk, cv::getCPUFeaturesLine(), ""});
@@ -382,12 +382,12 @@ void look_at_data(std::vector<Item>& items) {
     items.push_back({"data", "face network", deep ? Finding::kOk : Finding::kNote,
                      deep ? store.place_of("face-embedding.json")
                           : "not installed: people are compared by classic templates",
-                     deep ? "people train --template deep makes a gallery's templates of it"
+                     deep ? "`people train --template deep` computes a gallery's templates with it"
                           : "deep templates know many more faces in the wild: "
                             "scripts/get-model.sh face-embedding (6 MB, MIT)"});
     const std::string onnx = face::onnx::module_path();
     items.push_back({"data", "own networks", onnx.empty() ? Finding::kNote : Finding::kOk,
-                     onnx.empty() ? "nothing here runs ONNX files" : onnx,
+                     onnx.empty() ? "no module that runs ONNX files is installed" : onnx,
                      onnx.empty() ? "for people --embedding FILE.onnx: the package tarsier-onnx"
                                   : "people --embedding FILE.onnx; tarsier models info FILE.onnx "
                                     "tells its SHA-256 and licence"});
@@ -400,7 +400,7 @@ void look_at_data(std::vector<Item>& items) {
                                "beards: scripts/get-model.sh face-detector (190 kB, MIT)"});
   } catch (const Error& error) {
     items.push_back(
-        {"data", "models", Finding::kProblem, error.what(), "mend or unset TARSIER_MODELS"});
+        {"data", "models", Finding::kProblem, error.what(), "correct or unset TARSIER_MODELS"});
   }
 
   const char* data = std::getenv("TARSIER_DATA");

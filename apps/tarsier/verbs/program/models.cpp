@@ -55,8 +55,7 @@ void say_none(const std::string& folder, const Context& context) {
   print_text(
       folder.empty()
           ? "No models: this program has no models folder beside it (--models-dir names one).\n"
-          : fmt::format("No models in {} yet. Nothing that is here needs one.\n",
-                        printable(folder)));
+          : fmt::format("No models in {}. None is required.\n", printable(folder)));
 }
 
 ExitStatus list_models(const Context& context, const ModelsOptions& options) {

@@ -54,10 +54,10 @@ std::string checked_sum(const fs::path& path, bool any) {
   throw ModelError(
       path.string(),
       known == kKnownWeights.end()
-          ? "is no file of the face network that is known here (--any-weights takes others)"
-          : fmt::format("its SHA-256 is {}, not {}: damaged, or other weights "
-                        "(--any-weights takes them)",
-                        sum, known->second));
+          ? "is not a known file of the face network (--any-weights accepts others)"
+          : fmt::format(
+                "its SHA-256 is {}, not {}: damaged, or other weights (--any-weights accepts them)",
+                sum, known->second));
 }
 
 // What to write, its name, and a one-line description.
@@ -98,7 +98,7 @@ ExitStatus import_model(const Context& context, const ImportOptions& options) {
   const fs::path manifest = options.manifest;
   const std::string folder = options.output.empty() ? user_models_folder() : "";
   if (options.output.empty() && folder.empty())
-    throw UsageError("-o: where to write the model (there is no $HOME)");
+    throw UsageError("-o: name the model file to write (there is no $HOME)");
   json sums = {{manifest.filename().string(), checked_sum(manifest, options.any_weights)}};
   for (const std::string& shard : linalg::shards_of_manifest(options.manifest))
     sums[shard] = checked_sum(manifest.parent_path() / shard, options.any_weights);

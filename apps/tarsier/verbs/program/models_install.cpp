@@ -111,7 +111,8 @@ std::string own_folder(const InstallOptions& options) {
   const std::string folder = ModelStore::find().own_folder();
   if (folder.empty()) {
     throw UsageError(
-        "where to? Set TARSIER_OWN_MODELS to a folder, for all verbs to come, or give --own-dir");
+        "no folder for your models: set TARSIER_OWN_MODELS, which all verbs read, or give "
+        "--own-dir");
   }
   return folder;
 }
@@ -144,17 +145,18 @@ ModelFile place_for(const InstallOptions& options, const ModelStore& store,
   const std::vector<ModelFile> shipped = shipped_of(store, archive.type);
   if (shipped.empty()) {
     throw ModelError(options.file,
-                     fmt::format("is a '{}', and none of these ships: no verb takes one unasked; "
-                                 "give it by its flag (--model ..)",
+                     fmt::format("is a '{}', but no model of this type is shipped, so there is "
+                                 "none to replace; pass it with its flag (--model ..)",
                                  printable(archive.type)));
   }
   if (options.as.empty() && shipped.size() > 1) {
-    throw UsageError(fmt::format("in place of which? Give --as, one of: {}", names_of(shipped)));
+    throw UsageError(
+        fmt::format("which model does it replace? Give --as with one of: {}", names_of(shipped)));
   }
   for (const ModelFile& model : shipped) {
     if (options.as.empty() || model.name == options.as || model.file == options.as) return model;
   }
-  throw UsageError(fmt::format("--as {}: a '{}' takes the place of {}", printable(options.as),
+  throw UsageError(fmt::format("--as {}: a '{}' can replace only {}", printable(options.as),
                                printable(archive.type), names_of(shipped)));
 }
 
@@ -173,8 +175,8 @@ void check_as_verbs_do(const std::string& path, const ModelFile& place, const Ar
   const int points = type->points(path);
   const int wanted = type->points(place.path);
   if (points != wanted) {
-    throw ModelError(path, fmt::format("has {} points, {} has {}, and other models build on them: "
-                                       "give it by its flag (--model ..)",
+    throw ModelError(path, fmt::format("has {} points, but {} has {}, on which other models "
+                                       "depend: pass it with its flag (--model ..)",
                                        points, place.name, wanted));
   }
 }
@@ -211,10 +213,10 @@ ExitStatus install(const Context& context, const InstallOptions& options) {
                     {"used_by", used_by},
                     {"provenance", archive.provenance}});
   } else if (!context.quiet) {
-    print_text(fmt::format("{} is yours now, in {}\n  sha256   {}\n  used by  {}\n",
+    print_text(fmt::format("{} is installed in {}\n  sha256   {}\n  used by  {}\n",
                            printable(place.name), printable(folder), sum, printable(used_by)));
     if (store.own_folder() != folder)
-      print_text(fmt::format("Verbs take it where TARSIER_OWN_MODELS is {}\n", printable(folder)));
+      print_text(fmt::format("Verbs use it if TARSIER_OWN_MODELS is {}\n", printable(folder)));
   }
   return ExitStatus::kDone;
 }
@@ -226,7 +228,7 @@ ExitStatus remove(const Context& context, const InstallOptions& options) {
   if (fs::is_directory(folder, error)) sums = read_model_index(folder);
   const std::string file = options.file.ends_with(".json") ? options.file : options.file + ".json";
   if (file.front() == '.' || file.find('/') != std::string::npos)
-    throw UsageError(fmt::format("{}: is no name of a model", printable(options.file)));
+    throw UsageError(fmt::format("{}: is not a model name", printable(options.file)));
   const std::string path = (fs::path(folder) / file).string();
   const bool found = fs::is_regular_file(path, error);
   if (found && ::unlink(path.c_str()) != 0)
@@ -237,7 +239,7 @@ ExitStatus remove(const Context& context, const InstallOptions& options) {
     print_json(json{{"name", name}, {"removed", found}});
   } else if (!context.quiet) {
     print_text(
-        found ? fmt::format("{}: the one that ships is used again\n", printable(name))
+        found ? fmt::format("{}: the shipped model is used again\n", printable(name))
               : fmt::format("{}: you have not installed a model of this name\n", printable(name)));
   }
   return found ? ExitStatus::kDone : ExitStatus::kNothingFound;

@@ -71,7 +71,7 @@ std::string summary_text(const sfm::SurfaceResult& result) {
   text += fmt::format("extent {:.4g} x {:.4g} x {:.4g}, area {:.5g}, ", extent[0], extent[1],
                       extent[2], m.area);
   text += m.volume ? fmt::format("closed: volume {:.5g}\n", *m.volume)
-                   : fmt::format("open: {} hole{}, {:.4g} around\n", m.holes,
+                   : fmt::format("open: {} hole{}, total boundary length {:.4g}\n", m.holes,
                                  m.holes == 1 ? "" : "s", m.hole_length);
   if (const auto& texture = result.surface.texture)
     text += fmt::format("texture {}x{}, {} charts, {:.3g} of the images' resolution\n",

@@ -43,7 +43,8 @@ OnlineRun run_online(const ReconstructFlags& flags, const sfm::Reconstructor& re
   }
   OnlineRun online = run_online(flags.inputs, images, reconstructor, flags.online, context);
   if (context.stop.stop_requested()) {
-    log_info("making the model of {} key frames; once more ends at once", online.inputs.size());
+    log_info("computing the model of {} key frames; interrupt again to stop immediately",
+             online.inputs.size());
     context.stop = {};
   }
   return online;

@@ -24,11 +24,10 @@ void complete_lens(const ReconstructFlags& flags, sfm::ReconstructorOptions& all
   if (!flags.camera.empty()) options.camera = geometry::parse_camera(flags.camera);
   if (!flags.camera_file.empty()) options.camera = geometry::read_camera_file(flags.camera_file);
   if (options.camera && options.camera->lens != geometry::Lens::kPinhole) {
-    throw InputError(
-        flags.camera_file.empty() ? flags.camera : flags.camera_file,
-        fmt::format("is of a {} lens, and reconstruction takes pinhole ones: straighten "
-                    "the images first (tarsier calibrate --undistorted)",
-                    geometry::name_of(options.camera->lens)));
+    throw InputError(flags.camera_file.empty() ? flags.camera : flags.camera_file,
+                     fmt::format("has a {} lens, but reconstruction needs a pinhole camera: "
+                                 "undistort the images first (tarsier calibrate --undistorted)",
+                                 geometry::name_of(options.camera->lens)));
   }
   options.shared_camera = !flags.per_image_camera;
   for (const std::string& what : flags.refine) {
@@ -71,11 +70,14 @@ void complete_matching(const ReconstructFlags& flags, sfm::ReconstructorOptions&
   options.mapper.choice = mappers.at(flags.mapper);
   options.flow = flags.matches == "flow";
   if (!options.database.empty() && (options.flow || flags.online.online))
-    throw UsageError("--database: has its matches, --matches flow and --online have their own");
+    throw UsageError(
+        "--database contains the matches: not possible with --matches flow or --online, which "
+        "compute their own");
   if (options.features.wide && options.features.kind != sfm::FeatureKind::kSift)
-    throw UsageError("--wide: simulates views for SIFT, give --features sift");
+    throw UsageError("--wide simulates views for SIFT: use --features sift");
   if (options.features.wide && (options.flow || !options.database.empty()))
-    throw UsageError("--wide: finds features in images, not with --database or --matches flow");
+    throw UsageError(
+        "--wide detects features in images: not possible with --database or --matches flow");
   if (flags.inputs.empty()) {
     if (options.database.empty()) throw UsageError("PHOTOS is required");
     if (flags.dense || flags.mesh || flags.options.match_images || flags.align == "gps" ||
@@ -85,19 +87,20 @@ void complete_matching(const ReconstructFlags& flags, sfm::ReconstructorOptions&
           "not only --database");
   }
   if (options.flow && flags.online.online)
-    throw UsageError("--online: compares descriptors, --matches flow is not possible");
+    throw UsageError("--online compares descriptors: not possible with --matches flow");
 }
 
 void check_start(const ReconstructFlags& flags, const sfm::ReconstructorOptions& all) {
   const sfm::PipelineOptions& options = all.pipeline;
   if (options.start_model.empty()) {
     if (options.fixed_poses || options.only_start)
-      throw UsageError("--fixed-poses, --only-start-images: of --start-model, which is not given");
+      throw UsageError("--fixed-poses, --only-start-images: need --start-model");
     return;
   }
   if (flags.mapper == "global")
     throw UsageError(
-        "--start-model: goes on image by image, --mapper global makes all poses itself");
+        "--start-model continues image by image: not possible with --mapper global, which computes "
+        "all poses");
   if (flags.online.online)
     throw UsageError("--start-model: --online begins with the first frames instead");
   if (options.fixed_poses && all.placement.any())
@@ -224,7 +227,8 @@ sfm::ReconstructorOptions result_options(const ReconstructFlags& flags) {
   if (!flags.memory.empty()) {
     if (flags.no_cache)
       throw UsageError(
-          "--memory: descriptors and matches lie in the cache's folder, --no-cache has none");
+          "--memory stores descriptors and matches in the cache folder: not possible with "
+          "--no-cache");
     options.pipeline.memory_gb = parse_memory(flags.memory);
   }
   options.names_files = !is_in_studio();

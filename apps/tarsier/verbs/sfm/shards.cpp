@@ -144,7 +144,8 @@ ExitStatus find_features(const ShardFlags& flags, Context& context) {
 ExitStatus match(const ShardFlags& flags, Context& context) {
   const sfm::ShardedReconstructor sharded(flags.folder);
   if (flags.pairs_only) {
-    if (!flags.shard.empty()) throw UsageError("--pairs-only: is of all shards, without --shard");
+    if (!flags.shard.empty())
+      throw UsageError("--pairs-only selects the pairs of all shards: omit --shard");
     print_report(sharded.choose_pairs(*context.progress, context.stop), context);
     return ExitStatus::kDone;
   }
@@ -180,8 +181,7 @@ Shard first_and_last_cluster(const std::string& text, const sfm::Plan& plan) {
   const int clusters = plan.clusters();
   if (clusters == 0)
     throw UsageError(
-        "--cluster: the plan has no clusters, `tarsier sfm plan --cluster-size` makes one that "
-        "has");
+        "--cluster: the plan has no clusters: make a plan with `tarsier sfm plan --cluster-size`");
   if (text == "all") return {1, clusters};
   const Shard asked = parse_shard(text, "--cluster");
   if (asked.count != clusters)
@@ -195,14 +195,14 @@ ExitStatus map(const MapFlags& flags, Context& context) {
   if (flags.cluster.empty() == options.folder.empty())
     throw UsageError(flags.cluster.empty()
                          ? "-o is required, or --cluster"
-                         : "-o: --cluster writes into WORK; sfm merge makes the model of all");
+                         : "-o: --cluster writes into WORK; `sfm merge` computes the whole model");
   const sfm::ShardedReconstructor sharded(flags.folder);
   if (!flags.cluster.empty()) {
     if (options.placement.any() || options.binary || options.undistorted || options.database ||
         options.turntable)
       throw UsageError(
-          "--align, --distance, --marker-size, --export, --turntable: are of sfm merge, not of a "
-          "cluster");
+          "--align, --distance, --marker-size, --export, --turntable: pass them to `sfm merge`, "
+          "not with --cluster");
     const Shard asked = first_and_last_cluster(flags.cluster, sharded.plan());
     for (int cluster = asked.number; cluster <= asked.count; ++cluster)
       print_report(sharded.map_cluster(cluster, options, *context.progress, context.stop), context);

@@ -74,7 +74,7 @@ nlohmann::ordered_json truth_line(const std::string& name, const geometry::Rigid
 ExitStatus make_observations(SynthFlags& flags, Context& context) {
   const auto kind = kSites.find(flags.trajectory);
   if (kind == kSites.end() || flags.depth) {
-    throw UsageError(fmt::format("--observations: of --trajectory {}, and without --depth",
+    throw UsageError(fmt::format("--observations needs --trajectory {}, without --depth",
                                  fmt::join(names_of(kSites), ", ")));
   }
   flags.site.kind = kind->second;
@@ -124,17 +124,18 @@ void check_content(SynthFlags& flags) {
   if (in_streets != (flags.content == "houses")) {
     throw UsageError(in_streets ? fmt::format("--trajectory {}: has houses, not --content {}",
                                               flags.trajectory, flags.content)
-                                : "--content houses: of --trajectory walk or city");
+                                : "--content houses needs --trajectory walk or city");
   }
   if (flags.trajectory == "grid" && flags.content != "relief" && flags.content != "boxes" &&
       flags.content != "plane")
-    throw UsageError("--trajectory grid: of --content relief, boxes or plane");
+    throw UsageError("--trajectory grid needs --content relief, boxes or plane");
   if (in_streets && flags.scene.pure_rotation)
-    throw UsageError(fmt::format("--pure-rotation: not of --trajectory {}", flags.trajectory));
+    throw UsageError(
+        fmt::format("--pure-rotation is not possible with --trajectory {}", flags.trajectory));
   if (in_streets && flags.scene.images < 2)
     throw UsageError(fmt::format("--trajectory {}: needs 2 images or more", flags.trajectory));
   if (in_streets && flags.depth)
-    throw UsageError(fmt::format("--depth: not of --trajectory {}", flags.trajectory));
+    throw UsageError(fmt::format("--depth is not possible with --trajectory {}", flags.trajectory));
 }
 
 // Writes the images of a rendered scene, camera.yaml, and truth.jsonl for `sfm eval`.

@@ -77,7 +77,7 @@ PersonStudy study_persons(const shape::LandmarkSet& set, const std::array<int, 2
   progress.end();
   if (study.rows.empty()) {
     throw InputError("by-person study",
-                     "the set names no two people with 4 complete images at least");
+                     "the set needs two people with at least 4 complete images each");
   }
   for (const PersonStudy::Row& row : study.rows) {
     study.generic += row.generic / static_cast<double>(study.rows.size());

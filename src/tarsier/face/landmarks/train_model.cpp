@@ -289,8 +289,8 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
     result.detected = model.box.trained_on;
   } catch (const std::invalid_argument&) {
     log_warning(
-        "{}: the face detector sees none of the objects; the model fits points only near a "
-        "place that is given",
+        "{}: the face detector detects none of the objects; the model fits points only from a "
+        "given initial position",
         set_path);
   }
 

@@ -25,8 +25,7 @@ Module load() {
   const std::string path = module_path();
   if (path.empty()) {
     module.trouble = fmt::format(
-        "nothing here runs ONNX files: {} is not beside the program; install the package "
-        "tarsier-onnx",
+        "ONNX files cannot be run: {} is not beside the program; install the package tarsier-onnx",
         kModule);
     return module;
   }
@@ -35,7 +34,7 @@ Module load() {
   if (handle == nullptr) {
     const char* reason = dlerror();
     module.trouble =
-        fmt::format("nothing here runs ONNX files: {}", reason == nullptr ? path.c_str() : reason);
+        fmt::format("ONNX files cannot be run: {}", reason == nullptr ? path.c_str() : reason);
     return module;
   }
   const auto version =

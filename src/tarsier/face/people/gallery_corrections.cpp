@@ -221,14 +221,13 @@ std::int64_t Gallery::not_this_sighting(std::int64_t sighting, const CorrectionS
     if (!row.step())
       throw MissingEntryError(path(), "sighting", fmt::format("there is no sighting {}", sighting));
     if (row.is_null(0))
-      throw InputError(
-          path(), fmt::format("sighting {} is nobody's: there is no name to take back", sighting));
+      throw InputError(path(),
+                       fmt::format("sighting {} has no name that can be removed", sighting));
     if (row.is_null(2))
       throw InputError(
           path(),
-          fmt::format(
-              "the face of sighting {} was not kept: `people correct not` needs one that was",
-              sighting));
+          fmt::format("no face of sighting {} was stored: `people correct not` needs a stored face",
+                      sighting));
     step.kind = "not";
     step.source = row.integer(0);
     step.source_name = row.text(1);
@@ -304,8 +303,9 @@ std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::strin
     if (!row.step()) no_face(path(), face);
     const Person person = require_person(row.text(0));
     if (from && from->id != person.id)
-      throw InputError(path(), fmt::format("faces {} and {} are of two people: one move for each",
-                                           ids.front(), face));
+      throw InputError(path(),
+                       fmt::format("faces {} and {} belong to two people: move them separately",
+                                   ids.front(), face));
     from = person;
   }
   if (from->name == to)
@@ -501,7 +501,8 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
   }
   if (step.kind == "undo")
     throw InputError(
-        path(), fmt::format("correction {} is an undoing: correct once more instead", step.id));
+        path(),
+        fmt::format("correction {} is itself an undo: make a new correction instead", step.id));
   if (step.undone > 0)
     throw InputError(path(),
                      fmt::format("correction {} was undone already, by {}", step.id, step.undone));
@@ -521,9 +522,9 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
         .bind(3, step.target)
         .bind(4, std::int64_t{groups ? 1 : 0});
     if (later.step())
-      throw InputError(path(),
-                       fmt::format("correction {} ({}) has changed the same since: undo that first",
-                                   later.integer(0), later.text(1)));
+      throw InputError(
+          path(), fmt::format("correction {} ({}) later changed the same entries: undo it first",
+                              later.integer(0), later.text(1)));
   }
   take_back(step);
   Step undoing;
@@ -564,11 +565,9 @@ void Gallery::take_back(const Step& step) {
   };
   if (step.kind == "merge") {
     if (find(step.source_name))
-      throw InputError(
-          path(),
-          fmt::format("'{}' is enrolled again since: `people correct move` gives those faces "
-                      "another name first",
-                      step.source_name));
+      throw InputError(path(), fmt::format("a new person was enrolled as '{}' since: give those "
+                                           "faces another name first, with `people correct move`",
+                                           step.source_name));
     Statement insert(database_, "INSERT INTO person(id, name, note, time) VALUES(?, ?, ?, ?)");
     insert.bind(1, step.source)
         .bind(2, std::string_view(step.source_name))

@@ -79,7 +79,7 @@ TEST_F(CorrectionsTest, MovesMergesSplitsAndUndoes) {
   EXPECT_THAT(who(gallery), ElementsAre("Ben:3"));
   EXPECT_EQ(gallery.sightings()[0].name, "Ben");
   // The earlier correction cannot be undone before the later one.
-  EXPECT_THAT(message_of([&] { (void)gallery.undo(moved, kNow); }), HasSubstr("undo that first"));
+  EXPECT_THAT(message_of([&] { (void)gallery.undo(moved, kNow); }), HasSubstr("undo it first"));
   EXPECT_THAT(who(gallery), ElementsAre("Ben:3"));
   (void)gallery.undo(0, kNow);
   EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Ben:2"));
@@ -116,9 +116,9 @@ TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
   EXPECT_THAT(message_of([&] { (void)gallery.not_this_sighting(99, kNow); }),
               HasSubstr("no sighting 99"));
   EXPECT_THAT(message_of([&] { (void)gallery.not_this_sighting(bare, kNow); }),
-              HasSubstr("was not kept"));
+              HasSubstr("was stored"));
   EXPECT_THAT(message_of([&] { (void)gallery.not_this_sighting(nobody, kNow); }),
-              HasSubstr("nobody's"));
+              HasSubstr("has no name"));
   EXPECT_THAT(message_of([&] { (void)gallery.move_faces(one, "Ann", kNow); }),
               HasSubstr("already"));
   EXPECT_THAT(message_of([&] { (void)gallery.move_faces({}, "Ben", kNow); }), HasSubstr("no face"));

@@ -139,7 +139,7 @@ Recognition GalleryFollower::recognize(const std::vector<float>& features, doubl
       return model_->index->recognize(features, false_accepts);
     } catch (const InputError& error) {
       if (error.path() != index_path(gallery_)) throw;
-      log_warning("{}: not used any more, all faces are compared; `people index` makes it again",
+      log_warning("{}: outdated, all faces are compared; rebuild it with `people index`",
                   error.what());
     }
     const std::int64_t id = model_->id;

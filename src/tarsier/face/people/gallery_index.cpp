@@ -141,7 +141,7 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
       if (!changed()) throw;  // otherwise faces were removed between two passes
       progress.end();
     }
-    log_info("{}: somebody was forgotten or corrected meanwhile: the index is made once more",
+    log_info("{}: the gallery changed while it was indexed: the index is built again",
              gallery.path());
   }
   throw OutputError(gallery.path(), "changes too often to be indexed");
@@ -180,8 +180,8 @@ std::unique_ptr<GalleryIndex> GalleryIndex::open(Gallery& gallery,
   const std::string path = index_path(gallery);
   if (!exists(path)) return nullptr;
   const auto unused = [&](std::string_view why) {
-    trouble = fmt::format("{}: {}: not used, all faces are compared; `people index` makes it again",
-                          path, why);
+    trouble = fmt::format(
+        "{}: {}: not used, all faces are compared; rebuild it with `people index`", path, why);
     return nullptr;
   };
   try {

@@ -83,8 +83,8 @@ bool uses_coordinates(Algorithm algorithm, const Background* background, std::in
   if (algorithm == Algorithm::kDeep) {
     if (!deep)
       throw std::invalid_argument(
-          "its templates are deep, and the network that makes them is not there: "
-          "scripts/get-model.sh face-embedding gets it, option 'template' classic goes without");
+          "its templates are deep, but the embedding network is not installed: install it with "
+          "scripts/get-model.sh face-embedding, or use option 'template' classic");
     return true;
   }
   return !deep && algorithm == Algorithm::kDefault && has_directions(background) &&

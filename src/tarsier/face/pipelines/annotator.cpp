@@ -105,7 +105,7 @@ struct Annotator::Impl {
     try {
       detector.emplace();
     } catch (const ModelError& error) {
-      log_debug("{} (proposals do without)", error.what());
+      log_debug("{} (proposals work without it)", error.what());
     }
   }
 

@@ -87,8 +87,8 @@ SharedNetwork load_deep_network(const ModelStore& models, const SharedNetwork& o
   if (own) return own;
   if (!models.has(kDeepNetwork)) {
     throw ModelError(kDeepNetwork,
-                     "is not installed: scripts/get-model.sh face-embedding gets it (6 MB, MIT), "
-                     "classic templates (option 'template') need none");
+                     "is not installed: install it with scripts/get-model.sh face-embedding (6 MB, "
+                     "MIT), or use classic templates (option 'template')");
   }
   return std::make_shared<const recognition::DeepNetwork>(
       recognition::read_deep_network(models.path(kDeepNetwork)));
@@ -105,7 +105,7 @@ recognition::Background load_deep_background(const ModelStore& models, const std
   if (background.of_network != network->fingerprint ||
       background.mean.size() != network->outputs()) {
     throw ModelError(path, background.of_network == 0
-                               ? "is not of deep templates"
+                               ? "was not trained on deep templates"
                                : "is of another network than " +
                                      (own ? own->name : models.place_of(kDeepNetwork)));
   }
@@ -143,9 +143,9 @@ void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelSt
       return;  // the same file under another name
     }
     if (!own && !network.empty() && kind != TemplateKind::kClassic)
-      throw TemplateError(
-          TemplateProblem::kNetworkNotGiven, gallery.path(),
-          fmt::format("its templates are of {}, which is not given", named_as(network)));
+      throw TemplateError(TemplateProblem::kNetworkNotGiven, gallery.path(),
+                          fmt::format("its templates were computed with {}, which is not given",
+                                      named_as(network)));
     if (kind == TemplateKind::kDeep && !deep)
       throw TemplateError(TemplateProblem::kNotDeep, gallery.path(),
                           "its templates are classic, and one gallery keeps one kind");
@@ -171,8 +171,9 @@ std::optional<recognition::Background> load_background(const ModelStore& models,
                                                        const std::string& which) {
   if (which == kNoBackground) return std::nullopt;
   if (which.empty() && !models.has(kShippedBackground)) {
-    log_warning("{}: not there; one person alone cannot be distinguished from strangers",
-                models.place_of(kShippedBackground));
+    log_warning(
+        "{}: not found; a gallery of one person cannot distinguish this person from strangers",
+        models.place_of(kShippedBackground));
     return std::nullopt;
   }
   return recognition::read_background(models.path_or(which, kShippedBackground));

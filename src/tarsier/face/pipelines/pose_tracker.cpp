@@ -78,9 +78,10 @@ void PoseTrackerOptions::check() const {
   landmarks.check();
   pose.check();
   one_euro.check();
-  TARSIER_REQUIRE(refine || view.empty(), "a view model, and no refinement by it");
+  TARSIER_REQUIRE(refine || view.empty(),
+                  "a view model is given, but the refinement does not use it");
   TARSIER_REQUIRE(fit == PoseFit::kAam || appearance.empty(),
-                  "an appearance model, and the points are not its own");
+                  "an appearance model is given, but the points are not fitted by it");
   TARSIER_REQUIRE(mean_length >= 1 && mean_length <= 1000, "mean of {} frames", mean_length);
   TARSIER_REQUIRE(focal_px == 0 || (focal_px > 0 && std::isfinite(focal_px)), "focal length of {}",
                   focal_px);
@@ -101,8 +102,8 @@ PoseModels load_pose_models(const ModelStore& models, const PoseTrackerOptions& 
   for (const int landmark : result.mapping.landmarks) {
     if (landmark >= landmarks) {
       throw UsageError(
-          fmt::format("the head's points are of a markup with a landmark {}, the landmark model "
-                      "has {}: give a file (option 'mapping')",
+          fmt::format("the head model needs landmark {}, but the landmark model has {} landmarks: "
+                      "give a file (option 'mapping')",
                       landmark, landmarks));
     }
   }

@@ -39,7 +39,7 @@ const PosedFace* face_at(const std::vector<PosedFace>& faces, const Eigen::Matri
 ViewTraining::ViewTraining(const PoseModels& models, const PoseTrackerOptions& options)
     : tracker_(models, options), mapping_(models.mapping) {
   TARSIER_REQUIRE(!options.refine && !options.camera,
-                  "views are learnt of landmarks alone and guessed cameras");
+                  "a view model is trained with landmarks only and guessed cameras");
 }
 
 ViewTraining::Seen ViewTraining::see(const std::string& path, const Choice& choice) {

@@ -345,9 +345,9 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
     const bool any_probe = std::any_of(closed.probes.begin(), closed.probes.end(), may_train);
     if (!any_probe && options.gallery > 0)
       throw std::invalid_argument("all " + std::to_string(labels.size()) +
-                                  " faces train, and none is left to be asked for");
+                                  " faces are training images, and no probe is left");
     if (!any_probe)
-      throw std::invalid_argument("nobody has more images than those that train (" +
+      throw std::invalid_argument("no person has more than the training images (" +
                                   std::to_string(options.training) + ")");
     SeedResult result;
     result.seed = seed;

@@ -331,8 +331,9 @@ std::string weakness_of(const Camera& camera, const std::vector<FitView>& views,
                         std::max(camera.width, camera.height);
   if (std::max(focal, center) <= kMaxUncertain) return {};
   return fmt::format(
-      "these views do not fix the camera ({} stays uncertain by {:.0f} %): take more of them, with "
-      "the board tilted by 20 to 45 degrees in different directions and near the image's corners",
+      "these views do not determine the camera ({} stays uncertain by {:.0f} %): take more of "
+      "them, with the board tilted by 20 to 45 degrees in different directions and near the "
+      "image's corners",
       focal > center ? "the focal length" : "the principal point",
       std::min(999.0, 100 * std::max(focal, center)));
 }

@@ -214,7 +214,7 @@ class PlateRecorder::Writer {
       } catch (const DatabaseLockedError&) {
         if (!std::exchange(was_locked, true)) {
           locked_since = Clock::now();
-          log_warning("{}: is locked by another program; reading goes on, entries wait",
+          log_warning("{}: is locked by another program; reading continues, entries are queued",
                       log_.path());
         }
         const std::lock_guard lock(mutex_);

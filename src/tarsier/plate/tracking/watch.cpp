@@ -475,10 +475,9 @@ const WatchList& WatchFile::current() {
   stamp_ = now;
   try {
     list_ = WatchList::read(path_);
-    log_info("{}: has changed, {} entries are watched for", path_, list_.entries().size());
+    log_info("{}: has changed and was reloaded, {} entries", path_, list_.entries().size());
   } catch (const InputError& error) {
-    log_warning("{}; the {} entries of before are watched for", error.what(),
-                list_.entries().size());
+    log_warning("{}; the previous {} entries stay in use", error.what(), list_.entries().size());
   }
   return list_;
 }

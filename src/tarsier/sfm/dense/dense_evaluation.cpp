@@ -235,7 +235,7 @@ geometry::Sim3 align_workspaces(const Workspace& truth, const Workspace& model) 
     below += turned.squaredNorm();
   }
   if (!(below > 0 && above > 0))
-    throw InputError(model.folder(), "its cameras are not where those of the truth are");
+    throw InputError(model.folder(), "its camera positions differ from those of the ground truth");
   similarity.scale = above / below;
   similarity.translation = to_mean - similarity.scale * (similarity.rotation * from_mean);
   return similarity;

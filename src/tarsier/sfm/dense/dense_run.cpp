@@ -194,10 +194,8 @@ class DenseRun {
     const double pixels = static_cast<double>(camera.width) * camera.height;
     const double affordable = affordable_scale(pixels);
     if (affordable < scale) {
-      log_warning(
-          "{}: is looked at {:.2f} times smaller, not {:.2f}, to need no more than {} GB "
-          "of memory",
-          workspace_.name(i), 1 / affordable, 1 / scale, options_.memory_gb);
+      log_warning("{}: reduced {:.2f} times instead of {:.2f}, to stay below {} GB of memory",
+                  workspace_.name(i), 1 / affordable, 1 / scale, options_.memory_gb);
       scale = affordable;
     }
     return {std::max(16, static_cast<int>(std::lround(camera.width * scale))),

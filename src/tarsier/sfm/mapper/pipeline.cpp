@@ -127,7 +127,7 @@ class KnownFeatures {
           input.path, fmt::format("{}x{} px, but in {} it has {}x{}", image.cols, image.rows, path_,
                                   camera.camera.width, camera.camera.height));
     if (camera.camera.lens != geometry::Lens::kPinhole)
-      throw InputError(path_, fmt::format("a {} lens: reconstruction takes pinhole ones",
+      throw InputError(path_, fmt::format("a {} lens: reconstruction needs a pinhole camera",
                                           geometry::name_of(camera.camera.lens)));
     if (!options.camera)
       features.lens = {camera.camera, camera.is_focal_known ? "database" : "guess"};

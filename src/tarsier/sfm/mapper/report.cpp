@@ -178,11 +178,12 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
 std::string summary_text(const PipelineResult& result) {
   const Reconstruction& built = result.reconstruction;
   std::string text;
-  if (built.interrupted) text += "partial: the work was interrupted; the same command goes on\n";
+  if (built.interrupted)
+    text += "partial: the run was interrupted; run the same command to resume\n";
   if (result.start) {
-    text += fmt::format("start model: {} of {} images{}\n", result.start->registered,
-                        result.start->images,
-                        result.start->fixed_poses ? ", at poses that stay as they are" : "");
+    text +=
+        fmt::format("start model: {} of {} images{}\n", result.start->registered,
+                    result.start->images, result.start->fixed_poses ? ", with fixed poses" : "");
   }
   for (std::size_t m = 0; m < built.models.size(); ++m) {
     const ModelStatistics statistics = statistics_of(built.models[m]);
@@ -192,14 +193,14 @@ std::string summary_text(const PipelineResult& result) {
         m, statistics.registered, result.images.size(), built.models[m].points.size(),
         statistics.mean_track, statistics.reprojection_px);
     if (m < built.trust.size() && built.trust[m] < 0.5)
-      text += fmt::format("model {}: little speaks for it (trust {:.2f}): see report.json\n", m,
-                          built.trust[m]);
+      text +=
+          fmt::format("model {}: weakly supported by the images (trust {:.2f}): see report.json\n",
+                      m, built.trust[m]);
     const CenterUncertainty* uncertainty = uncertainty_of(built, m);
     if (uncertainty != nullptr && uncertainty->worst >= kUncertain)
       text += fmt::format(
-          "model {}: its matches place a camera to {:.1f} % of the extent only (standard deviation "
-          "of "
-          "the worst centre)\n",
+          "model {}: the most uncertain camera centre has a standard deviation of {:.1f} % of the "
+          "extent\n",
           m, 100 * uncertainty->worst);
   }
   if (built.models.empty()) text += "no model: " + built.no_model + "\n";

@@ -93,8 +93,9 @@ StartModel::StartModel(const std::string& folder, const std::vector<Input>& inpu
   for (const auto& [name, i] : index_) {
     const geometry::Camera& camera = model_.cameras[at(model_.images[at(i)].camera)];
     if (camera.lens != geometry::Lens::kPinhole) {
-      throw InputError(folder, fmt::format("'{}' has a {} lens: reconstruction takes pinhole ones",
-                                           printable(name), geometry::name_of(camera.lens)));
+      throw InputError(folder,
+                       fmt::format("'{}' has a {} lens: reconstruction needs a pinhole camera",
+                                   printable(name), geometry::name_of(camera.lens)));
     }
   }
   if (summary_.here < summary_.images) {

@@ -23,8 +23,9 @@ Model read_part(const std::string& folder) {
   for (const Image& image : model.images) {
     const geometry::Camera& camera = model.cameras[at(image.camera)];
     if (camera.lens != geometry::Lens::kPinhole)
-      throw InputError(folder, fmt::format("a {} lens: models of pinhole ones can be joined",
-                                           geometry::name_of(camera.lens)));
+      throw InputError(folder,
+                       fmt::format("a {} lens: only models of pinhole cameras can be joined",
+                                   geometry::name_of(camera.lens)));
   }
   return model;
 }

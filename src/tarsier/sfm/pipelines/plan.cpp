@@ -269,8 +269,8 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   TARSIER_REQUIRE(is_cluster_size(inputs.size(), cluster_size),
                   "clusters of {} of {} images: expected {} or more, and at most {} clusters",
                   cluster_size, inputs.size(), kMinClusterSize, kMaxShards);
-  TARSIER_REQUIRE(given.database.empty(), "a database is not shared among shards");
-  TARSIER_REQUIRE(!given.flow, "points that are followed are not shared among shards");
+  TARSIER_REQUIRE(given.database.empty(), "a database cannot be divided into shards");
+  TARSIER_REQUIRE(!given.flow, "matches by flow cannot be divided into shards");
   require_two_images(inputs, inputs.empty() ? "images" : inputs.front().path);
   require_names(inputs);
   make_folder(folder);

@@ -86,7 +86,7 @@ void ReconstructorOptions::check() const {
   keyframes.check();
   placement.check();
   TARSIER_REQUIRE(!pipeline.camera || pipeline.camera->lens == geometry::Lens::kPinhole,
-                  "a {} lens: reconstruction takes pinhole ones, undistort the images before",
+                  "a {} lens: reconstruction needs a pinhole camera, undistort the images first",
                   geometry::name_of(pipeline.camera->lens));
   TARSIER_REQUIRE(
       !folder.empty() || !(undistorted || binary || database || turntable || match_images),
@@ -137,8 +137,8 @@ void Reconstructor::check_inputs(const std::vector<Input>& inputs) const {
     names.push_back(input.name);
     if (options_.undistorted && !is_image_path(input.name)) {
       throw InputError(input.path,
-                       "undistorted images are written under their names, and of this ending none "
-                       "is written: .jpg, .png, .webp, .bmp, .ppm");
+                       "undistorted images keep their names, and this file extension cannot be "
+                       "written; use .jpg, .png, .webp, .bmp, .ppm");
     }
   }
   if (options_.pipeline.pairs == PairChoice::kList)

@@ -188,7 +188,8 @@ int remove_old_models(const std::string& folder, int first,
     remove_folders(path);
     ++removed;
     if (fs::exists(path, error))
-      log_warning("{}: of an earlier run; files that are not its own stay", path.string());
+      log_warning("{}: contains an earlier run; files that it did not write are kept",
+                  path.string());
   }
   return removed;
 }

@@ -688,8 +688,8 @@ ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& opti
                                                 const ReconstructorHooks& hooks) const {
   if (plan_.clusters() == 0)
     throw InputError(folder_,
-                     "its plan has no clusters: `tarsier sfm plan --cluster-size` makes "
-                     "one that has, `tarsier sfm map` maps all images together");
+                     "its plan has no clusters: make a plan with `tarsier sfm plan "
+                     "--cluster-size`, or map all images together with `tarsier sfm map`");
   const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [pairs, from] = pairs_of(readable);
   const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
