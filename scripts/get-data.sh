@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# get-data.sh list          the public data sets that people measure such programs on: what, terms, where from
-# get-data.sh NAME          tells where a set has its home, and fetches it if that can be done without signing anything
+# get-data.sh list          lists the public data sets for evaluations: content and terms
+# get-data.sh NAME          prints the home of a set, and downloads it if that needs no signed agreement
 #
-# Nothing of them is part of Tarsier, and none is needed to use it or to run its tests: a test that could use one
-# looks into the folder $TARSIER_DATA and is skipped where it is absent. Where a SHA-256 is known it is checked.
+# No data set is part of Tarsier or needed to use it or to run its tests. A test that can use a set reads the folder
+# $TARSIER_DATA, and is skipped if the set is not there. A known SHA-256 is checked.
 set -euo pipefail
 
 # name|what|terms|home|how: package:NAME, or by-hand

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: MIT
 # get-model.sh face-embedding|face-detector [--from FILE.tgz|FOLDER] [-o FILE]
 #
-# Installs a network of another program for this user. Neither is part of Tarsier: both come from the npm package
+# Installs a third-party network for this user. The networks are not part of Tarsier: both come from the npm package
 # @vladmandic/face-api (MIT).
 #   face-embedding   deep face templates (`tarsier people --template deep`): face_recognition_model, 6 MB, dlib's network
-#   face-detector    more faces with sunglasses, caps, beards: tiny_face_detector_model, 190 kB
-# The package comes from the npm registry that this user has set (by npm, else by curl), or from FILE.tgz or FOLDER, the
-# package as it was fetched before. SHA-256 is checked; `tarsier models import` writes the model file, by default
-# face-embedding.json or face-anchors.json in ~/.local/share/tarsier/models ($XDG_DATA_HOME). $TARSIER names the program,
-# if it is elsewhere than in build/release or on the PATH. Exit status 0 done, 2 usage, 3 not fetched, 5 not the known
+#   face-detector    detects more faces with sunglasses, caps, beards: tiny_face_detector_model, 190 kB
+# The package is downloaded from the user's npm registry (by npm, else by curl), or read from FILE.tgz or FOLDER, a
+# downloaded package. The SHA-256 is checked. `tarsier models import` writes the model file, by default
+# face-embedding.json or face-anchors.json in ~/.local/share/tarsier/models ($XDG_DATA_HOME). Set $TARSIER to the program
+# if it is neither in build/release nor on the PATH. Exit status: 0 done, 2 usage, 3 download failed, 5 unknown
 # weights.
 set -euo pipefail
 
@@ -27,7 +27,7 @@ usage() { sed -n 's/^# \{0,1\}//; 3,14p' "${BASH_SOURCE[0]}"; }
 
 case ${1:-} in
   face-embedding) network=face_recognition_model use='people enroll --template deep, people train --template deep' ;;
-  face-detector) network=tiny_face_detector_model use='what finds faces uses it from now on; landmarks --face-detector own does not' ;;
+  face-detector) network=tiny_face_detector_model use='face detection uses it from now on, except with landmarks --face-detector own' ;;
   -h | --help)
     usage
     exit 0

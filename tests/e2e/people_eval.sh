@@ -74,7 +74,7 @@ expect_status 0
 expect_out '"training":null,"training_images":8' '"trials":12'
 run people eval later.lst --train-list front.lst --raw --size 64x80 --seeds 1 --algorithm lbph --quiet
 expect_status 0
-expect_out '12 faces of 4 people in later.lst, 8 more of front.lst train'
+expect_out '12 faces of 4 people in later.lst, 8 more training images of front.lst'
 grep -v 'person 2' front.lst >three.lst
 run people eval later.lst --train-list three.lst --raw --size 64x80 --seeds 1 --algorithm lbph
 expect_status 3

@@ -199,7 +199,7 @@ expect_status 3
 expect_error 'nobody is enrolled'
 run people correct merge x 3 --groups
 expect_status 2
-expect_error "'x' is no number"
+expect_error "'x' is not a group number"
 run people correct split Ben Zoe
 expect_status 2
 run people correct split --group 3 --sighting 9999

@@ -71,7 +71,7 @@ expect_status 0
 # All in one: characters, then the confidence and the judgement of what is found.
 run plate train-reader corrected --scenes cars --found cars --from plate-reader --steps 2 --calibration 0 -o whole.json
 expect_status 0
-grep -q 'finds in 4 images, [1-9]' stderr.txt || fail "$command_line: $err"
+grep -q 'detections in 4 images, [1-9]' stderr.txt || fail "$command_line: $err"
 python3 - <<'PY' || fail 'whole.json has not what it should'
 import json
 mine, whole = (json.load(open(name)) for name in ("mine.json", "whole.json"))
@@ -82,7 +82,7 @@ PY
 # What is a plate is fitted to whole images; the characters stay as they were, and what they were learnt from.
 run plate train-reader cars --from plate-reader --confidence-only --calibration 0 -o judged.json
 expect_status 0
-grep -q 'finds in 4 images, [1-9]' stderr.txt || fail "$command_line: $err"
+grep -q 'detections in 4 images, [1-9]' stderr.txt || fail "$command_line: $err"
 python3 - <<'PY' || fail 'judged.json has not what it should'
 import json
 judged = json.load(open("judged.json"))

@@ -77,7 +77,7 @@ void check_words(Command& root, const std::vector<std::string>& words) {
     }
     const std::vector<std::string> known = names_of(command.subcommands());
     const std::string meant = nearest_word(word, known);
-    throw UsageError(fmt::format("'{}' has no verb '{}': {}", path_of(command), word,
+    throw UsageError(fmt::format("'{}' knows no '{}': {}", path_of(command), word,
                                  meant.empty() ? fmt::format("known: {}", fmt::join(known, ", "))
                                                : "did you mean '" + meant + "'?"));
   }

@@ -53,7 +53,7 @@ geometry::Camera solve_camera(const SolveFlags& flags, const cv::Mat& image) {
       camera.cx = (image.cols - 1) / 2.0;
       camera.cy = (image.rows - 1) / 2.0;
     } else if (!from_center(flags)) {
-      throw UsageError("--origin corner needs --image or --camera, which give the image size");
+      throw UsageError("--origin corner needs --image or --camera, which give the principal point");
     }
   } else {
     throw UsageError("give --focal PX or --camera FILE");

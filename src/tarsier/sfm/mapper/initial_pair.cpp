@@ -59,7 +59,7 @@ std::string why_no_initial_pair(const std::vector<Pair>& pairs, const std::vecto
   }
   if (best == nullptr) return "there are no two images to compare";
   if (best->view.inliers.empty())
-    return fmt::format("no two images have enough matches: at most {} matches ({} and {})",
+    return fmt::format("no two images show enough of the same: at most {} matches ({} and {})",
                        most->matches, images[at(most->first)].name, images[at(most->second)].name);
   const auto inliers = static_cast<double>(best->view.inliers.size());
   const std::string names =
