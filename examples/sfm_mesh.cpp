@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// sfm_mesh DENSE SURFACE: writes the textured surface of a dense folder to a .glb, .obj or .ply
-// file.
+// sfm_mesh DENSE SURFACE: writes the textured surface of a dense folder (.glb, .obj or .ply).
 //   sfm_mesh dense mesh.glb
 //   sfm_mesh drawn mesh.glb    (four images and depth maps of a synthetic scene)
 #include "tarsier/media/image_file.h"

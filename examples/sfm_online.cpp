@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// sfm_online FOLDER INPUT: a model that grows with a video or camera; prints one JSON line per
-// frame.
+// sfm_online FOLDER INPUT: a model that grows with a video or camera; one JSON line per frame.
 //   sfm_online frames 0       (a camera; Ctrl-C ends)
 //   sfm_online frames drawn   (a synthetic walk along a wall)
 #include "tarsier/core/stop.h"

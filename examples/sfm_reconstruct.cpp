@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// sfm_reconstruct FOLDER INPUT..: writes camera poses and a point cloud of images or a video to
-// FOLDER.
+// sfm_reconstruct FOLDER INPUT..: writes the poses and point cloud of images or a video to FOLDER.
 //   sfm_reconstruct model images/
 //   sfm_reconstruct model walk.mp4
 //   sfm_reconstruct model drawn    (six images of a synthetic scene)

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// sfm_shards WORK MODEL INPUT..: one reconstruction in two shards, which could also be two
-// programs.
+// sfm_shards WORK MODEL INPUT..: a reconstruction in two shards, which could be two programs.
 //   sfm_shards work model images/  or  drawn  (six images of a synthetic scene)
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/pipelines/inputs.h"

@@ -14,7 +14,7 @@ for i in $(seq 0 23); do printf 'heads/images/%04d.png\tperson %d\n' "$i" $((i %
 head -12 faces.lst >once.lst
 run people enroll Ann heads/images/0000.png --any-quality --template deep
 expect_status 5
-expect_error 'face-embedding.json: is not installed: scripts/get-model.sh face-embedding'
+expect_error 'face-embedding.json: is not installed: install it with scripts/get-model.sh face-embedding'
 [ ! -e people.db ] || fail "a gallery was made although the network is missing"
 run people eval faces.lst -k 1 --seeds 1 --template deep
 expect_status 5

@@ -95,7 +95,7 @@ TEST_F(JournalTest, IsOfOneRunAtATimeAndOfOneBatch) {
                 HasSubstr("another program is writing it"));
   }
   EXPECT_THAT(error_of([&] { Journal other(file_, "{\"a\":2}", true); }),
-              HasSubstr("other inputs"));
+              HasSubstr("different inputs"));
   EXPECT_THAT(Journal(file_, "{\"a\":1}", true).inputs(), ElementsAre(0));
   EXPECT_THAT(Journal(file_, "{\"a\":2}", false).inputs(), ElementsAre());
 }
@@ -162,8 +162,8 @@ TEST_F(MergeTest, RefusesWhatIsMissingTwiceUnfinishedOrOfAnotherBatch) {
   std::filesystem::copy_file(info_path(part(1)), info_path(path("copy")));
   EXPECT_THAT(merge({part(1), part(2), part(3), path("copy")}),
               HasSubstr("is shard 1/3, and so is"));
-  EXPECT_THAT(merge({part(1), part(2, "other"), part(3)}), HasSubstr("other inputs"));
-  EXPECT_THAT(merge({part(1), part(2, "L", "other"), part(3)}), HasSubstr("other flags"));
+  EXPECT_THAT(merge({part(1), part(2, "other"), part(3)}), HasSubstr("different inputs"));
+  EXPECT_THAT(merge({part(1), part(2, "L", "other"), part(3)}), HasSubstr("different flags"));
   EXPECT_THAT(merge({part(1), part(2), part(1) + "x"}), HasSubstr("no such part"));
   part(3);
   std::filesystem::remove(info_path(path("part-3")));

@@ -301,7 +301,7 @@ class Builder {
     // Without an output for its images such a verb would open a window.
     const Json* output = VerbTable::find_flag(verb_, "--output");
     if (use_ != Use::kLive && output != nullptr && !has("--output") &&
-        output->at("help").get_ref<const std::string&>().find("none; without it: the window") !=
+        output->at("help").get_ref<const std::string&>().find("none [the window]") !=
             std::string::npos) {
       add("--output=none");
     }

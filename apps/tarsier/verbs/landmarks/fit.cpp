@@ -91,9 +91,8 @@ void add_flags(Command& verb, FitFlags& flags) {
   add_landmark_flags(verb, flags.landmarks);
   verb.add_option("--csv", flags.csv, "CSV file: frame, time, face, score, points");
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
-  video(
-      verb.add_option("--smooth", flags.smooth,
-                      "smoothing of landmarks at rest: 0: none, 1: normal, 2: twice as much [1]"));
+  video(verb.add_option("--smooth", flags.smooth,
+                        "smoothing of landmarks at rest, times the normal one; 0: none [1]"));
   bind_all(verb, flags.tracker, "Videos and cameras");
 }
 

@@ -82,7 +82,7 @@ void add_flags(Command& verb, ImportFlags& flags) {
       .check(one_of({"auto", "pts", "asf", "muct", "dlib"}))
       .show_default();
   verb.add_option("--offset", flags.options.pts_offset,
-                  ".pts: index of the first pixel, 1 for files from Matlab")
+                  ".pts: pixel offset of the coordinates, px; 1 for files from Matlab")
       .check(one_of({0, 1}))
       .show_default();
   verb.add_option("--images", flags.options.images, "folder of the images, if different (MUCT)");
