@@ -95,7 +95,7 @@ TEST_F(JournalTest, IsOfOneRunAtATimeAndOfOneBatch) {
                 HasSubstr("another program is writing it"));
   }
   EXPECT_THAT(error_of([&] { Journal other(file_, "{\"a\":2}", true); }),
-              HasSubstr("different inputs"));
+              HasSubstr("other inputs"));
   EXPECT_THAT(Journal(file_, "{\"a\":1}", true).inputs(), ElementsAre(0));
   EXPECT_THAT(Journal(file_, "{\"a\":2}", false).inputs(), ElementsAre());
 }

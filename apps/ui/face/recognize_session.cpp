@@ -36,6 +36,7 @@ void draw_named_face(cv::Mat& image, const face::NamedFace& face, std::int64_t g
                ? fmt::format("{} {:.0f} %", shown, 100 * face.name.confidence)
                : fmt::format("{} ({} {:.0f} %)", nobody, shown, 100 * face.name.confidence);
   }
+  if (!face.face.trusted) text = "uncertain face: " + text;
   image::draw::TextStyle style;
   style.height_px = std::clamp(box.width * 0.09, 8.0, 30.0);
   style.color = color;
