@@ -166,7 +166,10 @@ TEST_F(GroupingTest, InPiecesItIsTheSame) {
   EXPECT_EQ(grouping.waiting(), 13);
   EXPECT_EQ(pieces.ungrouped_count(), 13);  // placed sightings stay placed
   // A correction by a user meanwhile: grouping starts again from the current state.
-  pieces.enroll("Ann", "", {.crop = cv::Mat(160, 128, CV_8UC1, cv::Scalar(90)), .measures = "{}"});
+  StoredFace ann;
+  ann.crop = cv::Mat(160, 128, CV_8UC1, cv::Scalar(90));
+  ann.measures = "{}";
+  pieces.enroll("Ann", "", ann);
   while (grouping.step({}, 5)) {
   }
   EXPECT_FALSE(grouping.step({}, 5));

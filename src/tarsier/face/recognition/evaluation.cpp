@@ -331,9 +331,9 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
   const auto take_uncertain = [&](std::vector<ProbeResult>& results) {
     const auto first = std::stable_partition(
         results.begin(), results.end(), [&](const ProbeResult& r) { return may_train(r.face); });
-    std::vector<ProbeResult> out(first, results.end());
+    std::vector<ProbeResult> uncertain(first, results.end());
     results.erase(first, results.end());
-    return out;
+    return uncertain;
   };
   const auto split = [&](std::uint64_t seed, int enrolled) {
     return options.gallery > 0
