@@ -318,7 +318,7 @@ class PipeWindow final : public Window {
     }
   }
 
-  // Returns false if the other side accepts no more for now.
+  // Returns false if the pipe is full, so that the rest must be sent later.
   bool write_some() {
     const std::uint8_t* from = writing_.data() + written_;
     const std::size_t left = writing_.size() - written_;

@@ -40,8 +40,8 @@ struct Face {
 // probability, and only the points count.
 [[nodiscard]] double trust_in(double detection, double points);
 
-// Half of the images of faces-wild without a trusted face have a face of at least this trust. Below
-// this trust, identification is no better than chance.
+// Tuned on faces-wild: half of its images without a trusted face have a face of at least this trust.
+// Below this trust, identification is no better than chance.
 inline constexpr double kMinUncertain = 0.1;
 
 struct FaceReaderOptions {
