@@ -3,6 +3,7 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/geometry/colmap_camera.h"
 #include "tarsier/geometry/epipolar.h"
@@ -31,6 +32,7 @@ constexpr std::int64_t kMaxFeatures = 10'000'000;  // per image
 constexpr int kCalibrated = 2;                     // COLMAP's codes for kinds of pairs
 constexpr int kUncalibrated = 3;
 constexpr int kDescriptorBytes = 128;
+constexpr int kSiftDescriptors = 0;  // COLMAP's code in the column `type` of descriptors
 constexpr double kMaxPixel = 1e7;
 
 const char* const kTables =
@@ -200,6 +202,7 @@ class Reader {
     read_cameras();
     read_images();
     read_features();
+    read_descriptors();
     read_pairs("two_view_geometries");
     if (result_.pairs.empty()) read_pairs("matches");
     std::sort(result_.pairs.begin(), result_.pairs.end(), [](const auto& a, const auto& b) {
@@ -289,22 +292,41 @@ class Reader {
         features.sizes.push_back(2 * sigma);
       }
     }
-    Statement look(file_, "SELECT image_id, rows, cols, data FROM descriptors ORDER BY image_id");
-    while (look.step()) {
-      const auto image = images_.find(look.integer(0));
-      if (image == images_.end()) fail(fmt::format("descriptors of image {}", look.integer(0)));
+  }
+
+  // COLMAP 4 added the kind of descriptors.
+  bool has_descriptor_type() {
+    Statement row(file_, "SELECT 1 FROM pragma_table_info('descriptors') WHERE name = 'type'");
+    return row.step();
+  }
+
+  void read_descriptors() {
+    const std::string type = has_descriptor_type() ? "type" : std::to_string(kSiftDescriptors);
+    Statement row(file_, "SELECT image_id, rows, cols, data, " + type +
+                             " FROM descriptors ORDER BY image_id");
+    int others = 0;
+    while (row.step()) {
+      const auto image = images_.find(row.integer(0));
+      if (image == images_.end()) fail(fmt::format("descriptors of image {}", row.integer(0)));
+      if (row.integer(4) != kSiftDescriptors) {
+        ++others;
+        continue;
+      }
       const std::string what = fmt::format("descriptors of image {}", image->first);
       Features& features = result_.images[at(image->second)].features;
-      if (look.integer(1) != static_cast<std::int64_t>(features.points.size()))
-        fail(fmt::format("{}: {} of {} features", what, look.integer(1), features.points.size()));
+      if (row.integer(1) != static_cast<std::int64_t>(features.points.size()))
+        fail(fmt::format("{}: {} of {} features", what, row.integer(1), features.points.size()));
       if (features.points.empty()) continue;
-      if (look.integer(2) != kDescriptorBytes)
-        fail(fmt::format("{}: {} columns, expected {}", what, look.integer(2), kDescriptorBytes));
-      const auto values = numbers<std::uint8_t>(look, 1, 3, kDescriptorBytes, what);
+      if (row.integer(2) != kDescriptorBytes)
+        fail(fmt::format("{}: {} columns, expected {}", what, row.integer(2), kDescriptorBytes));
+      const auto values = numbers<std::uint8_t>(row, 1, 3, kDescriptorBytes, what);
       features.descriptors = cv::Mat(static_cast<int>(features.points.size()), kDescriptorBytes,
                                      CV_8UC1, const_cast<std::uint8_t*>(values.data()))
                                  .clone();
     }
+    if (others > 0)
+      log_warning("{}: the descriptors of {} of {} images are not SIFT: their matches are used",
+                  path_, others, images_.size());
   }
 
   void read_pairs(const std::string& table) {

@@ -12,9 +12,11 @@
 
 namespace tarsier::sfm {
 
-// COLMAP's database (https://colmap.github.io/database.html; versions 3.x): cameras, images, their
-// features with descriptors, and matches of image pairs. COLMAP's mapper can use features and
-// matches of this library, and vice versa. COLMAP places pixel centres at 0.5, this library at 0.
+// COLMAP's database (https://colmap.github.io/database.html): cameras, images, their features with
+// descriptors, and matches of image pairs. COLMAP's mapper can use features and matches of this
+// library, and vice versa. Versions 3.x and 4.x are read; rigs, frames and pose priors are ignored.
+// Version 3.8 is written: later ones add the missing tables when they open it, and take each camera
+// for a rig. COLMAP places pixel centres at 0.5, this library at 0.
 struct ColmapDatabase {
   struct DatabaseCamera {
     geometry::Camera camera;
@@ -44,7 +46,8 @@ struct ColmapDatabase {
 void write_colmap_database(const std::string& path, const ColmapDatabase& database);
 
 // Reads images sorted by name and pairs by image; for keypoints positions and sizes, and pairs with
-// at least 1 match. Throws InputError with the fault: missing tables, blobs whose size differs from
+// at least 1 match. Descriptors other than SIFT (COLMAP 4) are left out with a warning; their
+// features have the matches of the database only. Throws InputError with the fault: missing tables, blobs whose size differs from
 // rows and columns, numbers that are not finite, unknown ids, matches of non-existing features, a
 // camera model that geometry/colmap_camera.h does not know.
 [[nodiscard]] ColmapDatabase read_colmap_database(const std::string& path);

@@ -84,26 +84,77 @@ TEST(ColmapDatabase, AnotherOneOfThatNameIsReplaced) {
   EXPECT_TRUE(read_colmap_database(folder / "database.db").pairs.empty());
 }
 
+// Writes drawn() and changes it.
+void write_changed(const std::string& path, const std::string& statements) {
+  write_colmap_database(path, drawn());
+  DatabaseKind kind;
+  kind.name = "database";
+  kind.application_id = 0;
+  kind.versions = {""};
+  kind.of_another_program = true;
+  Database file(path, kind, DatabaseAccess::kWrite);
+  file.run("PRAGMA foreign_keys = OFF");
+  file.run(statements);
+}
+
 // The error for a database after these statements.
 std::string trouble(const std::string& statements) {
   const TemporaryFolder folder;
-  write_colmap_database(folder / "database.db", drawn());
-  {
-    DatabaseKind kind;
-    kind.name = "database";
-    kind.application_id = 0;
-    kind.versions = {""};
-    kind.of_another_program = true;
-    Database file(folder / "database.db", kind, DatabaseAccess::kWrite);
-    file.run("PRAGMA foreign_keys = OFF");
-    file.run(statements);
-  }
+  write_changed(folder / "database.db", statements);
   try {
     (void)read_colmap_database(folder / "database.db");
   } catch (const InputError& error) {
     return error.what();
   }
   return "";
+}
+
+// What COLMAP 4 adds.
+const char* const kVersion4 =
+    "CREATE TABLE rigs (rig_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, ref_sensor_id INTEGER "
+    "NOT NULL, ref_sensor_type INTEGER NOT NULL);"
+    "CREATE TABLE frames (frame_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, rig_id INTEGER NOT "
+    "NULL, FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);"
+    "CREATE TABLE frame_data (frame_id INTEGER NOT NULL, data_id INTEGER NOT NULL, sensor_id "
+    "INTEGER NOT NULL, sensor_type INTEGER NOT NULL);"
+    "CREATE TABLE pose_priors (pose_prior_id INTEGER PRIMARY KEY NOT NULL, corr_data_id INTEGER "
+    "NOT NULL, position BLOB);"
+    "INSERT INTO rigs VALUES (1, 1, 0), (2, 2, 0);"
+    "INSERT INTO frames VALUES (1, 1), (2, 1), (3, 2);"
+    "INSERT INTO frame_data VALUES (1, 1, 1, 0), (2, 2, 1, 0), (3, 3, 2, 0);"
+    "ALTER TABLE descriptors RENAME TO old;"
+    "CREATE TABLE descriptors (image_id INTEGER PRIMARY KEY NOT NULL, type INTEGER NOT NULL, rows "
+    "INTEGER NOT NULL, cols INTEGER NOT NULL, data BLOB);"
+    "INSERT INTO descriptors SELECT image_id, 0, rows, cols, data FROM old;"
+    "DROP TABLE old;"
+    "ALTER TABLE images DROP COLUMN prior_qw;"
+    "PRAGMA user_version = 4010;";
+
+TEST(ColmapDatabase, Version4IsRead) {
+  const TemporaryFolder folder;
+  write_changed(folder / "database.db", kVersion4);
+  const ColmapDatabase read = read_colmap_database(folder / "database.db");
+  const ColmapDatabase written = drawn();
+  ASSERT_EQ(read.images.size(), 3U);
+  for (std::size_t i = 0; i < 3; ++i)
+    EXPECT_EQ(cv::norm(written.images[i].features.descriptors, read.images[i].features.descriptors,
+                       cv::NORM_INF),
+              0);
+  ASSERT_EQ(read.pairs.size(), 1U);
+  EXPECT_EQ(read.pairs[0].matches, written.pairs[0].matches);
+}
+
+TEST(ColmapDatabase, DescriptorsOfLearnedFeaturesAreLeftOut) {
+  const TemporaryFolder folder;
+  write_changed(folder / "database.db",
+                std::string(kVersion4) +
+                    "UPDATE descriptors SET type = 1, cols = 512, data = zeroblob(25600) WHERE "
+                    "image_id = 1");
+  const ColmapDatabase read = read_colmap_database(folder / "database.db");
+  EXPECT_TRUE(read.images[0].features.descriptors.empty());
+  EXPECT_EQ(read.images[0].features.points.size(), 50U);
+  EXPECT_EQ(read.images[1].features.descriptors.rows, 50);
+  EXPECT_EQ(read.pairs.size(), 1U);
 }
 
 TEST(ColmapDatabase, WhatDoesNotFitTogetherIsRefused) {

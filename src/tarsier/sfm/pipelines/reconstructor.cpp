@@ -123,6 +123,13 @@ std::string Reconstructor::frames_folder() const {
 void Reconstructor::check_outputs() const {
   if (!options_.folder.empty()) {
     make_folder(options_.folder);
+    // Files of a model that no run of this program left without a report.
+    const bool has_report = fs::exists(fs::path(options_.folder) / "report.json");
+    for (const char* name : {"cameras.bin", "rigs.txt", "frames.txt"})
+      if (!has_report && fs::exists(fs::path(options_.folder) / name))
+        throw OutputError(
+            options_.folder,
+            fmt::format("it holds a model of another program ({}): name another folder", name));
     // Throws where the folder is not writable.
     const AtomicFile writable((fs::path(options_.folder) / "report.json").string());
   }

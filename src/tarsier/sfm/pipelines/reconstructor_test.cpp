@@ -134,6 +134,11 @@ TEST_F(Reconstructing, ChecksBeforeTheWork) {
   EXPECT_THROW((void)run(), OutputError);
   EXPECT_THROW(Reconstructor(options_).check_outputs(), OutputError);
 
+  fs::create_directories(path("theirs"));
+  options_.folder = path("theirs");
+  write_file_atomically(path("theirs/frames.txt"), "");
+  EXPECT_THROW(Reconstructor(options_).check_outputs(), OutputError);
+
   NoProgress progress;
   options_.folder = path("model");
   const Reconstructor one(options_);

@@ -30,9 +30,9 @@ constexpr int kMaxModels = 1'000'000;
 // The key of "images" in reports of older versions.
 constexpr const char* kFormerImages = "photographs";
 constexpr const char* kWriter = "tarsier sfm reconstruct";
-constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt",   "points3D.txt",
-                                       "points.ply",  "cameras.ply",  "view.png",
-                                       "view.html",   "turntable.gif"};
+constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt",   "points3D.txt", "cameras.bin",
+                                       "images.bin",  "points3D.bin", "points.ply",   "cameras.ply",
+                                       "view.png",    "view.html",    "turntable.gif"};
 
 Json read_report(const fs::path& folder) {
   try {
