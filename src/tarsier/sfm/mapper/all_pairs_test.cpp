@@ -58,14 +58,14 @@ int between_sides(const Model& model) {
 TEST(AllPairs, AFoldedModelWithoutThePairsBetweenItsPlacesHasNoConflictsAndNoTrust) {
   Scene scene(true);
   EXPECT_FALSE(ModelConflicts(scene.made.models[0]).any());
-  judge_by_all_pairs(scene.input(), scene.options, {}, scene.made);
+  update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
   EXPECT_LT(scene.made.trust[0], 0.3);
   EXPECT_LT(scene.made.outcomes[0].trust, 0.3);
 }
 
 TEST(AllPairs, ATrueModelKeepsItsTrust) {
   Scene scene(false);
-  judge_by_all_pairs(scene.input(), scene.options, {}, scene.made);
+  update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
   EXPECT_GT(scene.made.trust[0], 0.95);
 }
 
@@ -73,8 +73,9 @@ TEST(AllPairs, PairsThatLackWhatTheyShouldHaveInCommonCountAgainstAModelThatAgre
   Scene scene(false);
   for (const Pair& pair : scene.prism.pairs)
     if (pair.first == 5 || pair.second == 5)
-      scene.made.refused.push_back({pair.first, pair.second, 50, "", Doubt::kEvidence});
-  judge_by_all_pairs(scene.input(), scene.options, {}, scene.made);
+      scene.made.refused.push_back(
+          {pair.first, pair.second, 50, "", PairRejection::kMissingFeatures});
+  update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
   EXPECT_EQ(scene.made.outcomes[5].trust, 0);
   EXPECT_GT(scene.made.outcomes[40].trust, 0.9);
 }
@@ -83,8 +84,9 @@ TEST(AllPairs, AnInterruptionLeavesTheTrustThatThereWas) {
   Scene scene(true);
   std::stop_source stopped;
   stopped.request_stop();
-  EXPECT_THROW(judge_by_all_pairs(scene.input(), scene.options, stopped.get_token(), scene.made),
-               Interrupted);
+  EXPECT_THROW(
+      update_trust_by_all_pairs(scene.input(), scene.options, stopped.get_token(), scene.made),
+      Interrupted);
   EXPECT_EQ(scene.made.trust[0], 1);
 }
 

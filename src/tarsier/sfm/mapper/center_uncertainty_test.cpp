@@ -95,7 +95,7 @@ double true_error(int cameras, double noise_px, int trials) {
     BundleOptions options;
     options.loss_px = 0;
     options.tolerance = 1e-10;
-    EXPECT_EQ(adjust(model, options).trouble, "");
+    EXPECT_EQ(adjust(model, options).warning, "");
     const std::vector<Eigen::Vector3d> found = centers_of(model);
     const auto similarity =
         geometry::similarity_between(geometry::columns_of(found), geometry::columns_of(truth));
@@ -143,7 +143,7 @@ TEST(CenterUncertainty, OfAClosedCircleIsSmallerThanOfAnOpenOne) {
   const auto opened = center_uncertainty(open, known_lens());
   ASSERT_TRUE(closed && opened);
   EXPECT_GT(opened->worst, 2 * closed->worst);
-  EXPECT_LT(certainty_trust(*opened), certainty_trust(*closed));
+  EXPECT_LT(uncertainty_trust_factor(*opened), uncertainty_trust_factor(*closed));
 }
 
 TEST(CenterUncertainty, IsLargerWhereTheLensIsUncertainToo) {
@@ -182,11 +182,11 @@ TEST(CenterUncertainty, IsUnknownOfTwoImagesAndOfNone) {
 
 TEST(CenterUncertainty, LeavesAtLeastHalfOfTheTrust) {
   CenterUncertainty uncertainty;
-  EXPECT_DOUBLE_EQ(certainty_trust(uncertainty), 1);
+  EXPECT_DOUBLE_EQ(uncertainty_trust_factor(uncertainty), 1);
   uncertainty.worst = 0.01;
-  EXPECT_DOUBLE_EQ(certainty_trust(uncertainty), 0.75);
+  EXPECT_DOUBLE_EQ(uncertainty_trust_factor(uncertainty), 0.75);
   uncertainty.worst = 1;
-  EXPECT_NEAR(certainty_trust(uncertainty), 0.5, 1e-3);
+  EXPECT_NEAR(uncertainty_trust_factor(uncertainty), 0.5, 1e-3);
 }
 
 }  // namespace

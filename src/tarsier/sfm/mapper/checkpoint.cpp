@@ -38,23 +38,23 @@ void put(PackedWriter& writer, const std::vector<std::string>& texts) {
   for (const std::string& text : texts) writer.put(text);
 }
 
-void put(PackedWriter& writer, const std::vector<PatchDoubt>& doubts) {
-  writer.put(static_cast<std::uint64_t>(doubts.size()));
-  for (const PatchDoubt& doubt : doubts) {
-    writer.put(doubt.reason);
-    writer.put(static_cast<std::uint8_t>(doubt.patches_differ));
+void put(PackedWriter& writer, const std::vector<PatchRejection>& rejections) {
+  writer.put(static_cast<std::uint64_t>(rejections.size()));
+  for (const PatchRejection& rejection : rejections) {
+    writer.put(rejection.reason);
+    writer.put(static_cast<std::uint8_t>(rejection.patches_differ));
   }
 }
 
-std::vector<PatchDoubt> get_patch_doubts(PackedReader& reader) {
+std::vector<PatchRejection> get_patch_rejections(PackedReader& reader) {
   const auto count = reader.get<std::uint64_t>();
-  std::vector<PatchDoubt> doubts;
+  std::vector<PatchRejection> rejections;
   for (std::uint64_t k = 0; k < count; ++k) {
-    PatchDoubt& doubt = doubts.emplace_back();
-    doubt.reason = reader.get_text();
-    doubt.patches_differ = reader.get<std::uint8_t>() != 0;
+    PatchRejection& rejection = rejections.emplace_back();
+    rejection.reason = reader.get_text();
+    rejection.patches_differ = reader.get<std::uint8_t>() != 0;
   }
-  return doubts;
+  return rejections;
 }
 
 std::vector<std::string> get_texts(PackedReader& reader) {
@@ -87,7 +87,7 @@ void put(PackedWriter& writer, const GlobalStartState& state) {
   writer.put(state.rotations);
   put(writer, state.model);
   writer.put(state.points);
-  writer.put(state.doubts);
+  writer.put(state.rejections);
   put(writer, state.log);
 }
 
@@ -102,7 +102,7 @@ GlobalStartState get_global_start(PackedReader& reader) {
   state.rotations = reader.get_all<Eigen::Matrix3d>();
   state.model = get_packed_model(reader);
   state.points = reader.get_all<Eigen::Vector3d>();
-  state.doubts = reader.get_all<Doubt>();
+  state.rejections = reader.get_all<PairRejection>();
   state.log = get_texts(reader);
   return state;
 }
@@ -204,7 +204,7 @@ int MapperState::registered() const {
 
 bool fits(const GlobalStartState& state, std::size_t pairs, std::size_t cameras,
           const std::vector<Image>& images) {
-  if (!are_ascending(state.edges, pairs) || state.doubts.size() != pairs || state.round < 0)
+  if (!are_ascending(state.edges, pairs) || state.rejections.size() != pairs || state.round < 0)
     return false;
   if (state.step == GlobalStartState::kRotations || state.step == GlobalStartState::kRefused)
     return true;
@@ -216,12 +216,12 @@ bool fits(const GlobalStartState& state, std::size_t pairs, std::size_t cameras,
 
 bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
           const std::vector<Image>& images, std::size_t pairs) {
-  if (!state.patch_doubts.empty() && state.patch_doubts.size() != pairs) return false;
+  if (!state.patch_rejections.empty() && state.patch_rejections.size() != pairs) return false;
   if (state.start && !is_index(state.start->image, images.size())) return false;
-  for (const MapperState& each : state.tries)
-    if (!each.tries.empty() || !fits(each, cameras, images, pairs)) return false;
-  if (state.reasons.size() != images.size() || state.doubts.size() != pairs) return false;
-  if (state.has_aside && state.models.empty()) return false;
+  for (const MapperState& each : state.attempts)
+    if (!each.attempts.empty() || !fits(each, cameras, images, pairs)) return false;
+  if (state.reasons.size() != images.size() || state.rejections.size() != pairs) return false;
+  if (state.has_open_loop_model && state.models.empty()) return false;
   for (const PackedModel& model : state.models)
     if (!fits(model, cameras.size(), images)) return false;
   for (const auto& [image, points] : state.failed)
@@ -243,7 +243,7 @@ void put(PackedWriter& writer, const MapperState& state) {
   for (const PackedModel& model : state.models) put(writer, model);
   put(writer, state.log);
   put(writer, state.reasons);
-  writer.put(state.doubts);
+  writer.put(state.rejections);
   writer.put(static_cast<std::int32_t>(state.done));
   writer.put(static_cast<std::int32_t>(state.current.has_value()));
   if (state.current) {
@@ -256,21 +256,22 @@ void put(PackedWriter& writer, const MapperState& state) {
   for (const auto& [image, points] : state.failed)
     writer.put(std::array<std::int32_t, 2>{image, points});
   writer.put(std::array<std::int32_t, 5>{state.adjusted_at, state.stage, state.round,
-                                         state.has_aside ? 1 : 0, state.is_global ? 1 : 0});
+                                         state.has_open_loop_model ? 1 : 0,
+                                         state.is_global ? 1 : 0});
   writer.put(static_cast<std::int32_t>(state.start.has_value()));
   if (state.start) put(writer, *state.start);
-  put(writer, state.patch_doubts);
-  writer.put(static_cast<std::uint64_t>(state.tries.size()));
-  for (const MapperState& each : state.tries) put(writer, each);
+  put(writer, state.patch_rejections);
+  writer.put(static_cast<std::uint64_t>(state.attempts.size()));
+  for (const MapperState& each : state.attempts) put(writer, each);
 }
 
-MapperState get_state(PackedReader& reader, bool is_try) {
+MapperState get_state(PackedReader& reader, bool is_attempt) {
   MapperState state;
   const auto models = reader.get<std::uint64_t>();
   for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_packed_model(reader));
   state.log = get_texts(reader);
   state.reasons = get_texts(reader);
-  state.doubts = reader.get_all<Doubt>();
+  state.rejections = reader.get_all<PairRejection>();
   state.done = reader.get<std::int32_t>() != 0;
   if (reader.get<std::int32_t>() != 0) {
     IncrementalMapperState& current = state.current.emplace();
@@ -289,13 +290,13 @@ MapperState get_state(PackedReader& reader, bool is_try) {
   state.adjusted_at = numbers[0];
   state.stage = numbers[1];
   state.round = numbers[2];
-  state.has_aside = numbers[3] != 0;
+  state.has_open_loop_model = numbers[3] != 0;
   state.is_global = numbers[4] != 0;
   if (reader.get<std::int32_t>() != 0) state.start = get_global_start(reader);
-  state.patch_doubts = get_patch_doubts(reader);
-  const auto tries = reader.get<std::uint64_t>();
-  if (is_try && tries > 0) throw Damaged();
-  for (std::uint64_t k = 0; k < tries; ++k) state.tries.push_back(get_state(reader, true));
+  state.patch_rejections = get_patch_rejections(reader);
+  const auto attempts = reader.get<std::uint64_t>();
+  if (is_attempt && attempts > 0) throw Damaged();
+  for (std::uint64_t k = 0; k < attempts; ++k) state.attempts.push_back(get_state(reader, true));
   return state;
 }
 

@@ -85,7 +85,7 @@ TEST(ColmapDatabase, AnotherOneOfThatNameIsReplaced) {
 }
 
 // The error for a database after these statements.
-std::string trouble(const std::string& statements) {
+std::string error_after(const std::string& statements) {
   const TemporaryFolder folder;
   write_colmap_database(folder / "database.db", drawn());
   {
@@ -107,20 +107,22 @@ std::string trouble(const std::string& statements) {
 }
 
 TEST(ColmapDatabase, WhatDoesNotFitTogetherIsRefused) {
-  EXPECT_EQ(trouble("SELECT 1"), "");
-  EXPECT_THAT(trouble("DROP TABLE keypoints"), HasSubstr("keypoints"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET rows = 51 WHERE image_id = 1"), HasSubstr("keypoints"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET rows = -1"), HasSubstr("keypoints"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET cols = 3"), HasSubstr("3 columns"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET data = zeroblob(800)"), HasSubstr("size"));
-  EXPECT_THAT(trouble("UPDATE descriptors SET rows = 49"), HasSubstr("descriptors"));
-  EXPECT_THAT(trouble("UPDATE images SET camera_id = 9"), HasSubstr("camera"));
-  EXPECT_THAT(trouble("UPDATE images SET name = '../etc' WHERE image_id = 1"), HasSubstr("leads"));
-  EXPECT_THAT(trouble("UPDATE cameras SET model = 77"), HasSubstr("model"));
-  EXPECT_THAT(trouble("UPDATE cameras SET params = zeroblob(7)"), HasSubstr("7 bytes"));
-  EXPECT_THAT(trouble("UPDATE two_view_geometries SET pair_id = 5"), HasSubstr("unknown"));
-  EXPECT_THAT(trouble("UPDATE two_view_geometries SET data = x'"
-                      "ffffffff00000000ffffffff00000000ffffffff00000000'"),
+  EXPECT_EQ(error_after("SELECT 1"), "");
+  EXPECT_THAT(error_after("DROP TABLE keypoints"), HasSubstr("keypoints"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET rows = 51 WHERE image_id = 1"),
+              HasSubstr("keypoints"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET rows = -1"), HasSubstr("keypoints"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET cols = 3"), HasSubstr("3 columns"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET data = zeroblob(800)"), HasSubstr("size"));
+  EXPECT_THAT(error_after("UPDATE descriptors SET rows = 49"), HasSubstr("descriptors"));
+  EXPECT_THAT(error_after("UPDATE images SET camera_id = 9"), HasSubstr("camera"));
+  EXPECT_THAT(error_after("UPDATE images SET name = '../etc' WHERE image_id = 1"),
+              HasSubstr("leads"));
+  EXPECT_THAT(error_after("UPDATE cameras SET model = 77"), HasSubstr("model"));
+  EXPECT_THAT(error_after("UPDATE cameras SET params = zeroblob(7)"), HasSubstr("7 bytes"));
+  EXPECT_THAT(error_after("UPDATE two_view_geometries SET pair_id = 5"), HasSubstr("unknown"));
+  EXPECT_THAT(error_after("UPDATE two_view_geometries SET data = x'"
+                          "ffffffff00000000ffffffff00000000ffffffff00000000'"),
               HasSubstr("not there"));
 }
 

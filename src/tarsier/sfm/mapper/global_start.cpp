@@ -21,7 +21,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kCycleDeg = 5;       // max angle of a closed cycle
-constexpr int kMinCycles = 2;         // min cycles by which an edge can be judged
+constexpr int kMinCycles = 2;         // min cycles by which an edge can be rejected
 constexpr double kRotationDeg = 10;   // edges with larger errors are wrong
 constexpr std::size_t kPoints = 150;  // per image, for positioning
 constexpr std::size_t kMaxRays = 60;  // of such a point: the equations grow with the square
@@ -50,7 +50,7 @@ class GlobalMapping {
                 const std::stop_token& stop, const GlobalStartHooks& hooks)
       : images_(images), pairs_(pairs), options_(options), stop_(stop), hooks_(hooks) {
     start_.model.cameras = cameras;
-    start_.doubts.assign(pairs.size(), Doubt::kNone);
+    start_.rejections.assign(pairs.size(), PairRejection::kNone);
     given_.resize(pairs.size());
     std::iota(given_.begin(), given_.end(), 0);
     std::vector<char> is_in(images_.size(), 0);
@@ -71,8 +71,8 @@ class GlobalMapping {
       return false;
     std::vector<char> is_left(pairs_.size(), 0);
     for (const int e : from.edges) is_left[at(e)] = 1;
-    keep_edges(Doubt::kNone, [&](std::size_t e) { return is_left[e] != 0; });
-    start_.doubts = from.doubts;
+    keep_edges(PairRejection::kNone, [&](std::size_t e) { return is_left[e] != 0; });
+    start_.rejections = from.rejections;
     start_.log = from.log;
     step_ = from.step;
     round_ = from.round;
@@ -96,16 +96,16 @@ class GlobalMapping {
   GlobalStart run() {
     if (step_ == kBegin) {
       make_graph();
-      keep(GlobalStartState::kRotations, 0);
+      save_checkpoint(GlobalStartState::kRotations, 0);
     }
     bool is_good = true;
     if (step_ == GlobalStartState::kRotations) {
       is_good = find_rotations();
-      if (is_good) keep(GlobalStartState::kPositions, 0);
+      if (is_good) save_checkpoint(GlobalStartState::kPositions, 0);
     }
     if (is_good && step_ == GlobalStartState::kPositions) {
       is_good = find_positions();
-      if (is_good) keep(GlobalStartState::kAdjustment, 0);
+      if (is_good) save_checkpoint(GlobalStartState::kAdjustment, 0);
     }
     if (is_good) refine();
     if (!start_.refusal.empty()) start_.model = {};
@@ -126,10 +126,10 @@ class GlobalMapping {
   static constexpr int kBegin = -1;  // before the first of GlobalStartState's steps
 
   // Call before this round of this step.
-  void keep(GlobalStartState::Step step, int round) {
+  void save_checkpoint(GlobalStartState::Step step, int round) {
     step_ = step;
     round_ = round;
-    if (hooks_.keep) hooks_.keep(state());
+    if (hooks_.save_checkpoint) hooks_.save_checkpoint(state());
     throw_if_stopped(stop_);
   }
 
@@ -139,7 +139,7 @@ class GlobalMapping {
     state.step = step_;
     state.round = round_;
     state.edges = given_;
-    state.doubts = start_.doubts;
+    state.rejections = start_.rejections;
     state.log = start_.log;
     if (step_ == GlobalStartState::kRotations) return state;
     state.nodes = nodes_;
@@ -174,7 +174,7 @@ class GlobalMapping {
       cycles += at(of_edge.cycles);
     }
     const std::size_t before = edges_.size();
-    keep_edges(Doubt::kCycles, [&](std::size_t e) {
+    keep_edges(PairRejection::kOpenCycles, [&](std::size_t e) {
       return support[e].cycles < kMinCycles || support[e].closed > 0;
     });
     start_.log.push_back(
@@ -184,11 +184,11 @@ class GlobalMapping {
   }
 
   template <typename Keep>
-  void keep_edges(Doubt why_not, const Keep& keep) {
+  void keep_edges(PairRejection why_not, const Keep& keep) {
     std::size_t kept = 0;
     for (std::size_t e = 0; e < edges_.size(); ++e) {
       if (!keep(e)) {
-        start_.doubts[at(given_[e])] = why_not;
+        start_.rejections[at(given_[e])] = why_not;
         continue;
       }
       edges_[kept] = edges_[e];
@@ -203,7 +203,8 @@ class GlobalMapping {
   // Numbers the images of the largest component, and removes the edges of others.
   void keep_largest_component() {
     number_nodes(largest_component(static_cast<int>(images_.size()), edges_));
-    keep_edges(Doubt::kNone, [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
+    keep_edges(PairRejection::kNone,
+               [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
   }
 
   void number_nodes(std::vector<int> images) {
@@ -237,13 +238,14 @@ class GlobalMapping {
       std::vector<double> sorted = errors;
       std::sort(sorted.begin(), sorted.end());
       const std::size_t before = edges_.size();
-      keep_edges(Doubt::kRotation, [&](std::size_t e) { return errors[e] <= kRotationDeg; });
+      keep_edges(PairRejection::kRotationError,
+                 [&](std::size_t e) { return errors[e] <= kRotationDeg; });
       start_.log.push_back(fmt::format(
           "global: rotations of {} images, median error of {} pairs {:.3f} degrees; {} are off by "
           "more than {} and are left out",
           nodes_.size(), before, sorted[sorted.size() / 2], before - edges_.size(), kRotationDeg));
       if (edges_.size() == before || round == 3) return true;
-      keep(GlobalStartState::kRotations, round + 1);
+      save_checkpoint(GlobalStartState::kRotations, round + 1);
     }
   }
 
@@ -365,9 +367,9 @@ class GlobalMapping {
       bundle.focal = options_.refine_focal && round.threshold < 10;
       bundle.distortion = options_.refine_distortion && round.threshold < 5;
       const BundleReport report = adjust(model, bundle, stop_);
-      if (!report.trouble.empty())
-        start_.log.push_back(fmt::format("global: an adjustment: {}", report.trouble));
-      keep(GlobalStartState::kAdjustment, static_cast<int>(k) + 1);
+      if (!report.warning.empty())
+        start_.log.push_back(fmt::format("global: an adjustment: {}", report.warning));
+      save_checkpoint(GlobalStartState::kAdjustment, static_cast<int>(k) + 1);
     }
     filter(options_.reprojection_px);
     keep_connected();
@@ -445,9 +447,9 @@ GlobalStart start_globally(const std::vector<geometry::Camera>& cameras,
                            const std::vector<Image>& images, const std::vector<const Pair*>& pairs,
                            const MapperOptions& options, const std::stop_token& stop,
                            const GlobalStartHooks& hooks) {
-  if (hooks.from != nullptr) {
+  if (hooks.resume_from != nullptr) {
     GlobalMapping mapping(cameras, images, pairs, options, stop, hooks);
-    if (mapping.restore(*hooks.from)) return mapping.run();
+    if (mapping.restore(*hooks.resume_from)) return mapping.run();
   }
   return GlobalMapping(cameras, images, pairs, options, stop, hooks).run();
 }

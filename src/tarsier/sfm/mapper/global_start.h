@@ -15,9 +15,9 @@
 namespace tarsier::sfm {
 
 struct GlobalStart {
-  Model model;                // cameras and poses; no points
-  std::string refusal;        // why there is no model; or ""
-  std::vector<Doubt> doubts;  // for each pair: why it was left out
+  Model model;                            // cameras and poses; no points
+  std::string refusal;                    // why there is no model; or ""
+  std::vector<PairRejection> rejections;  // for each pair: why it was left out
   std::vector<std::string> log;
 };
 
@@ -25,10 +25,10 @@ struct GlobalStart {
 struct GlobalStartHooks {
   // Receives the state after the check of the graph, each rotation averaging, the positioning, and
   // each adjustment.
-  std::function<void(GlobalStartState state)> keep;
+  std::function<void(GlobalStartState state)> save_checkpoint;
   // Resumes from this state. With otherwise equal arguments the result is bit-identical. Ignored
-  // where it does not fit them. Not read after the first call of `keep`.
-  const GlobalStartState* from = nullptr;
+  // where it does not fit them. Not read after the first call of `save_checkpoint`.
+  const GlobalStartState* resume_from = nullptr;
 };
 
 // Computes all poses of a set of images together, without an initial pair. Moulon, Monasse and

@@ -135,8 +135,8 @@ Given two_rings() {
 std::vector<MapperState> states_of(const Given& given, MapperChoice choice, Reconstruction& built) {
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
-  hooks.keep_every_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
   built = run(given, choice, 250, hooks);
   return states;
 }
@@ -153,10 +153,10 @@ TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
     const auto here = std::tuple(state.models.size(), state.start->step, state.start->round);
     if (!seen.insert(here).second) continue;
     MapperHooks hooks;
-    hooks.from = state;
-    hooks.keep_every_s = 0;
+    hooks.resume_from = state;
+    hooks.save_interval_s = 0;
     std::optional<MapperState> next;
-    hooks.keep = [&](const MapperState& kept) {
+    hooks.save_checkpoint = [&](const MapperState& kept) {
       if (!next) next = kept;
     };
     expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
@@ -183,12 +183,12 @@ TEST(GlobalCheckpoints, OfOtherPairsAreIgnored) {
   });
   ASSERT_NE(adjusted, states.end());
   MapperHooks hooks;
-  hooks.from = *adjusted;
-  hooks.from->start->points.pop_back();  // other tracks than those of the checkpoint
+  hooks.resume_from = *adjusted;
+  hooks.resume_from->start->points.pop_back();  // other tracks than those of the checkpoint
   expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
-  hooks.from = *adjusted;
-  hooks.from->start->nodes.pop_back();  // edges refer to the missing node
-  hooks.from->start->rotations.pop_back();
+  hooks.resume_from = *adjusted;
+  hooks.resume_from->start->nodes.pop_back();  // edges refer to the missing node
+  hooks.resume_from->start->rotations.pop_back();
   expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
 }
 
@@ -203,8 +203,8 @@ TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
   }
   std::optional<MapperState> kept;
   MapperHooks hooks;
-  hooks.keep_every_s = 0;
-  hooks.keep = [&](const MapperState& state) {
+  hooks.save_interval_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) {
     if (!kept) kept = state;
   };
   const Reconstruction whole = run(site, MapperChoice::kAuto, 20, hooks);
@@ -221,8 +221,8 @@ TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
     kept->log.push_back(line);
     if (line.find("global mapping refused") != std::string::npos) break;
   }
-  hooks.from = kept;
-  hooks.keep = nullptr;
+  hooks.resume_from = kept;
+  hooks.save_checkpoint = nullptr;
   expect_same(run(site, MapperChoice::kAuto, 20, hooks), whole);
 }
 
@@ -233,8 +233,8 @@ TEST(GlobalMapper, InterruptedLeavesTheModelSoFar) {
     std::stop_source stop;
     MapperHooks hooks;
     hooks.partial = true;
-    hooks.keep_every_s = 0;
-    hooks.keep = [&](const MapperState& state) {
+    hooks.save_interval_s = 0;
+    hooks.save_checkpoint = [&](const MapperState& state) {
       kept = state;
       if (state.start && state.start->step == step && state.start->round == round)
         stop.request_stop();
@@ -259,7 +259,7 @@ TEST(GlobalMapper, InterruptedLeavesTheModelSoFar) {
                       .points[static_cast<std::size_t>(seen.feature)],
                   static_cast<int>(p));
     MapperHooks hooks;
-    hooks.from = kept;
+    hooks.resume_from = kept;
     expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
   }
 }
@@ -361,19 +361,20 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
 
   // From a checkpoint in the middle of each try, the result is the same. Earlier tries are not
   // mapped again.
-  ASSERT_GE(states.back().tries.size(), 3U);
-  for (std::size_t tries = 1; tries <= states.back().tries.size(); ++tries) {
+  ASSERT_GE(states.back().attempts.size(), 3U);
+  for (std::size_t attempts = 1; attempts <= states.back().attempts.size(); ++attempts) {
     std::vector<const MapperState*> of_try;
     for (const MapperState& state : states)
-      if (state.tries.size() == tries && !state.tries.back().done) of_try.push_back(&state);
+      if (state.attempts.size() == attempts && !state.attempts.back().done)
+        of_try.push_back(&state);
     ASSERT_FALSE(of_try.empty());
     MapperHooks hooks;
-    hooks.from = *of_try[of_try.size() / 2];
-    hooks.keep_every_s = 0;
+    hooks.resume_from = *of_try[of_try.size() / 2];
+    hooks.save_interval_s = 0;
     std::size_t begun = 0;  // tries that were not finished
-    hooks.keep = [&](const MapperState& state) {
-      EXPECT_GE(state.tries.size(), tries);
-      for (std::size_t k = 0; k + 1 < tries; ++k) begun += state.tries[k].done ? 0 : 1;
+    hooks.save_checkpoint = [&](const MapperState& state) {
+      EXPECT_GE(state.attempts.size(), attempts);
+      for (std::size_t k = 0; k + 1 < attempts; ++k) begun += state.attempts[k].done ? 0 : 1;
     };
     expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
     EXPECT_EQ(begun, 0U);
@@ -383,11 +384,11 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   std::stop_source stop;
   MapperHooks hooks;
   hooks.partial = true;
-  hooks.keep_every_s = 0;
+  hooks.save_interval_s = 0;
   std::optional<MapperState> kept;
-  hooks.keep = [&](const MapperState& state) {
+  hooks.save_checkpoint = [&](const MapperState& state) {
     kept = state;
-    if (state.tries.size() == 2) stop.request_stop();
+    if (state.attempts.size() == 2) stop.request_stop();
   };
   const Reconstruction part =
       run(site, MapperChoice::kAuto, 250, hooks, NoProgress(), stop.get_token());
@@ -395,7 +396,7 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   EXPECT_FALSE(part.models.empty());
   ASSERT_TRUE(kept);
   hooks = {};
-  hooks.from = kept;
+  hooks.resume_from = kept;
   expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
 }
 
@@ -406,8 +407,8 @@ TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
-  hooks.keep_every_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
   const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
   const Reconstruction whole = mapped();
   const auto apart = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
@@ -416,8 +417,8 @@ TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
     });
   });
   ASSERT_NE(apart, states.end());
-  hooks.from = *apart;
-  hooks.keep = nullptr;
+  hooks.resume_from = *apart;
+  hooks.save_checkpoint = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
 }
@@ -470,8 +471,8 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   const Given site = drifting_ring();
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
-  hooks.keep_every_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
   const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
   const Reconstruction whole = mapped();
   EXPECT_THAT(whole.log, testing::Contains(HasSubstr("pairs open")));
@@ -481,18 +482,20 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   EXPECT_LT(worst_center(whole.models[0], site.site.poses), 0.02);
 
   // The checkpoint contains the model that was set aside.
-  const auto aside = std::find_if(states.begin(), states.end(),
-                                  [](const MapperState& state) { return state.has_aside; });
+  const auto aside = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
+    return state.has_open_loop_model;
+  });
   ASSERT_LT(aside + 2, states.end());
-  hooks.from = *(aside + 2);
-  hooks.keep = nullptr;
+  hooks.resume_from = *(aside + 2);
+  hooks.save_checkpoint = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
   const auto adjusted = std::find_if(aside, states.end(), [](const MapperState& state) {
-    return state.has_aside && state.start && state.start->step == GlobalStartState::kAdjustment;
+    return state.has_open_loop_model && state.start &&
+           state.start->step == GlobalStartState::kAdjustment;
   });
   ASSERT_NE(adjusted, states.end());
-  hooks.from = *adjusted;
+  hooks.resume_from = *adjusted;
   expect_same(mapped(), whole);
 }
 

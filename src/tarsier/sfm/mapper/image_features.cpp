@@ -92,7 +92,7 @@ Lens lens_of(cv::Size size, double exif_focal, int turns, const PipelineOptions&
   double focal = kGuessedFocal * larger;
   if (!options.ignore_exif && exif_focal > 0.1 * larger && exif_focal < 20 * larger) {
     focal = exif_focal;
-    lens.from = "EXIF";
+    lens.source = "EXIF";
   }
   lens.camera.fx = lens.camera.fy = focal;
   return lens;
@@ -101,11 +101,11 @@ Lens lens_of(cv::Size size, double exif_focal, int turns, const PipelineOptions&
 std::string camera_text(const Lens& lens) {
   const geometry::Camera& c = lens.camera;
   return fmt::format("{} {} {} {} {} {} {} {} {} {} {} {}", c.width, c.height, c.fx, c.fy, c.cx,
-                     c.cy, fmt::join(c.distortion, " "), lens.from, static_cast<int>(c.lens), 0, 0,
-                     0);
+                     c.cy, fmt::join(c.distortion, " "), lens.source, static_cast<int>(c.lens), 0,
+                     0, 0);
 }
 
-bool is_guess(const Lens& lens) { return std::string_view(lens.from) == "guess"; }
+bool is_guess(const Lens& lens) { return std::string_view(lens.source) == "guess"; }
 
 }  // namespace
 
@@ -128,7 +128,7 @@ cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
   image_features.turns = quarter_turns_of(exif.orientation);
   image_features.lens = lens_of(image_features.size, focal_px_of(exif, image_features.size),
                                 image_features.turns, options);
-  if (options.camera && std::string_view(image_features.lens.from) != "given") {
+  if (options.camera && std::string_view(image_features.lens.source) != "given") {
     log_warning("{}: {}x{} px, and the given camera is of {}x{}: its lens is taken from {}",
                 input.path, image.cols, image.rows, options.camera->width, options.camera->height,
                 is_guess(image_features.lens) ? "the pairs" : "EXIF");
@@ -221,7 +221,7 @@ void ImageSet::add(const ImageFeatures& image_features, const std::string& name)
     is_guess_.push_back(is_guess(image_features.lens) ? 1 : 0);
     is_estimated_.push_back(0);
   }
-  any_guess_ = any_guess_ || std::string_view(image_features.lens.from) != "given";
+  any_guess_ = any_guess_ || std::string_view(image_features.lens.source) != "given";
   Image image;
   image.name = name;
   image.camera = entry->second;

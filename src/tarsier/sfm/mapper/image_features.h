@@ -18,7 +18,7 @@ namespace tarsier::sfm {
 
 struct Lens {
   geometry::Camera camera;
-  const char* from = "guess";  // "given", "EXIF", "guess"
+  const char* source = "guess";  // "given", "EXIF", "guess"
 };
 
 // An image, as needed by pairs and mapper.

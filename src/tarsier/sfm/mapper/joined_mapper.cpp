@@ -48,15 +48,15 @@ class JoinedMapping {
       finish_without_pairs();
     } else {
       evidence_ = check_evidence(input_.cameras, input_.images, input_.pairs);
-      doubts_.assign(input_.pairs.size(), Doubt::kNone);
-      for (std::size_t k = 0; k < doubts_.size(); ++k)
-        if (evidence_[k].is_refused()) doubts_[k] = Doubt::kEvidence;
+      rejections_.assign(input_.pairs.size(), PairRejection::kNone);
+      for (std::size_t k = 0; k < rejections_.size(); ++k)
+        if (evidence_[k].is_refused()) rejections_[k] = PairRejection::kMissingFeatures;
       for (const std::size_t k : mapped_.refused_pairs)
-        if (!is_refused(doubts_[k])) doubts_[k] = Doubt::kModel;
+        if (!is_refused(rejections_[k])) rejections_[k] = PairRejection::kModelConflict;
       for (std::size_t m = 0; m < joined.models.size(); ++m) grow_further(joined.models, m);
       made_.models = std::move(joined.models);
       const std::size_t count = made_.models.size();
-      add_outcomes(input_, options_, evidence_, doubts_, false,
+      add_outcomes(input_, options_, evidence_, rejections_, false,
                    std::vector<std::shared_ptr<const ModelConflicts>>(count), made_);
     }
     progress_.end();
@@ -98,7 +98,7 @@ class JoinedMapping {
     std::vector<const Pair*> pairs;
     for (std::size_t k = 0; k < input_.pairs.size(); ++k) {
       const Pair& pair = input_.pairs[k];
-      if (!pair.view.inliers.empty() && !is_refused(doubts_[k]) && !is_taken[at(pair.first)] &&
+      if (!pair.view.inliers.empty() && !is_refused(rejections_[k]) && !is_taken[at(pair.first)] &&
           !is_taken[at(pair.second)])
         pairs.push_back(&pair);
     }
@@ -112,11 +112,11 @@ class JoinedMapping {
     hooks.step = [&] {
       if (input_.release_memory) input_.release_memory();
     };
-    hooks.tried = [&](int image, bool added, const std::string& why) {
+    hooks.attempted = [&](int image, bool added, const std::string& why) {
       if (added) made_.log.push_back(fmt::format("add {}", input_.images[at(image)].name));
       made_.outcomes[at(image)].reason = why;
     };
-    hooks.trouble = [&](std::string line) { made_.log.push_back(std::move(line)); };
+    hooks.warning = [&](std::string line) { made_.log.push_back(std::move(line)); };
     grow(mapper, is_taken, growth, hooks, stop_);
     model = mapper.finished(input_.colors);
     if (const int left_out = keep_largest_part(model); left_out > 0)
@@ -150,7 +150,7 @@ class JoinedMapping {
   const std::stop_token& stop_;
   Reconstruction made_;
   std::vector<PairEvidence> evidence_;
-  std::vector<Doubt> doubts_;
+  std::vector<PairRejection> rejections_;
 };
 
 }  // namespace

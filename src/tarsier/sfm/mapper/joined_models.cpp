@@ -98,7 +98,7 @@ void put_in_order(Model& model, int min_views) {
     if (point.track.size() < min_track) continue;
     double squares = 0;
     for (const Observation& seen : point.track) {
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       squares += error ? *error * *error : 0;
       model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(kept.size());
     }
@@ -231,8 +231,8 @@ class Builder {
   }
 
   void note(const BundleReport& report) {
-    if (!report.trouble.empty())
-      log_.push_back(fmt::format("the adjustment of a joined model: {}", report.trouble));
+    if (!report.warning.empty())
+      log_.push_back(fmt::format("the adjustment of a joined model: {}", report.warning));
   }
 
   void keep_what_hangs_together(Model& joined) {

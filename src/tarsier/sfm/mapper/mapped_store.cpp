@@ -122,7 +122,7 @@ void MappedStore::give_up(const char* what) {
   folder_.clear();
 }
 
-const std::uint8_t* MappedStore::keep(const void* data, std::size_t bytes) {
+const std::uint8_t* MappedStore::append(const void* data, std::size_t bytes) {
   if (bytes == 0 || folder_.empty()) return nullptr;
   const std::uint8_t* place = nullptr;
   const char* failed = nullptr;
@@ -140,14 +140,14 @@ cv::Mat MappedStore::add(const cv::Mat& descriptors) {
   TARSIER_REQUIRE(descriptors.empty() || descriptors.type() == CV_8UC1, "descriptors of type {}",
                   descriptors.type());
   const cv::Mat rows = descriptors.isContinuous() ? descriptors : descriptors.clone();
-  const std::uint8_t* place = keep(rows.data, rows.total());
+  const std::uint8_t* place = append(rows.data, rows.total());
   if (place == nullptr) return descriptors;
   // the data are only read
   return {rows.rows, rows.cols, CV_8UC1, const_cast<std::uint8_t*>(place)};
 }
 
 MatchList MappedStore::add(const MatchList& matches) {
-  const std::uint8_t* place = keep(matches.data(), matches.size() * sizeof(Match));
+  const std::uint8_t* place = append(matches.data(), matches.size() * sizeof(Match));
   if (place == nullptr) return matches;
   return {file_, {reinterpret_cast<const Match*>(place), matches.size()}};
 }

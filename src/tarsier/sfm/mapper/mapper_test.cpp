@@ -221,8 +221,8 @@ TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
   const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep_every_s = 0;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
   const Reconstruction whole = run(given, hooks);
   ASSERT_EQ(statistics_of(whole.models.at(0)).registered, 9);
   ASSERT_GT(states.size(), 9U);
@@ -231,7 +231,7 @@ TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
   for (std::size_t k = 0; k < states.size(); ++k) {
     extended = extended || (states[k].current && !states[k].current->tracks.empty());
     MapperHooks from;
-    from.from = states[k];
+    from.resume_from = states[k];
     const Reconstruction again = run(given, from);
     EXPECT_EQ(again.resumed, states[k].registered()) << k;
     expect_same(again, whole);
@@ -243,15 +243,15 @@ TEST(Checkpoints, AlsoWhereOneModelIsDone) {
   const Described given{two_scenes(5, 4), {}};
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep_every_s = 0;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
   const Reconstruction whole = run(given, hooks);
   ASSERT_EQ(whole.models.size(), 2U);
   bool second = false;
   for (const MapperState& state : states) {
     second = second || (state.models.size() == 1 && state.current);
     MapperHooks from;
-    from.from = state;
+    from.resume_from = state;
     expect_same(run(given, from), whole);
   }
   EXPECT_TRUE(second);
@@ -261,9 +261,9 @@ TEST(Checkpoints, OfOtherImagesAreIgnored) {
   const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
   const Described other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { hooks.from = state; };
+  hooks.save_checkpoint = [&](const MapperState& state) { hooks.resume_from = state; };
   const Reconstruction whole = run(given, hooks);
-  ASSERT_TRUE(hooks.from);
+  ASSERT_TRUE(hooks.resume_from);
   EXPECT_EQ(run(other, hooks).resumed, 0);
 }
 
@@ -288,8 +288,8 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
     int count = 0;
     MapperHooks hooks;
     hooks.partial = true;
-    hooks.keep_every_s = 1e6;
-    hooks.keep = [&](const MapperState& state) { kept = state; };
+    hooks.save_interval_s = 1e6;
+    hooks.save_checkpoint = [&](const MapperState& state) { kept = state; };
     hooks.watch = [&](const std::string& label, const Model&) {
       if (label.ends_with("before") && ++count == last) stop.request_stop();
     };
@@ -305,7 +305,7 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
     }
     ASSERT_TRUE(kept);
     MapperHooks from;
-    from.from = kept;
+    from.resume_from = kept;
     expect_same(run(given, from), whole);
   }
   EXPECT_EQ(partial, adjustments - 1);
@@ -316,7 +316,7 @@ TEST(Mapper, ShowsTheModelThatGrows) {
   const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<int> registered;
   MapperHooks hooks;
-  hooks.show_every_s = 0;
+  hooks.show_interval_s = 0;
   hooks.show = [&](const Model& model) {
     const ModelStatistics size = statistics_of(model);
     EXPECT_GT(size.observations, 0);
@@ -355,7 +355,7 @@ TEST(IncrementalMapper, KnowsWhatEachImageSees) {
   const auto check = [&](const char* when) {
     for (int i = 0; i < 8; ++i) {
       const auto seen = mapper.visible(i);
-      EXPECT_EQ(static_cast<std::size_t>(mapper.seen(i)), seen.size()) << when << " " << i;
+      EXPECT_EQ(static_cast<std::size_t>(mapper.visible_count(i)), seen.size()) << when << " " << i;
       double next_best_view_score = 0;
       for (int cells = 2; cells <= 32; cells *= 2) {
         std::set<std::pair<int, int>> occupied;
@@ -491,11 +491,12 @@ TEST(Adjust, MovesAwayFromTheTruthComeBack) {
   for (Point& point : model.points)
     for (int k = 0; k < 3; ++k) point.position[k] += rng.normal(0, 0.02);
   ASSERT_GT(worst_center(model, problem.truth.poses), 3e-3);
-  EXPECT_TRUE(adjust(model, {}).trouble.empty());
+  EXPECT_TRUE(adjust(model, {}).warning.empty());
   EXPECT_LT(worst_center(model, problem.truth.poses), 1e-3);
   for (const Point& point : model.points)
     for (const Observation& seen : point.track)
-      EXPECT_LT(IncrementalMapper::error_of(model, seen, point.position).value_or(1), 1e-2);
+      EXPECT_LT(IncrementalMapper::reprojection_error(model, seen, point.position).value_or(1),
+                1e-2);
 }
 
 TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
@@ -509,7 +510,7 @@ TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
   options.images = {4, 2};
   Model found = start;
   const BundleReport report = adjust(found, options);
-  EXPECT_TRUE(report.trouble.empty());
+  EXPECT_TRUE(report.warning.empty());
   for (std::size_t p = 0; p < start.points.size(); ++p) {
     for (const Observation& seen : start.points[p].track) {
       if (seen.image != 2 && seen.image != 4) continue;
@@ -540,7 +541,7 @@ TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
     if (p % 2 == 0) options.points.push_back(static_cast<int>(p));
   }
   const Model moved = model;
-  EXPECT_TRUE(adjust(model, options).trouble.empty());
+  EXPECT_TRUE(adjust(model, options).warning.empty());
   EXPECT_EQ(model.cameras[0].fx, before.cameras[0].fx);
   for (std::size_t i = 0; i < model.images.size(); ++i)
     EXPECT_EQ(model.images[i].pose.translation, before.images[i].pose.translation) << i;
@@ -566,11 +567,11 @@ TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
   options.focal = true;
   const BundleReport report = adjust(model, options);
   EXPECT_NEAR(model.cameras[0].fx, start, 1e-9 * start);
-  EXPECT_THAT(report.trouble, HasSubstr("focal length"));
+  EXPECT_THAT(report.warning, HasSubstr("focal length"));
   EXPECT_GT(report.iterations, 0);  // the rest is adjusted
   // With a wider range, the right focal length is found.
   model.cameras[0].width = 640;
-  EXPECT_TRUE(adjust(model, options).trouble.empty());
+  EXPECT_TRUE(adjust(model, options).warning.empty());
   EXPECT_NEAR(model.cameras[0].fx, truth, 0.02 * truth);
 }
 
@@ -581,7 +582,7 @@ TEST(Adjust, WhatCannotBeSolvedIsSaidAndChangesNothing) {
       model.images[0].pose.inverse() * Eigen::Vector3d(0, 0, -5);  // behind it
   const Model before = model;
   const BundleReport report = adjust(model, {});
-  EXPECT_FALSE(report.trouble.empty());
+  EXPECT_FALSE(report.warning.empty());
   for (std::size_t i = 0; i < model.images.size(); ++i)
     EXPECT_EQ(model.images[i].pose.translation, before.images[i].pose.translation);
   for (std::size_t p = 0; p < model.points.size(); ++p)

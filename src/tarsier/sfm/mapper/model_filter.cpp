@@ -42,7 +42,7 @@ int filter_these(Model& model, const MapperOptions& options, const std::vector<i
     if (before == 0) return 0;
     std::erase_if(point.track, [&](const Observation& seen) {
       if (is_tested[at(seen.image)] == 0) return false;
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       return !error || *error > options.reprojection_px;
     });
     if (point.track.size() < 2 || !IncrementalMapper::has_angle(model, point.track, point.position,
@@ -67,7 +67,7 @@ ModelStatistics statistics_of(const Model& model) {
     if (point.track.empty()) continue;
     ++points;
     for (const Observation& seen : point.track) {
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       squares += error ? *error * *error : 0;
       ++result.observations;
     }

@@ -231,7 +231,7 @@ class Joining {
     const geometry::Camera& camera = model.cameras[at(model.images[at(seen.image)].camera)];
     const double limit =
         std::max(options_.inlier_px, options_.inlier_share * std::max(camera.width, camera.height));
-    const auto error = IncrementalMapper::error_of(model, seen, position);
+    const auto error = IncrementalMapper::reprojection_error(model, seen, position);
     return error && *error <= limit;
   }
 

@@ -57,16 +57,16 @@ void turn_from(int image, double degrees, Model& model) {
 TEST(ModelShape, StrongPairsWhoseImagesAModelTurnsALittleAreMissed) {
   const std::vector<Pair> pairs = neighbours(12, 90);
   Model model = row_of(12);
-  EXPECT_THAT(shape_of(model, pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(model, pairs).missed_pairs, testing::IsEmpty());
   turn_from(6, 10, model);
   const ModelShape shape = shape_of(model, pairs);
-  ASSERT_EQ(shape.missed.size(), 3U);
-  for (const ModelShape::Missed& missed : shape.missed) {
+  ASSERT_EQ(shape.missed_pairs.size(), 3U);
+  for (const ModelShape::MissedPair& missed : shape.missed_pairs) {
     EXPECT_LT(pairs[missed.pair].first, 6);
     EXPECT_GE(pairs[missed.pair].second, 6);
     EXPECT_GE(missed.strength, 0.9);
   }
-  EXPECT_TRUE(is_doubtful(shape));
+  EXPECT_TRUE(is_unreliable(shape));
 }
 
 // A ring of 40 images that does not close: each rotation is slightly too large or too small.
@@ -92,19 +92,19 @@ TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
       pairs.push_back(pair);
     }
   }
-  EXPECT_THAT(shape_of(truth, pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(truth, pairs).missed_pairs, testing::IsEmpty());
   Model open = ring(9.5);
   open.cameras = truth.cameras;
   for (std::size_t i = 0; i < open.images.size(); ++i)
     open.images[i].features = truth.images[i].features;
   const ModelShape shape = shape_of(open, pairs);
-  ASSERT_EQ(shape.missed.size(), 3U);
-  for (const ModelShape::Missed& missed : shape.missed) {
+  ASSERT_EQ(shape.missed_pairs.size(), 3U);
+  for (const ModelShape::MissedPair& missed : shape.missed_pairs) {
     EXPECT_TRUE(missed.closes_loop);
     EXPECT_NEAR(missed.strength, 0.35, 1e-9);
   }
-  EXPECT_TRUE(is_doubtful(shape));
-  EXPECT_EQ(shape_trust(shape), kDoubtfulTrust * std::min(1.0, shape.weakest_joint / 2));
+  EXPECT_TRUE(is_unreliable(shape));
+  EXPECT_EQ(shape_trust(shape), kUnreliableTrustFactor * std::min(1.0, shape.weakest_joint / 2));
 }
 
 TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
@@ -113,7 +113,7 @@ TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
   far.view.second_from_first.translation = {1, 0, 0};
   far.view.inliers = shown_matches(100, 3);
   pairs.push_back(far);
-  EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(row_of(20), pairs).missed_pairs, testing::IsEmpty());
   Pair behind = pair_of(3, 5, 100);  // two opposite sides that look alike
   behind.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
   behind.view.inliers = shown_matches(100, 3);
@@ -123,10 +123,10 @@ TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
   weak.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
   weak.view.inliers = shown_matches(60, 3);
   pairs.push_back(weak);
-  EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(row_of(20), pairs).missed_pairs, testing::IsEmpty());
   weak.view.inliers = shown_matches(80, 3);
   pairs.push_back(weak);
-  EXPECT_EQ(shape_of(row_of(20), pairs).missed.size(), 1U);
+  EXPECT_EQ(shape_of(row_of(20), pairs).missed_pairs.size(), 1U);
 }
 
 TEST(ModelShape, TheWeakestJointIsWhatHoldsTwoPartsTogether) {

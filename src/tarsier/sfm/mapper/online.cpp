@@ -76,7 +76,7 @@ struct OnlineMapper::Parts {
   }
 
   // Writes one file for each image that got new pairs, once per growth.
-  void keep() {
+  void save_pairs() {
     for (Kept& entry : kept) {
       if (!entry.fresh) continue;
       cache.store(entry.key, entry.pairs);
@@ -168,7 +168,7 @@ void OnlineMapper::refine(const std::stop_token& stop) { update(true, stop); }
 void OnlineMapper::update(bool again, const std::stop_token& stop) {
   const Clock::time_point start = Clock::now();
   Parts& p = *parts_;
-  p.keep();
+  p.save_pairs();
   if (count() < kMinImages) return;
   const MapperOptions mapper = p.image_set.mapper_options();
   const auto input_of = [&p](const std::vector<Pair>& pairs) {

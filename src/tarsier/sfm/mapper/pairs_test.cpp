@@ -55,7 +55,7 @@ class PairsList : public FolderTest {
     return read_pairs_list(path("pairs.txt"), names_);
   }
   // The error for this text.
-  std::string error_of(const std::string& text) {
+  std::string reprojection_error(const std::string& text) {
     try {
       (void)read(text);
     } catch (const InputError& error) {
@@ -76,16 +76,18 @@ TEST_F(PairsList, IsRead) {
 }
 
 TEST_F(PairsList, ErrorsNameTheLine) {
-  EXPECT_EQ(error_of("a.jpg b.jpg\n\na.jpg nowhere.jpg\n"),
+  EXPECT_EQ(reprojection_error("a.jpg b.jpg\n\na.jpg nowhere.jpg\n"),
             ": line 3: no image is called 'nowhere.jpg'");
-  EXPECT_EQ(error_of("c.jpg b.jpg"), ": line 1: no image is called 'c.jpg'");
-  EXPECT_EQ(error_of("#\na.jpg\n"), ": line 2: expected the names of two images");
-  EXPECT_EQ(error_of("a.jpg b.jpg 17\n"), ": line 1: 'a.jpg b.jpg 17' are no names of two images");
-  EXPECT_EQ(error_of("a.jpg a.jpg\n"), ": line 1: 'a.jpg' is paired with itself");
-  EXPECT_EQ(error_of("x y z\n"),
+  EXPECT_EQ(reprojection_error("c.jpg b.jpg"), ": line 1: no image is called 'c.jpg'");
+  EXPECT_EQ(reprojection_error("#\na.jpg\n"), ": line 2: expected the names of two images");
+  EXPECT_EQ(reprojection_error("a.jpg b.jpg 17\n"),
+            ": line 1: 'a.jpg b.jpg 17' are no names of two images");
+  EXPECT_EQ(reprojection_error("a.jpg a.jpg\n"), ": line 1: 'a.jpg' is paired with itself");
+  EXPECT_EQ(reprojection_error("x y z\n"),
             ": line 1: names with spaces in them, and more than one way to read them");
-  EXPECT_NE(error_of("a.jpg b.jpg\n" + std::string(100'000, 'a')).find(": line 2: longer"),
-            std::string::npos);
+  EXPECT_NE(
+      reprojection_error("a.jpg b.jpg\n" + std::string(100'000, 'a')).find(": line 2: longer"),
+      std::string::npos);
   EXPECT_THROW((void)read_pairs_list(path("nowhere.txt"), names_), InputError);
   EXPECT_THROW((void)read_pairs_list(path("."), names_), InputError);
 }

@@ -141,19 +141,20 @@ struct Places {
 TEST(Doubts, ArePairsWhosePatchesDifferMoreThanThoseOfTheBestPairs) {
   for (const int usual : {0, 12}) {  // with relief, patches differ too
     const Places given(usual, usual + 30);
-    const std::vector<PatchDoubt> doubts = doubts_of_patches(given.pairs, 6, given.evidence);
-    for (std::size_t k = 0; k < doubts.size(); ++k) {
+    const std::vector<PatchRejection> rejections =
+        rejections_by_patches(given.pairs, 6, given.evidence);
+    for (std::size_t k = 0; k < rejections.size(); ++k) {
       if (given.pairs[k].first / 3 == given.pairs[k].second / 3) {
-        EXPECT_FALSE(doubts[k]);
+        EXPECT_FALSE(rejections[k]);
       } else {
-        EXPECT_THAT(doubts[k].reason, HasSubstr(" differ: the images look alike"));
-        EXPECT_TRUE(doubts[k].patches_differ);
+        EXPECT_THAT(rejections[k].reason, HasSubstr(" differ: the images look alike"));
+        EXPECT_TRUE(rejections[k].patches_differ);
       }
     }
   }
   const Places relief(20, 20);
-  for (const PatchDoubt& doubt : doubts_of_patches(relief.pairs, 6, relief.evidence))
-    EXPECT_FALSE(doubt);
+  for (const PatchRejection& rejection : rejections_by_patches(relief.pairs, 6, relief.evidence))
+    EXPECT_FALSE(rejection);
 }
 
 TEST(Doubts, APairWithLittleToSayIsJudgedByThoseBesideIt) {
@@ -161,16 +162,16 @@ TEST(Doubts, APairWithLittleToSayIsJudgedByThoseBesideIt) {
   std::size_t odd = 0;
   while (given.pairs[odd].first != 1 || given.pairs[odd].second != 4) ++odd;
   given.evidence[odd] = {300, 1};
-  EXPECT_TRUE(doubts_of_patches(given.pairs, 6, given.evidence)[odd].patches_differ);
+  EXPECT_TRUE(rejections_by_patches(given.pairs, 6, given.evidence)[odd].patches_differ);
   given.evidence[odd] = {300, 0};
-  EXPECT_FALSE(doubts_of_patches(given.pairs, 6, given.evidence)[odd]);
+  EXPECT_FALSE(rejections_by_patches(given.pairs, 6, given.evidence)[odd]);
   given.evidence[odd] = {20, 5};
-  const PatchDoubt few = doubts_of_patches(given.pairs, 6, given.evidence)[odd];
+  const PatchRejection few = rejections_by_patches(given.pairs, 6, given.evidence)[odd];
   EXPECT_THAT(few.reason, HasSubstr("only 25 patches could be compared"));
   EXPECT_FALSE(few.patches_differ);
   Places alone(0, 0);
   alone.evidence[odd] = {20, 5};
-  EXPECT_FALSE(doubts_of_patches(alone.pairs, 6, alone.evidence)[odd]) << "nothing looks alike";
+  EXPECT_FALSE(rejections_by_patches(alone.pairs, 6, alone.evidence)[odd]) << "nothing looks alike";
 }
 
 }  // namespace

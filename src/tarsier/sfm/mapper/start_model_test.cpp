@@ -164,8 +164,8 @@ TEST_F(Starts, AreRefinedWhereTheyAreRough) {
   Rng rng(3);
   for (auto& pose : start.poses) pose = moved(*pose, 0.8, 0.05, rng);
   const StartCheck checked = check(start);
-  EXPECT_EQ(checked.kept, 10);
-  EXPECT_LT(checked.near_share, 0.6);
+  EXPECT_EQ(checked.accepted, 10);
+  EXPECT_LT(checked.explained_share, 0.6);
   const Reconstruction made = run(start);
   ASSERT_EQ(made.models.size(), 1U) << made.no_model;
   EXPECT_EQ(registered(made.models[0]), 10);
@@ -183,7 +183,7 @@ TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
   Rng rng(4);
   start.poses[3] = moved(*start.poses[3], 40, 2, rng);
   const StartCheck checked = check(start);
-  EXPECT_EQ(checked.kept, 7);
+  EXPECT_EQ(checked.accepted, 7);
   EXPECT_EQ(checked.fits[3], 0);
   EXPECT_THAT(checked.reasons[3], HasSubstr("contradicts its matches"));
   EXPECT_EQ(checked.refusal, "");
@@ -224,7 +224,7 @@ TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
     const Reconstruction made = run(start);
     EXPECT_TRUE(made.models.empty());
     EXPECT_THAT(made.no_model, HasSubstr("the start model is refused: it contradicts the matches"));
-    EXPECT_EQ(made.start_images, check(start).kept);
+    EXPECT_EQ(made.start_images, check(start).accepted);
   }
 }
 
@@ -244,15 +244,15 @@ TEST_F(Starts, GoOnFromACheckpoint) {
   Rng rng(4);
   start.poses[2] = moved(*start.poses[2], 40, 2, rng);
   std::vector<MapperState> states;
-  MapperHooks keep;
-  keep.keep = [&](const MapperState& state) { states.push_back(state); };
-  keep.keep_every_s = 0;
-  const Reconstruction whole = run(start, {}, keep);
+  MapperHooks saving;
+  saving.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  saving.save_interval_s = 0;
+  const Reconstruction whole = run(start, {}, saving);
   ASSERT_EQ(whole.models.size(), 1U);
   ASSERT_GT(states.size(), 5U);
   for (std::size_t k = 0; k < states.size(); k += 2) {
     MapperHooks from;
-    from.from = states[k];
+    from.resume_from = states[k];
     const Reconstruction again = run(start, {}, from);
     ASSERT_EQ(again.models.size(), 1U) << k;
     EXPECT_EQ(again.log, whole.log) << k;
@@ -315,7 +315,7 @@ class StartFolders : public FolderTest {
     image.lens.camera.width = 640;
     image.lens.camera.height = 480;
     image.lens.camera.fx = image.lens.camera.fy = 768;
-    image.lens.from = from;
+    image.lens.source = from;
     image.body = body;
     return image;
   }
@@ -327,7 +327,7 @@ TEST_F(StartFolders, GiveTheirCamerasByName) {
                                   {"9.jpg", "d"},      {"8.jpg", "e"}, {"7.jpg", "f"}};
   const StartModel start(path("model"), inputs);
   EXPECT_EQ(start.summary().images, 4);
-  EXPECT_EQ(start.summary().here, 3);
+  EXPECT_EQ(start.summary().in_inputs, 3);
   EXPECT_TRUE(start.has("left/0.jpg"));
   EXPECT_FALSE(start.has("2.jpg"));
   EXPECT_NO_THROW(start.check_size(inputs[0], {640, 480}));
@@ -347,7 +347,7 @@ TEST_F(StartFolders, GiveTheirCamerasByName) {
   EXPECT_EQ(images[3].lens.camera.fx, 700);
   EXPECT_EQ(images[3].body, images[0].body);
   EXPECT_EQ(images[4].lens.camera.fx, 768);
-  EXPECT_STREQ(images[5].lens.from, "guess");
+  EXPECT_STREQ(images[5].lens.source, "guess");
   const StartPoses poses = start.poses(inputs, images, {0, 0, 1, 0, 2, 3}, true, false);
   EXPECT_EQ(poses.poses[2]->translation, Eigen::Vector3d(3, 0, 0));
   EXPECT_FALSE(poses.poses[3]);

@@ -12,7 +12,7 @@
 namespace tarsier::sfm {
 namespace {
 
-const PatchDoubt kDiffer{"differ", true};
+const PatchRejection kPatchesDiffer{"differ", true};
 
 Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
@@ -54,10 +54,10 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
   show_points(model, {0, 0, 8}, 4);
   const Pair wrong = wrong_pair_of(0, 2, 50, CV_PI / 2);
   const std::vector<Pair> pairs{pair_of(0, 1, 50), wrong, pair_of(2, 3, 50), pair_of(1, 2, 50)};
-  const std::vector<Pair> left = without_contradicted(pairs, {model});
-  EXPECT_EQ(left[0].view.inliers.size(), 50U);
-  EXPECT_EQ(left[1].view.inliers.size(), 0U);
-  EXPECT_EQ(left[2].view.inliers.size(), 50U);  // image 3 is in no model
+  const std::vector<Pair> remaining = without_contradicted(pairs, {model});
+  EXPECT_EQ(remaining[0].view.inliers.size(), 50U);
+  EXPECT_EQ(remaining[1].view.inliers.size(), 0U);
+  EXPECT_EQ(remaining[2].view.inliers.size(), 50U);  // image 3 is in no model
   // But if the contradiction is small, it may be accumulated drift.
   const Pair missed = wrong_pair_of(0, 2, 50, 0.3);
   const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
@@ -102,7 +102,7 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
       pair_of(1, 3, 85),  pair_of(1, 4, 30)};
   FakeMapper mapper{{0.5, 0.6, 0.4, 0.6}, {}};
   const Reconstruction made =
-      map_strong_pairs_first(pairs, std::vector<PatchDoubt>(pairs.size()), 5, std::ref(mapper));
+      map_strong_pairs_first(pairs, std::vector<PatchRejection>(pairs.size()), 5, std::ref(mapper));
   using Inliers = std::vector<std::size_t>;
   ASSERT_EQ(mapper.calls.size(), 4U);
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0, 0}));
@@ -120,16 +120,16 @@ TEST(StrongPairs, TheScoreMayFallALittleWherePatchesDistinguishPlaces) {
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100), pair_of(1, 3, 85),  pair_of(1, 4, 30),
                                 pair_of(0, 4, 40)};
-  const auto calls_with = [&](const std::vector<PatchDoubt>& doubts) {
+  const auto calls_with = [&](const std::vector<PatchRejection>& rejections) {
     FakeMapper mapper{{0.6, 0.57, 0.3, 0.3, 0.3}, {}};
-    (void)map_strong_pairs_first(pairs, doubts, 5, std::ref(mapper));
+    (void)map_strong_pairs_first(pairs, rejections, 5, std::ref(mapper));
     return mapper.calls.size();
   };
-  std::vector<PatchDoubt> doubts(pairs.size());
+  std::vector<PatchRejection> rejections(pairs.size());
   // The second is worse; then the pairs that agree with the best model.
-  EXPECT_EQ(calls_with(doubts), 3U);
-  doubts.back() = kDiffer;
-  EXPECT_EQ(calls_with(doubts), 4U);
+  EXPECT_EQ(calls_with(rejections), 3U);
+  rejections.back() = kPatchesDiffer;
+  EXPECT_EQ(calls_with(rejections), 4U);
 }
 
 TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
@@ -138,8 +138,8 @@ TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 100)};
   FakeMapper mapper{{0.5, 0.4, 0.6}, {}};
-  const Reconstruction made =
-      map_strong_pairs_first(pairs, {{}, {}, {}, {}, kDiffer, kDiffer}, 5, std::ref(mapper));
+  const Reconstruction made = map_strong_pairs_first(
+      pairs, {{}, {}, {}, {}, kPatchesDiffer, kPatchesDiffer}, 5, std::ref(mapper));
   using Inliers = std::vector<std::size_t>;
   ASSERT_EQ(mapper.calls.size(), 3U);
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0}));
@@ -158,8 +158,8 @@ TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
   }
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100)};
-  const std::vector<PatchDoubt> doubts{kDiffer, {}, {"few", false}, {}};
-  lower_trust(pairs, doubts, made);
+  const std::vector<PatchRejection> rejections{kPatchesDiffer, {}, {"few", false}, {}};
+  lower_trust(pairs, rejections, made);
   EXPECT_DOUBLE_EQ(made.trust[0], (0 + 0.5 + 3 * 1) / 5);
   EXPECT_DOUBLE_EQ(made.outcomes[1].trust, 0.5);
 }
