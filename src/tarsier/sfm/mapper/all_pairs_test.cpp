@@ -55,7 +55,7 @@ int between_sides(const Model& model) {
   return count;
 }
 
-TEST(AllPairs, AFoldedModelWithoutThePairsBetweenItsPlacesHasNoConflictsAndNoTrust) {
+TEST(TrustByAllPairs, IsLowForFoldedModelWithoutConflicts) {
   Scene scene(true);
   EXPECT_FALSE(ModelConflicts(scene.made.models[0]).any());
   update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
@@ -63,13 +63,13 @@ TEST(AllPairs, AFoldedModelWithoutThePairsBetweenItsPlacesHasNoConflictsAndNoTru
   EXPECT_LT(scene.made.outcomes[0].trust, 0.3);
 }
 
-TEST(AllPairs, ATrueModelKeepsItsTrust) {
+TEST(TrustByAllPairs, IsHighForCorrectModel) {
   Scene scene(false);
   update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
   EXPECT_GT(scene.made.trust[0], 0.95);
 }
 
-TEST(AllPairs, PairsThatLackWhatTheyShouldHaveInCommonCountAgainstAModelThatAgreesWithThem) {
+TEST(TrustByAllPairs, FallsWherePairsRefusedForMissingFeaturesAgree) {
   Scene scene(false);
   for (const Pair& pair : scene.prism.pairs)
     if (pair.first == 5 || pair.second == 5)
@@ -80,7 +80,7 @@ TEST(AllPairs, PairsThatLackWhatTheyShouldHaveInCommonCountAgainstAModelThatAgre
   EXPECT_GT(scene.made.outcomes[40].trust, 0.9);
 }
 
-TEST(AllPairs, AnInterruptionLeavesTheTrustThatThereWas) {
+TEST(TrustByAllPairs, IsUnchangedWhenInterrupted) {
   Scene scene(true);
   std::stop_source stopped;
   stopped.request_stop();
@@ -90,7 +90,7 @@ TEST(AllPairs, AnInterruptionLeavesTheTrustThatThereWas) {
   EXPECT_EQ(scene.made.trust[0], 1);
 }
 
-TEST(AllPairs, PointsAreThoseOfThePairsThatAreNamed) {
+TEST(WithPointsOf, TriangulatesPointsOfGivenPairsOnly) {
   const Scene scene(false);
   const Model none = with_points_of(scene.prism.model, {}, scene.input(), scene.options);
   EXPECT_TRUE(none.points.empty());

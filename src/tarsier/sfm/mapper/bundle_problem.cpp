@@ -102,7 +102,7 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
                                     static_cast<double>(pixel.x), static_cast<double>(pixel.y),
                                     weight_of(image, seen.feature)});
   };
-  const std::vector<ImageRole> roles = roles_of(model, moving_images, options.max_observations);
+  const std::vector<ImageRole> roles = image_roles(model, moving_images, options.max_observations);
   std::vector<Observation> chosen;
   std::size_t observations = 0;
   const auto choose = [&](int p) {

@@ -82,17 +82,17 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
     const double x = spacing * (cameras - 1) * rng.uniform();
     const double y = rng.uniform() - 0.5;
     const double z = rng.uniform() - 0.5;
-    const Eigen::Vector3d place(x, 2 * y, 2 * z);
+    const Eigen::Vector3d position(x, 2 * y, 2 * z);
     problem.first.push_back(problem.measurements.size());
     for (int i = 0; i < cameras; ++i) {
       if (std::abs(spacing * i - x) > 1.5) continue;
-      const auto pixel = camera_of(truth[at(i % 2)]).project(poses[at(i)] * place);
+      const auto pixel = camera_of(truth[at(i % 2)]).project(poses[at(i)] * position);
       const double off = problem.measurements.size() % 10 == 9 ? 20 : noise;
       const double u = pixel->x + rng.normal(0, off);
       const double v = pixel->y + rng.normal(0, off);
       problem.measurements.push_back({i, i % 2, u, v, 1 - 0.1 * (i % 4)});
     }
-    Eigen::Vector3d start = place;
+    Eigen::Vector3d start = position;
     for (int k = 0; k < 3; ++k) start[k] += rng.normal(0, 0.01);
     problem.points.push_back(start);
   }
@@ -117,7 +117,7 @@ BundleSolverOptions exact() {
 }
 
 // The equations move a point that is much too far away behind its cameras.
-TEST(BundleSolver, FewPointsThatOvershootDoNotHoldUpTheRest) {
+TEST(BundleSolver, ConvergesDespiteOvershootingPoints) {
   BundleProblem near = some_problem(12, 200, 0.3, false);
   BundleProblem far = near;
   for (const std::size_t p : {20U, 90U, 150U}) {
@@ -132,7 +132,7 @@ TEST(BundleSolver, FewPointsThatOvershootDoNotHoldUpTheRest) {
 }
 
 // Central differences of the sum, by code that is independent of the solver's derivatives.
-TEST(BundleSolver, NothingAroundItsSolutionIsLower) {
+TEST(BundleSolver, FindsLocalMinimum) {
   for (const bool free_lens : {false, true}) {
     BundleProblem problem = some_problem(6, 60, 0.5, free_lens);
     const double before = sum_of(problem);
@@ -174,7 +174,7 @@ TEST(BundleSolver, NothingAroundItsSolutionIsLower) {
   }
 }
 
-TEST(BundleSolver, WhatStaysIsAsItWas) {
+TEST(BundleSolver, LeavesFixedVariablesUnchanged) {
   BundleProblem problem = some_problem(5, 40, 0.3, true);
   const BundleProblem before = problem;
   ASSERT_EQ(solve(problem, {}).error, "");
@@ -188,7 +188,7 @@ TEST(BundleSolver, WhatStaysIsAsItWas) {
   EXPECT_NE(problem.lenses[1][0], before.lenses[1][0]);
 }
 
-TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
+TEST(BundleSolver, DenseAndSparseSystemsAgree) {
   for (const bool free_lens : {false, true}) {
     BundleProblem dense = some_problem(20, 200, 0.4, free_lens);
     BundleProblem sparse = dense;
@@ -205,7 +205,7 @@ TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
 
 // Many cameras with nearly the same view. Where possible, the sparse equations are solved with the
 // factor of an earlier step.
-TEST(BundleSolver, CostlyEquationsGiveTheSame) {
+TEST(BundleSolver, DenseAndSparseSystemsAgreeForNearlySameViews) {
   BundleProblem dense = some_problem(240, 50, 0.4, false, 0.01);
   BundleProblem sparse = dense;
   BundleSolverOptions options;
@@ -219,7 +219,7 @@ TEST(BundleSolver, CostlyEquationsGiveTheSame) {
 }
 
 // 80 poses fill five stripes of the equations; the last stripe also has the lenses.
-TEST(BundleSolver, TheResultDoesNotDependOnTheNumberOfThreads) {
+TEST(BundleSolver, ResultDoesNotDependOnNumberOfThreads) {
   for (const bool free_lens : {false, true}) {
     const BundleProblem given = some_problem(80, 1200, 0.5, free_lens);
     const int before = cv::getNumThreads();
@@ -240,7 +240,7 @@ TEST(BundleSolver, TheResultDoesNotDependOnTheNumberOfThreads) {
 
 // If the second derivatives leave out those of the loss, each step goes only half of the way. Then
 // more than three times as many steps are needed.
-TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
+TEST(BundleSolver, NeedsFewIterationsForResidualsOfLossScale) {
   BundleProblem problem = some_problem(12, 150, 0.5, false);
   BundleSolverOptions options;
   options.tolerance = 1e-9;
@@ -251,7 +251,7 @@ TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
 
 // A ring of cameras that look at a wall inside it. At the start the ring is bent, but neighbours
 // nearly agree. With R and t as the unknowns of a pose, the search ends 11 % above the minimum.
-TEST(BundleSolver, ALongChainDoesNotStayBent) {
+TEST(BundleSolver, StraightensBentCameraRing) {
   constexpr int kCameras = 240;
   constexpr double kRadius = 100;
   constexpr double kBend = 0.002;
@@ -273,12 +273,12 @@ TEST(BundleSolver, ALongChainDoesNotStayBent) {
     truth.push_back(pose);
   }
   for (int p = 0; p < 12 * kCameras; ++p) {
-    const Eigen::Vector3d place =
+    const Eigen::Vector3d position =
         around(2 * CV_PI * rng.uniform(), 0.9 * kRadius + 2 * rng.uniform(), 6 * rng.uniform() - 3);
     const std::size_t first = problem.measurements.size();
     for (int i = 0; i < kCameras; ++i) {
-      if ((truth[at(i)].center() - place).norm() > 20) continue;
-      const auto pixel = camera_of(problem.lenses[0]).project(truth[at(i)] * place);
+      if ((truth[at(i)].center() - position).norm() > 20) continue;
+      const auto pixel = camera_of(problem.lenses[0]).project(truth[at(i)] * position);
       if (!pixel || std::abs(pixel->x - 320) > 320 || std::abs(pixel->y - 240) > 240) continue;
       problem.measurements.push_back(
           {i, 0, pixel->x + rng.normal(0, 0.5), pixel->y + rng.normal(0, 0.5), 1});
@@ -288,7 +288,7 @@ TEST(BundleSolver, ALongChainDoesNotStayBent) {
       continue;
     }
     problem.first.push_back(first);
-    problem.points.push_back(place);
+    problem.points.push_back(position);
   }
   problem.first.push_back(problem.measurements.size());
   problem.point_moves.assign(problem.points.size(), 1);
@@ -318,7 +318,7 @@ TEST(BundleSolver, ALongChainDoesNotStayBent) {
   EXPECT_LT(solution.cost_after, 1.002 * best);
 }
 
-TEST(BundleSolver, APointBehindACameraIsSaid) {
+TEST(BundleSolver, ReportsPointBehindCamera) {
   BundleProblem problem = some_problem(5, 40, 0.3, false);
   problem.points[7][2] = -20;
   const BundleProblem before = problem;
@@ -326,7 +326,7 @@ TEST(BundleSolver, APointBehindACameraIsSaid) {
   EXPECT_EQ(problem.points[8], before.points[8]);
 }
 
-TEST(BundleSolver, WhenStoppedNothingHasChanged) {
+TEST(BundleSolver, InterruptionLeavesProblemUnchanged) {
   BundleProblem problem = some_problem(5, 40, 0.3, false);
   const BundleProblem before = problem;
   std::stop_source stop;

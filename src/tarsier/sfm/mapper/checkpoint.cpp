@@ -114,11 +114,11 @@ void put(PackedWriter& writer, const PackedModel& model) {
   writer.put(model.registered);
   for (const geometry::Rigid3& pose : model.poses) writer.put(geometry::packed(pose));
   writer.put(model.points);
-  writer.put(model.places);
+  writer.put(model.point_indices);
   writer.put(model.positions);
   writer.put(model.colors);
   writer.put(model.errors);
-  writer.put(model.views);
+  writer.put(model.track_lengths);
   writer.put(model.observations);
 }
 
@@ -129,27 +129,28 @@ PackedModel get_packed_model(PackedReader& reader) {
   for (std::size_t k = 0; k < model.registered.size(); ++k)
     model.poses.push_back(geometry::unpacked(reader.get<std::array<double, 12>>()));
   model.points = reader.get<std::int64_t>();
-  model.places = reader.get_all<int>();
+  model.point_indices = reader.get_all<int>();
   model.positions = reader.get_all<Eigen::Vector3d>();
   model.colors = reader.get_all<cv::Vec3b>();
   model.errors = reader.get_all<double>();
-  model.views = reader.get_all<int>();
+  model.track_lengths = reader.get_all<int>();
   model.observations = reader.get_all<Observation>();
   return model;
 }
 
 bool fits(const PackedModel& model, std::size_t cameras, const std::vector<Image>& images) {
-  const std::size_t points = model.places.size();
+  const std::size_t points = model.point_indices.size();
   return model.cameras.size() == cameras && model.poses.size() == model.registered.size() &&
          std::all_of(model.registered.begin(), model.registered.end(),
                      [&](int image) { return is_index(image, images.size()); }) &&
          model.points >= 0 && model.positions.size() == points && model.colors.size() == points &&
-         model.errors.size() == points && model.views.size() == points &&
+         model.errors.size() == points && model.track_lengths.size() == points &&
          std::all_of(
-             model.places.begin(), model.places.end(),
-             [&](int place) { return is_index(place, static_cast<std::size_t>(model.points)); }) &&
-         std::all_of(model.views.begin(), model.views.end(), [](int views) { return views > 0; }) &&
-         std::accumulate(model.views.begin(), model.views.end(), std::int64_t{0}) ==
+             model.point_indices.begin(), model.point_indices.end(),
+             [&](int index) { return is_index(index, static_cast<std::size_t>(model.points)); }) &&
+         std::all_of(model.track_lengths.begin(), model.track_lengths.end(),
+                     [](int views) { return views > 0; }) &&
+         std::accumulate(model.track_lengths.begin(), model.track_lengths.end(), std::int64_t{0}) ==
              static_cast<std::int64_t>(model.observations.size()) &&
          are_observations(model.observations, images);
 }
@@ -166,11 +167,11 @@ PackedModel packed(const Model& model) {
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];
     if (point.track.empty()) continue;
-    result.places.push_back(static_cast<int>(p));
+    result.point_indices.push_back(static_cast<int>(p));
     result.positions.push_back(point.position);
     result.colors.push_back(point.color);
     result.errors.push_back(point.error);
-    result.views.push_back(static_cast<int>(point.track.size()));
+    result.track_lengths.push_back(static_cast<int>(point.track.size()));
     result.observations.insert(result.observations.end(), point.track.begin(), point.track.end());
   }
   return result;
@@ -186,13 +187,13 @@ void unpack(const PackedModel& packed, Model& model) {
     image.pose = packed.poses[k];
   }
   auto next = packed.observations.begin();
-  for (std::size_t k = 0; k < packed.places.size(); ++k) {
-    Point& point = model.points[at(packed.places[k])];
+  for (std::size_t k = 0; k < packed.point_indices.size(); ++k) {
+    Point& point = model.points[at(packed.point_indices[k])];
     point.position = packed.positions[k];
     point.color = packed.colors[k];
     point.error = packed.errors[k];
-    point.track.assign(next, next + packed.views[k]);
-    next += packed.views[k];
+    point.track.assign(next, next + packed.track_lengths[k]);
+    next += packed.track_lengths[k];
   }
 }
 

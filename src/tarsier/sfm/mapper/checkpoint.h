@@ -23,12 +23,12 @@ struct PackedModel {
   std::vector<geometry::Camera> cameras;
   std::vector<int> registered;  // images, ascending
   std::vector<geometry::Rigid3> poses;
-  std::vector<int> places;  // for each point with observations: its index in Model::points
-  std::int64_t points = 0;  // Model::points.size()
+  std::vector<int> point_indices;  // for each point with observations: its index in Model::points
+  std::int64_t points = 0;         // Model::points.size()
   std::vector<Eigen::Vector3d> positions;
   std::vector<cv::Vec3b> colors;
   std::vector<double> errors;
-  std::vector<int> views;                 // number of observations of each point
+  std::vector<int> track_lengths;         // number of observations of each point
   std::vector<Observation> observations;  // of all points, concatenated
 };
 [[nodiscard]] PackedModel packed(const Model& model);

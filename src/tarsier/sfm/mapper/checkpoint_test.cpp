@@ -65,7 +65,7 @@ Model empty_copy(Model model) {
 
 class Checkpoint : public FolderTest {};
 
-TEST_F(Checkpoint, ComesBackAsItWas) {
+TEST_F(Checkpoint, RoundTripKeepsState) {
   const std::string path = folder_ + "/state";
   const MapperState state = some_state();
   write_checkpoint(path, state);
@@ -120,7 +120,7 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   }
 }
 
-TEST_F(Checkpoint, MustFitTheImages) {
+TEST_F(Checkpoint, IsRejectedForOtherImages) {
   const Model model = synthetic_model();
   MapperState state = some_state();
   EXPECT_TRUE(fits(state, model.cameras, model.images, 3));
@@ -131,7 +131,7 @@ TEST_F(Checkpoint, MustFitTheImages) {
   fewer = model.images;
   fewer[2].features.resize(10);
   EXPECT_FALSE(fits(state, model.cameras, fewer, 3));
-  state.current->model.places.back() = 100;
+  state.current->model.point_indices.back() = 100;
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
   state = some_state();
   state.has_open_loop_model = true;
@@ -149,7 +149,7 @@ TEST_F(Checkpoint, MustFitTheImages) {
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
 }
 
-TEST(Checkpoints, OfAGlobalStartMustFitItsPairs) {
+TEST(Checkpoints, GlobalStartIsRejectedForOtherPairs) {
   const Model model = synthetic_model();
   const auto fits_now = [&](const GlobalStartState& state) {
     return fits(state, 3, model.cameras.size(), model.images);
@@ -174,7 +174,7 @@ TEST(Checkpoints, OfAGlobalStartMustFitItsPairs) {
   EXPECT_FALSE(fits_now(bad));
 }
 
-TEST_F(Checkpoint, OnlyThoseOfTheLatestImagesAreKept) {
+TEST_F(Checkpoint, StoringRemovesThoseOfOtherImages) {
   const Cache cache(folder_);
   const std::string first(32, 'a');
   const std::string other(32, 'b');
@@ -189,7 +189,7 @@ TEST_F(Checkpoint, OnlyThoseOfTheLatestImagesAreKept) {
     EXPECT_FALSE(cache.checkpoint(key)) << key;
 }
 
-TEST_F(Checkpoint, ADamagedOneIsNone) {
+TEST_F(Checkpoint, DamagedFileIsIgnored) {
   const std::string path = folder_ + "/state";
   EXPECT_FALSE(read_checkpoint(path));
   write_checkpoint(path, some_state());

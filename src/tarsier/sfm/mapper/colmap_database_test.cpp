@@ -46,7 +46,7 @@ ColmapDatabase drawn() {
   return database;
 }
 
-TEST(ColmapDatabase, ComesBackAsItWas) {
+TEST(ColmapDatabase, RoundTripKeepsContent) {
   const TemporaryFolder folder;
   const ColmapDatabase written = drawn();
   write_colmap_database(folder / "database.db", written);
@@ -75,7 +75,7 @@ TEST(ColmapDatabase, ComesBackAsItWas) {
   EXPECT_EQ(read.pairs[0].matches, written.pairs[0].matches);
 }
 
-TEST(ColmapDatabase, AnotherOneOfThatNameIsReplaced) {
+TEST(ColmapDatabase, ReplacesExistingFile) {
   const TemporaryFolder folder;
   ColmapDatabase database = drawn();
   write_colmap_database(folder / "database.db", database);
@@ -106,7 +106,7 @@ std::string error_after(const std::string& statements) {
   return "";
 }
 
-TEST(ColmapDatabase, WhatDoesNotFitTogetherIsRefused) {
+TEST(ColmapDatabase, RefusesInconsistentTables) {
   EXPECT_EQ(error_after("SELECT 1"), "");
   EXPECT_THAT(error_after("DROP TABLE keypoints"), HasSubstr("keypoints"));
   EXPECT_THAT(error_after("UPDATE keypoints SET rows = 51 WHERE image_id = 1"),
@@ -126,7 +126,7 @@ TEST(ColmapDatabase, WhatDoesNotFitTogetherIsRefused) {
               HasSubstr("not there"));
 }
 
-TEST(ColmapDatabase, FilesThatAreNoDatabaseAreRefused) {
+TEST(ColmapDatabase, RefusesFilesThatAreNoDatabase) {
   const TemporaryFolder folder;
   EXPECT_THROW((void)read_colmap_database(folder / "none.db"), InputError);
   std::ofstream(folder / "text.db") << "no database at all, but some text";

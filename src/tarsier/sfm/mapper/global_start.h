@@ -52,11 +52,11 @@ struct GlobalStartHooks {
 // The rough model at one of the steps. `tracks`: of its points, in the same order. Empty before the
 // adjustment, where fewer than two images have poses, and where the state does not fit the other
 // arguments, which are those of start_globally().
-struct GlobalModelSoFar {
+struct PartialGlobalModel {
   Model model;
   std::vector<std::vector<Observation>> tracks;
 };
-[[nodiscard]] std::optional<GlobalModelSoFar> model_so_far(
+[[nodiscard]] std::optional<PartialGlobalModel> partial_model(
     const GlobalStartState& state, const std::vector<geometry::Camera>& cameras,
     const std::vector<Image>& images, const std::vector<const Pair*>& pairs,
     const MapperOptions& options);

@@ -141,7 +141,7 @@ std::vector<MapperState> states_of(const Given& given, MapperChoice choice, Reco
   return states;
 }
 
-TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
+TEST(GlobalCheckpoints, ResumingFromAnyStepGivesSameResult) {
   const Given site = two_rings();
   Reconstruction whole;
   const std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
@@ -174,7 +174,7 @@ TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
   }
 }
 
-TEST(GlobalCheckpoints, OfOtherPairsAreIgnored) {
+TEST(GlobalCheckpoints, IgnoresThoseOfOtherPairs) {
   const Given site = given(synth::SiteKind::kRing, 30);
   Reconstruction whole;
   std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
@@ -193,7 +193,7 @@ TEST(GlobalCheckpoints, OfOtherPairsAreIgnored) {
 }
 
 // A refused global mapping is tried and reported only once.
-TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
+TEST(GlobalCheckpoints, LogsRefusalOnce) {
   Given site = given(synth::SiteKind::kRing, 30);
   for (std::size_t k = 0; k < site.pairs.size(); ++k) {
     geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
@@ -226,7 +226,7 @@ TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
   expect_same(run(site, MapperChoice::kAuto, 20, hooks), whole);
 }
 
-TEST(GlobalMapper, InterruptedLeavesTheModelSoFar) {
+TEST(GlobalMapper, InterruptionReturnsPartialModel) {
   const Given site = given(synth::SiteKind::kRing, 40);
   const Reconstruction whole = run(site, MapperChoice::kGlobal);
   const auto stopped_at = [&](int step, int round, std::optional<MapperState>& kept) {
@@ -264,7 +264,7 @@ TEST(GlobalMapper, InterruptedLeavesTheModelSoFar) {
   }
 }
 
-TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
+TEST(GlobalMapper, RegistersAllImagesOfRingAndGrid) {
   for (const synth::SiteKind kind : {synth::SiteKind::kRing, synth::SiteKind::kGrid}) {
     const Given site = given(kind, 50);
     const Reconstruction built = run(site, MapperChoice::kGlobal);
@@ -277,7 +277,7 @@ TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
   }
 }
 
-TEST(GlobalMapper, TheNumberOfThreadsChangesNothing) {
+TEST(GlobalMapper, ResultDoesNotDependOnNumberOfThreads) {
   const Given site = given(synth::SiteKind::kRing, 40);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
@@ -295,7 +295,7 @@ TEST(GlobalMapper, TheNumberOfThreadsChangesNothing) {
   }
 }
 
-TEST(GlobalMapper, PairsThatContradictEachOtherAreRefusedWithAReason) {
+TEST(GlobalMapper, RefusesContradictingPairsWithReason) {
   Given site = given(synth::SiteKind::kRing, 30);
   for (std::size_t k = 0; k < site.pairs.size(); ++k) {
     geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
@@ -311,7 +311,7 @@ TEST(GlobalMapper, PairsThatContradictEachOtherAreRefusedWithAReason) {
   EXPECT_THAT(run(site, MapperChoice::kAuto, 20).log, testing::Contains(HasSubstr("start from")));
 }
 
-TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
+TEST(GlobalMapper, DoesNotFoldSymmetricObject) {
   const Given site = given(synth::SiteKind::kSymmetric, 80);
   const auto wrong = std::count_if(site.site.pairs.begin(), site.site.pairs.end(),
                                    [](const auto& pair) { return !pair.same_place; });
@@ -325,7 +325,7 @@ TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
 }
 
 // With these neighbours, both mappers first map all four sides onto each other.
-TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
+TEST(RepeatedStructureMapper, RemapsFoldedModel) {
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   for (const MapperChoice choice : {MapperChoice::kIncremental, MapperChoice::kGlobal}) {
     const Reconstruction built = run(site, choice);
@@ -342,7 +342,7 @@ TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
 }
 
 // The models of this prism's strongest pairs are folded, but those pairs alone show no conflict.
-TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
+TEST(RepeatedStructureMapper, EvaluatesModelByUnusedPairsToo) {
   TARSIER_LONG_TEST();
   synth::SiteOptions options;
   options.kind = synth::SiteKind::kSymmetric;
@@ -359,28 +359,28 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
   EXPECT_GT(built.trust[0], 0.8);
 
-  // From a checkpoint in the middle of each try, the result is the same. Earlier tries are not
+  // From a checkpoint in the middle of each attempt, the result is the same. Earlier ones are not
   // mapped again.
   ASSERT_GE(states.back().attempts.size(), 3U);
   for (std::size_t attempts = 1; attempts <= states.back().attempts.size(); ++attempts) {
-    std::vector<const MapperState*> of_try;
+    std::vector<const MapperState*> of_attempt;
     for (const MapperState& state : states)
       if (state.attempts.size() == attempts && !state.attempts.back().done)
-        of_try.push_back(&state);
-    ASSERT_FALSE(of_try.empty());
+        of_attempt.push_back(&state);
+    ASSERT_FALSE(of_attempt.empty());
     MapperHooks hooks;
-    hooks.resume_from = *of_try[of_try.size() / 2];
+    hooks.resume_from = *of_attempt[of_attempt.size() / 2];
     hooks.save_interval_s = 0;
-    std::size_t begun = 0;  // tries that were not finished
+    std::size_t unfinished = 0;  // attempts that were not finished
     hooks.save_checkpoint = [&](const MapperState& state) {
       EXPECT_GE(state.attempts.size(), attempts);
-      for (std::size_t k = 0; k + 1 < attempts; ++k) begun += state.attempts[k].done ? 0 : 1;
+      for (std::size_t k = 0; k + 1 < attempts; ++k) unfinished += state.attempts[k].done ? 0 : 1;
     };
     expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
-    EXPECT_EQ(begun, 0U);
+    EXPECT_EQ(unfinished, 0U);
   }
 
-  // An interruption leaves the models from before the tries, and their checkpoint.
+  // An interruption leaves the models from before the attempts, and their checkpoint.
   std::stop_source stop;
   MapperHooks hooks;
   hooks.partial = true;
@@ -402,7 +402,7 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
 
 // An incremental model that continues from any checkpoint ends the same, also after it was taken
 // apart.
-TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
+TEST(RepeatedStructureMapper, ResumesAfterConflictingModel) {
   TARSIER_LONG_TEST();
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::vector<MapperState> states;
@@ -411,43 +411,43 @@ TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
   hooks.save_interval_s = 0;
   const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
   const Reconstruction whole = mapped();
-  const auto apart = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
+  const auto conflict = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
     return std::any_of(state.log.begin(), state.log.end(), [](const std::string& line) {
       return line.find("lays different") != std::string::npos;
     });
   });
-  ASSERT_NE(apart, states.end());
-  hooks.resume_from = *apart;
+  ASSERT_NE(conflict, states.end());
+  hooks.resume_from = *conflict;
   hooks.save_checkpoint = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
 }
 
 // Stops the work when the images are mapped for the second time.
-class StopsTheSecondTime final : public Progress {
+class StopsAtSecondMapping final : public Progress {
  public:
-  explicit StopsTheSecondTime(std::stop_source& stop) : stop_(stop) {}
+  explicit StopsAtSecondMapping(std::stop_source& stop) : stop_(stop) {}
   void begin(std::string_view /*stage*/, std::int64_t /*total*/,
              std::string_view /*unit*/) override {
-    if (++begun_ == 2) stop_.request_stop();
+    if (++mappings_ == 2) stop_.request_stop();
   }
   void advance(std::int64_t /*count*/) override {}
   void end() override {}
 
  private:
   std::stop_source& stop_;
-  int begun_ = 0;
+  int mappings_ = 0;
 };
 
 // No second model exists yet, and a model of low trust is better than none.
-TEST(MapperOfRepeats, InterruptedTheModelThatWasTakenApartIsLeft) {
+TEST(RepeatedStructureMapper, InterruptionReturnsConflictingModel) {
   TARSIER_LONG_TEST();
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::stop_source stop;
   MapperHooks hooks;
   hooks.partial = true;
-  const Reconstruction built =
-      run(site, MapperChoice::kIncremental, 250, hooks, StopsTheSecondTime(stop), stop.get_token());
+  const Reconstruction built = run(site, MapperChoice::kIncremental, 250, hooks,
+                                   StopsAtSecondMapping(stop), stop.get_token());
   EXPECT_TRUE(built.interrupted);
   ASSERT_THAT(built.log, testing::Contains(HasSubstr("lays different places over each other")));
   ASSERT_EQ(built.models.size(), 1U);
@@ -466,7 +466,7 @@ Given drifting_ring() {
   return given(options);
 }
 
-TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
+TEST(LoopClosure, GlobalMappingClosesOpenLoop) {
   TARSIER_LONG_TEST();
   const Given site = drifting_ring();
   std::vector<MapperState> states;
@@ -482,15 +482,15 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   EXPECT_LT(worst_center(whole.models[0], site.site.poses), 0.02);
 
   // The checkpoint contains the model that was set aside.
-  const auto aside = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
+  const auto open_loop = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
     return state.has_open_loop_model;
   });
-  ASSERT_LT(aside + 2, states.end());
-  hooks.resume_from = *(aside + 2);
+  ASSERT_LT(open_loop + 2, states.end());
+  hooks.resume_from = *(open_loop + 2);
   hooks.save_checkpoint = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
-  const auto adjusted = std::find_if(aside, states.end(), [](const MapperState& state) {
+  const auto adjusted = std::find_if(open_loop, states.end(), [](const MapperState& state) {
     return state.has_open_loop_model && state.start &&
            state.start->step == GlobalStartState::kAdjustment;
   });
@@ -499,7 +499,7 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   expect_same(mapped(), whole);
 }
 
-TEST(MapperOfLoops, OpenOnesAreFoundInABentModel) {
+TEST(LoopClosure, FindsOpenLoopsInBentModel) {
   const Given site = given(synth::SiteKind::kRing, 80, 100, 4);
   Model model;
   model.cameras = site.cameras;
@@ -523,7 +523,7 @@ TEST(MapperOfLoops, OpenOnesAreFoundInABentModel) {
   EXPECT_LT(agreeing_inliers(model, pairs), before);
 }
 
-TEST(RepeatedStructure, FewTruePairsAreRefusedAndManyWrongOnes) {
+TEST(RepeatedStructure, RefusesManyWrongAndFewCorrectPairs) {
   const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   const std::vector<PairEvidence> evidence = check_evidence(site.cameras, site.images, site.pairs);
   int refused_true = 0;
@@ -534,7 +534,7 @@ TEST(RepeatedStructure, FewTruePairsAreRefusedAndManyWrongOnes) {
   EXPECT_LT(refused_true, 5);
 }
 
-TEST(Trust, AnImageInTheWrongPlaceComesLast) {
+TEST(Trust, IsLowestForMisplacedImage) {
   const Given site = given(synth::SiteKind::kRing, 40);
   Reconstruction built = run(site, MapperChoice::kGlobal);
   ASSERT_EQ(built.models.size(), 1U);

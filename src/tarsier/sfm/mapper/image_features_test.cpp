@@ -42,7 +42,7 @@ class InputImage : public FolderTest {
   }
 };
 
-TEST_F(InputImage, OfAnyOrientationHasTheLensOfItsCamera) {
+TEST_F(InputImage, LensDoesNotDependOnOrientation) {
   PipelineOptions options;
   options.camera = landscape();
   PipelineOptions guessed;
@@ -64,7 +64,7 @@ TEST_F(InputImage, OfAnyOrientationHasTheLensOfItsCamera) {
 }
 
 // A camera that was calibrated with upright images.
-TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
+TEST_F(InputImage, RotatesCameraOfSwappedSides) {
   geometry::Camera upright = landscape();
   std::swap(upright.width, upright.height);
   std::swap(upright.cx, upright.cy);
@@ -91,7 +91,7 @@ TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
   }
 }
 
-TEST_F(InputImage, ThatWasTurnedWithoutASignHasItsLensInTheMiddle) {
+TEST_F(InputImage, RotatedWithoutExifCentersPrincipalPoint) {
   PipelineOptions options;
   options.camera = landscape();
   const cv::Size turned(2 * kSize.height, 2 * kSize.width);  // and twice the size

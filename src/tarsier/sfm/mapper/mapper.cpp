@@ -110,7 +110,7 @@ class Mapping {
     }
     progress_.end();
     conflicts_.resize(result_.models.size());
-    add_outcomes(input_, options_, evidence_, rejections_, repeats(), conflicts_, result_);
+    add_outcomes(input_, options_, evidence_, rejections_, is_repetitive(), conflicts_, result_);
     if (input_.start && result_.models.empty()) set_no_model_reason();
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
@@ -147,10 +147,10 @@ class Mapping {
   }
 
   [[nodiscard]] Model model_of_component(Components& components, int root) const {
-    std::vector<char> keep(input_.images.size());
-    for (std::size_t i = 0; i < keep.size(); ++i)
-      keep[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
-    return model_of_some(input_.cameras, input_.images, keep);
+    std::vector<char> has_features(input_.images.size());
+    for (std::size_t i = 0; i < has_features.size(); ++i)
+      has_features[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
+    return model_with_features(input_.cameras, input_.images, has_features);
   }
 
   // Creates a mapper with the features of one component only: all images that can be registered are
@@ -189,8 +189,8 @@ class Mapping {
       if (only < 0 && options_.choice == MapperChoice::kAuto && conflict_rounds_ == 0 &&
           -size < options_.auto_global)
         return false;
-      const bool is_begun = global_start_ && components.root(global_start_->image) == root;
-      if (is_begun && global_start_->step == GlobalStartState::kRefused) return false;
+      const bool is_resumed = global_start_ && components.root(global_start_->image) == root;
+      if (is_resumed && global_start_->step == GlobalStartState::kRefused) return false;
       make_mapper(components, root);
       const std::vector<const Pair*> chosen = pairs_at(pairs_of[root]);
       const GlobalStart start =
@@ -200,7 +200,7 @@ class Mapping {
                                 global_start_ = std::move(state);
                                 save_checkpoint_if_due();
                               },
-                          .resume_from = is_begun ? &*global_start_ : nullptr});
+                          .resume_from = is_resumed ? &*global_start_ : nullptr});
       result_.log.insert(result_.log.end(), start.log.begin(), start.log.end());
       if (start.refusal.empty()) {
         for (std::size_t k = 0; k < chosen.size(); ++k)
@@ -253,9 +253,9 @@ class Mapping {
     Components components = this->components();
     const int root = components.root(global_start_->image);
     Model model = model_of_component(components, root);
-    std::optional<GlobalModelSoFar> rough =
-        model_so_far(*global_start_, input_.cameras, model.images,
-                     pairs_at(pairs_of_components(components)[root]), options_);
+    std::optional<PartialGlobalModel> rough =
+        partial_model(*global_start_, input_.cameras, model.images,
+                      pairs_at(pairs_of_components(components)[root]), options_);
     if (!rough) return std::nullopt;
     IncrementalMapper mapper(std::move(model), std::move(rough->tracks), input_.descriptors,
                              input_.kind, options_);
@@ -539,9 +539,9 @@ class Mapping {
   // are mapped again without them. That is done globally if possible, where a few remaining wrong
   // pairs do less harm. `conflicts`: those of the model, where computed.
   bool reject_conflicts(const Model& model, std::shared_ptr<const ModelConflicts>& conflicts) {
-    if (input_.followed || conflict_rounds_ >= kMaxConflictRounds) return false;
+    if (input_.tracked || conflict_rounds_ >= kMaxConflictRounds) return false;
     conflicts = std::make_shared<const ModelConflicts>(model);
-    if (!conflicts->any(repeats())) return false;
+    if (!conflicts->any(is_repetitive())) return false;
     const std::vector<const Pair*> refused =
         conflicting_pairs(model, *conflicts, remaining_pairs());
     if (refused.empty()) return false;
@@ -562,8 +562,8 @@ class Mapping {
 
   // Whether the scene repeats: a model was taken apart, or its open loops could not be closed
   // globally.
-  [[nodiscard]] bool repeats() const {
-    return input_.repeats || conflict_rounds_ > 0 || loop_stays_open_;
+  [[nodiscard]] bool is_repetitive() const {
+    return input_.is_repetitive || conflict_rounds_ > 0 || loop_stays_open_;
   }
 
   void log_warnings() {
@@ -748,8 +748,8 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .release_memory = input.release_memory,
                             .kind = input.kind,
                             .pairs = pairs,
-                            .followed = input.followed,
-                            .repeats = true};
+                            .tracked = input.tracked,
+                            .is_repetitive = true};
     const MapperHooks next = checkpoint.next_attempt();
     Reconstruction made = Mapping(among, options, progress, stop, next).run();
     update_trust_by_all_pairs(input, options, stop, made);

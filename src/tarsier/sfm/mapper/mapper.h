@@ -163,9 +163,9 @@ struct MapperInput {
   const std::vector<Pair>& pairs;
   // Features were tracked from image to image, not detected in each. A missing feature then proves
   // nothing, and models are not searched for superimposed places (model_conflicts.h).
-  bool followed = false;
+  bool tracked = false;
   // Places are known to look alike, so few contradicting images suffice to reject a model.
-  bool repeats = false;
+  bool is_repetitive = false;
   // Supplies the pixels for patch_evidence.h. Used where finished models have conflicts.
   GrayImages gray = {};
   std::optional<StartPoses> start = {};

@@ -164,7 +164,7 @@ Problem two_scenes(int first, int second) {
   return problem;
 }
 
-TEST(Reconstruct, WithoutNoiseItIsExact) {
+TEST(Reconstruct, IsExactWithoutNoise) {
   const Problem problem = problem_of(synth::make_point_problem(1, 7, 300, 0, 0));
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 1U);
@@ -176,7 +176,7 @@ TEST(Reconstruct, WithoutNoiseItIsExact) {
   EXPECT_EQ(built.models[0].points[0].color, cv::Vec3b(10, 20, 30));
 }
 
-TEST(Reconstruct, NoiseAndOutliersAreHeldOff) {
+TEST(Reconstruct, ToleratesNoiseAndOutliers) {
   const Problem problem = problem_of(synth::make_point_problem(2, 8, 500, 0.5, 0.15));
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 1U);
@@ -185,7 +185,7 @@ TEST(Reconstruct, NoiseAndOutliersAreHeldOff) {
   EXPECT_LT(statistics_of(built.models[0]).reprojection_px, 0.8);
 }
 
-TEST(Reconstruct, IndicesOfTheModelFitTogether) {
+TEST(Reconstruct, ModelIndicesAreConsistent) {
   const Problem problem = problem_of(synth::make_point_problem(3, 6, 200, 0.3, 0.05));
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 1U);
@@ -217,7 +217,7 @@ TEST(Reconstruct, TwoScenesGiveTwoModels) {
   }
 }
 
-TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
+TEST(Checkpoints, ResumingFromAnyGivesSameResult) {
   const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<MapperState> states;
   MapperHooks hooks;
@@ -239,7 +239,7 @@ TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
   EXPECT_TRUE(extended);
 }
 
-TEST(Checkpoints, AlsoWhereOneModelIsDone) {
+TEST(Checkpoints, ResumeAfterFinishedModel) {
   const Described given{two_scenes(5, 4), {}};
   std::vector<MapperState> states;
   MapperHooks hooks;
@@ -257,7 +257,7 @@ TEST(Checkpoints, AlsoWhereOneModelIsDone) {
   EXPECT_TRUE(second);
 }
 
-TEST(Checkpoints, OfOtherImagesAreIgnored) {
+TEST(Checkpoints, IgnoreThoseOfOtherImages) {
   const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
   const Described other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
   MapperHooks hooks;
@@ -269,7 +269,7 @@ TEST(Checkpoints, OfOtherImagesAreIgnored) {
 
 // Stopped within each adjustment: the finished models are returned, and the checkpoint of that
 // moment leads to the same result.
-TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
+TEST(Interrupted, ReturnsPartialModelAndCheckpoint) {
   const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   const Reconstruction whole = run(given, {});
   int adjustments = 0;
@@ -312,7 +312,7 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
 }
 
 // The caller is shown a growing number of images, and the result is the same.
-TEST(Mapper, ShowsTheModelThatGrows) {
+TEST(Mapper, ShowsGrowingModel) {
   const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<int> registered;
   MapperHooks hooks;
@@ -340,7 +340,7 @@ TEST(Interrupted, WithoutPartialThrows) {
 }
 
 // The incremental counters equal a count over all features.
-TEST(IncrementalMapper, KnowsWhatEachImageSees) {
+TEST(IncrementalMapper, CountsVisiblePointsOfEachImage) {
   const Described given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
   const Problem& problem = given.problem;
   Model model;
@@ -392,7 +392,7 @@ TEST(IncrementalMapper, KnowsWhatEachImageSees) {
 }
 
 // If only few points or observations are adjusted, the other points move with them.
-TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
+TEST(IncrementalMapper, AdjustsUnselectedPointsAfterwards) {
   const Problem problem = problem_of(synth::make_point_problem(23, 8, 400, 0.4, 0));
   Model model;
   model.cameras = problem.cameras;
@@ -426,12 +426,12 @@ TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
   EXPECT_LT(error_by(100, 4), 1.3 * error);
 }
 
-TEST(Reconstruct, AImageThatMatchesNothingIsMissingWithItsReason) {
+TEST(Reconstruct, GivesReasonForUnmatchedImage) {
   Problem problem = problem_of(synth::make_point_problem(6, 5, 200, 0.2, 0));
-  Image stranger;
-  stranger.name = "stranger";
-  stranger.features = problem.images[0].features;
-  problem.images.push_back(stranger);
+  Image unmatched;
+  unmatched.name = "stranger";
+  unmatched.features = problem.images[0].features;
+  problem.images.push_back(unmatched);
   problem.colors.push_back(problem.colors[0]);
   Pair pair;
   pair.first = 2;
@@ -444,7 +444,7 @@ TEST(Reconstruct, AImageThatMatchesNothingIsMissingWithItsReason) {
   EXPECT_THAT(built.outcomes[5].reason, HasSubstr("at most 7, with photo-2"));
 }
 
-TEST(Reconstruct, ACameraThatOnlyTurnsGivesNoModelButAReason) {
+TEST(Reconstruct, PureRotationGivesReasonAndNoModel) {
   synth::PointProblem truth = synth::make_point_problem(7, 3, 300, 0, 0);
   truth.seen.clear();
   // All cameras at the place of the first.
@@ -469,7 +469,7 @@ TEST(Reconstruct, ACameraThatOnlyTurnsGivesNoModelButAReason) {
   EXPECT_THAT(built.no_model, HasSubstr("sideways"));
 }
 
-TEST(Reconstruct, AWrongFocalLengthIsRefined) {
+TEST(Reconstruct, RefinesWrongFocalLength) {
   const Problem exact = problem_of(synth::make_point_problem(8, 9, 500, 0.2, 0));
   Problem problem = exact;
   problem.cameras[0].fx *= 1.12;
@@ -481,7 +481,7 @@ TEST(Reconstruct, AWrongFocalLengthIsRefined) {
   EXPECT_NEAR(built.models[0].cameras[0].fx / exact.cameras[0].fx, 1, 0.02);
 }
 
-TEST(Adjust, MovesAwayFromTheTruthComeBack) {
+TEST(Adjust, RecoversPerturbedModel) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0, 0));
   Model model = run(problem).models.at(0);
   const Model before = model;
@@ -499,7 +499,7 @@ TEST(Adjust, MovesAwayFromTheTruthComeBack) {
                 1e-2);
 }
 
-TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
+TEST(Adjust, PartialAdjustmentFindsItsPoints) {
   const Problem problem = problem_of(synth::make_point_problem(9, 9, 150, 0.3, 0));
   Model start = run(problem).models.at(0);
   // Points that neither of the two observes.
@@ -528,7 +528,7 @@ TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
   }
 }
 
-TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
+TEST(Adjust, OnlyPointsMovesPointsAlone) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0, 0));
   const Model before = run(problem).models.at(0);
   Model model = before;
@@ -554,7 +554,7 @@ TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
   }
 }
 
-TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
+TEST(Adjust, RejectsFocalLengthOutOfRangeWithWarning) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
   Model model = run(problem).models.at(0);
   // The image is so wide that the true focal length is just below the allowed min share of the
@@ -575,7 +575,7 @@ TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
   EXPECT_NEAR(model.cameras[0].fx, truth, 0.02 * truth);
 }
 
-TEST(Adjust, WhatCannotBeSolvedIsSaidAndChangesNothing) {
+TEST(Adjust, UnsolvableModelGivesWarningAndIsUnchanged) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
   Model model = run(problem).models.at(0);
   model.points[0].position =
@@ -589,7 +589,7 @@ TEST(Adjust, WhatCannotBeSolvedIsSaidAndChangesNothing) {
     EXPECT_EQ(model.points[p].position, before.points[p].position);
 }
 
-TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {
+TEST(Adjust, ResultDoesNotDependOnMemoryLayout) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.3, 0));
   const Model start = run(problem).models.at(0);
   BundleOptions options;
@@ -609,7 +609,7 @@ TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {
   EXPECT_EQ(focal_lengths.size(), 1U);
 }
 
-TEST(FilterPoints, TakesOutWhatIsOff) {
+TEST(FilterPoints, RemovesOutliers) {
   const Problem problem = problem_of(synth::make_point_problem(10, 5, 100, 0, 0));
   Model model = run(problem).models.at(0);
   const std::size_t seen = model.points[3].track.size();
@@ -619,7 +619,7 @@ TEST(FilterPoints, TakesOutWhatIsOff) {
   EXPECT_LT(model.points[3].track.size(), seen);
 }
 
-TEST(FilterPoints, TakesOutOnlyWhatIsAskedFor) {
+TEST(FilterPoints, RemovesOutliersOfGivenPointsAndImagesOnly) {
   const Problem problem = problem_of(synth::make_point_problem(10, 5, 100, 0, 0));
   Model model = run(problem).models.at(0);
   ASSERT_GE(model.points[3].track.size(), 4U);
@@ -633,7 +633,7 @@ TEST(FilterPoints, TakesOutOnlyWhatIsAskedFor) {
   EXPECT_EQ(model.points[3].track[1].image, before[2].image);
 }
 
-TEST(MapperOptions, ImpossibleOnesAreRefused) {
+TEST(MapperOptions, RefusesInvalidValues) {
   MapperOptions options;
   options.pose_inliers = 2;
   EXPECT_THROW(options.check(), std::invalid_argument);

@@ -373,11 +373,11 @@ ModelConflicts::ModelConflicts(const Model& model)
   has_different_places_ = images >= (compared < kMaxFewImages ? 1 : 2);
 }
 
-bool ModelConflicts::any(bool repeats) const {
+bool ModelConflicts::any(bool is_repetitive) const {
   const auto pairs = static_cast<double>(pairs_.size());
   const auto evaluated = static_cast<double>(evaluated_);
   if (pairs_.size() < kMinPairs || pairs < kMinShare * evaluated) return false;
-  return repeats ||
+  return is_repetitive ||
          (is_clustered_ && (has_different_places_ || pairs >= kMinHighShare * evaluated));
 }
 

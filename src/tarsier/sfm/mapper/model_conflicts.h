@@ -49,8 +49,8 @@ class ModelConflicts {
   // second; first < second.
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
   // Whether these are more than chance explains: three or more, and one in 200 of the near images
-  // with as much evidence. With `repeats` (the scene is known to repeat) this suffices. Otherwise
-  // two more conditions must hold.
+  // with as much evidence. With `is_repetitive` (the scene is known to repeat) this suffices.
+  // Otherwise two more conditions must hold.
   //
   // First, three or more contradict the same image, a fifth of those with as much evidence, and one
   // of these has nearly its view. Views are nearly the same if the angle between the rays / 12
@@ -63,7 +63,7 @@ class ModelConflicts {
   // evidence contradict each other. In thousands of images as close as those of a video, each point
   // is detected in few, so what two images share varies widely. What all images of two places share
   // does not vary.
-  [[nodiscard]] bool any(bool repeats = false) const;
+  [[nodiscard]] bool any(bool is_repetitive = false) const;
   // The summed evidence of two images and of the images that show the same place as either.
   [[nodiscard]] Evidence between(int first, int second) const;
   // Whether the two images, or all images of their places, show different places by between(). That

@@ -10,7 +10,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kMinViews = 3;  // for points that lose observations
+constexpr std::size_t kMinTrackLength = 3;  // for points that lose observations
 
 // The parts of a model, grown image by image.
 class Parts {
@@ -66,14 +66,14 @@ class Parts {
 
 }  // namespace
 
-Model model_of_some(const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
-                    const std::vector<char>& keep) {
+Model model_with_features(const std::vector<geometry::Camera>& cameras,
+                          const std::vector<Image>& images, const std::vector<char>& has_features) {
   Model model;
   model.cameras = cameras;
   model.images.resize(images.size());
   for (std::size_t i = 0; i < images.size(); ++i) {
     Image& image = model.images[i];
-    if (keep[i] != 0) {
+    if (has_features[i] != 0) {
       image = images[i];
     } else {
       image.name = images[i].name;
@@ -118,7 +118,7 @@ int keep_largest_part(Model& model, int min_common) {
     std::erase_if(point.track, [&](const Observation& seen) {
       return !model.images[at(seen.image)].registered;
     });
-    const bool stays = point.track.size() == before || point.track.size() >= kMinViews;
+    const bool stays = point.track.size() == before || point.track.size() >= kMinTrackLength;
     for (const Observation& seen : point.track)
       model.images[at(seen.image)].points[at(seen.feature)] = stays ? static_cast<int>(kept) : -1;
     if (!stays) continue;

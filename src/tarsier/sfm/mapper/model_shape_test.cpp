@@ -54,7 +54,7 @@ void turn_from(int image, double degrees, Model& model) {
         geometry::Rigid3{geometry::rotation_by({0, angle, 0}), {0, 0, 0}} * model.images[i].pose;
 }
 
-TEST(ModelShape, StrongPairsWhoseImagesAModelTurnsALittleAreMissed) {
+TEST(ModelShape, MissesStrongPairsOfSlightlyRotatedPart) {
   const std::vector<Pair> pairs = neighbours(12, 90);
   Model model = row_of(12);
   EXPECT_THAT(shape_of(model, pairs).missed_pairs, testing::IsEmpty());
@@ -70,7 +70,7 @@ TEST(ModelShape, StrongPairsWhoseImagesAModelTurnsALittleAreMissed) {
 }
 
 // A ring of 40 images that does not close: each rotation is slightly too large or too small.
-TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
+TEST(ModelShape, MissesWeakPairsThatCloseLoop) {
   const auto ring = [](double degrees) {
     Model model;
     model.images.resize(40);
@@ -107,7 +107,7 @@ TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
   EXPECT_EQ(shape_trust(shape), kUnreliableTrustFactor * std::min(1.0, shape.weakest_joint / 2));
 }
 
-TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
+TEST(ModelShape, IgnoresPairsOfDistantPlaces) {
   std::vector<Pair> pairs = neighbours(20, 90);
   Pair far = pair_of(0, 19, 100);  // the two images look alike
   far.view.second_from_first.translation = {1, 0, 0};
@@ -129,7 +129,7 @@ TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
   EXPECT_EQ(shape_of(row_of(20), pairs).missed_pairs.size(), 1U);
 }
 
-TEST(ModelShape, TheWeakestJointIsWhatHoldsTwoPartsTogether) {
+TEST(ModelShape, WeakestJointIsSumOfConnectingStrengths) {
   std::vector<Pair> pairs;
   for (const int from : {0, 5})
     for (int i = from; i < from + 5; ++i)
@@ -148,7 +148,7 @@ TEST(ModelShape, TheWeakestJointIsWhatHoldsTwoPartsTogether) {
   EXPECT_EQ(shape_trust(shape_of(row_of(5), few)), 1);
 }
 
-TEST(ModelShape, ARowWhoseImagesShareMuchWithTheNextTwoIsFirm) {
+TEST(ModelShape, WellConnectedRowHasFullTrust) {
   const ModelShape shape = shape_of(row_of(30), neighbours(30, 60));
   EXPECT_NEAR(shape.weakest_joint, 1 + 2 * 0.6, 1e-9);
   EXPECT_EQ(shape_trust(shape), 1);

@@ -95,7 +95,7 @@ bool is_folded(const Model& model, const ModelConflicts& conflicts, const std::v
 
 // Trust for each image of a model, lower for near images that contradict each other.
 std::vector<double> image_trust(const Model& model, const MapperInput& input,
-                                const std::vector<PairRejection>& rejections, bool repeats,
+                                const std::vector<PairRejection>& rejections, bool is_repetitive,
                                 std::shared_ptr<const ModelConflicts> conflicts,
                                 bool& has_conflicts) {
   std::vector<std::uint8_t> by_evidence(rejections.size(), 0);
@@ -105,9 +105,9 @@ std::vector<double> image_trust(const Model& model, const MapperInput& input,
                          ? 1
                          : 0;
   std::vector<double> trust = trust_of(model, input.pairs, by_evidence);
-  if (input.followed) return trust;
+  if (input.tracked) return trust;
   if (!conflicts) conflicts = std::make_shared<const ModelConflicts>(model);
-  if (!conflicts->any(repeats)) return trust;
+  if (!conflicts->any(is_repetitive)) return trust;
   has_conflicts = true;
   const double weight = is_folded(model, *conflicts, input.pairs, rejections) ? kFoldedWeight : 1;
   for (std::size_t i = 0; i < trust.size(); ++i)
@@ -119,7 +119,7 @@ std::vector<double> image_trust(const Model& model, const MapperInput& input,
 
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence,
-                  const std::vector<PairRejection>& rejections, bool repeats,
+                  const std::vector<PairRejection>& rejections, bool is_repetitive,
                   std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made) {
   order_models(options.min_images, made.models, conflicts);
@@ -128,11 +128,11 @@ void add_outcomes(const MapperInput& input, const MapperOptions& options,
   std::vector<std::vector<double>> trust;  // for the images of each model
   for (std::size_t m = 0; m < made.models.size(); ++m) {
     const Model& model = made.models[m];
-    trust.push_back(image_trust(model, input, rejections, repeats, std::move(conflicts[m]),
+    trust.push_back(image_trust(model, input, rejections, is_repetitive, std::move(conflicts[m]),
                                 made.has_conflicts));
     made.trust.push_back(model_trust(model, trust.back()));
     made.shapes.push_back(shape_of(model, input.pairs));
-    made.has_conflicts = made.has_conflicts || (repeats && is_unreliable(made.shapes.back()));
+    made.has_conflicts = made.has_conflicts || (is_repetitive && is_unreliable(made.shapes.back()));
   }
   const std::vector<const Pair*> best = best_pairs(input.pairs, input.images.size());
   for (std::size_t i = 0; i < input.images.size(); ++i) {

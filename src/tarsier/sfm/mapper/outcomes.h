@@ -19,10 +19,10 @@ inline constexpr std::string_view kGlobalRefusal = "global mapping refused: ";
 
 // Sorts the models of `made`, largest first, drops too small ones, and sets the refused pairs, the
 // outcome of each image and the trust of each model. `evidence` and `rejections`: for each pair of
-// the input. `conflicts`: for each model, where known. `repeats`: see ModelConflicts::any().
+// the input. `conflicts`: for each model, where known. `is_repetitive`: see ModelConflicts::any().
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence,
-                  const std::vector<PairRejection>& rejections, bool repeats,
+                  const std::vector<PairRejection>& rejections, bool is_repetitive,
                   std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made);
 

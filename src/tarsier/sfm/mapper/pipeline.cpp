@@ -87,7 +87,7 @@ class Stages {
 std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& stop) {
   const FlowOptions flow;
   std::string text = fmt::format("flow {} {} {} {} {}", flow.max_points, flow.grid, flow.reach,
-                                 flow.back_px, flow.alike);
+                                 flow.back_px, flow.min_correlation);
   for (const Input& input : inputs) {
     throw_if_stopped(stop);
     text += ' ';
@@ -438,7 +438,7 @@ Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bo
   if (is_whole && made.trust[0] >= kGoodTrust) return made;
   const auto take = [&](double min_change, std::string_view why) {
     const std::vector<std::string> lines =
-        image_set.take_focal_lengths(made.models, min_change, pairs, stop);
+        image_set.adopt_focal_lengths(made.models, min_change, pairs, stop);
     for (const std::string& line : lines) made.log.push_back(fmt::format("{}: {}", line, why));
     return !lines.empty();
   };
@@ -520,9 +520,9 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
 
   ImageSet image_set(options);
   std::vector<std::string> names;
-  KnownPlaces places;
+  KnownPositions positions;
   for (const ImageFeatures& image_features : images) {
-    places.push_back(inputs[at(image_features.input)].place);
+    positions.push_back(inputs[at(image_features.input)].position);
     image_set.add(image_features, inputs[at(image_features.input)].name);
     names.push_back(inputs[at(image_features.input)].name);
     result.images[at(image_features.input)].focal_from =
@@ -544,7 +544,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     const bool has_matches = options.flow || !options.database.empty();
     if (!has_matches) {
       const auto descriptors = [&](int i) { return images[at(i)].features.descriptors; };
-      for (const auto& [first, second] : choose_pairs(names, places, descriptors, options)) {
+      for (const auto& [first, second] : choose_pairs(names, positions, descriptors, options)) {
         Pair pair;
         pair.first = first;
         pair.second = second;
@@ -589,7 +589,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                                  .release_memory = [&store] { store.trim(); },
                                  .kind = options.features.kind,
                                  .pairs = result.pairs,
-                                 .followed = options.flow,
+                                 .tracked = options.flow,
                                  .gray = gray_images(inputs, images),
                                  .start = start_poses};
   stages.start("reconstruct");

@@ -24,7 +24,7 @@ namespace {
 using testing::HasSubstr;
 
 // Cameras on an arc and their features, matched by point identity.
-class Starts : public testing::Test {
+class StartPosesTest : public testing::Test {
  protected:
   void make(double noise_px = 0.3, int images = 10) {
     truth_ = synth::make_point_problem(5, images, 400, noise_px, 0);
@@ -123,7 +123,7 @@ class Starts : public testing::Test {
   std::vector<Pair> pairs_;
 };
 
-TEST_F(Starts, GrowToAllImagesInTheFrameOfTheirPoses) {
+TEST_F(StartPosesTest, ExtendToAllImagesInTheirFrame) {
   make();
   const Reconstruction made = run(first(6));
   ASSERT_EQ(made.models.size(), 1U);
@@ -135,7 +135,7 @@ TEST_F(Starts, GrowToAllImagesInTheFrameOfTheirPoses) {
   for (const Outcome& outcome : made.outcomes) EXPECT_TRUE(outcome.registered) << outcome.reason;
 }
 
-TEST_F(Starts, ThatAreFixedStayAndOthersMove) {
+TEST_F(StartPosesTest, FixedOnesStayAndOthersMove) {
   make();
   StartPoses start = first(6);
   start.fixed = true;
@@ -158,7 +158,7 @@ TEST_F(Starts, ThatAreFixedStayAndOthersMove) {
   for (const Point& point : exact.models[0].points) EXPECT_LT(point.error, 1e-3);
 }
 
-TEST_F(Starts, AreRefinedWhereTheyAreRough) {
+TEST_F(StartPosesTest, RoughOnesAreRefined) {
   make();
   StartPoses start = first(10);
   Rng rng(3);
@@ -177,7 +177,7 @@ TEST_F(Starts, AreRefinedWhereTheyAreRough) {
   EXPECT_LT(points, made.models[0].points.size() / 2);
 }
 
-TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
+TEST_F(StartPosesTest, WrongPoseIsRejectedAndEstimatedAgain) {
   make();
   StartPoses start = first(8);
   Rng rng(4);
@@ -201,7 +201,7 @@ TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
   EXPECT_EQ(registered(fixed.models[0]), 9);
 }
 
-TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
+TEST_F(StartPosesTest, ContradictingOnesAreRefused) {
   make();
   // Mirrored at the plane x = 0 of the world, as with the other handedness.
   StartPoses mirrored = first(8);
@@ -228,7 +228,7 @@ TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
   }
 }
 
-TEST_F(Starts, WithoutMatchesAreRefused) {
+TEST_F(StartPosesTest, WithoutMatchesAreRefused) {
   make();
   for (Pair& pair : pairs_)
     if (pair.first < 4 && pair.second < 4) pair.view.inliers = {};
@@ -237,7 +237,7 @@ TEST_F(Starts, WithoutMatchesAreRefused) {
   EXPECT_THAT(made.no_model, HasSubstr("no two of its 4 images have matches"));
 }
 
-TEST_F(Starts, GoOnFromACheckpoint) {
+TEST_F(StartPosesTest, ResumeFromCheckpoint) {
   make();
   StartPoses start = first(6);
   start.fixed = true;
@@ -266,7 +266,7 @@ TEST_F(Starts, GoOnFromACheckpoint) {
   }
 }
 
-TEST_F(Starts, KeepTheirLensWhileThatOfOthersIsRefined) {
+TEST_F(StartPosesTest, KeepTheirLensWhileOthersAreRefined) {
   make(0.2);
   cameras_.push_back(truth_.camera);
   cameras_[1].fx *= 1.05;
@@ -284,7 +284,7 @@ TEST_F(Starts, KeepTheirLensWhileThatOfOthersIsRefined) {
   EXPECT_NEAR(model.cameras[1].fx / truth_.camera.fx, 1, 0.01);
 }
 
-class StartFolders : public FolderTest {
+class StartModelTest : public FolderTest {
  protected:
   // Two cameras, four images.
   [[nodiscard]] Model model() const {
@@ -321,7 +321,7 @@ class StartFolders : public FolderTest {
   }
 };
 
-TEST_F(StartFolders, GiveTheirCamerasByName) {
+TEST_F(StartModelTest, AssignsCamerasByImageName) {
   write_colmap(path("model"), model());
   const std::vector<Input> inputs{{"left/0.jpg", "a"}, {"1.jpg", "b"}, {"3.jpg", "c"},
                                   {"9.jpg", "d"},      {"8.jpg", "e"}, {"7.jpg", "f"}};
@@ -355,7 +355,7 @@ TEST_F(StartFolders, GiveTheirCamerasByName) {
   EXPECT_TRUE(start.poses(inputs, images, {0, 0, 1, 0, 2, 3}, true, true).fixed_cameras.empty());
 }
 
-TEST_F(StartFolders, ThatCannotBeGoneOnFromAreNamed) {
+TEST_F(StartModelTest, ErrorsNameUnusableFolders) {
   const auto message = [&](const std::string& folder, const std::vector<Input>& inputs) {
     try {
       const StartModel start(folder, inputs);

@@ -32,7 +32,7 @@ Pair wrong_pair_of(int first, int second, std::size_t inliers, double angle) {
   return pair;
 }
 
-TEST(StrongPairs, AreThoseOfMostInliersOfEitherImage) {
+TEST(StrongPairs, HaveMostInliersOfEitherImage) {
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 79), pair_of(2, 3, 80),
                                 pair_of(0, 3, 63), pair_of(3, 4, 20)};
   const std::vector<Pair> strong = strong_pairs(pairs, 5, 0.8);
@@ -44,7 +44,7 @@ TEST(StrongPairs, AreThoseOfMostInliersOfEitherImage) {
   EXPECT_EQ(strong[4].view.inliers.size(), 20U);  // the best of image 4
 }
 
-TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
+TEST(StrongPairs, ContradictedPairsLoseTheirInliers) {
   Model model;
   model.images.resize(4);
   for (std::size_t i = 0; i < 3; ++i) {
@@ -95,7 +95,7 @@ struct FakeMapper {
   }
 };
 
-TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
+TEST(StrongPairs, WeakerPairsAreAddedWhileScoreRises) {
   const Pair wrong = wrong_pair_of(0, 4, 70, CV_PI / 2);
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
@@ -116,7 +116,7 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
   EXPECT_EQ(made.trust[0], 0.6);
 }
 
-TEST(StrongPairs, TheScoreMayFallALittleWherePatchesDistinguishPlaces) {
+TEST(StrongPairs, ScoreMayFallSlightlyWherePatchesDiffer) {
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100), pair_of(1, 3, 85),  pair_of(1, 4, 30),
                                 pair_of(0, 4, 40)};
@@ -132,7 +132,7 @@ TEST(StrongPairs, TheScoreMayFallALittleWherePatchesDistinguishPlaces) {
   EXPECT_EQ(calls_with(rejections), 4U);
 }
 
-TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
+TEST(StrongPairs, RejectedPairsAreUsedOnlyWhereModelAgrees) {
   const Pair wrong = wrong_pair_of(0, 4, 100, CV_PI / 2);
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
@@ -148,7 +148,7 @@ TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
   EXPECT_EQ(made.refused[0].reason, "differ");
 }
 
-TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
+TEST(StrongPairs, TrustFallsWithAgreeingRejectedPairs) {
   FakeMapper mapper{{0.8}, {}};
   Reconstruction made = mapper({});
   made.outcomes.assign(5, {});
@@ -164,7 +164,7 @@ TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
   EXPECT_DOUBLE_EQ(made.outcomes[1].trust, 0.5);
 }
 
-TEST(StrongPairs, AWholeIsAsGoodAsPartsOfNearlyItsScore) {
+TEST(StrongPairs, WholeModelIsAsGoodAsPartsOfSimilarScore) {
   const auto made_of = [](const std::vector<int>& sizes, double trust) {
     Reconstruction made;
     for (const int size : sizes) {
@@ -185,7 +185,7 @@ TEST(StrongPairs, AWholeIsAsGoodAsPartsOfNearlyItsScore) {
   EXPECT_FALSE(is_as_good(parts, made_of({14}, 0.51), 0.9));
 }
 
-TEST(StrongPairs, AnInterruptionGoesThroughAndTheBetterOfTwoIsKept) {
+TEST(StrongPairs, PropagatesInterruptionAndKeepsBetterModel) {
   const MapPairs interrupted = [](const std::vector<Pair>&) -> Reconstruction {
     throw Interrupted();
   };
