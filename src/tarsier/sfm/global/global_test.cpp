@@ -41,10 +41,12 @@ std::vector<RelativeRotation> ring_of(const std::vector<Eigen::Matrix3d>& rotati
     for (int k = 1; k <= next; ++k) {
       const int j = (i + k) % count;
       RelativeRotation edge{i, j, Eigen::Matrix3d::Identity(), rng.uniform(30, 300)};
-      const double off = rng.uniform() < outlier_share ? 120 * kRadians : noise_deg * kRadians;
-      edge.second_from_first = geometry::rotation_by(off * rng.uniform() * any_direction(rng)) *
-                               rotations[static_cast<std::size_t>(j)] *
-                               rotations[static_cast<std::size_t>(i)].transpose();
+      const double max_angle =
+          rng.uniform() < outlier_share ? 120 * kRadians : noise_deg * kRadians;
+      edge.second_from_first =
+          geometry::rotation_by(max_angle * rng.uniform() * any_direction(rng)) *
+          rotations[static_cast<std::size_t>(j)] *
+          rotations[static_cast<std::size_t>(i)].transpose();
       edges.push_back(edge);
     }
   }
@@ -56,9 +58,9 @@ double worst_rotation(const std::vector<Eigen::Matrix3d>& found,
                       const std::vector<Eigen::Matrix3d>& truth) {
   double worst = 0;
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    const Eigen::Matrix3d off =
+    const Eigen::Matrix3d error =
         found[i] * found[0].transpose() * (truth[i] * truth[0].transpose()).transpose();
-    worst = std::max(worst, geometry::angle_of(off) / kRadians);
+    worst = std::max(worst, geometry::angle_of(error) / kRadians);
   }
   return worst;
 }

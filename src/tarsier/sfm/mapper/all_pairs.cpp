@@ -26,7 +26,7 @@ bool has_both(const Model& model, const Pair& pair) {
 
 }  // namespace
 
-Model with_points_of(const Model& model, const std::vector<const Pair*>& pairs,
+Model retriangulated(const Model& model, const std::vector<const Pair*>& pairs,
                      const MapperInput& input, const MapperOptions& options) {
   std::vector<int> features;
   for (const Image& image : input.images)
@@ -61,7 +61,7 @@ void update_trust_by_all_pairs(const MapperInput& input, const MapperOptions& op
     }
     std::vector<double> trust = trust_of(model, input.pairs, refused);
     throw_if_stopped(stop);
-    const ModelConflicts conflicts(with_points_of(model, agreeing, input, options));
+    const ModelConflicts conflicts(retriangulated(model, agreeing, input, options));
     for (std::size_t i = 0; i < trust.size(); ++i) {
       trust[i] *= std::max(0.0, 1 - kConflictWeight * conflicts.shares()[i]);
       Outcome& outcome = reconstruction.outcomes[i];

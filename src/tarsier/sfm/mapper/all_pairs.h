@@ -14,7 +14,7 @@
 namespace tarsier::sfm {
 
 // The model with the same poses and cameras, and with points triangulated again from `pairs`.
-[[nodiscard]] Model with_points_of(const Model& model, const std::vector<const Pair*>& pairs,
+[[nodiscard]] Model retriangulated(const Model& model, const std::vector<const Pair*>& pairs,
                                    const MapperInput& input, const MapperOptions& options);
 
 // Sets the trust of each model and its images. It is trust_of() by the pairs that agree with the

@@ -26,7 +26,7 @@ struct Scene {
     std::vector<const Pair*> of_one_side;
     for (const Pair& pair : prism.pairs)
       if (pair.first / kPrismSide == pair.second / kPrismSide) of_one_side.push_back(&pair);
-    made.models.push_back(with_points_of(prism.model, of_one_side, input(), options));
+    made.models.push_back(retriangulated(prism.model, of_one_side, input(), options));
     made.trust = {1};
     made.outcomes.assign(kPrismImages, {true, 0, 1, ""});
   }
@@ -90,14 +90,14 @@ TEST(TrustByAllPairs, IsUnchangedWhenInterrupted) {
   EXPECT_EQ(scene.made.trust[0], 1);
 }
 
-TEST(WithPointsOf, TriangulatesPointsOfGivenPairsOnly) {
+TEST(Retriangulated, TriangulatesPointsOfGivenPairsOnly) {
   const Scene scene(false);
-  const Model none = with_points_of(scene.prism.model, {}, scene.input(), scene.options);
+  const Model none = retriangulated(scene.prism.model, {}, scene.input(), scene.options);
   EXPECT_TRUE(none.points.empty());
   EXPECT_TRUE(none.images[3].registered);
   std::vector<const Pair*> all;
   for (const Pair& pair : scene.prism.pairs) all.push_back(&pair);
-  const Model made = with_points_of(scene.prism.model, all, scene.input(), scene.options);
+  const Model made = retriangulated(scene.prism.model, all, scene.input(), scene.options);
   EXPECT_EQ(between_sides(scene.made.models[0]), 0);
   EXPECT_GT(between_sides(made), 50);
   EXPECT_EQ(made.images[3].pose.translation, scene.prism.model.images[3].pose.translation);

@@ -44,9 +44,9 @@ constexpr double kMaxAcceleration = 0.75;   // max ratio of twice the second ord
 constexpr double kMinGain = 1e-3;
 constexpr int kMinStripeVariables = 16;  // min variables whose columns one thread processes
 constexpr int kMaxStripes = 32;
-constexpr int kMaxDensePoses = 80;      // with up to these, a dense system is always faster
-constexpr double kNearTolerance = 0.1;  // costs a hundredth of the gain of an exact step
-constexpr int kMaxNearIterations = 6;
+constexpr int kMaxDensePoses = 80;  // with up to these, a dense system is always faster
+constexpr double kPreconditionedTolerance = 0.1;  // costs a hundredth of the gain of an exact step
+constexpr int kMaxPreconditionedIterations = 6;
 
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
 using Eigen::Matrix3d;
@@ -407,8 +407,8 @@ class Solver {
       return true;
     }
     if (is_of_earlier_step_) {
-      std::optional<VectorXd> solution =
-          sparse_factor_.solve_near(reduced_, right, kNearTolerance, kMaxNearIterations);
+      std::optional<VectorXd> solution = sparse_factor_.solve_near(
+          reduced_, right, kPreconditionedTolerance, kMaxPreconditionedIterations);
       if (solution) {
         right = std::move(*solution);
         return true;

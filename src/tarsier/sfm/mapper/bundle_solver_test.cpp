@@ -48,15 +48,15 @@ double sum_of(const BundleProblem& problem) {
       const auto pixel = camera_of(problem.lenses[at(seen.lens)])
                              .project(problem.poses[at(seen.pose)] * problem.points[p]);
       if (!pixel) return std::nan("");
-      const cv::Point2d off = seen.weight * (*pixel - cv::Point2d(seen.u, seen.v));
-      sum += c2 > 0 ? c2 * std::log1p(off.dot(off) / c2) : off.dot(off);
+      const cv::Point2d residual = seen.weight * (*pixel - cv::Point2d(seen.u, seen.v));
+      sum += c2 > 0 ? c2 * std::log1p(residual.dot(residual) / c2) : residual.dot(residual);
     }
   }
   if (problem.prior) {
     const BundleProblem::CenterPrior& prior = *problem.prior;
-    const double off =
+    const double residual =
         prior.weight * (problem.poses[at(prior.pose)].center()[prior.axis] - prior.value);
-    sum += off * off;
+    sum += residual * residual;
   }
   return sum / 2;
 }
@@ -87,9 +87,9 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
     for (int i = 0; i < cameras; ++i) {
       if (std::abs(spacing * i - x) > 1.5) continue;
       const auto pixel = camera_of(truth[at(i % 2)]).project(poses[at(i)] * position);
-      const double off = problem.measurements.size() % 10 == 9 ? 20 : noise;
-      const double u = pixel->x + rng.normal(0, off);
-      const double v = pixel->y + rng.normal(0, off);
+      const double sigma = problem.measurements.size() % 10 == 9 ? 20 : noise;
+      const double u = pixel->x + rng.normal(0, sigma);
+      const double v = pixel->y + rng.normal(0, sigma);
       problem.measurements.push_back({i, i % 2, u, v, 1 - 0.1 * (i % 4)});
     }
     Eigen::Vector3d start = position;
@@ -118,17 +118,19 @@ BundleSolverOptions exact() {
 
 // The equations move a point that is much too far away behind its cameras.
 TEST(BundleSolver, ConvergesDespiteOvershootingPoints) {
-  BundleProblem near = some_problem(12, 200, 0.3, false);
-  BundleProblem far = near;
+  BundleProblem unperturbed = some_problem(12, 200, 0.3, false);
+  BundleProblem perturbed = unperturbed;
   for (const std::size_t p : {20U, 90U, 150U}) {
-    const Eigen::Vector3d center = far.poses[at(far.measurements[far.first[p]].pose)].center();
-    far.points[p] = center + 40 * (far.points[p] - center);
+    const Eigen::Vector3d center =
+        perturbed.poses[at(perturbed.measurements[perturbed.first[p]].pose)].center();
+    perturbed.points[p] = center + 40 * (perturbed.points[p] - center);
   }
   BundleSolverOptions options;
   options.max_iterations = 12;
-  const BundleSolution of_near = solve(near, options);
-  const BundleSolution of_far = solve(far, options);
-  EXPECT_NEAR(of_far.cost_after, of_near.cost_after, 1e-3 * of_near.cost_after);
+  const BundleSolution from_unperturbed = solve(unperturbed, options);
+  const BundleSolution from_perturbed = solve(perturbed, options);
+  EXPECT_NEAR(from_perturbed.cost_after, from_unperturbed.cost_after,
+              1e-3 * from_unperturbed.cost_after);
 }
 
 // Central differences of the sum, by code that is independent of the solver's derivatives.
@@ -141,7 +143,7 @@ TEST(BundleSolver, FindsLocalMinimum) {
     EXPECT_NEAR(solution.cost_before, before, 1e-9 * before);
     EXPECT_NEAR(solution.cost_after, sum_of(problem), 1e-9 * before);
     EXPECT_LT(solution.cost_after, 0.6 * before);
-    const auto slope = [&](auto&& change, double by) {
+    const auto derivative = [&](auto&& change, double by) {
       BundleProblem more = problem;
       BundleProblem less = problem;
       change(more, by);
@@ -152,24 +154,24 @@ TEST(BundleSolver, FindsLocalMinimum) {
     for (std::size_t i = 1; i < problem.poses.size(); ++i) {
       for (int k = 0; k < 3; ++k) {
         EXPECT_NEAR(
-            slope([&](BundleProblem& p, double by) { p.poses[i].translation[k] += by; }, 1e-4), 0,
-            1e-3);
+            derivative([&](BundleProblem& p, double by) { p.poses[i].translation[k] += by; }, 1e-4),
+            0, 1e-3);
         EXPECT_NEAR(
-            slope([&](BundleProblem& p, double by) { p.poses[i] = turned(p.poses[i], k, by); },
-                  2e-5),
+            derivative([&](BundleProblem& p, double by) { p.poses[i] = turned(p.poses[i], k, by); },
+                       2e-5),
             0, 1e-3);
       }
     }
     for (std::size_t p = 0; p < problem.points.size(); ++p) {
       if (problem.point_moves[p] == 0) continue;
       for (int k = 0; k < 3; ++k)
-        EXPECT_NEAR(slope([&](BundleProblem& q, double by) { q.points[p][k] += by; }, 1e-4), 0,
+        EXPECT_NEAR(derivative([&](BundleProblem& q, double by) { q.points[p][k] += by; }, 1e-4), 0,
                     1e-3);
     }
     for (std::size_t l = 0; l < problem.lenses.size(); ++l)
       for (const int k : problem.free_parameters)
-        EXPECT_NEAR(slope([&](BundleProblem& p, double by) { p.lenses[l][at(k)] += by; },
-                          k < 4 ? 1e-2 : 1e-4),
+        EXPECT_NEAR(derivative([&](BundleProblem& p, double by) { p.lenses[l][at(k)] += by; },
+                               k < 4 ? 1e-2 : 1e-4),
                     0, 1e-3);
   }
 }

@@ -140,11 +140,11 @@ void write_images(Database& file, const ColmapDatabase& database) {
     // In COLMAP, a keypoint has one descriptor.
     const cv::Mat own =
         rows > 0 ? features.descriptors.rowRange(0, static_cast<int>(rows)) : features.descriptors;
-    const cv::Mat whole = own.isContinuous() ? own : own.clone();
+    const cv::Mat contiguous = own.isContinuous() ? own : own.clone();
     add_descriptors.bind(1, id)
         .bind(2, rows)
         .bind(3, std::int64_t{kDescriptorBytes})
-        .bind(4, std::span<const std::uint8_t>(whole.data, whole.total()));
+        .bind(4, std::span<const std::uint8_t>(contiguous.data, contiguous.total()));
     add_descriptors.step();
     add_descriptors.reset();
   }
@@ -289,18 +289,22 @@ class Reader {
         features.sizes.push_back(2 * sigma);
       }
     }
-    Statement look(file_, "SELECT image_id, rows, cols, data FROM descriptors ORDER BY image_id");
-    while (look.step()) {
-      const auto image = images_.find(look.integer(0));
-      if (image == images_.end()) fail(fmt::format("descriptors of image {}", look.integer(0)));
+    Statement descriptor_row(
+        file_, "SELECT image_id, rows, cols, data FROM descriptors ORDER BY image_id");
+    while (descriptor_row.step()) {
+      const auto image = images_.find(descriptor_row.integer(0));
+      if (image == images_.end())
+        fail(fmt::format("descriptors of image {}", descriptor_row.integer(0)));
       const std::string what = fmt::format("descriptors of image {}", image->first);
       Features& features = result_.images[at(image->second)].features;
-      if (look.integer(1) != static_cast<std::int64_t>(features.points.size()))
-        fail(fmt::format("{}: {} of {} features", what, look.integer(1), features.points.size()));
+      if (descriptor_row.integer(1) != static_cast<std::int64_t>(features.points.size()))
+        fail(fmt::format("{}: {} of {} features", what, descriptor_row.integer(1),
+                         features.points.size()));
       if (features.points.empty()) continue;
-      if (look.integer(2) != kDescriptorBytes)
-        fail(fmt::format("{}: {} columns, expected {}", what, look.integer(2), kDescriptorBytes));
-      const auto values = numbers<std::uint8_t>(look, 1, 3, kDescriptorBytes, what);
+      if (descriptor_row.integer(2) != kDescriptorBytes)
+        fail(fmt::format("{}: {} columns, expected {}", what, descriptor_row.integer(2),
+                         kDescriptorBytes));
+      const auto values = numbers<std::uint8_t>(descriptor_row, 1, 3, kDescriptorBytes, what);
       features.descriptors = cv::Mat(static_cast<int>(features.points.size()), kDescriptorBytes,
                                      CV_8UC1, const_cast<std::uint8_t*>(values.data()))
                                  .clone();
@@ -345,15 +349,15 @@ class Reader {
 
 void write_colmap_database(const std::string& path, const ColmapDatabase& database) {
   check(database);
-  AtomicFile whole(path);
+  AtomicFile output(path);
   {
-    Database file(whole.path(), colmap_kind(), DatabaseAccess::kCreate);
+    Database file(output.path(), colmap_kind(), DatabaseAccess::kCreate);
     Transaction transaction(file);
     write_images(file, database);
     write_pairs(file, database);
     transaction.commit();
   }
-  whole.commit();
+  output.commit();
 }
 
 ColmapDatabase read_colmap_database(const std::string& path) { return Reader(path).read(); }

@@ -378,15 +378,16 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
                    {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.01});
   // If too many tracks began together they would also end together, and the frames before and after
   // would have no matches.
-  const int whole = options_.reach - 1;
-  const int share = (static_cast<int>(live_tracks_.size() + points.size()) + whole - 1) / whole;
+  const int max_length = options_.reach - 1;
+  const int share =
+      (static_cast<int>(live_tracks_.size() + points.size()) + max_length - 1) / max_length;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const cv::Point pixel = candidates[i].pixel;
     const cv::Point2f center(pixel);
     if (!(cv::norm(points[i] - center) <= kMaxSubPixel)) points[i] = center;
     LiveTrack live;
     live.track = {count_, {points[i]}, {color_at(image, points[i])}, {static_cast<float>(kSide)}};
-    live.last = count_ + whole - static_cast<int>(i) / share % whole;
+    live.last = count_ + max_length - static_cast<int>(i) / share % max_length;
     live.offset = {static_cast<double>(points[i].x - center.x),
                    static_cast<double>(points[i].y - center.y)};
     for (int y = -kRadius - 1; y <= kRadius + 1; ++y) {

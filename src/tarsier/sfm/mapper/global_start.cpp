@@ -185,19 +185,19 @@ class GlobalMapping {
 
   template <typename Keep>
   void keep_edges(PairRejection why_not, const Keep& keep) {
-    std::size_t kept = 0;
+    std::size_t remaining = 0;
     for (std::size_t e = 0; e < edges_.size(); ++e) {
       if (!keep(e)) {
         start_.rejections[at(pair_indices_[e])] = why_not;
         continue;
       }
-      edges_[kept] = edges_[e];
-      pair_indices_[kept] = pair_indices_[e];
-      pairs_[kept++] = pairs_[e];
+      edges_[remaining] = edges_[e];
+      pair_indices_[remaining] = pair_indices_[e];
+      pairs_[remaining++] = pairs_[e];
     }
-    edges_.resize(kept);
-    pairs_.resize(kept);
-    pair_indices_.resize(kept);
+    edges_.resize(remaining);
+    pairs_.resize(remaining);
+    pair_indices_.resize(remaining);
   }
 
   // Numbers the images of the largest component, and removes the edges of others.
@@ -346,7 +346,7 @@ class GlobalMapping {
     // Points removed here are considered again in the next round.
     std::vector<Eigen::Vector3d> positions;
     for (const Point& point : model.points) positions.push_back(point.position);
-    (void)filter_these(model, rough, all);
+    (void)filter_selected_points(model, rough, all);
     for (std::size_t p = 0; p < positions.size(); ++p) model.points[p].position = positions[p];
   }
 

@@ -29,7 +29,7 @@ namespace {
 using testing::HasSubstr;
 
 // A site in the form of the mapper's input.
-struct Given {
+struct TestSite {
   synth::ObservedSite site;
   std::vector<geometry::Camera> cameras;
   std::vector<Image> images;
@@ -37,8 +37,8 @@ struct Given {
   std::vector<Pair> pairs;
 };
 
-Given given(const synth::SiteOptions& options) {
-  Given result;
+TestSite given(const synth::SiteOptions& options) {
+  TestSite result;
   result.site = synth::make_observed_site(options);
   result.cameras = {result.site.camera};
   for (std::size_t i = 0; i < result.site.poses.size(); ++i) {
@@ -63,7 +63,7 @@ Given given(const synth::SiteOptions& options) {
   return result;
 }
 
-Given given(synth::SiteKind kind, int images, int features = 200, int neighbours = 8) {
+TestSite given(synth::SiteKind kind, int images, int features = 200, int neighbours = 8) {
   synth::SiteOptions options;
   options.kind = kind;
   options.images = images;
@@ -72,7 +72,7 @@ Given given(synth::SiteKind kind, int images, int features = 200, int neighbours
   return given(options);
 }
 
-Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 250,
+Reconstruction run(const TestSite& given, MapperChoice choice, int auto_global = 250,
                    const MapperHooks& hooks = {}, Progress&& progress = NoProgress(),
                    const std::stop_token& stop = {}) {
   MapperOptions options;
@@ -110,9 +110,9 @@ void expect_same(const Reconstruction& built, const Reconstruction& expected) {
 }
 
 // Two rings without pairs between them, and a few pairs that contradict the others.
-Given two_rings() {
-  Given result = given(synth::SiteKind::kRing, 30);
-  Given other = given(synth::SiteKind::kRing, 24, 150);
+TestSite two_rings() {
+  TestSite result = given(synth::SiteKind::kRing, 30);
+  TestSite other = given(synth::SiteKind::kRing, 24, 150);
   const int shift = 30;
   for (Image& image : other.images) {
     image.name += "b";
@@ -132,7 +132,8 @@ Given two_rings() {
 }
 
 // Runs the mapper with a checkpoint at every step, and returns the checkpoints.
-std::vector<MapperState> states_of(const Given& given, MapperChoice choice, Reconstruction& built) {
+std::vector<MapperState> states_of(const TestSite& given, MapperChoice choice,
+                                   Reconstruction& built) {
   std::vector<MapperState> states;
   MapperHooks hooks;
   hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
@@ -142,7 +143,7 @@ std::vector<MapperState> states_of(const Given& given, MapperChoice choice, Reco
 }
 
 TEST(GlobalCheckpoints, ResumingFromAnyStepGivesSameResult) {
-  const Given site = two_rings();
+  const TestSite site = two_rings();
   Reconstruction whole;
   const std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
   ASSERT_EQ(whole.models.size(), 2U);
@@ -175,7 +176,7 @@ TEST(GlobalCheckpoints, ResumingFromAnyStepGivesSameResult) {
 }
 
 TEST(GlobalCheckpoints, IgnoresThoseOfOtherPairs) {
-  const Given site = given(synth::SiteKind::kRing, 30);
+  const TestSite site = given(synth::SiteKind::kRing, 30);
   Reconstruction whole;
   std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
   const auto adjusted = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
@@ -194,7 +195,7 @@ TEST(GlobalCheckpoints, IgnoresThoseOfOtherPairs) {
 
 // A refused global mapping is tried and reported only once.
 TEST(GlobalCheckpoints, LogsRefusalOnce) {
-  Given site = given(synth::SiteKind::kRing, 30);
+  TestSite site = given(synth::SiteKind::kRing, 30);
   for (std::size_t k = 0; k < site.pairs.size(); ++k) {
     geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
     pose.rotation =
@@ -227,7 +228,7 @@ TEST(GlobalCheckpoints, LogsRefusalOnce) {
 }
 
 TEST(GlobalMapper, InterruptionReturnsPartialModel) {
-  const Given site = given(synth::SiteKind::kRing, 40);
+  const TestSite site = given(synth::SiteKind::kRing, 40);
   const Reconstruction whole = run(site, MapperChoice::kGlobal);
   const auto stopped_at = [&](int step, int round, std::optional<MapperState>& kept) {
     std::stop_source stop;
@@ -266,7 +267,7 @@ TEST(GlobalMapper, InterruptionReturnsPartialModel) {
 
 TEST(GlobalMapper, RegistersAllImagesOfRingAndGrid) {
   for (const synth::SiteKind kind : {synth::SiteKind::kRing, synth::SiteKind::kGrid}) {
-    const Given site = given(kind, 50);
+    const TestSite site = given(kind, 50);
     const Reconstruction built = run(site, MapperChoice::kGlobal);
     ASSERT_EQ(built.models.size(), 1U);
     EXPECT_EQ(registered(built), 50);
@@ -278,7 +279,7 @@ TEST(GlobalMapper, RegistersAllImagesOfRingAndGrid) {
 }
 
 TEST(GlobalMapper, ResultDoesNotDependOnNumberOfThreads) {
-  const Given site = given(synth::SiteKind::kRing, 40);
+  const TestSite site = given(synth::SiteKind::kRing, 40);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   const Reconstruction one = run(site, MapperChoice::kGlobal);
@@ -296,7 +297,7 @@ TEST(GlobalMapper, ResultDoesNotDependOnNumberOfThreads) {
 }
 
 TEST(GlobalMapper, RefusesContradictingPairsWithReason) {
-  Given site = given(synth::SiteKind::kRing, 30);
+  TestSite site = given(synth::SiteKind::kRing, 30);
   for (std::size_t k = 0; k < site.pairs.size(); ++k) {
     geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
     const auto turn = static_cast<double>(k);
@@ -312,7 +313,7 @@ TEST(GlobalMapper, RefusesContradictingPairsWithReason) {
 }
 
 TEST(GlobalMapper, DoesNotFoldSymmetricObject) {
-  const Given site = given(synth::SiteKind::kSymmetric, 80);
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80);
   const auto wrong = std::count_if(site.site.pairs.begin(), site.site.pairs.end(),
                                    [](const auto& pair) { return !pair.same_place; });
   ASSERT_GT(wrong, 20);
@@ -326,7 +327,7 @@ TEST(GlobalMapper, DoesNotFoldSymmetricObject) {
 
 // With these neighbours, both mappers first map all four sides onto each other.
 TEST(RepeatedStructureMapper, RemapsFoldedModel) {
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   for (const MapperChoice choice : {MapperChoice::kIncremental, MapperChoice::kGlobal}) {
     const Reconstruction built = run(site, choice);
     ASSERT_FALSE(built.models.empty());
@@ -350,7 +351,7 @@ TEST(RepeatedStructureMapper, EvaluatesModelByUnusedPairsToo) {
   options.sides = 6;
   options.details = 0.15;
   options.seed = 3;
-  const Given site = given(options);
+  const TestSite site = given(options);
   Reconstruction built;
   const std::vector<MapperState> states = states_of(site, MapperChoice::kAuto, built);
   EXPECT_THAT(built.log, testing::Contains(HasSubstr("score of the models")));
@@ -404,7 +405,7 @@ TEST(RepeatedStructureMapper, EvaluatesModelByUnusedPairsToo) {
 // apart.
 TEST(RepeatedStructureMapper, ResumesAfterConflictingModel) {
   TARSIER_LONG_TEST();
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::vector<MapperState> states;
   MapperHooks hooks;
   hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
@@ -442,7 +443,7 @@ class StopsAtSecondMapping final : public Progress {
 // No second model exists yet, and a model of low trust is better than none.
 TEST(RepeatedStructureMapper, InterruptionReturnsConflictingModel) {
   TARSIER_LONG_TEST();
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::stop_source stop;
   MapperHooks hooks;
   hooks.partial = true;
@@ -456,7 +457,7 @@ TEST(RepeatedStructureMapper, InterruptionReturnsConflictingModel) {
 }
 
 // A long ring with few, noisy observations. Incremental mapping does not close it.
-Given drifting_ring() {
+TestSite drifting_ring() {
   synth::SiteOptions options;
   options.kind = synth::SiteKind::kRing;
   options.images = 200;
@@ -468,7 +469,7 @@ Given drifting_ring() {
 
 TEST(LoopClosure, GlobalMappingClosesOpenLoop) {
   TARSIER_LONG_TEST();
-  const Given site = drifting_ring();
+  const TestSite site = drifting_ring();
   std::vector<MapperState> states;
   MapperHooks hooks;
   hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
@@ -500,7 +501,7 @@ TEST(LoopClosure, GlobalMappingClosesOpenLoop) {
 }
 
 TEST(LoopClosure, FindsOpenLoopsInBentModel) {
-  const Given site = given(synth::SiteKind::kRing, 80, 100, 4);
+  const TestSite site = given(synth::SiteKind::kRing, 80, 100, 4);
   Model model;
   model.cameras = site.cameras;
   model.images = site.images;
@@ -524,7 +525,7 @@ TEST(LoopClosure, FindsOpenLoopsInBentModel) {
 }
 
 TEST(RepeatedStructure, RefusesManyWrongAndFewCorrectPairs) {
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   const std::vector<PairEvidence> evidence = check_evidence(site.cameras, site.images, site.pairs);
   int refused_true = 0;
   int refused_wrong = 0;
@@ -535,7 +536,7 @@ TEST(RepeatedStructure, RefusesManyWrongAndFewCorrectPairs) {
 }
 
 TEST(Trust, IsLowestForMisplacedImage) {
-  const Given site = given(synth::SiteKind::kRing, 40);
+  const TestSite site = given(synth::SiteKind::kRing, 40);
   Reconstruction built = run(site, MapperChoice::kGlobal);
   ASSERT_EQ(built.models.size(), 1U);
   Model& model = built.models[0];

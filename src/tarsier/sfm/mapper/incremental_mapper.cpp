@@ -119,7 +119,7 @@ std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) co
 }
 
 int IncrementalMapper::filter(const std::vector<int>& points, const std::vector<int>& images) {
-  const int dropped = filter_these(model_, options_, points, images);
+  const int dropped = filter_selected_points(model_, options_, points, images);
   count_points(points);
   return dropped;
 }

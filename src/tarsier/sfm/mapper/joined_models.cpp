@@ -86,26 +86,26 @@ int points_shown(const Image& image) {
 // Keeps the points that enough images show, numbers them, and sets the points of features and the
 // errors.
 void finalize_points(Model& model, int min_views) {
-  const std::size_t min_track = registered_of(model) < 4 ? 2 : at(std::max(2, min_views));
+  const std::size_t min_track = registered_count(model) < 4 ? 2 : at(std::max(2, min_views));
   for (Image& image : model.images) {
     if (image.registered)
       image.points.assign(image.features.size(), -1);
     else
       image.points.clear();
   }
-  std::vector<Point> kept;
+  std::vector<Point> remaining;
   for (Point& point : model.points) {
     if (point.track.size() < min_track) continue;
     double squares = 0;
     for (const Observation& seen : point.track) {
       const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       squares += error ? *error * *error : 0;
-      model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(kept.size());
+      model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(remaining.size());
     }
     point.error = std::sqrt(squares / static_cast<double>(point.track.size()));
-    kept.push_back(std::move(point));
+    remaining.push_back(std::move(point));
   }
-  model.points = std::move(kept);
+  model.points = std::move(remaining);
 }
 
 class Builder {
@@ -342,7 +342,7 @@ JoinedModels join_models(const std::vector<Model>& models, const std::vector<std
   std::vector<std::size_t> order(made.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return registered_of(made[a]) > registered_of(made[b]);
+    return registered_count(made[a]) > registered_count(made[b]);
   });
   result.joined_in.assign(models.size(), 0);
   for (std::size_t k = 0; k < order.size(); ++k) {

@@ -206,8 +206,8 @@ class Mapping {
         for (std::size_t k = 0; k < chosen.size(); ++k)
           if (start.rejections[k] != PairRejection::kNone)
             rejections_[pairs_of[root][k]] = start.rejections[k];
-        Components kept = this->components();
-        make_mapper(kept, kept.root(first_registered(start.model)));
+        Components remaining = this->components();
+        make_mapper(remaining, remaining.root(first_registered(start.model)));
         mapper_->resume(start.model);
         begin_growing();
         is_global_ = true;

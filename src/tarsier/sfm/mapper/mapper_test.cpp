@@ -88,22 +88,22 @@ Reconstruction run(const Problem& problem, const MapperOptions& options = {}) {
 
 // The same with descriptors that identify the points. Some matches are missing, so that extending
 // the tracks can find them.
-struct Described {
+struct DescribedProblem {
   Problem problem;
   std::vector<cv::Mat> descriptors;
 };
 
-Described described(const synth::PointProblem& truth) {
-  Described result{problem_of(truth), {}};
+DescribedProblem described(const synth::PointProblem& truth) {
+  DescribedProblem result{problem_of(truth), {}};
   Rng rng(77);
-  std::map<int, std::vector<std::uint8_t>> looks;
+  std::map<int, std::vector<std::uint8_t>> descriptors;
   for (const std::vector<int>& points : result.problem.point_of) {
     cv::Mat rows(static_cast<int>(points.size()), 128, CV_8UC1);
     for (std::size_t f = 0; f < points.size(); ++f) {
-      std::vector<std::uint8_t>& look = looks[points[f]];
-      while (look.size() < 128)
-        look.push_back(static_cast<std::uint8_t>(rng.uniform() < 0.15 ? 120 : 5));
-      std::copy(look.begin(), look.end(), rows.ptr(static_cast<int>(f)));
+      std::vector<std::uint8_t>& descriptor = descriptors[points[f]];
+      while (descriptor.size() < 128)
+        descriptor.push_back(static_cast<std::uint8_t>(rng.uniform() < 0.15 ? 120 : 5));
+      std::copy(descriptor.begin(), descriptor.end(), rows.ptr(static_cast<int>(f)));
     }
     result.descriptors.push_back(rows);
   }
@@ -115,7 +115,7 @@ Described described(const synth::PointProblem& truth) {
   return result;
 }
 
-Reconstruction run(const Described& given, const MapperHooks& hooks,
+Reconstruction run(const DescribedProblem& given, const MapperHooks& hooks,
                    const std::stop_token& stop = {}) {
   NoProgress progress;
   return reconstruct(input_of(given.problem, given.descriptors), {}, progress, stop, hooks);
@@ -218,7 +218,7 @@ TEST(Reconstruct, TwoScenesGiveTwoModels) {
 }
 
 TEST(Checkpoints, ResumingFromAnyGivesSameResult) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
+  const DescribedProblem given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<MapperState> states;
   MapperHooks hooks;
   hooks.save_interval_s = 0;
@@ -240,7 +240,7 @@ TEST(Checkpoints, ResumingFromAnyGivesSameResult) {
 }
 
 TEST(Checkpoints, ResumeAfterFinishedModel) {
-  const Described given{two_scenes(5, 4), {}};
+  const DescribedProblem given{two_scenes(5, 4), {}};
   std::vector<MapperState> states;
   MapperHooks hooks;
   hooks.save_interval_s = 0;
@@ -258,8 +258,8 @@ TEST(Checkpoints, ResumeAfterFinishedModel) {
 }
 
 TEST(Checkpoints, IgnoreThoseOfOtherImages) {
-  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
-  const Described other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
+  const DescribedProblem given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  const DescribedProblem other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
   MapperHooks hooks;
   hooks.save_checkpoint = [&](const MapperState& state) { hooks.resume_from = state; };
   const Reconstruction whole = run(given, hooks);
@@ -270,7 +270,7 @@ TEST(Checkpoints, IgnoreThoseOfOtherImages) {
 // Stopped within each adjustment: the finished models are returned, and the checkpoint of that
 // moment leads to the same result.
 TEST(Interrupted, ReturnsPartialModelAndCheckpoint) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
+  const DescribedProblem given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   const Reconstruction whole = run(given, {});
   int adjustments = 0;
   {
@@ -313,7 +313,7 @@ TEST(Interrupted, ReturnsPartialModelAndCheckpoint) {
 
 // The caller is shown a growing number of images, and the result is the same.
 TEST(Mapper, ShowsGrowingModel) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
+  const DescribedProblem given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<int> registered;
   MapperHooks hooks;
   hooks.show_interval_s = 0;
@@ -330,7 +330,7 @@ TEST(Mapper, ShowsGrowingModel) {
 }
 
 TEST(Interrupted, WithoutPartialThrows) {
-  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  const DescribedProblem given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
   std::stop_source stop;
   MapperHooks hooks;
   hooks.watch = [&](const std::string& label, const Model&) {
@@ -341,7 +341,7 @@ TEST(Interrupted, WithoutPartialThrows) {
 
 // The incremental counters equal a count over all features.
 TEST(IncrementalMapper, CountsVisiblePointsOfEachImage) {
-  const Described given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
+  const DescribedProblem given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
   const Problem& problem = given.problem;
   Model model;
   model.cameras = problem.cameras;
@@ -627,7 +627,7 @@ TEST(FilterPoints, RemovesOutliersOfGivenPointsAndImagesOnly) {
   for (const std::size_t k : {0U, 1U})
     model.images[static_cast<std::size_t>(before[k].image)]
         .features[static_cast<std::size_t>(before[k].feature)] += cv::Point2f(9, 0);
-  EXPECT_EQ(filter_these(model, {}, {3}, {before[1].image, before[2].image}), 1);
+  EXPECT_EQ(filter_selected_points(model, {}, {3}, {before[1].image, before[2].image}), 1);
   ASSERT_EQ(model.points[3].track.size(), before.size() - 1);
   EXPECT_EQ(model.points[3].track[0].image, before[0].image);
   EXPECT_EQ(model.points[3].track[1].image, before[2].image);

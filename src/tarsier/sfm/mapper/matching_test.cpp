@@ -139,9 +139,9 @@ TEST(MatchFeatures, AdditionalDescriptorMatchesItsPoint) {
   // Points at the same position count as the first of them. If two points match it, the nearer one
   // is kept.
   const Features c = features_at({{1, 1}, {1, 1}, {7, 7}}, rows({0, 1, 2, 5}), {2});
-  cv::Mat off = rows({1, 0, 2});
-  off.at<std::uint8_t>(0, 0) += 3;
-  const Features d = features_at({{3, 3}, {4, 4}, {8, 8}}, off, {});
+  cv::Mat noisy = rows({1, 0, 2});
+  noisy.at<std::uint8_t>(0, 0) += 3;
+  const Features d = features_at({{3, 3}, {4, 4}, {8, 8}}, noisy, {});
   EXPECT_EQ(match_features(c, d, FeatureKind::kSift, {}), (std::vector<Match>{{0, 1}, {2, 2}}));
 }
 

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kRadians = CV_PI / 180;
 constexpr int kMinShared = 12;               // min common points of two compared images
-constexpr std::size_t kMaxNear = 40;         // images that each is compared with
+constexpr std::size_t kMaxNeighbours = 40;   // images that each is compared with
 constexpr double kMaxAngle = 12 * kRadians;  // between the rays of two images to a point
 constexpr double kMaxScale = 1.3;            // ratio of their distances to it
 constexpr double kMaxDistance = 6;           // distance() of two images; larger ones are clamped
@@ -75,14 +75,16 @@ class Comparison {
           model.images[i].registered ? model.images[i].pose.center() : Eigen::Vector3d::Zero();
     expected_views_.assign(model.points.size(), 0);
     views_.assign(model.points.size(), 0);
-    find_near();
+    find_neighbours();
     checks_.resize(model.images.size());
     for (std::size_t i = 0; i < model.images.size(); ++i) check_points(i);
     find_rare();
   }
 
   // The images that share points with it, nearest first.
-  [[nodiscard]] const std::vector<int>& near(int image) const { return near_[at(image)]; }
+  [[nodiscard]] const std::vector<int>& neighbours(int image) const {
+    return neighbours_[at(image)];
+  }
 
   // Distance between the views of two images of the mean of the first one's points: the angle in
   // units of kMaxAngle, plus the logarithm of the ratio of the distances in units of that of
@@ -162,10 +164,10 @@ class Comparison {
             rare.shown_without_chance()};
   }
 
-  void find_near() {
-    near_.resize(model_.images.size());
+  void find_neighbours() {
+    neighbours_.resize(model_.images.size());
     std::vector<int> shared(model_.images.size(), 0);
-    for (std::size_t i = 0; i < near_.size(); ++i) {
+    for (std::size_t i = 0; i < neighbours_.size(); ++i) {
       std::vector<int> others;
       for (const int p : points_of_[i])
         for (const Observation& seen : model_.points[at(p)].track)
@@ -175,13 +177,14 @@ class Comparison {
         if (other != static_cast<int>(i) && shared[at(other)] >= kMinShared)
           order.emplace_back((centers_[at(other)] - centers_[i]).squaredNorm(), other);
       std::sort(order.begin(), order.end());
-      if (order.size() > kMaxNear) order.resize(kMaxNear);
-      for (const auto& [distance, other] : order) near_[i].push_back(other);
+      if (order.size() > kMaxNeighbours) order.resize(kMaxNeighbours);
+      for (const auto& [distance, other] : order) neighbours_[i].push_back(other);
       for (const int other : others) shared[at(other)] = 0;
     }
   }
 
-  [[nodiscard]] bool is_near(const Eigen::Vector3d& one, const Eigen::Vector3d& other) const {
+  [[nodiscard]] bool has_similar_view(const Eigen::Vector3d& one,
+                                      const Eigen::Vector3d& other) const {
     const double a = one.norm();
     const double b = other.norm();
     return one.dot(other) >= std::cos(kMaxAngle) * a * b && a <= kMaxScale * b &&
@@ -190,17 +193,17 @@ class Comparison {
 
   // Looks for the points of near images in this image.
   void check_points(std::size_t to) {
-    if (near_[to].empty()) return;
+    if (neighbours_[to].empty()) return;
     const Image& image = model_.images[to];
     const geometry::Camera& camera = model_.cameras[at(image.camera)];
     const FeatureGrid grid(image.features, camera, radius_of(camera));
     const double shift = kChanceShift * grid.radius();
     const double margin = shift + grid.radius();
     std::vector<int> points;
-    for (const int from : near_[to])
+    for (const int from : neighbours_[to])
       for (const int p : points_of_[at(from)])
-        if (is_near(model_.points[at(p)].position - centers_[at(from)],
-                    model_.points[at(p)].position - centers_[to]))
+        if (has_similar_view(model_.points[at(p)].position - centers_[at(from)],
+                             model_.points[at(p)].position - centers_[to]))
           points.push_back(p);
     std::sort(points.begin(), points.end());
     points.erase(std::unique(points.begin(), points.end()), points.end());
@@ -235,7 +238,7 @@ class Comparison {
   const Model& model_;
   std::vector<std::vector<int>> points_of_;  // for each image, ascending
   std::vector<Eigen::Vector3d> centers_;
-  std::vector<std::vector<int>> near_;
+  std::vector<std::vector<int>> neighbours_;
   std::vector<std::vector<PointCheck>> checks_;  // for each image, sorted by point
   std::vector<int> expected_views_;              // for each point: images that should show it
   std::vector<int> views_;                       // for each point: images that show it
@@ -293,22 +296,23 @@ bool is_in_model(const Model& model, const Pair& pair) {
 }  // namespace
 
 ModelConflicts::ModelConflicts(const Model& model)
-    : near_(model.images.size()), shares_(model.images.size(), 0) {
+    : neighbours_(model.images.size()), shares_(model.images.size(), 0) {
   const Comparison comparison(model);
-  std::vector<std::vector<int>> near(model.images.size());
-  for (std::size_t i = 0; i < near.size(); ++i) {
-    for (const int j : comparison.near(static_cast<int>(i))) {
-      near[i].push_back(j);
-      near[at(j)].push_back(static_cast<int>(i));
+  std::vector<std::vector<int>> neighbours(model.images.size());
+  for (std::size_t i = 0; i < neighbours.size(); ++i) {
+    for (const int j : comparison.neighbours(static_cast<int>(i))) {
+      neighbours[i].push_back(j);
+      neighbours[at(j)].push_back(static_cast<int>(i));
     }
   }
   std::vector<double> shares;
   std::vector<std::pair<double, double>> evaluated;  // distance and share
-  for (std::size_t i = 0; i < near.size(); ++i) {
-    std::sort(near[i].begin(), near[i].end());
-    near[i].erase(std::unique(near[i].begin(), near[i].end()), near[i].end());
+  for (std::size_t i = 0; i < neighbours.size(); ++i) {
+    std::sort(neighbours[i].begin(), neighbours[i].end());
+    neighbours[i].erase(std::unique(neighbours[i].begin(), neighbours[i].end()),
+                        neighbours[i].end());
     const int first = static_cast<int>(i);
-    for (const int second : near[i]) {
+    for (const int second : neighbours[i]) {
       if (second < first) continue;
       // Of both directions, the one with less contradiction is used: what one image cannot show,
       // from farther away or from the side, is missing in one direction only.
@@ -320,8 +324,8 @@ ModelConflicts::ModelConflicts(const Model& model)
                                     : other;
       if (!(evidence.expected > 0)) continue;
       const double distance = comparison.distance(first, second);
-      near_[i].push_back({second, evidence, distance});
-      near_[at(second)].push_back({first, evidence, distance});
+      neighbours_[i].push_back({second, evidence, distance});
+      neighbours_[at(second)].push_back({first, evidence, distance});
       if (evidence.expected >= kMinExpectedForTypical)
         shares.push_back(evidence.found / evidence.expected);
       if (evidence.expected >= kMinExpected)
@@ -336,13 +340,13 @@ ModelConflicts::ModelConflicts(const Model& model)
     typical_share_ = std::clamp(*typical, kMinTypicalShare, 1.0);
   }
   const ReferenceShares reference_shares(evaluated);
-  for (std::size_t i = 0; i < near_.size(); ++i) {
-    std::sort(near_[i].begin(), near_[i].end(),
+  for (std::size_t i = 0; i < neighbours_.size(); ++i) {
+    std::sort(neighbours_[i].begin(), neighbours_[i].end(),
               [](const Neighbour& a, const Neighbour& b) { return a.image < b.image; });
     double all = 0;
     double contradicted = 0;
     bool by_neighbour = false;
-    for (const auto& [other, evidence, distance] : near_[i]) {
+    for (const auto& [other, evidence, distance] : neighbours_[i]) {
       const double reference = reference_shares.at(distance);
       if (evidence.expected < kMinExpected || reference < kMinReferenceShare) continue;
       all += 1;
@@ -359,7 +363,7 @@ ModelConflicts::ModelConflicts(const Model& model)
                                       contradicted >= kMinImageContradictionShare * all);
   }
   find_places();
-  std::vector<double> different(near_.size(), 0);
+  std::vector<double> different(neighbours_.size(), 0);
   for (const auto& [first, second] : pairs_) {
     if (!are_different(first, second)) continue;
     different[at(first)] += 1;
@@ -368,7 +372,7 @@ ModelConflicts::ModelConflicts(const Model& model)
   const auto images = std::count_if(different.begin(), different.end(),
                                     [](double pairs) { return pairs >= kMinImageContradictions; });
   const auto compared =
-      std::count_if(near_.begin(), near_.end(),
+      std::count_if(neighbours_.begin(), neighbours_.end(),
                     [](const std::vector<Neighbour>& others) { return !others.empty(); });
   has_different_places_ = images >= (compared < kMaxFewImages ? 1 : 2);
 }
@@ -382,16 +386,16 @@ bool ModelConflicts::any(bool is_repetitive) const {
 }
 
 const ModelConflicts::Evidence* ModelConflicts::find(int first, int second) const {
-  const std::vector<Neighbour>& near = near_[at(first)];
+  const std::vector<Neighbour>& neighbours = neighbours_[at(first)];
   const auto found =
-      std::lower_bound(near.begin(), near.end(), second,
+      std::lower_bound(neighbours.begin(), neighbours.end(), second,
                        [](const Neighbour& a, int image) { return a.image < image; });
-  return found != near.end() && found->image == second ? &found->evidence : nullptr;
+  return found != neighbours.end() && found->image == second ? &found->evidence : nullptr;
 }
 
 std::vector<int> ModelConflicts::same_place(int image) const {
   std::vector<int> same{image};
-  for (const auto& [other, evidence, distance] : near_[at(image)])
+  for (const auto& [other, evidence, distance] : neighbours_[at(image)])
     if (evidence.expected >= kMinExpectedForTypical &&
         evidence.found >= kMinSamePlaceRatio * typical_share_ * evidence.expected)
       same.push_back(other);
@@ -418,11 +422,11 @@ ModelConflicts::Evidence ModelConflicts::between(int first, int second) const {
 // decomposition of image and mesh graphs by lifted multicuts, ICCV 2015). The two places that share
 // most beyond half of the typical share are merged, until no two do.
 void ModelConflicts::find_places() {
-  const std::size_t images = near_.size();
+  const std::size_t images = neighbours_.size();
   std::vector<std::map<int, double>> edges(images);
   std::priority_queue<std::tuple<double, int, int>> next;
   for (std::size_t i = 0; i < images; ++i) {
-    for (const auto& [other, evidence, distance] : near_[i]) {
+    for (const auto& [other, evidence, distance] : neighbours_[i]) {
       const double weight =
           evidence.found - kMinSamePlaceRatio * typical_share_ * evidence.expected;
       edges[i][other] = weight;
@@ -431,32 +435,32 @@ void ModelConflicts::find_places() {
     }
   }
   Components places(images);
-  std::vector<char> is_gone(images, 0);
+  std::vector<char> is_merged(images, 0);
   while (!next.empty()) {
     const auto [weight, first, second] = next.top();
     next.pop();
-    if (is_gone[at(first)] != 0 || is_gone[at(second)] != 0) continue;
+    if (is_merged[at(first)] != 0 || is_merged[at(second)] != 0) continue;
     const auto edge = edges[at(first)].find(second);
     if (edge == edges[at(first)].end() || edge->second != weight) continue;
-    const bool keeps_first = edges[at(first)].size() >= edges[at(second)].size();
-    const int kept = keeps_first ? first : second;
-    const int gone = keeps_first ? second : first;
-    is_gone[at(gone)] = 1;
-    places.join(kept, gone);
-    edges[at(kept)].erase(gone);
-    for (const auto& [other, more] : edges[at(gone)]) {
-      if (other == kept) continue;
-      edges[at(other)].erase(gone);
-      const double sum = edges[at(kept)][other] += more;
-      edges[at(other)][kept] = sum;
-      if (sum > 0) next.emplace(sum, std::min(kept, other), std::max(kept, other));
+    const bool first_survives = edges[at(first)].size() >= edges[at(second)].size();
+    const int survivor = first_survives ? first : second;
+    const int merged = first_survives ? second : first;
+    is_merged[at(merged)] = 1;
+    places.join(survivor, merged);
+    edges[at(survivor)].erase(merged);
+    for (const auto& [other, more] : edges[at(merged)]) {
+      if (other == survivor) continue;
+      edges[at(other)].erase(merged);
+      const double sum = edges[at(survivor)][other] += more;
+      edges[at(other)][survivor] = sum;
+      if (sum > 0) next.emplace(sum, std::min(survivor, other), std::max(survivor, other));
     }
-    edges[at(gone)].clear();
+    edges[at(merged)].clear();
   }
   place_.resize(images);
   for (std::size_t i = 0; i < images; ++i) place_[i] = places.root(static_cast<int>(i));
   for (std::size_t i = 0; i < images; ++i) {
-    for (const auto& [other, evidence, distance] : near_[i]) {
+    for (const auto& [other, evidence, distance] : neighbours_[i]) {
       if (other < static_cast<int>(i) || place_[i] == place_[at(other)]) continue;
       Evidence& sum = between_places_[std::minmax(place_[i], place_[at(other)])];
       sum.expected += evidence.expected;

@@ -83,7 +83,7 @@ class ModelConflicts {
   [[nodiscard]] std::vector<int> same_place(int image) const;
   void find_places();
   [[nodiscard]] bool shows_different_places(const Evidence& evidence) const;
-  std::vector<std::vector<Neighbour>> near_;  // for each image, sorted by image
+  std::vector<std::vector<Neighbour>> neighbours_;  // for each image, sorted by image
   std::vector<std::pair<int, int>> pairs_;
   std::size_t evaluated_ = 0;          // pairs of near images with as much evidence
   bool is_clustered_ = false;          // some image is contradicted by several

@@ -42,7 +42,7 @@ double extent_of(const Model& model) {
   return extent_of(centers);
 }
 
-int registered_of(const Model& model) {
+int registered_count(const Model& model) {
   return static_cast<int>(std::count_if(model.images.begin(), model.images.end(),
                                         [](const Image& image) { return image.registered; }));
 }
@@ -82,7 +82,7 @@ std::vector<std::vector<int>> ModelGroups::members() const {
   std::vector<std::vector<int>> result;
   for (auto& [group, all] : by_group) {
     std::stable_sort(all.begin(), all.end(), [&](int a, int b) {
-      return registered_of(models_[at(a)]) > registered_of(models_[at(b)]);
+      return registered_count(models_[at(a)]) > registered_count(models_[at(b)]);
     });
     result.push_back(std::move(all));
   }
@@ -97,10 +97,10 @@ void ModelGroups::merge(const ModelJoin& join, int a, int b) {
   // Moves the second group so that world_from_second = world_from_first * first_from_second.
   const Sim3 move = world_from_model_[at(join.first)] * join.first_from_second *
                     world_from_model_[at(join.second)].inverse();
-  const int kept = std::min(a, b);
+  const int merged_group = std::min(a, b);
   for (std::size_t m = 0; m < group_.size(); ++m) {
     if (group_[m] == b) world_from_model_[m] = move * world_from_model_[m];
-    if (group_[m] == a || group_[m] == b) group_[m] = kept;
+    if (group_[m] == a || group_[m] == b) group_[m] = merged_group;
   }
 }
 

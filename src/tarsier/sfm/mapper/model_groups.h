@@ -22,7 +22,7 @@ constexpr double kMaxLoopShare = 0.1;
 // The diagonal of the bounding box of registered centres.
 [[nodiscard]] double extent_of(const Model& model);
 // Number of registered images.
-[[nodiscard]] int registered_of(const Model& model);
+[[nodiscard]] int registered_count(const Model& model);
 
 // Determines which models become one, and the place of each; see join_models(). Both arguments must
 // outlive this object.

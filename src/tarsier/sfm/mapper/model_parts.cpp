@@ -13,9 +13,9 @@ namespace {
 constexpr std::size_t kMinTrackLength = 3;  // for points that lose observations
 
 // The parts of a model, grown image by image.
-class Parts {
+class PartFinder {
  public:
-  Parts(const Model& model, int min_common)
+  PartFinder(const Model& model, int min_common)
       : model_(model), min_common_(min_common), points_of_(model.images.size()) {
     for (std::size_t p = 0; p < model.points.size(); ++p)
       for (const Observation& seen : model.points[p].track) points_of_[at(seen.image)].push_back(p);
@@ -90,12 +90,12 @@ std::vector<int> feature_counts(const Model& model) {
 }
 
 int keep_largest_part(Model& model, int min_common) {
-  const Parts parts(model, min_common);
+  const PartFinder finder(model, min_common);
   std::vector<char> is_covered(model.images.size(), 0);
   std::vector<int> best;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     if (!model.images[i].registered || is_covered[i] != 0) continue;
-    std::vector<int> part = parts.part_of(static_cast<int>(i));
+    std::vector<int> part = finder.part_of(static_cast<int>(i));
     for (const int image : part) is_covered[at(image)] = 1;
     if (part.size() > best.size()) best = std::move(part);
   }

@@ -46,9 +46,9 @@ double rotation_error_of(const Model& model, const Pair& pair) {
 
 // The maximum spanning tree of the joints (Kruskal), and the sum of joints that cross each of its
 // edges.
-class Tree {
+class SpanningTree {
  public:
-  Tree(std::size_t images, std::vector<Joint> joints)
+  SpanningTree(std::size_t images, std::vector<Joint> joints)
       : neighbours_(images),
         parents_(images, -1),
         depths_(images, -1),
@@ -138,7 +138,7 @@ class Tree {
 }  // namespace
 
 ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
-  const std::vector<std::size_t> strongest = strongest_of_images(pairs, model.images.size());
+  const std::vector<std::size_t> strongest = max_inliers_of_images(pairs, model.images.size());
   std::vector<std::vector<double>> distances(model.images.size());  // of agreeing pairs
   std::vector<Joint> joints;
   ModelShape shape;
@@ -174,7 +174,7 @@ ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
            kMaxDistanceRatio *
                std::max(typical_distances[at(pair.first)], typical_distances[at(pair.second)]);
   });
-  shape.weakest_joint = Tree(model.images.size(), std::move(joints))
+  shape.weakest_joint = SpanningTree(model.images.size(), std::move(joints))
                             .weakest_cut(kMinPartImages, statistics_of(model).registered);
   return shape;
 }

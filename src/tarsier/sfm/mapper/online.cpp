@@ -33,7 +33,7 @@ void OnlineOptions::check() const {
   pipeline.check();
 }
 
-struct OnlineMapper::Parts {
+struct OnlineMapper::State {
   // Cache entry for an image's pairs with later ones.
   struct CachedPairs {
     std::string key;
@@ -41,7 +41,7 @@ struct OnlineMapper::Parts {
     bool is_new = false;
   };
 
-  explicit Parts(const OnlineOptions& given)
+  explicit State(const OnlineOptions& given)
       : options(given), cache(given.pipeline.cache_folder), image_set(given.pipeline) {}
 
   [[nodiscard]] std::vector<int> partners_of(int image) const {
@@ -107,14 +107,14 @@ OnlineMapper::OnlineMapper(const OnlineOptions& given) {
   given.check();
   OnlineOptions options = given;
   options.pipeline.mapper.seed = options.pipeline.two_view.seed = options.pipeline.seed;
-  parts_ = std::make_unique<Parts>(options);
+  state_ = std::make_unique<State>(options);
 }
 
 OnlineMapper::~OnlineMapper() = default;
 
 void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
   const Clock::time_point start = Clock::now();
-  Parts& p = *parts_;
+  State& p = *state_;
   const PipelineOptions& options = p.options.pipeline;
   ImageFeatures image_features;
   image_features.input = count();
@@ -153,7 +153,7 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     if (done[k] == 0) continue;
     if (is_new[k] != 0) {
-      Parts::CachedPairs& entry = p.cached_pairs[at(pairs[k].first)];
+      State::CachedPairs& entry = p.cached_pairs[at(pairs[k].first)];
       entry.pairs[partner_key(latest)] = {pairs[k].matches, pairs[k].view};
       entry.is_new = true;
     }
@@ -168,7 +168,7 @@ void OnlineMapper::refine(const std::stop_token& stop) { update(true, stop); }
 
 void OnlineMapper::update(bool adjust_all, const std::stop_token& stop) {
   const Clock::time_point start = Clock::now();
-  Parts& p = *parts_;
+  State& p = *state_;
   p.save_pairs();
   if (count() < kMinMappedImages) return;
   const MapperOptions mapper = p.image_set.mapper_options();
@@ -211,18 +211,18 @@ void OnlineMapper::update(bool adjust_all, const std::stop_token& stop) {
   p.adding_s = 0;
 }
 
-int OnlineMapper::count() const { return static_cast<int>(parts_->images.size()); }
+int OnlineMapper::count() const { return static_cast<int>(state_->images.size()); }
 int OnlineMapper::registered() const {
-  const auto& images = parts_->model.images;
+  const auto& images = state_->model.images;
   return static_cast<int>(std::count_if(images.begin(), images.end(),
                                         [](const Image& image) { return image.registered; }));
 }
-const Model& OnlineMapper::model() const { return parts_->model; }
+const Model& OnlineMapper::model() const { return state_->model; }
 const Features& OnlineMapper::features(int image) const {
-  return parts_->images.at(at(image)).features;
+  return state_->images.at(at(image)).features;
 }
-const std::vector<Pair>& OnlineMapper::pairs() const { return parts_->pairs; }
-const std::string& OnlineMapper::no_model_reason() const { return parts_->no_model_reason; }
-double OnlineMapper::seconds() const { return parts_->seconds; }
+const std::vector<Pair>& OnlineMapper::pairs() const { return state_->pairs; }
+const std::string& OnlineMapper::no_model_reason() const { return state_->no_model_reason; }
+double OnlineMapper::seconds() const { return state_->seconds; }
 
 }  // namespace tarsier::sfm

@@ -62,9 +62,9 @@ class OnlineMapper {
   [[nodiscard]] double seconds() const;
 
  private:
-  struct Parts;
+  struct State;
   void update(bool adjust_all, const std::stop_token& stop);
-  std::unique_ptr<Parts> parts_;
+  std::unique_ptr<State> state_;
 };
 
 }  // namespace tarsier::sfm

@@ -20,24 +20,24 @@ constexpr double kFoldedWeight = 3;
 
 void order_models(int min_images, std::vector<Model>& models,
                   std::vector<std::shared_ptr<const ModelConflicts>>& conflicts) {
-  struct Sized {
+  struct SizedModel {
     ModelStatistics size;
     Model model;
     std::shared_ptr<const ModelConflicts> conflicts;
   };
-  std::vector<Sized> sized;
+  std::vector<SizedModel> sized;
   for (std::size_t m = 0; m < models.size(); ++m) {
     const ModelStatistics size = statistics_of(models[m]);
     if (size.registered >= min_images)
       sized.push_back({size, std::move(models[m]), std::move(conflicts[m])});
   }
-  std::stable_sort(sized.begin(), sized.end(), [](const Sized& a, const Sized& b) {
+  std::stable_sort(sized.begin(), sized.end(), [](const SizedModel& a, const SizedModel& b) {
     return a.size.registered != b.size.registered ? a.size.registered > b.size.registered
                                                   : a.size.observations > b.size.observations;
   });
   models.clear();
   conflicts.clear();
-  for (Sized& each : sized) {
+  for (SizedModel& each : sized) {
     models.push_back(std::move(each.model));
     conflicts.push_back(std::move(each.conflicts));
   }

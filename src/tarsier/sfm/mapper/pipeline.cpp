@@ -55,7 +55,7 @@ class Stages {
   }
   void end() {
     progress_.end();
-    note();
+    record();
   }
   // As above, for a stage with its own progress.
   void start(const char* name) {
@@ -63,7 +63,7 @@ class Stages {
     start_ = std::chrono::steady_clock::now();
     cpu_start_ = cpu_seconds();
   }
-  void note() {
+  void record() {
     result_.stages.push_back(
         {name_, std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(),
          cpu_seconds() - cpu_start_});
@@ -509,7 +509,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   if (hooks.matched) {
     stages.start("load");
     images = load_all(hooks, store, result);
-    stages.note();
+    stages.record();
   } else {
     stages.begin("features", static_cast<std::int64_t>(inputs.size()), "images");
     images = find_all_features(inputs, options, cache, start, store, progress, stop, result);
@@ -644,7 +644,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   // the observations do not determine.
   if (!result.reconstruction.interrupted && !options.fixed_poses)
     add_uncertainty(options.mapper, result.reconstruction);
-  stages.note();
+  stages.record();
   result.resumed = result.reconstruction.resumed;
   if (start) {
     StartSummary summary = start->summary();

@@ -96,7 +96,7 @@ void transfer(const Matrix3d& h, const Columns& c, int from, int to, double* out
 
 using Errors = void (*)(const Matrix3d&, const Columns&, int, int, double*);
 
-struct Scored {
+struct ScoredModel {
   Matrix3d matrix = Matrix3d::Zero();
   double cost = std::numeric_limits<double>::infinity();  // sum of min(error2 / threshold2, 1)
   int inliers = 0;
@@ -119,9 +119,9 @@ class Ransac {
   // `solve(sample)` returns models of kSize pairs; `refine(matrix)` returns one that fits the
   // inliers better.
   template <int kSize, typename Solve, typename Refine>
-  Scored run(const Solve& solve, const Refine& refine) {
+  ScoredModel run(const Solve& solve, const Refine& refine) {
     const int count = columns_.count();
-    Scored best;
+    ScoredModel best;
     if (count < kSize) return best;
     // PROSAC: number of samples after which the next best pair is included.
     const bool is_ordered = static_cast<int>(pairs_.order.size()) == count;
@@ -142,7 +142,7 @@ class Ransac {
       draw(sample, among, is_ordered && round <= next_at && among < count);
       solve(sample, [&](const Matrix3d& matrix) {
         const double limit = effort_.refine_cost_ratio * best.cost;
-        Scored candidate = score(matrix, limit);
+        ScoredModel candidate = score(matrix, limit);
         if (candidate.cost >= limit) return;
         candidate = refined(candidate, refine, kMaxRefinements);
         if (candidate.cost >= best.cost) return;
@@ -182,10 +182,10 @@ class Ransac {
   }
 
   // Stops where the cost exceeds `limit`.
-  [[nodiscard]] Scored score(const Matrix3d& matrix, double limit) const {
+  [[nodiscard]] ScoredModel score(const Matrix3d& matrix, double limit) const {
     constexpr int kBlock = 64;
     std::array<double, kBlock> errors;
-    Scored result{matrix, 0, 0};
+    ScoredModel result{matrix, 0, 0};
     const double inverse = 1 / squared_threshold_;
     for (int from = 0; from < columns_.count(); from += kBlock) {
       const int to = std::min(columns_.count(), from + kBlock);
@@ -208,11 +208,11 @@ class Ransac {
   }
 
   template <typename Refine>
-  Scored refined(Scored best, const Refine& refine, int rounds) const {
+  ScoredModel refined(ScoredModel best, const Refine& refine, int rounds) const {
     for (int k = 0; k < rounds; ++k) {
       const std::optional<Matrix3d> next = refine(best.matrix, inliers_of(best.matrix));
       if (!next) break;
-      const Scored candidate = score(*next, best.cost);
+      const ScoredModel candidate = score(*next, best.cost);
       if (candidate.cost >= best.cost * (1 - 1e-9)) break;
       best = candidate;
     }
@@ -374,7 +374,7 @@ void check(const PointPairs& pairs, const RobustOptions& options) {
   options.check();
 }
 
-RobustMatrix finished(const Ransac& ransac, const Scored& best) {
+RobustMatrix finished(const Ransac& ransac, const ScoredModel& best) {
   RobustMatrix result;
   if (best.inliers == 0) return result;
   result.matrix = best.matrix;
@@ -415,7 +415,7 @@ RobustMotion robust_motion(const PointPairs& pairs, const RobustOptions& options
     const Matrix3d e = geometry::essential_of(*next);
     return Matrix3d(e / e.norm());
   };
-  const Scored best = ransac.run<5>(solve, refine);
+  const ScoredModel best = ransac.run<5>(solve, refine);
   RobustMotion result;
   if (best.inliers == 0) return result;
   result.is_inlier = ransac.inliers_of(best.matrix);

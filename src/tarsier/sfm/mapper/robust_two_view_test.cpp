@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kFocal = 1000;  // px
 
-struct Drawn {
+struct SyntheticViews {
   geometry::Rigid3 motion;
   PointPairs rays;
   PointPairs pixels;
@@ -24,9 +24,10 @@ struct Drawn {
 };
 
 // Points with noise of `noise` px and a share of random outliers. `flat`: all on one plane.
-Drawn drawn(std::uint64_t seed, int count, double outliers, double noise, bool flat = false) {
+SyntheticViews make_views(std::uint64_t seed, int count, double outliers, double noise,
+                          bool flat = false) {
   Rng rng(seed);
-  Drawn result;
+  SyntheticViews result;
   result.motion.rotation = geometry::rotation_by(
       {rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3)});
   result.motion.translation = Eigen::Vector3d(1, rng.uniform(-0.4, 0.4), 0.2).normalized();
@@ -68,7 +69,7 @@ int agreeing(const std::vector<char>& a, const std::vector<char>& b) {
 TEST(RobustMotion, IsFoundAmongOutliers) {
   for (const double outliers : {0.0, 0.3, 0.6}) {
     for (const std::uint64_t seed : {1U, 2U, 3U}) {
-      const Drawn views = drawn(seed, 400, outliers, 0.3);
+      const SyntheticViews views = make_views(seed, 400, outliers, 0.3);
       const RobustMotion found = robust_motion(views.rays, threshold(1.5 / kFocal));
       ASSERT_EQ(found.is_inlier.size(), 400U);
       EXPECT_LT(
@@ -86,7 +87,7 @@ TEST(RobustMotion, IsFoundAmongOutliers) {
 TEST(RobustMotion, RankingFindsFewInliersAmongMany) {
   // One of ten is an inlier. 5 inliers are drawn once in 100 000 times, but inliers have the better
   // order.
-  const Drawn views = drawn(7, 600, 0.9, 0.3);
+  const SyntheticViews views = make_views(7, 600, 0.9, 0.3);
   PointPairs pairs = views.rays;
   pairs.order.resize(600);
   std::iota(pairs.order.begin(), pairs.order.end(), 0);
@@ -104,7 +105,7 @@ TEST(RobustMotion, RankingFindsFewInliersAmongMany) {
 }
 
 TEST(RobustMotion, IsDeterministicForSeed) {
-  const Drawn views = drawn(5, 200, 0.5, 0.5);
+  const SyntheticViews views = make_views(5, 200, 0.5, 0.5);
   const RobustMotion a = robust_motion(views.rays, threshold(1.5 / kFocal));
   const RobustMotion b = robust_motion(views.rays, threshold(1.5 / kFocal));
   EXPECT_EQ(a.second_from_first.rotation, b.second_from_first.rotation);
@@ -113,7 +114,7 @@ TEST(RobustMotion, IsDeterministicForSeed) {
 
 TEST(RobustFundamental, FindsInliers) {
   for (const double outliers : {0.0, 0.5}) {
-    const Drawn views = drawn(11, 300, outliers, 0.3);
+    const SyntheticViews views = make_views(11, 300, outliers, 0.3);
     const RobustMatrix found = robust_fundamental(views.pixels, threshold(1.5));
     ASSERT_EQ(found.is_inlier.size(), 300U);
     EXPECT_GT(agreeing(found.is_inlier, views.is_correct), 288) << outliers;
@@ -122,7 +123,7 @@ TEST(RobustFundamental, FindsInliers) {
 }
 
 TEST(RobustHomography, FindsInliersOfPlane) {
-  const Drawn views = drawn(12, 300, 0.4, 0.3, true);
+  const SyntheticViews views = make_views(12, 300, 0.4, 0.3, true);
   const RobustMatrix found = robust_homography(views.pixels, threshold(3));
   ASSERT_EQ(found.is_inlier.size(), 300U);
   EXPECT_GT(agreeing(found.is_inlier, views.is_correct), 297);

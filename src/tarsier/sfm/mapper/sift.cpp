@@ -360,25 +360,25 @@ SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options) {
     }
   });
 
-  struct Chosen {
+  struct OrientedExtremum {
     int extremum;
     float angle;
   };
-  std::vector<Chosen> chosen;
+  std::vector<OrientedExtremum> chosen;
   for (std::size_t k = 0; k < order.size(); ++k)
     for (const float angle : angles[k])
       if (static_cast<int>(chosen.size()) < options.max_count) chosen.push_back({order[k], angle});
-  const auto key = [&](const Chosen& c) {
+  const auto key = [&](const OrientedExtremum& c) {
     const auto i = static_cast<std::size_t>(c.extremum);
     return std::tuple(positions[i].y, positions[i].x, extrema[i].sigma, c.angle);
   };
   std::sort(chosen.begin(), chosen.end(),
-            [&](const Chosen& a, const Chosen& b) { return key(a) < key(b); });
+            [&](const OrientedExtremum& a, const OrientedExtremum& b) { return key(a) < key(b); });
 
   features.descriptors.create(static_cast<int>(chosen.size()), kDescriptorLength, CV_8UC1);
   for_stripes(static_cast<int>(chosen.size()), kPointStripe, [&](int from, int to) {
     for (int k = from; k < to; ++k) {
-      const Chosen& c = chosen[static_cast<std::size_t>(k)];
+      const OrientedExtremum& c = chosen[static_cast<std::size_t>(k)];
       const Extremum& e = extrema[static_cast<std::size_t>(c.extremum)];
       float descriptor[kDescriptorLength];
       kernels.describe(image_of(e), e.x, e.y, e.sigma, std::cos(c.angle), std::sin(c.angle),
@@ -386,7 +386,7 @@ SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options) {
       write_root_sift(descriptor, features.descriptors.ptr(k));
     }
   });
-  for (const Chosen& c : chosen) {
+  for (const OrientedExtremum& c : chosen) {
     const auto i = static_cast<std::size_t>(c.extremum);
     features.points.push_back(positions[i]);
     features.sizes.push_back(2 * extrema[i].sigma * std::ldexp(0.5F, extrema[i].octave));

@@ -24,36 +24,36 @@ cv::Mat scene_image() {
   return gray;
 }
 
-struct Share {
+struct MatchQuality {
   int matches = 0;
   int correct = 0;
   double median_error = 0;  // px, of the right matches
 };
 
 // The share of matches between an image and its warp that are within 1.5 px of the truth.
-Share matched(const cv::Mat& image, const cv::Matx23d& warp, cv::Size size) {
+MatchQuality matched(const cv::Mat& image, const cv::Matx23d& warp, cv::Size size) {
   cv::Mat warped;
   cv::warpAffine(image, warped, warp, size, cv::INTER_CUBIC, cv::BORDER_REFLECT);
   const SiftFeatures a = find_sift(image, {.max_count = 1500});
   const SiftFeatures b = find_sift(warped, {.max_count = 1500});
-  Share share;
+  MatchQuality quality;
   std::vector<double> errors;
   for (const Match& match : match_features(a.descriptors, b.descriptors, FeatureKind::kSift, {})) {
     const cv::Point2f p = a.points[static_cast<std::size_t>(match.first)];
     const cv::Vec2d at = warp * cv::Vec3d(p.x, p.y, 1);
     const cv::Point2f q = b.points[static_cast<std::size_t>(match.second)];
     const double error = std::hypot(at[0] - q.x, at[1] - q.y);
-    ++share.matches;
+    ++quality.matches;
     if (error > 1.5) continue;
-    ++share.correct;
+    ++quality.correct;
     errors.push_back(error);
   }
   if (!errors.empty()) {
     std::nth_element(errors.begin(),
                      errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2), errors.end());
-    share.median_error = errors[errors.size() / 2];
+    quality.median_error = errors[errors.size() / 2];
   }
-  return share;
+  return quality;
 }
 
 TEST(FindSift, MatchesRotatedAndScaledImage) {
@@ -63,18 +63,18 @@ TEST(FindSift, MatchesRotatedAndScaledImage) {
        {std::pair{0.0, 0.8}, std::pair{37.0, 1.0}, std::pair{90.0, 1.0}, std::pair{-120.0, 0.7}}) {
     SCOPED_TRACE(testing::Message() << angle << " degrees, " << scale);
     const cv::Mat warp = cv::getRotationMatrix2D(center, angle, scale);
-    const Share share = matched(image, cv::Matx23d(warp), image.size());
-    EXPECT_GT(share.correct, 200);
-    EXPECT_GT(share.correct, 0.9 * share.matches);
-    EXPECT_LT(share.median_error, 0.25);
+    const MatchQuality quality = matched(image, cv::Matx23d(warp), image.size());
+    EXPECT_GT(quality.correct, 200);
+    EXPECT_GT(quality.correct, 0.9 * quality.matches);
+    EXPECT_LT(quality.median_error, 0.25);
   }
 }
 
 TEST(FindSift, LocatesFeaturesWithSubpixelAccuracy) {
   const cv::Mat image = scene_image();
-  const Share share = matched(image, {1, 0, 0.37, 0, 1, -0.61}, image.size());
-  EXPECT_GT(share.correct, 500);
-  EXPECT_LT(share.median_error, 0.06);
+  const MatchQuality quality = matched(image, {1, 0, 0.37, 0, 1, -0.61}, image.size());
+  EXPECT_GT(quality.correct, 500);
+  EXPECT_LT(quality.median_error, 0.06);
 }
 
 TEST(FindSift, IsTheSameForAnyNumberOfThreads) {

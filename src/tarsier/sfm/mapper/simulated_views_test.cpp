@@ -50,34 +50,34 @@ TiltedPlane seen_from_the_side(const cv::Mat& image, double degrees) {
   return plane;
 }
 
-struct Share {
+struct MatchQuality {
   int matches = 0;
-  int right = 0;            // within 3 px of the truth
+  int correct = 0;          // within 3 px of the truth
   double median_error = 0;  // px, of those within 3 px
 };
 
-Share matched(const cv::Mat& front, const TiltedPlane& plane, bool wide) {
+MatchQuality matched(const cv::Mat& front, const TiltedPlane& plane, bool wide) {
   FeatureOptions options;
   options.wide = wide;
   options.max_count = 1500;
   const Features a = find_features(front, options);
   const Features b = find_features(plane.image, options);
   std::vector<double> errors;
-  Share share;
+  MatchQuality quality;
   for (const Match& match : match_features(a, b, FeatureKind::kSift, {})) {
     const cv::Point2f p = a.points[static_cast<std::size_t>(match.first)];
     const cv::Point2f q = b.points[static_cast<std::size_t>(match.second)];
     const cv::Vec3d at = plane.from_front * cv::Vec3d(p.x, p.y, 1);
     const double error = std::hypot(at[0] / at[2] - q.x, at[1] / at[2] - q.y);
-    ++share.matches;
+    ++quality.matches;
     if (error <= 3) errors.push_back(error);
   }
-  share.right = static_cast<int>(errors.size());
+  quality.correct = static_cast<int>(errors.size());
   if (!errors.empty()) {
     std::sort(errors.begin(), errors.end());
-    share.median_error = errors[errors.size() / 2];
+    quality.median_error = errors[errors.size() / 2];
   }
-  return share;
+  return quality;
 }
 
 TEST(SimulatedViews, MatchPlaneSeenObliquely) {
@@ -85,13 +85,13 @@ TEST(SimulatedViews, MatchPlaneSeenObliquely) {
   for (const double degrees : {60.0, 70.0}) {
     SCOPED_TRACE(degrees);
     const TiltedPlane plane = seen_from_the_side(front, degrees);
-    const Share plain = matched(front, plane, false);
-    const Share wide = matched(front, plane, true);
-    RecordProperty("plain", plain.right);
-    RecordProperty("wide", wide.right);
-    EXPECT_GT(wide.right, 4 * plain.right);
-    EXPECT_GT(wide.right, 150);
-    EXPECT_GT(wide.right, 0.9 * wide.matches);
+    const MatchQuality plain = matched(front, plane, false);
+    const MatchQuality wide = matched(front, plane, true);
+    RecordProperty("plain", plain.correct);
+    RecordProperty("wide", wide.correct);
+    EXPECT_GT(wide.correct, 4 * plain.correct);
+    EXPECT_GT(wide.correct, 150);
+    EXPECT_GT(wide.correct, 0.9 * wide.matches);
     EXPECT_LT(wide.median_error, 0.5);
   }
 }

@@ -51,7 +51,7 @@ double score_without_shapes(const Reconstruction& reconstruction) {
 }  // namespace
 
 std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t images, double share) {
-  const std::vector<std::size_t> strongest = strongest_of_images(pairs, images);
+  const std::vector<std::size_t> strongest = max_inliers_of_images(pairs, images);
   std::vector<Pair> strong = pairs;
   for (Pair& pair : strong) {
     const auto inliers = static_cast<double>(pair.view.inliers.size());
