@@ -41,10 +41,12 @@ std::vector<RelativeRotation> ring_of(const std::vector<Eigen::Matrix3d>& rotati
     for (int k = 1; k <= next; ++k) {
       const int j = (i + k) % count;
       RelativeRotation edge{i, j, Eigen::Matrix3d::Identity(), rng.uniform(30, 300)};
-      const double off = rng.uniform() < outlier_share ? 120 * kRadians : noise_deg * kRadians;
-      edge.second_from_first = geometry::rotation_by(off * rng.uniform() * any_direction(rng)) *
-                               rotations[static_cast<std::size_t>(j)] *
-                               rotations[static_cast<std::size_t>(i)].transpose();
+      const double max_angle =
+          rng.uniform() < outlier_share ? 120 * kRadians : noise_deg * kRadians;
+      edge.second_from_first =
+          geometry::rotation_by(max_angle * rng.uniform() * any_direction(rng)) *
+          rotations[static_cast<std::size_t>(j)] *
+          rotations[static_cast<std::size_t>(i)].transpose();
       edges.push_back(edge);
     }
   }
@@ -56,14 +58,14 @@ double worst_rotation(const std::vector<Eigen::Matrix3d>& found,
                       const std::vector<Eigen::Matrix3d>& truth) {
   double worst = 0;
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    const Eigen::Matrix3d off =
+    const Eigen::Matrix3d error =
         found[i] * found[0].transpose() * (truth[i] * truth[0].transpose()).transpose();
-    worst = std::max(worst, geometry::angle_of(off) / kRadians);
+    worst = std::max(worst, geometry::angle_of(error) / kRadians);
   }
   return worst;
 }
 
-TEST(RotationAveraging, WithoutNoiseItIsExact) {
+TEST(RotationAveraging, IsExactWithoutNoise) {
   Rng rng(1);
   const auto truth = any_rotations(40, rng);
   const auto averaged = average_rotations(40, ring_of(truth, 4, 0, 0, rng));
@@ -71,7 +73,7 @@ TEST(RotationAveraging, WithoutNoiseItIsExact) {
   EXPECT_EQ(averaged.rotations[0], Eigen::Matrix3d(Eigen::Matrix3d::Identity()));
 }
 
-TEST(RotationAveraging, AFifthOfWrongEdgesIsHeldOff) {
+TEST(RotationAveraging, ToleratesOutlierEdges) {
   Rng rng(2);
   const auto truth = any_rotations(60, rng);
   const auto edges = ring_of(truth, 6, 0.5, 0.2, rng);
@@ -82,12 +84,12 @@ TEST(RotationAveraging, AFifthOfWrongEdgesIsHeldOff) {
             36);  // of about 65 that are off by up to 120 degrees
 }
 
-TEST(RotationAveraging, SayWhatDoesNotHangTogether) {
+TEST(RotationAveraging, RefusesUnconnectedGraph) {
   const std::vector<RelativeRotation> edges{{0, 1}, {2, 3}};
   EXPECT_THROW((void)average_rotations(4, edges), std::invalid_argument);
 }
 
-TEST(ViewGraph, CyclesTellWhichEdgeIsWrong) {
+TEST(ViewGraph, CyclesIdentifyWrongEdge) {
   Rng rng(3);
   const auto truth = any_rotations(5, rng);
   std::vector<RelativeRotation> edges;
@@ -104,12 +106,12 @@ TEST(ViewGraph, CyclesTellWhichEdgeIsWrong) {
   }
 }
 
-TEST(ViewGraph, TheLargestComponentIsFound) {
+TEST(ViewGraph, FindsLargestComponent) {
   EXPECT_EQ(largest_component(7, {{5, 1}, {1, 3}, {2, 4}}), (std::vector<int>{1, 3, 5}));
   EXPECT_EQ(largest_component(3, {}), (std::vector<int>{0}));
 }
 
-TEST(ViewGraph, RadiusOfAChainARingAndAStar) {
+TEST(ViewGraph, RadiusOfChainRingAndStar) {
   std::vector<RelativeRotation> chain;
   for (int i = 0; i < 20; ++i) chain.push_back({i + 1, i});
   EXPECT_EQ(radius(21, chain), 10);
@@ -183,7 +185,7 @@ double position_error(const std::vector<Eigen::Vector3d>& found,
   return std::sqrt(sum / count) / 10;
 }
 
-TEST(Positioning, WithoutNoiseItIsExact) {
+TEST(Positioning, IsExactWithoutNoise) {
   Rng rng(4);
   const Scene scene = circle(30, 400, 0, 0, rng);
   const auto found = position_cameras(scene.problem);
@@ -192,7 +194,7 @@ TEST(Positioning, WithoutNoiseItIsExact) {
   EXPECT_LT(*std::max_element(found->errors.begin(), found->errors.end()), 1e-3);
 }
 
-TEST(Positioning, WrongRaysAreHeldOff) {
+TEST(Positioning, ToleratesOutlierRays) {
   Rng rng(5);
   const Scene scene = circle(40, 800, 0.2, 0.1, rng);
   const auto found = position_cameras(scene.problem);
@@ -200,7 +202,7 @@ TEST(Positioning, WrongRaysAreHeldOff) {
   EXPECT_LT(position_error(found->cameras, scene.cameras), 0.02);
 }
 
-TEST(Positioning, APointNeedsTwoRays) {
+TEST(Positioning, RefusesPointWithOneRay) {
   PositioningProblem problem;
   problem.cameras = 2;
   problem.first = {0, 1};

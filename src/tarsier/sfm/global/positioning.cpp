@@ -21,12 +21,12 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 // in the start: lower limit of a residual, in units of the min depth
-constexpr double kMinResidual = 1e-3;
+constexpr double kMinResidualRatio = 1e-3;
 constexpr double kMinDamping = 1e-10;
 constexpr double kMaxDamping = 1e8;
 // For a step solved by conjugate gradients, with an earlier factorisation as preconditioner.
-constexpr double kNearTolerance = 0.1;
-constexpr int kMaxNearIterations = 6;
+constexpr double kPreconditionedTolerance = 0.1;
+constexpr int kMaxPreconditionedIterations = 6;
 
 class Positioning {
  public:
@@ -43,7 +43,7 @@ class Positioning {
     for (const double loss : {options_.loss, options_.last_loss}) minimise(loss);
     for (std::size_t p = 0; p < points(); ++p)
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
-        result_.errors.push_back(across(k, result_.cameras, result_.points[p]).norm());
+        result_.errors.push_back(perpendicular(k, result_.cameras, result_.points[p]).norm());
     return std::move(result_);
   }
 
@@ -57,22 +57,22 @@ class Positioning {
   // Pairs of cameras that see the same point, row <= column, ordered by column.
   void find_pattern() {
     std::vector<std::uint64_t> pairs;
-    const auto unite = [&] {
+    const auto sort_unique = [&] {
       std::sort(pairs.begin(), pairs.end());
       pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
     };
-    std::size_t united = 0;
+    std::size_t unique_count = 0;
     for (std::size_t p = 0; p < points(); ++p) {
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
         for (std::size_t l = problem_.first[p]; l <= k; ++l) pairs.push_back(key(k, l));
-      if (pairs.size() > 2 * united + 1'000'000) {
-        unite();
-        united = pairs.size();
+      if (pairs.size() > 2 * unique_count + 1'000'000) {
+        sort_unique();
+        unique_count = pairs.size();
       }
     }
     for (int c = 0; c < problem_.cameras; ++c)
       pairs.push_back(static_cast<std::uint64_t>(c) << 32 | static_cast<std::uint64_t>(c));
-    unite();
+    sort_unique();
     column_first_.assign(at(problem_.cameras) + 1, 0);
     for (const std::uint64_t pair : pairs) {
       rows_.push_back(static_cast<int>(pair & 0xffffffffU));
@@ -126,7 +126,7 @@ class Positioning {
                                   // mean end of a point's rays, relative to their cameras
                                   Vector3d::Zero());
       std::vector<double> sums(points(), 0);
-      double most = 0;
+      double max_diagonal = 0;
       const std::uint32_t* pair_block = pair_blocks_.data();
       for (std::size_t p = 0; p < points(); ++p) {
         for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
@@ -142,10 +142,11 @@ class Positioning {
             numbers[*pair_block++] -= weights[k] * weights[l] / sums[p];
         }
       }
-      for (int i = 0; i < problem_.cameras; ++i) most = std::max(most, numbers[diagonal(i)]);
-      if (!(most > 0)) return false;
+      for (int i = 0; i < problem_.cameras; ++i)
+        max_diagonal = std::max(max_diagonal, numbers[diagonal(i)]);
+      if (!(max_diagonal > 0)) return false;
       // The origin is undetermined, so a weak pull to zero fixes it.
-      for (int i = 0; i < problem_.cameras; ++i) numbers[diagonal(i)] += 1e-9 * most;
+      for (int i = 0; i < problem_.cameras; ++i) numbers[diagonal(i)] += 1e-9 * max_diagonal;
       if (!factor.factorize(numbers)) return false;
       Eigen::MatrixX3d centers(problem_.cameras, 3);
       for (int c = 0; c < 3; ++c) centers.col(c) = factor.solve(right.col(c));
@@ -159,7 +160,7 @@ class Positioning {
         for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
           const Vector3d to = point - result_.cameras[at(camera(k))];
           depths[k] = std::max(1.0, direction(k).dot(to));
-          weights[k] = 1 / std::max(kMinResidual, (to - depths[k] * direction(k)).norm());
+          weights[k] = 1 / std::max(kMinResidualRatio, (to - depths[k] * direction(k)).norm());
         }
       }
     }
@@ -170,8 +171,8 @@ class Positioning {
 
   // The component of a ray perpendicular to the direction of its point; the whole ray where the
   // point is behind the camera.
-  [[nodiscard]] Vector3d across(std::size_t ray, const std::vector<Vector3d>& cameras,
-                                const Vector3d& point) const {
+  [[nodiscard]] Vector3d perpendicular(std::size_t ray, const std::vector<Vector3d>& cameras,
+                                       const Vector3d& point) const {
     const Vector3d to = point - cameras[at(camera(ray))];
     const double along = direction(ray).dot(to);
     return along > 0 ? Vector3d(direction(ray) - along / to.squaredNorm() * to) : direction(ray);
@@ -182,28 +183,28 @@ class Positioning {
     double sum = 0;
     for (std::size_t p = 0; p < points(); ++p) {
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
-        const double off = across(k, cameras, all[p]).norm();
-        sum += off <= loss ? off * off : 2 * loss * off - loss * loss;
+        const double error = perpendicular(k, cameras, all[p]).norm();
+        sum += error <= loss ? error * error : 2 * loss * error - loss * loss;
       }
     }
     return sum / 2;
   }
 
-  struct Moved {
+  struct Positions {
     std::vector<Vector3d> cameras;
     std::vector<Vector3d> points;
   };
 
   // The cameras after a step of the reduced equations, and the points that follow from them.
-  [[nodiscard]] Moved moved_by(const VectorXd& step) const {
-    Moved moved{result_.cameras, result_.points};
+  [[nodiscard]] Positions moved_by(const VectorXd& step) const {
+    Positions moved{result_.cameras, result_.points};
     for (std::size_t i = 0; i < moved.cameras.size(); ++i)
       moved.cameras[i] += step.segment<3>(3 * static_cast<Eigen::Index>(i));
     for (std::size_t p = 0; p < points(); ++p) {
-      Vector3d pull = gradients_[p];
+      Vector3d descent = point_gradients_[p];
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
-        pull += springs_[k] * step.segment<3>(3 * static_cast<Eigen::Index>(camera(k)));
-      moved.points[p] += inverses_[p] * pull;
+        descent += ray_hessians_[k] * step.segment<3>(3 * static_cast<Eigen::Index>(camera(k)));
+      moved.points[p] += inverses_[p] * descent;
     }
     return moved;
   }
@@ -215,23 +216,24 @@ class Positioning {
     double damping = 1e-3;
     double growth = 2;
     double sum = cost(result_.cameras, result_.points, loss);
-    bool is_linear = false;
+    bool is_linearized = false;
     for (int iteration = 0; iteration < options_.max_iterations; ++iteration) {
       throw_if_stopped(stop_);
       ++result_.iterations;
-      if (!is_linear) linearize(loss);
-      is_linear = true;
+      if (!is_linearized) linearize(loss);
+      is_linearized = true;
       const std::vector<double> numbers = reduce(damping);
       std::optional<VectorXd> solution;
       if (is_factorized && factor.is_costly())
-        solution = factor.solve_near(numbers, right_, kNearTolerance, kMaxNearIterations);
+        solution = factor.solve_near(numbers, right_, kPreconditionedTolerance,
+                                     kMaxPreconditionedIterations);
       if (!solution) {
         is_factorized = factor.factorize(numbers);
         if (is_factorized) solution = factor.solve(right_);
       }
       bool is_better = false;
       if (solution && solution->allFinite()) {
-        Moved moved = moved_by(*solution);
+        Positions moved = moved_by(*solution);
         const double candidate = cost(moved.cameras, moved.points, loss);
         is_better = std::isfinite(candidate) && candidate < sum;
         if (is_better) {
@@ -243,7 +245,7 @@ class Positioning {
         }
       }
       if (is_better) {
-        is_linear = false;
+        is_linearized = false;
         damping = std::max(kMinDamping, damping / 5);
         growth = 2;
       } else {
@@ -256,10 +258,10 @@ class Positioning {
 
   // Each ray is a spring between its camera and its point, perpendicular to the line between them.
   void linearize(double loss) {
-    springs_.assign(problem_.rays.size(), Matrix3d::Zero());
-    point_springs_.assign(points(), Matrix3d::Zero());
-    gradients_.assign(points(), Vector3d::Zero());
-    camera_springs_.assign(at(problem_.cameras), Matrix3d::Zero());
+    ray_hessians_.assign(problem_.rays.size(), Matrix3d::Zero());
+    point_hessians_.assign(points(), Matrix3d::Zero());
+    point_gradients_.assign(points(), Vector3d::Zero());
+    camera_hessians_.assign(at(problem_.cameras), Matrix3d::Zero());
     camera_gradient_ = VectorXd::Zero(3 * problem_.cameras);
     for (std::size_t p = 0; p < points(); ++p) {
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
@@ -269,14 +271,14 @@ class Positioning {
         const double squares = to.squaredNorm();
         if (!(along > 0)) continue;  // behind the camera: no helpful step is known
         const double d = along / squares;
-        const Vector3d off = direction(k) - d * to;
-        const double weight = std::min(1.0, loss / std::max(loss, off.norm()));
-        springs_[k] = weight * d * d * (Matrix3d::Identity() - to * to.transpose() / squares);
-        point_springs_[p] += springs_[k];
-        camera_springs_[at(i)] += springs_[k];
-        const Vector3d pull = weight * d * off;
-        gradients_[p] += pull;
-        camera_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i)) -= pull;
+        const Vector3d error = direction(k) - d * to;
+        const double weight = std::min(1.0, loss / std::max(loss, error.norm()));
+        ray_hessians_[k] = weight * d * d * (Matrix3d::Identity() - to * to.transpose() / squares);
+        point_hessians_[p] += ray_hessians_[k];
+        camera_hessians_[at(i)] += ray_hessians_[k];
+        const Vector3d descent = weight * d * error;
+        point_gradients_[p] += descent;
+        camera_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i)) -= descent;
       }
     }
   }
@@ -288,31 +290,31 @@ class Positioning {
     const auto numbers_of = [&](std::size_t block) {
       return Eigen::Map<Matrix3d>(numbers.data() + 9 * block);
     };
-    const auto damped = [&](Matrix3d spring) {
-      const double mean = spring.trace() / 3;
-      spring.diagonal() += damping * spring.diagonal();
-      spring.diagonal().array() += 1e-9 * mean + 1e-30;
-      return spring;
+    const auto damped = [&](Matrix3d hessian) {
+      const double mean = hessian.trace() / 3;
+      hessian.diagonal() += damping * hessian.diagonal();
+      hessian.diagonal().array() += 1e-9 * mean + 1e-30;
+      return hessian;
     };
     for (int i = 0; i < problem_.cameras; ++i)
-      numbers_of(diagonal(i)) = damped(camera_springs_[at(i)]);
+      numbers_of(diagonal(i)) = damped(camera_hessians_[at(i)]);
     inverses_.resize(points());
     const std::uint32_t* pair_block = pair_blocks_.data();
     for (std::size_t p = 0; p < points(); ++p) {
       const Matrix3d inverse = inverses_[p] =
-          damped(point_springs_[p]).ldlt().solve(Matrix3d::Identity());
-      const Vector3d pull = inverse * gradients_[p];
+          damped(point_hessians_[p]).ldlt().solve(Matrix3d::Identity());
+      const Vector3d descent = inverse * point_gradients_[p];
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
         const int i = camera(k);
-        right_.segment<3>(3 * static_cast<Eigen::Index>(i)) += springs_[k] * pull;
-        const Matrix3d half = springs_[k] * inverse;
+        right_.segment<3>(3 * static_cast<Eigen::Index>(i)) += ray_hessians_[k] * descent;
+        const Matrix3d scaled = ray_hessians_[k] * inverse;
         for (std::size_t l = problem_.first[p]; l <= k; ++l) {
-          const Matrix3d both = half * springs_[l];
+          const Matrix3d product = scaled * ray_hessians_[l];
           Eigen::Map<Matrix3d> block = numbers_of(*pair_block++);
           if (i <= camera(l))
-            block -= both;
+            block -= product;
           else
-            block -= both.transpose();
+            block -= product.transpose();
         }
       }
     }
@@ -327,10 +329,10 @@ class Positioning {
   std::vector<int> rows_;                  // of each block
   // for each two rays of a point: index of their block; the second ray is not after the first
   std::vector<std::uint32_t> pair_blocks_;
-  std::vector<Matrix3d> springs_;  // for each ray
-  std::vector<Matrix3d> point_springs_;
-  std::vector<Matrix3d> camera_springs_;
-  std::vector<Vector3d> gradients_;  // for each point, descent direction
+  std::vector<Matrix3d> ray_hessians_;  // for each ray
+  std::vector<Matrix3d> point_hessians_;
+  std::vector<Matrix3d> camera_hessians_;
+  std::vector<Vector3d> point_gradients_;  // for each point, descent direction
   VectorXd camera_gradient_;
   VectorXd right_;
   std::vector<Matrix3d> inverses_;

@@ -25,7 +25,8 @@ constexpr double kMinAngle = 1e-3;
 constexpr double kDamping = 1e-9;  // share of the Laplacian's diagonal
 
 // Rotations along the spanning tree of maximum weight; empty where the graph is not connected.
-std::vector<Eigen::Matrix3d> along_tree(int nodes, const std::vector<RelativeRotation>& edges) {
+std::vector<Eigen::Matrix3d> spanning_tree_rotations(int nodes,
+                                                     const std::vector<RelativeRotation>& edges) {
   std::vector<std::size_t> order(edges.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(),
@@ -66,7 +67,7 @@ class Averaging {
  public:
   Averaging(const std::vector<RelativeRotation>& edges, std::vector<Eigen::Matrix3d>& rotations)
       : edges_(edges), rotations_(rotations), laplacian_(size(), size()) {
-    measure();
+    compute_residuals();
   }
 
   [[nodiscard]] const std::vector<Eigen::Vector3d>& residuals() const { return residuals_; }
@@ -79,33 +80,33 @@ class Averaging {
       const int low = std::min(edges_[e].first, edges_[e].second) - 1;
       const int high = std::max(edges_[e].first, edges_[e].second) - 1;
       if (low >= 0) entries.emplace_back(low, high, -weights[e]);
-      const Eigen::RowVector3d pull = weights[e] * residuals_[e].transpose();
+      const Eigen::RowVector3d weighted_residual = weights[e] * residuals_[e].transpose();
       if (const int i = edges_[e].first - 1; i >= 0) {
         entries.emplace_back(i, i, weights[e] * (1 + kDamping));
-        right.row(i) -= pull;
+        right.row(i) -= weighted_residual;
       }
       if (const int j = edges_[e].second - 1; j >= 0) {
         entries.emplace_back(j, j, weights[e] * (1 + kDamping));
-        right.row(j) += pull;
+        right.row(j) += weighted_residual;
       }
     }
     laplacian_.setFromTriplets(entries.begin(), entries.end());
     if (!analyzed_) factor_.analyze(laplacian_);
     analyzed_ = true;
     if (!factor_.factorize(laplacian_)) return 0;
-    Eigen::MatrixX3d by(size(), 3);
-    for (int k = 0; k < 3; ++k) by.col(k) = factor_.solve(right.col(k));
-    if (!by.allFinite()) return 0;
-    double most = 0;
+    Eigen::MatrixX3d steps(size(), 3);
+    for (int k = 0; k < 3; ++k) steps.col(k) = factor_.solve(right.col(k));
+    if (!steps.allFinite()) return 0;
+    double max_change = 0;
     for (Eigen::Index i = 0; i < size(); ++i) {
-      const Eigen::Vector3d turn = by.row(i).transpose();
-      most = std::max(most, turn.norm());
+      const Eigen::Vector3d rotation_step = steps.row(i).transpose();
+      max_change = std::max(max_change, rotation_step.norm());
       Eigen::Matrix3d& rotation = rotations_[static_cast<std::size_t>(i) + 1];
-      rotation =
-          geometry::rotation_of(geometry::quaternion_of(rotation * geometry::rotation_by(turn)));
+      rotation = geometry::rotation_of(
+          geometry::quaternion_of(rotation * geometry::rotation_by(rotation_step)));
     }
-    measure();
-    return most;
+    compute_residuals();
+    return max_change;
   }
 
  private:
@@ -113,7 +114,7 @@ class Averaging {
     return static_cast<Eigen::Index>(rotations_.size()) - 1;
   }
 
-  void measure() {
+  void compute_residuals() {
     residuals_.clear();
     for (const RelativeRotation& edge : edges_)
       residuals_.push_back(geometry::rotation_vector(rotations_[at(edge.second)].transpose() *
@@ -141,14 +142,14 @@ AveragedRotations average_rotations(int nodes, const std::vector<RelativeRotatio
                     "an edge from {} to {} of weight {} among {} nodes", edge.first, edge.second,
                     edge.weight, nodes);
   AveragedRotations result;
-  result.rotations = along_tree(nodes, edges);
+  result.rotations = spanning_tree_rotations(nodes, edges);
   TARSIER_REQUIRE(nodes >= 2 && !result.rotations.empty(),
                   "a graph of {} nodes that does not hang together", nodes);
   Averaging averaging(edges, result.rotations);
   const double sigma = options.sigma_deg * kRadians;
   std::vector<double> weights(edges.size());
-  const int most = options.l1_iterations + options.max_iterations;
-  while (result.iterations < most) {
+  const int max_iterations = options.l1_iterations + options.max_iterations;
+  while (result.iterations < max_iterations) {
     throw_if_stopped(stop);
     const bool is_first_part = result.iterations < options.l1_iterations;
     for (std::size_t e = 0; e < edges.size(); ++e) {

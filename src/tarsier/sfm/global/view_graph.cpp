@@ -16,21 +16,21 @@ namespace {
 struct Search {
   std::vector<int> order;     // nodes, the nearest first
   std::vector<int> distance;  // per node; -1: not reached
-  std::vector<int> from;      // per node: the previous node
+  std::vector<int> previous;  // per node: the previous node
 };
 
 Search breadth_first(const std::vector<std::vector<int>>& neighbours, int start) {
   Search search;
   search.order.push_back(start);
   search.distance.assign(neighbours.size(), -1);
-  search.from.assign(neighbours.size(), start);
+  search.previous.assign(neighbours.size(), start);
   search.distance[at(start)] = 0;
   for (std::size_t k = 0; k < search.order.size(); ++k) {
     const int node = search.order[k];
     for (const int other : neighbours[at(node)]) {
       if (search.distance[at(other)] >= 0) continue;
       search.distance[at(other)] = search.distance[at(node)] + 1;
-      search.from[at(other)] = node;
+      search.previous[at(other)] = node;
       search.order.push_back(other);
     }
   }
@@ -84,9 +84,9 @@ std::vector<CycleSupport> check_cycles(int nodes, const std::vector<RelativeRota
           p->first < q->first ? static_cast<void>(++p) : static_cast<void>(++q);
           continue;
         }
-        const Eigen::Matrix3d around =
+        const Eigen::Matrix3d cycle_rotation =
             rotation(p->second, p->first) * rotation(q->second, b) * rotation(ab, a);
-        const int closed = geometry::angle_of(around) <= limit ? 1 : 0;
+        const int closed = geometry::angle_of(cycle_rotation) <= limit ? 1 : 0;
         for (const int edge : {ab, p->second, q->second}) {
           ++support[at(edge)].cycles;
           support[at(edge)].closed += closed;
@@ -118,11 +118,12 @@ int radius(int nodes, const std::vector<RelativeRotation>& edges) {
     neighbours[at(edge.first)].push_back(edge.second);
     neighbours[at(edge.second)].push_back(edge.first);
   }
-  const Search way = breadth_first(neighbours, breadth_first(neighbours, 0).order.back());
-  int middle = way.order.back();
-  for (int k = way.distance[at(middle)] / 2; k > 0; --k) middle = way.from[at(middle)];
-  const Search around = breadth_first(neighbours, middle);
-  return around.distance[at(around.order.back())];
+  const Search longest_path = breadth_first(neighbours, breadth_first(neighbours, 0).order.back());
+  int center = longest_path.order.back();
+  for (int k = longest_path.distance[at(center)] / 2; k > 0; --k)
+    center = longest_path.previous[at(center)];
+  const Search from_center = breadth_first(neighbours, center);
+  return from_center.distance[at(from_center.order.back())];
 }
 
 }  // namespace tarsier::sfm

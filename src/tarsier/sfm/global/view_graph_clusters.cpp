@@ -23,10 +23,11 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kShift = 1e-9;   // added to the eigenvalues, so that the matrix is invertible
+// added to the eigenvalues, so that the matrix is invertible
+constexpr double kEigenvalueShift = 1e-9;
 constexpr int kIterations = 200;  // max iterations of inverse iteration
-constexpr double kSettled = 1e-7;
-constexpr double kUneven = 0.25;  // max relative deviation of a side from its even share
+constexpr double kConverged = 1e-7;
+constexpr double kMaxImbalance = 0.25;  // max relative deviation of a side from its even share
 
 struct Neighbour {
   int node = 0;
@@ -47,32 +48,32 @@ Graph graph_of(int nodes, const std::vector<WeightedEdge>& edges) {
   return graph;
 }
 
-// Recursive bisection. `of` receives the cluster of each node.
+// Recursive bisection. run() returns the cluster of each node.
 class Bisection {
  public:
   Bisection(const Graph& graph, const ClusterOptions& options, const std::stop_token& stop)
-      : graph_(graph), options_(options), stop_(stop), place_(graph.size(), -1) {}
+      : graph_(graph), options_(options), stop_(stop), index_(graph.size(), -1) {}
 
   std::vector<int> run() {
     std::vector<int> nodes(graph_.size());
     std::iota(nodes.begin(), nodes.end(), 0);
-    of_.assign(graph_.size(), 0);
+    cluster_of_.assign(graph_.size(), 0);
     divide(std::move(nodes), 0, options_.clusters);
-    return std::move(of_);
+    return std::move(cluster_of_);
   }
 
  private:
   void divide(std::vector<int> nodes, int first, int clusters) {
     if (clusters == 1 || nodes.empty()) {
-      for (const int node : nodes) of_[at(node)] = first;
+      for (const int node : nodes) cluster_of_[at(node)] = first;
       return;
     }
     throw_if_stopped(stop_);
     const int left = clusters / 2;
     const std::vector<int> order = ordered(nodes);
-    const auto middle = order.begin() + best_cut(order, left, clusters);
-    std::vector<int> a(order.begin(), middle);
-    std::vector<int> b(middle, order.end());
+    const auto cut_position = order.begin() + best_cut(order, left, clusters);
+    std::vector<int> a(order.begin(), cut_position);
+    std::vector<int> b(cut_position, order.end());
     std::sort(a.begin(), a.end());
     std::sort(b.begin(), b.end());
     nodes.clear();
@@ -83,40 +84,40 @@ class Bisection {
   // Number of nodes, in this order, that go to the first `left` clusters.
   std::ptrdiff_t best_cut(const std::vector<int>& order, int left, int clusters) {
     const auto count = static_cast<double>(order.size());
-    const double even = count * left / clusters;
+    const double even_size = count * left / clusters;
     const double low = std::max(count - static_cast<double>(clusters - left) * options_.max_size,
-                                std::floor(even * (1 - kUneven)));
-    const double high =
-        std::min(static_cast<double>(left) * options_.max_size, std::ceil(even * (1 + kUneven)));
-    for (const int node : order) place_[at(node)] = 0;
+                                std::floor(even_size * (1 - kMaxImbalance)));
+    const double high = std::min(static_cast<double>(left) * options_.max_size,
+                                 std::ceil(even_size * (1 + kMaxImbalance)));
+    for (const int node : order) index_[at(node)] = 0;
     double all = 0;
     for (const int node : order) all += degree(node);
     double cut = 0;
     double volume = 0;
     double best = std::numeric_limits<double>::infinity();
-    double best_off = 0;
+    double best_imbalance = 0;
     std::ptrdiff_t result = 0;
     for (std::size_t k = 0; k <= order.size(); ++k) {
       const auto size = static_cast<double>(k);
       if (size >= low && size <= high) {
         const double cost = cut_cost(cut, volume, all - volume);
-        const double off = std::abs(size - even);
-        if (cost < best || (cost == best && off < best_off)) {
+        const double imbalance = std::abs(size - even_size);
+        if (cost < best || (cost == best && imbalance < best_imbalance)) {
           best = cost;
-          best_off = off;
+          best_imbalance = imbalance;
           result = static_cast<std::ptrdiff_t>(k);
         }
       }
       if (k == order.size()) break;
       const int node = order[k];
       for (const Neighbour& other : graph_[at(node)]) {
-        if (place_[at(other.node)] < 0) continue;
-        cut += place_[at(other.node)] == 1 ? -other.weight : other.weight;
+        if (index_[at(other.node)] < 0) continue;
+        cut += index_[at(other.node)] == 1 ? -other.weight : other.weight;
       }
-      place_[at(node)] = 1;
+      index_[at(node)] = 1;
       volume += degree(node);
     }
-    for (const int node : order) place_[at(node)] = -1;
+    for (const int node : order) index_[at(node)] = -1;
     return result;
   }
 
@@ -130,27 +131,27 @@ class Bisection {
   [[nodiscard]] double degree(int node) const {
     double sum = 0;
     for (const Neighbour& other : graph_[at(node)])
-      if (place_[at(other.node)] >= 0) sum += other.weight;
+      if (index_[at(other.node)] >= 0) sum += other.weight;
     return sum;
   }
 
   std::vector<int> ordered(const std::vector<int>& nodes) {
-    for (const int node : nodes) place_[at(node)] = 0;
+    for (const int node : nodes) index_[at(node)] = 0;
     std::vector<std::vector<int>> components;
     for (const int start : nodes) {
-      if (place_[at(start)] != 0) continue;
+      if (index_[at(start)] != 0) continue;
       std::vector<int>& component = components.emplace_back(1, start);
-      place_[at(start)] = 1;
+      index_[at(start)] = 1;
       for (std::size_t k = 0; k < component.size(); ++k) {
         for (const Neighbour& other : graph_[at(component[k])]) {
-          if (place_[at(other.node)] != 0) continue;
-          place_[at(other.node)] = 1;
+          if (index_[at(other.node)] != 0) continue;
+          index_[at(other.node)] = 1;
           component.push_back(other.node);
         }
       }
       std::sort(component.begin(), component.end());
     }
-    for (const int node : nodes) place_[at(node)] = -1;
+    for (const int node : nodes) index_[at(node)] = -1;
     std::stable_sort(components.begin(), components.end(),
                      [](const auto& a, const auto& b) { return a.size() > b.size(); });
     std::vector<int> order;
@@ -174,18 +175,18 @@ class Bisection {
 
   Eigen::VectorXd second_eigenvector(const std::vector<int>& nodes) {
     const auto count = static_cast<Eigen::Index>(nodes.size());
-    for (std::size_t k = 0; k < nodes.size(); ++k) place_[at(nodes[k])] = static_cast<int>(k);
+    for (std::size_t k = 0; k < nodes.size(); ++k) index_[at(nodes[k])] = static_cast<int>(k);
     Eigen::VectorXd degrees(count);
     std::vector<Eigen::Triplet<double>> elements;
     for (std::size_t k = 0; k < nodes.size(); ++k) {
       const int row = static_cast<int>(k);
       degrees[row] = degree(nodes[k]);
-      elements.emplace_back(row, row, degrees[row] * (1 + kShift));
+      elements.emplace_back(row, row, degrees[row] * (1 + kEigenvalueShift));
       for (const Neighbour& other : graph_[at(nodes[k])])
-        if (const int column = place_[at(other.node)]; column > row)
+        if (const int column = index_[at(other.node)]; column > row)
           elements.emplace_back(row, column, -other.weight);
     }
-    for (const int node : nodes) place_[at(node)] = -1;
+    for (const int node : nodes) index_[at(node)] = -1;
     Eigen::SparseMatrix<double> matrix(count, count);
     matrix.setFromTriplets(elements.begin(), elements.end());
     linalg::SparseCholesky cholesky;
@@ -209,7 +210,7 @@ class Bisection {
       const Eigen::VectorXd next = without_constant(cholesky.solve(degrees.cwiseProduct(vector)));
       const double change = std::sqrt((next - vector).cwiseAbs2().dot(degrees));
       vector = next;
-      if (change < kSettled) break;
+      if (change < kConverged) break;
     }
     if (vector[0] > 0) vector = -vector;
     return vector;
@@ -218,34 +219,36 @@ class Bisection {
   const Graph& graph_;
   const ClusterOptions& options_;
   const std::stop_token& stop_;
-  std::vector<int> place_;  // per node; -1: not among the nodes being divided
-  std::vector<int> of_;
+  std::vector<int> index_;  // per node; -1: not among the nodes being divided
+  std::vector<int> cluster_of_;
 };
 
 // The weights cut between clusters, by (first, second), first < second.
-using Borders = std::map<std::pair<int, int>, double>;
+using CutWeights = std::map<std::pair<int, int>, double>;
 
-Borders borders_of(const std::vector<WeightedEdge>& edges, const std::vector<int>& of) {
-  Borders borders;
+CutWeights cut_weights_of(const std::vector<WeightedEdge>& edges,
+                          const std::vector<int>& cluster_of) {
+  CutWeights cut_weights;
   for (const WeightedEdge& edge : edges) {
-    const auto [a, b] = std::minmax(of[at(edge.first)], of[at(edge.second)]);
-    if (a != b) borders[{a, b}] += edge.weight;
+    const auto [a, b] = std::minmax(cluster_of[at(edge.first)], cluster_of[at(edge.second)]);
+    if (a != b) cut_weights[{a, b}] += edge.weight;
   }
-  return borders;
+  return cut_weights;
 }
 
-struct NextCluster {
+struct NeighbourCluster {
   int cluster = 0;
   bool in_tree = false;
 };
 
 // The neighbours of each cluster, those of the maximum spanning tree first.
-std::vector<std::vector<NextCluster>> neighbours_of(int clusters, const Borders& borders) {
+std::vector<std::vector<NeighbourCluster>> neighbours_of(int clusters,
+                                                         const CutWeights& cut_weights) {
   std::vector<std::pair<double, std::pair<int, int>>> order;
-  for (const auto& [pair, weight] : borders) order.emplace_back(-weight, pair);
+  for (const auto& [pair, weight] : cut_weights) order.emplace_back(-weight, pair);
   std::sort(order.begin(), order.end());
   Components joined(at(clusters));
-  std::vector<std::vector<NextCluster>> result(at(clusters));
+  std::vector<std::vector<NeighbourCluster>> result(at(clusters));
   std::vector<std::pair<int, int>> others;
   const auto add = [&](const std::pair<int, int>& pair, bool in_tree) {
     result[at(pair.first)].push_back({pair.second, in_tree});
@@ -262,20 +265,20 @@ std::vector<std::vector<NextCluster>> neighbours_of(int clusters, const Borders&
 }
 
 void grow(const Graph& graph, const std::vector<ViewCluster>& before,
-          const std::vector<NextCluster>& neighbours, int overlap, ViewCluster& cluster) {
+          const std::vector<NeighbourCluster>& neighbours, int overlap, ViewCluster& cluster) {
   std::map<int, double> gain;  // per node next to the cluster: its weight to the cluster
   std::vector<char> is_in(graph.size(), 0);
-  const auto take = [&](int node) {
+  const auto add_node = [&](int node) {
     is_in[at(node)] = 1;
     gain.erase(node);
     for (const Neighbour& other : graph[at(node)])
       if (is_in[at(other.node)] == 0) gain[other.node] += other.weight;
   };
-  for (const int node : cluster.own) take(node);
-  const std::size_t most = std::max(at(overlap), cluster.own.size() / 2);
-  for (const NextCluster& next : neighbours) {
+  for (const int node : cluster.own) add_node(node);
+  const std::size_t max_shared = std::max(at(overlap), cluster.own.size() / 2);
+  for (const NeighbourCluster& next : neighbours) {
     for (int k = 0; k < overlap; ++k) {
-      if (!next.in_tree && cluster.shared.size() >= most) return;
+      if (!next.in_tree && cluster.shared.size() >= max_shared) return;
       int best = -1;
       for (const int node : before[at(next.cluster)].own) {
         const auto found = gain.find(node);
@@ -283,7 +286,7 @@ void grow(const Graph& graph, const std::vector<ViewCluster>& before,
       }
       if (best < 0) break;
       cluster.shared.push_back(best);
-      take(best);
+      add_node(best);
     }
   }
 }
@@ -304,10 +307,10 @@ std::vector<ViewCluster> cluster_view_graph(int nodes, const std::vector<Weighte
       nodes >= 0 && static_cast<std::int64_t>(options.clusters) * options.max_size >= nodes,
       "{} nodes in {} clusters of {}", nodes, options.clusters, options.max_size);
   const Graph graph = graph_of(nodes, edges);
-  const std::vector<int> of = Bisection(graph, options, stop).run();
+  const std::vector<int> cluster_of = Bisection(graph, options, stop).run();
   std::vector<ViewCluster> clusters(at(options.clusters));
-  for (int node = 0; node < nodes; ++node) clusters[at(of[at(node)])].own.push_back(node);
-  const auto neighbours = neighbours_of(options.clusters, borders_of(edges, of));
+  for (int node = 0; node < nodes; ++node) clusters[at(cluster_of[at(node)])].own.push_back(node);
+  const auto neighbours = neighbours_of(options.clusters, cut_weights_of(edges, cluster_of));
   std::vector<ViewCluster> grown = clusters;
   for (std::size_t c = 0; c < grown.size(); ++c) {
     throw_if_stopped(stop);

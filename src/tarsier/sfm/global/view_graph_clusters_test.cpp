@@ -48,7 +48,7 @@ std::size_t common(const ViewCluster& a, const ViewCluster& b) {
   return both.size();
 }
 
-TEST(ViewGraphClusters, AChainIsCutIntoPiecesThatShareTheirEnds) {
+TEST(ViewGraphClusters, ChainIsCutIntoOverlappingPieces) {
   const auto clusters =
       cluster_view_graph(100, chain(100, 5), {.clusters = 4, .max_size = 28, .overlap = 5});
   expect_partition(clusters, 100, 28);
@@ -69,7 +69,7 @@ TEST(ViewGraphClusters, AChainIsCutIntoPiecesThatShareTheirEnds) {
     EXPECT_EQ(common(sorted[k], sorted[k + 1]), 10U);
 }
 
-TEST(ViewGraphClusters, ARingIsClosedByItsNeighbours) {
+TEST(ViewGraphClusters, RingClustersOverlapBothNeighbours) {
   const auto clusters = cluster_view_graph(1000, chain(1000, 6, true),
                                            {.clusters = 10, .max_size = 120, .overlap = 10});
   expect_partition(clusters, 1000, 120);
@@ -82,7 +82,7 @@ TEST(ViewGraphClusters, ARingIsClosedByItsNeighbours) {
 }
 
 // Two scenes of 40 and 20 images with a single weak pair between them.
-TEST(ViewGraphClusters, TheCutIsWhereLittleIsLost) {
+TEST(ViewGraphClusters, CutIsBetweenWeaklyConnectedScenes) {
   std::vector<WeightedEdge> edges = chain(40, 8);
   for (WeightedEdge edge : chain(20, 8))
     edges.push_back({edge.first + 40, edge.second + 40, edge.weight});
@@ -102,7 +102,7 @@ TEST(ViewGraphClusters, TheCutIsWhereLittleIsLost) {
   EXPECT_EQ(sizes, (std::multiset<std::size_t>{25, 35}));
 }
 
-TEST(ViewGraphClusters, ScenesThatDoNotHangTogetherAreNotMixedWhereThatFits) {
+TEST(ViewGraphClusters, UnconnectedScenesAreNotMixed) {
   std::vector<WeightedEdge> edges;
   for (const int start : {0, 25, 50, 75})
     for (WeightedEdge edge : chain(25, 4))
@@ -118,7 +118,7 @@ TEST(ViewGraphClusters, ScenesThatDoNotHangTogetherAreNotMixedWhereThatFits) {
 }
 
 // A grid of aerial images. Compact pieces cut few pairs.
-TEST(ViewGraphClusters, AGridIsCutIntoCompactPieces) {
+TEST(ViewGraphClusters, GridIsCutIntoCompactPieces) {
   constexpr int kSide = 20;
   std::vector<WeightedEdge> edges;
   for (int y = 0; y < kSide; ++y) {
@@ -148,7 +148,7 @@ TEST(ViewGraphClusters, AGridIsCutIntoCompactPieces) {
   EXPECT_EQ(reached.size(), clusters.size());
 }
 
-TEST(ViewGraphClusters, FewImagesAndNoPairs) {
+TEST(ViewGraphClusters, AcceptsFewImagesAndNoPairs) {
   expect_partition(cluster_view_graph(3, {}, {.clusters = 5, .max_size = 4}), 3, 4);
   expect_partition(cluster_view_graph(10, {}, {.clusters = 3, .max_size = 4}), 10, 4);
   expect_partition(cluster_view_graph(7, chain(7, 2), {.clusters = 1, .max_size = 7}), 7, 7);
@@ -159,7 +159,7 @@ TEST(ViewGraphClusters, FewImagesAndNoPairs) {
   EXPECT_THROW((void)cluster_view_graph(9, {{2, 2, 1}}, {}), std::invalid_argument);
 }
 
-TEST(ViewGraphClusters, SameForSameArgumentsAndStops) {
+TEST(ViewGraphClusters, IsDeterministicAndCanBeInterrupted) {
   const auto edges = chain(200, 7, true);
   const ClusterOptions options{.clusters = 6, .max_size = 40, .overlap = 6};
   const auto one = cluster_view_graph(200, edges, options);

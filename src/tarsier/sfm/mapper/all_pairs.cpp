@@ -26,7 +26,7 @@ bool has_both(const Model& model, const Pair& pair) {
 
 }  // namespace
 
-Model with_points_of(const Model& model, const std::vector<const Pair*>& pairs,
+Model retriangulated(const Model& model, const std::vector<const Pair*>& pairs,
                      const MapperInput& input, const MapperOptions& options) {
   std::vector<int> features;
   for (const Image& image : input.images)
@@ -40,12 +40,13 @@ Model with_points_of(const Model& model, const std::vector<const Pair*>& pairs,
   return mapper.finished(input.colors);
 }
 
-void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
-                        const std::stop_token& stop, Reconstruction& reconstruction) {
-  std::set<std::pair<int, int>> lacking;  // pairs refused for missing evidence
+void update_trust_by_all_pairs(const MapperInput& input, const MapperOptions& options,
+                               const std::stop_token& stop, Reconstruction& reconstruction) {
+  std::set<std::pair<int, int>> missing_features;  // pairs refused for missing evidence
   for (const RefusedPair& refused : reconstruction.refused)
-    if (refused.doubt == Doubt::kEvidence || refused.doubt == Doubt::kModel)
-      lacking.emplace(refused.first, refused.second);
+    if (refused.rejection == PairRejection::kMissingFeatures ||
+        refused.rejection == PairRejection::kModelConflict)
+      missing_features.emplace(refused.first, refused.second);
   reconstruction.shapes.resize(reconstruction.models.size());
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
     const Model& model = reconstruction.models[m];
@@ -56,11 +57,11 @@ void judge_by_all_pairs(const MapperInput& input, const MapperOptions& options,
       const Pair& pair = input.pairs[k];
       if (!has_both(model, pair) || !agrees(model, pair)) continue;
       agreeing.push_back(&pair);
-      refused[k] = lacking.contains({pair.first, pair.second}) ? 1 : 0;
+      refused[k] = missing_features.contains({pair.first, pair.second}) ? 1 : 0;
     }
     std::vector<double> trust = trust_of(model, input.pairs, refused);
     throw_if_stopped(stop);
-    const ModelConflicts conflicts(with_points_of(model, agreeing, input, options));
+    const ModelConflicts conflicts(retriangulated(model, agreeing, input, options));
     for (std::size_t i = 0; i < trust.size(); ++i) {
       trust[i] *= std::max(0.0, 1 - kConflictWeight * conflicts.shares()[i]);
       Outcome& outcome = reconstruction.outcomes[i];

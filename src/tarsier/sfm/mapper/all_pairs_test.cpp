@@ -26,7 +26,7 @@ struct Scene {
     std::vector<const Pair*> of_one_side;
     for (const Pair& pair : prism.pairs)
       if (pair.first / kPrismSide == pair.second / kPrismSide) of_one_side.push_back(&pair);
-    made.models.push_back(with_points_of(prism.model, of_one_side, input(), options));
+    made.models.push_back(retriangulated(prism.model, of_one_side, input(), options));
     made.trust = {1};
     made.outcomes.assign(kPrismImages, {true, 0, 1, ""});
   }
@@ -55,47 +55,49 @@ int between_sides(const Model& model) {
   return count;
 }
 
-TEST(AllPairs, AFoldedModelWithoutThePairsBetweenItsPlacesHasNoConflictsAndNoTrust) {
+TEST(TrustByAllPairs, IsLowForFoldedModelWithoutConflicts) {
   Scene scene(true);
   EXPECT_FALSE(ModelConflicts(scene.made.models[0]).any());
-  judge_by_all_pairs(scene.input(), scene.options, {}, scene.made);
+  update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
   EXPECT_LT(scene.made.trust[0], 0.3);
   EXPECT_LT(scene.made.outcomes[0].trust, 0.3);
 }
 
-TEST(AllPairs, ATrueModelKeepsItsTrust) {
+TEST(TrustByAllPairs, IsHighForCorrectModel) {
   Scene scene(false);
-  judge_by_all_pairs(scene.input(), scene.options, {}, scene.made);
+  update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
   EXPECT_GT(scene.made.trust[0], 0.95);
 }
 
-TEST(AllPairs, PairsThatLackWhatTheyShouldHaveInCommonCountAgainstAModelThatAgreesWithThem) {
+TEST(TrustByAllPairs, FallsWherePairsRefusedForMissingFeaturesAgree) {
   Scene scene(false);
   for (const Pair& pair : scene.prism.pairs)
     if (pair.first == 5 || pair.second == 5)
-      scene.made.refused.push_back({pair.first, pair.second, 50, "", Doubt::kEvidence});
-  judge_by_all_pairs(scene.input(), scene.options, {}, scene.made);
+      scene.made.refused.push_back(
+          {pair.first, pair.second, 50, "", PairRejection::kMissingFeatures});
+  update_trust_by_all_pairs(scene.input(), scene.options, {}, scene.made);
   EXPECT_EQ(scene.made.outcomes[5].trust, 0);
   EXPECT_GT(scene.made.outcomes[40].trust, 0.9);
 }
 
-TEST(AllPairs, AnInterruptionLeavesTheTrustThatThereWas) {
+TEST(TrustByAllPairs, IsUnchangedWhenInterrupted) {
   Scene scene(true);
   std::stop_source stopped;
   stopped.request_stop();
-  EXPECT_THROW(judge_by_all_pairs(scene.input(), scene.options, stopped.get_token(), scene.made),
-               Interrupted);
+  EXPECT_THROW(
+      update_trust_by_all_pairs(scene.input(), scene.options, stopped.get_token(), scene.made),
+      Interrupted);
   EXPECT_EQ(scene.made.trust[0], 1);
 }
 
-TEST(AllPairs, PointsAreThoseOfThePairsThatAreNamed) {
+TEST(Retriangulated, TriangulatesPointsOfGivenPairsOnly) {
   const Scene scene(false);
-  const Model none = with_points_of(scene.prism.model, {}, scene.input(), scene.options);
+  const Model none = retriangulated(scene.prism.model, {}, scene.input(), scene.options);
   EXPECT_TRUE(none.points.empty());
   EXPECT_TRUE(none.images[3].registered);
   std::vector<const Pair*> all;
   for (const Pair& pair : scene.prism.pairs) all.push_back(&pair);
-  const Model made = with_points_of(scene.prism.model, all, scene.input(), scene.options);
+  const Model made = retriangulated(scene.prism.model, all, scene.input(), scene.options);
   EXPECT_EQ(between_sides(scene.made.models[0]), 0);
   EXPECT_GT(between_sides(made), 50);
   EXPECT_EQ(made.images[3].pose.translation, scene.prism.model.images[3].pose.translation);

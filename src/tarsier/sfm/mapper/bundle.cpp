@@ -16,16 +16,16 @@
 namespace tarsier::sfm {
 namespace {
 
-void apply_numbers(const LensNumbers& numbers, geometry::Camera& camera) {
-  camera.fx = numbers[0];
-  camera.fy = numbers[0] * numbers[1];
-  camera.cx = numbers[2];
-  camera.cy = numbers[3];
-  for (std::size_t k = 0; k < 5; ++k) camera.distortion[k] = numbers[4 + k];
+void apply_parameters(const LensParameters& parameters, geometry::Camera& camera) {
+  camera.fx = parameters[0];
+  camera.fy = parameters[0] * parameters[1];
+  camera.cx = parameters[2];
+  camera.cy = parameters[3];
+  for (std::size_t k = 0; k < 5; ++k) camera.distortion[k] = parameters[4 + k];
 }
 
 // Whether a lens is a valid result of an adjustment.
-bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
+bool is_valid_lens(const geometry::Camera& after, const geometry::Camera& before) {
   const auto is_finite = [](double number) { return std::isfinite(number); };
   if (!std::all_of(after.distortion.begin(), after.distortion.end(), is_finite) ||
       !std::isfinite(after.cx) || !std::isfinite(after.cy)) {
@@ -40,7 +40,7 @@ bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
 }
 
 // Removes rounding errors accumulated over many rotations.
-geometry::Rigid3 clean(const geometry::Rigid3& pose) {
+geometry::Rigid3 orthonormalized(const geometry::Rigid3& pose) {
   return {geometry::rotation_of(geometry::quaternion_of(pose.rotation)), pose.translation};
 }
 
@@ -55,36 +55,37 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   const std::vector<int>& cameras = of_model.cameras;
   std::vector<int>& points = of_model.points;
   if (points.empty()) return report;
-  report.residuals = static_cast<int>(problem.seen.size());
+  report.residuals = static_cast<int>(problem.measurements.size());
 
-  BundleSolverOptions how;
-  how.max_iterations = options.max_iterations;
-  how.tolerance = options.tolerance;
-  const BundleSolution solution = solve(problem, how, stop);
+  BundleSolverOptions solver_options;
+  solver_options.max_iterations = options.max_iterations;
+  solver_options.tolerance = options.tolerance;
+  const BundleSolution solution = solve(problem, solver_options, stop);
   report.iterations = solution.iterations;
-  report.trouble = solution.trouble;
-  if (!solution.trouble.empty()) return report;
-  if (!problem.free_numbers.empty()) {
+  report.warning = solution.error;
+  if (!solution.error.empty()) return report;
+  if (!problem.free_parameters.empty()) {
     for (std::size_t lens = 0; lens < cameras.size(); ++lens) {
       const geometry::Camera& before = model.cameras[at(cameras[lens])];
       geometry::Camera after = before;
-      apply_numbers(problem.lenses[lens], after);
-      if (is_lens(after, before)) continue;
+      apply_parameters(problem.lenses[lens], after);
+      if (is_valid_lens(after, before)) continue;
       BundleOptions again = options;
       again.focal = again.center = again.distortion = false;
       again.points = std::move(points);
       report = adjust(model, again, stop);
-      report.trouble =
+      report.warning =
           fmt::format("the focal length {:.4g} px came out, of a lens of {:.4g} px: it stays",
                       after.fx, before.fx) +
-          (report.trouble.empty() ? "" : "; " + report.trouble);
+          (report.warning.empty() ? "" : "; " + report.warning);
       return report;
     }
     for (std::size_t lens = 0; lens < cameras.size(); ++lens)
-      apply_numbers(problem.lenses[lens], model.cameras[at(cameras[lens])]);
+      apply_parameters(problem.lenses[lens], model.cameras[at(cameras[lens])]);
   }
   for (std::size_t i = 0; i < images.size(); ++i)
-    if (problem.pose_moves[i] != 0) model.images[at(images[i])].pose = clean(problem.poses[i]);
+    if (problem.pose_moves[i] != 0)
+      model.images[at(images[i])].pose = orthonormalized(problem.poses[i]);
   for (std::size_t k = 0; k < points.size(); ++k)
     model.points[at(points[k])].position = problem.points[k];
   return report;
@@ -97,17 +98,17 @@ void adjust_pose(geometry::Rigid3& pose, const geometry::Camera& camera,
   problem.loss_px = loss_px;
   problem.poses = {pose};
   problem.pose_moves = {1};
-  problem.lenses = {numbers_of(camera)};
+  problem.lenses = {lens_parameters_of(camera)};
   for (const Correspondence2D3D& correspondence : seen) {
-    problem.first.push_back(problem.seen.size());
+    problem.first.push_back(problem.measurements.size());
     problem.points.push_back(correspondence.position);
     problem.point_moves.push_back(0);
-    problem.seen.push_back({0, 0, correspondence.pixel.x, correspondence.pixel.y, 1});
+    problem.measurements.push_back({0, 0, correspondence.pixel.x, correspondence.pixel.y, 1});
   }
-  problem.first.push_back(problem.seen.size());
-  BundleSolverOptions how;
-  how.max_iterations = 30;
-  if (solve(problem, how).trouble.empty()) pose = clean(problem.poses[0]);
+  problem.first.push_back(problem.measurements.size());
+  BundleSolverOptions solver_options;
+  solver_options.max_iterations = 30;
+  if (solve(problem, solver_options).error.empty()) pose = orthonormalized(problem.poses[0]);
 }
 
 }  // namespace tarsier::sfm

@@ -47,7 +47,7 @@ struct BundleReport {
   int iterations = 0;
   // Warning, or "". Without a solution the model is unchanged. Where the lens became invalid (see
   // below), the rest is adjusted with the previous lens.
-  std::string trouble;
+  std::string warning;
 };
 
 // Range of focal lengths that an adjustment may produce, as shares of the image's longer side. A

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // a point is refined if its cost exceeds this times its cost before the step
-constexpr double kRaised = 1.05;
+constexpr double kMaxCostRatio = 1.05;
 constexpr int kMaxSteps = 6;         // per refined point
 constexpr double kSmallGain = 1e-3;  // share of the cost; a step with a smaller gain is the last
 
@@ -38,7 +38,7 @@ double cost_of(const BundleProblem& problem, const BundleState& state, std::size
   Vector2d residual;
   double sum = 0;
   for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
-    const BundleProblem::Seen& seen = problem.seen[k];
+    const BundleProblem::Measurement& seen = problem.measurements[k];
     if (!residual_of(seen, state.lenses[at(seen.lens)], state.poses[at(seen.pose)] * position,
                      residual, nullptr, nullptr))
       return kInfinity;
@@ -52,19 +52,19 @@ void refine(const BundleProblem& problem, const BundleState& state, std::size_t 
             Vector3d& position, double& cost) {
   Vector2d residual;
   Matrix2d factor;
-  Matrix2x3 by_place;
+  Matrix2x3 by_position;
   double damping = 1e-4;
   for (int step = 0; step < kMaxSteps; ++step) {
     Matrix3d hessian = Matrix3d::Zero();
     Vector3d gradient = Vector3d::Zero();
     for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
-      const BundleProblem::Seen& seen = problem.seen[k];
+      const BundleProblem::Measurement& seen = problem.measurements[k];
       const geometry::Rigid3& pose = state.poses[at(seen.pose)];
-      if (!residual_of(seen, state.lenses[at(seen.lens)], pose * position, residual, &by_place,
+      if (!residual_of(seen, state.lenses[at(seen.lens)], pose * position, residual, &by_position,
                        nullptr))
         return;
       weigh(problem.loss_px, 1, residual, factor);
-      const Matrix2x3 by_point = factor * by_place * pose.rotation;
+      const Matrix2x3 by_point = factor * by_position * pose.rotation;
       hessian.noalias() += by_point.transpose() * by_point;
       gradient.noalias() += by_point.transpose() * residual;
     }
@@ -86,18 +86,18 @@ void refine(const BundleProblem& problem, const BundleState& state, std::size_t 
 }  // namespace
 
 double BundleCosts::sum() const {
-  return std::accumulate(of_points.begin(), of_points.end(), hold);
+  return std::accumulate(point_costs.begin(), point_costs.end(), prior);
 }
 
 BundleCosts costs_of(const BundleProblem& problem, const BundleState& state) {
   BundleCosts costs;
-  costs.of_points.resize(problem.points.size());
+  costs.point_costs.resize(problem.points.size());
   for_each_point(problem, [&](std::size_t p) {
-    costs.of_points[p] = cost_of(problem, state, p, state.points[p]);
+    costs.point_costs[p] = cost_of(problem, state, p, state.points[p]);
   });
-  if (problem.hold) {
-    const double off = hold_residual(*problem.hold, state);
-    costs.hold = 0.5 * off * off;
+  if (problem.prior) {
+    const double residual = prior_residual(*problem.prior, state);
+    costs.prior = 0.5 * residual * residual;
   }
   return costs;
 }
@@ -105,8 +105,8 @@ BundleCosts costs_of(const BundleProblem& problem, const BundleState& state) {
 void refine_raised_points(const BundleProblem& problem, const BundleState& before,
                           const BundleCosts& costs_before, BundleState& after, BundleCosts& costs) {
   for_each_point(problem, [&](std::size_t p) {
-    double& cost = costs.of_points[p];
-    if (problem.point_moves[p] == 0 || cost <= kRaised * costs_before.of_points[p]) return;
+    double& cost = costs.point_costs[p];
+    if (problem.point_moves[p] == 0 || cost <= kMaxCostRatio * costs_before.point_costs[p]) return;
     const double unmoved = cost_of(problem, after, p, before.points[p]);
     if (unmoved < cost) {
       cost = unmoved;

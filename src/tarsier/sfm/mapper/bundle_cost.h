@@ -16,7 +16,7 @@ namespace tarsier::sfm {
 // The variables of the adjustment.
 struct BundleState {
   std::vector<geometry::Rigid3> poses;
-  std::vector<LensNumbers> lenses;
+  std::vector<LensParameters> lenses;
   std::vector<Eigen::Vector3d> points;
 };
 
@@ -38,8 +38,8 @@ void for_each_point(const BundleProblem& problem, const Each& each) {
 // The cost for each point. It is infinite where the point is behind a camera that shows it, or
 // where a number is not finite.
 struct BundleCosts {
-  std::vector<double> of_points;
-  double hold = 0;
+  std::vector<double> point_costs;
+  double prior = 0;
 
   [[nodiscard]] double sum() const;
 };

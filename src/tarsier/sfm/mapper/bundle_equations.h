@@ -18,7 +18,7 @@ using MatrixNx3 = Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 9, 3>;
 
 // The variables are the moving poses, then the lenses. A pose has six numbers: a small rotation
 // about the camera centre (radians, camera frame), then the centre (world). A lens has those of
-// `free_numbers`.
+// `free_parameters`.
 struct BundleVariables {
   explicit BundleVariables(const BundleProblem& problem);
 
@@ -46,11 +46,11 @@ struct BundleVariables {
 
   // Offset of a block of J^T J: a pose's diagonal block, or one whose column is a lens. Before
   // points are eliminated, poses have no other blocks.
-  [[nodiscard]] std::size_t pose_place(int pose) const {
+  [[nodiscard]] std::size_t pose_block_offset(int pose) const {
     return 36 * static_cast<std::size_t>(pose);
   }
-  [[nodiscard]] std::size_t lens_place(std::size_t offset) const {
-    return pose_place(poses) + offset - lens_offset;
+  [[nodiscard]] std::size_t lens_block_offset(std::size_t offset) const {
+    return pose_block_offset(poses) + offset - lens_offset;
   }
 
   // A variable that affects the observations of a point.
@@ -86,9 +86,9 @@ struct BundleVariables {
   std::vector<std::size_t> order;  // of the points: points that use the same blocks are adjacent
   std::vector<Block> blocks;       // by column, rows ascending
   std::vector<int> diagonal;       // for each variable: its diagonal block
-  std::size_t block_numbers = 0;   // numbers in all blocks
+  std::size_t block_values = 0;    // numbers in all blocks
   std::size_t lens_offset = 0;     // begin of the numbers of lens columns
-  std::size_t mixed_numbers = 0;   // numbers of all entries
+  std::size_t mixed_values = 0;    // numbers of all entries
 
  private:
   void number_variables(const BundleProblem& problem);
@@ -98,7 +98,7 @@ struct BundleVariables {
 
 // The sum of squared residuals |J d + r|^2 for the step d: J^T J and J^T r.
 struct NormalEquations {
-  std::vector<double> blocks;  // J^T J: BundleVariables::pose_place(), lens_place()
+  std::vector<double> blocks;  // J^T J: BundleVariables::pose_block_offset(), lens_block_offset()
   std::vector<double> mixed;   // for a variable (rows) and a point
   Eigen::VectorXd gradient;
   Eigen::VectorXd scale;  // the diagonal of J^T J

@@ -14,12 +14,12 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kSharpSize = 5;  // px
+constexpr double kReferenceSizePx = 5;  // px
 // px, residual of a scale twice as large; strong enough against thousands of points
-constexpr double kScaleHold = 1e4;
+constexpr double kScalePriorWeight = 1e4;
 
 // Indices of the refined lens parameters.
-std::vector<int> free_numbers(const BundleOptions& options) {
+std::vector<int> free_parameters(const BundleOptions& options) {
   std::vector<int> free;
   const auto add = [&](bool is_free, std::initializer_list<int> numbers) {
     if (is_free) std::copy(numbers.begin(), numbers.end(), std::back_inserter(free));
@@ -34,12 +34,12 @@ std::vector<int> free_numbers(const BundleOptions& options) {
 double weight_of(const Image& image, int feature) {
   if (image.sizes.empty()) return 1;
   const auto size = static_cast<double>(image.sizes[at(feature)]);
-  return 1 / std::clamp(size / kSharpSize, 0.7, 4.0);
+  return 1 / std::clamp(size / kReferenceSizePx, 0.7, 4.0);
 }
 
 }  // namespace
 
-LensNumbers numbers_of(const geometry::Camera& camera) {
+LensParameters lens_parameters_of(const geometry::Camera& camera) {
   return {camera.fx,
           camera.fy / camera.fx,
           camera.cx,
@@ -53,18 +53,18 @@ LensNumbers numbers_of(const geometry::Camera& camera) {
 
 ModelProblem problem_of(const Model& model, const BundleOptions& options) {
   ModelProblem result;
-  std::vector<int> movers = options.images;
-  if (movers.empty()) {
-    movers.resize(model.images.size());
-    std::iota(movers.begin(), movers.end(), 0);
+  std::vector<int> moving_images = options.images;
+  if (moving_images.empty()) {
+    moving_images.resize(model.images.size());
+    std::iota(moving_images.begin(), moving_images.end(), 0);
   }
-  std::erase_if(movers,
+  std::erase_if(moving_images,
                 [&](int i) { return options.only_points || !model.images[at(i)].registered; });
-  std::vector<char> is_mover(model.images.size(), 0);
-  for (const int i : movers) is_mover[at(i)] = 1;
-  for (const int i : options.fixed_images) is_mover[at(i)] = 0;
-  std::erase_if(movers, [&](int i) { return is_mover[at(i)] == 0; });
-  const auto moves = [&](const Observation& seen) { return is_mover[at(seen.image)] != 0; };
+  std::vector<char> is_moving(model.images.size(), 0);
+  for (const int i : moving_images) is_moving[at(i)] = 1;
+  for (const int i : options.fixed_images) is_moving[at(i)] = 0;
+  std::erase_if(moving_images, [&](int i) { return is_moving[at(i)] == 0; });
+  const auto moves = [&](const Observation& seen) { return is_moving[at(seen.image)] != 0; };
   const auto is_registered = [&](const Observation& seen) {
     return model.images[at(seen.image)].registered;
   };
@@ -88,21 +88,21 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
   std::vector<int>& cameras = result.cameras;
   std::vector<int> lens_of(model.cameras.size(), -1);
   bool any_fixed = false;  // fixed images determine the frame
-  const auto see = [&](const Observation& seen) {
+  const auto add_measurement = [&](const Observation& seen) {
     const Image& image = model.images[at(seen.image)];
     if (lens_of[at(image.camera)] < 0) {
       const geometry::Camera& camera = model.cameras[at(image.camera)];
       TARSIER_REQUIRE(camera.lens == geometry::Lens::kPinhole, "a {} lens", name_of(camera.lens));
       lens_of[at(image.camera)] = static_cast<int>(cameras.size());
       cameras.push_back(image.camera);
-      problem.lenses.push_back(numbers_of(camera));
+      problem.lenses.push_back(lens_parameters_of(camera));
     }
     const cv::Point2f& pixel = image.features[at(seen.feature)];
-    problem.seen.push_back({pose_of[at(seen.image)], lens_of[at(image.camera)],
-                            static_cast<double>(pixel.x), static_cast<double>(pixel.y),
-                            weight_of(image, seen.feature)});
+    problem.measurements.push_back({pose_of[at(seen.image)], lens_of[at(image.camera)],
+                                    static_cast<double>(pixel.x), static_cast<double>(pixel.y),
+                                    weight_of(image, seen.feature)});
   };
-  const std::vector<ImageRole> roles = roles_of(model, movers, options.max_observations);
+  const std::vector<ImageRole> roles = image_roles(model, moving_images, options.max_observations);
   std::vector<Observation> chosen;
   std::size_t observations = 0;
   const auto choose = [&](int p) {
@@ -123,19 +123,20 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
     pose_of[i] = static_cast<int>(images.size());
     images.push_back(static_cast<int>(i));
     problem.poses.push_back(model.images[i].pose);
-    problem.pose_moves.push_back(is_mover[i]);
+    problem.pose_moves.push_back(is_moving[i]);
   }
-  problem.seen.reserve(observations);
+  problem.measurements.reserve(observations);
   for (const int p : points) {
     problem.points.push_back(model.points[at(p)].position);
-    problem.first.push_back(problem.seen.size());
+    problem.first.push_back(problem.measurements.size());
     choose(p);
     for (const Observation& seen : chosen)
-      if (is_registered(seen)) see(seen);
+      if (is_registered(seen)) add_measurement(seen);
   }
   problem.point_moves.assign(points.size(), 1);
-  problem.first.push_back(problem.seen.size());
-  if (options.images.empty() && !options.only_points) problem.free_numbers = free_numbers(options);
+  problem.first.push_back(problem.measurements.size());
+  if (options.images.empty() && !options.only_points)
+    problem.free_parameters = free_parameters(options);
   problem.lens_moves.assign(cameras.size(), 1);
   for (const int camera : options.fixed_cameras)
     if (lens_of[at(camera)] >= 0) problem.lens_moves[at(lens_of[at(camera)])] = 0;
@@ -146,22 +147,22 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
     const std::size_t first = 0;
     problem.pose_moves[first] = 0;
     const Eigen::Vector3d origin = problem.poses[first].center();
-    std::size_t far = first;
+    std::size_t farthest = first;
     double longest = 0;
     for (std::size_t i = 0; i < images.size(); ++i) {
       const double distance = (problem.poses[i].center() - origin).norm();
       if (distance > longest) {
         longest = distance;
-        far = i;
+        farthest = i;
       }
     }
-    if (far != first) {
-      const Eigen::Vector3d center = problem.poses[far].center();
-      const Eigen::Vector3d away = center - origin;
+    if (farthest != first) {
+      const Eigen::Vector3d center = problem.poses[farthest].center();
+      const Eigen::Vector3d offset = center - origin;
       int axis = 0;
-      away.cwiseAbs().maxCoeff(&axis);
-      problem.hold = {static_cast<int>(far), axis, center[axis],
-                      kScaleHold / std::max(1e-12, std::abs(away[axis]))};
+      offset.cwiseAbs().maxCoeff(&axis);
+      problem.prior = {static_cast<int>(farthest), axis, center[axis],
+                       kScalePriorWeight / std::max(1e-12, std::abs(offset[axis]))};
     }
   }
   return result;

@@ -24,6 +24,6 @@ struct ModelProblem {
 [[nodiscard]] ModelProblem problem_of(const Model& model, const BundleOptions& options);
 
 // The parameters of a pinhole camera.
-[[nodiscard]] LensNumbers numbers_of(const geometry::Camera& camera);
+[[nodiscard]] LensParameters lens_parameters_of(const geometry::Camera& camera);
 
 }  // namespace tarsier::sfm

@@ -17,14 +17,14 @@ constexpr double kMinDepth = 1e-6;  // of a point in front of a camera
 
 // Computes the residual of an observation; false: the point is behind the camera. The derivatives
 // by the position in the camera frame and by all lens parameters are optional.
-inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens,
-                        const Eigen::Vector3d& place, Eigen::Vector2d& residual,
-                        Eigen::Matrix<double, 2, 3>* by_place,
+inline bool residual_of(const BundleProblem::Measurement& seen, const LensParameters& lens,
+                        const Eigen::Vector3d& in_camera, Eigen::Vector2d& residual,
+                        Eigen::Matrix<double, 2, 3>* by_position,
                         Eigen::Matrix<double, 2, 9>* by_lens) {
-  if (!(place[2] >= kMinDepth)) return false;
-  const double inverse = 1 / place[2];
-  const double x = place[0] * inverse;
-  const double y = place[1] * inverse;
+  if (!(in_camera[2] >= kMinDepth)) return false;
+  const double inverse = 1 / in_camera[2];
+  const double x = in_camera[0] * inverse;
+  const double y = in_camera[1] * inverse;
   const double r2 = x * x + y * y;
   const double k1 = lens[4];
   const double k2 = lens[5];
@@ -39,14 +39,14 @@ inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens
   const double fy = fx * lens[1];
   residual[0] = fx * dx + seen.weight * (lens[2] - seen.u);
   residual[1] = fy * dy + seen.weight * (lens[3] - seen.v);
-  if (by_place != nullptr) {
+  if (by_position != nullptr) {
     const double slope = k1 + r2 * (2 * k2 + r2 * 3 * k3);  // derivative of `radial` by r2
     const double mixed = xy * slope + 2 * (p1 * x + p2 * y);
     const double xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x;
     const double yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x;
     const double fxz = fx * inverse;
     const double fyz = fy * inverse;
-    *by_place << fxz * xx, fxz * mixed, -fxz * (xx * x + mixed * y),  //
+    *by_position << fxz * xx, fxz * mixed, -fxz * (xx * x + mixed * y),  //
         fyz * mixed, fyz * yy, -fyz * (mixed * x + yy * y);
   }
   if (by_lens != nullptr) {
@@ -60,9 +60,9 @@ inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens
   return true;
 }
 
-inline double hold_residual(const BundleProblem::Hold& hold, const BundleState& state) {
-  return hold.weight *
-         (state.poses[static_cast<std::size_t>(hold.pose)].center()[hold.axis] - hold.value);
+inline double prior_residual(const BundleProblem::CenterPrior& prior, const BundleState& state) {
+  return prior.weight *
+         (state.poses[static_cast<std::size_t>(prior.pose)].center()[prior.axis] - prior.value);
 }
 
 // Scales a residual and returns the factor for its derivatives. The squared loss then has the

@@ -29,24 +29,24 @@ namespace {
 
 // min ratio of the loss's curvature along a residual to that perpendicular to it
 constexpr double kMinCurvature = 0.05;
-constexpr double kGoodGain = 1.4;  // share of the predicted gain
+constexpr double kHighGain = 1.4;  // share of the predicted gain
 // share of the predicted gain; below, the second order is used
-constexpr double kStraightGain = 0.9;
+constexpr double kMaxSecondOrderGain = 0.9;
 constexpr double kFirstDamping = 1e-4;  // share of the diagonal
 constexpr double kMinDamping = 1e-12;
 constexpr double kMaxDamping = 1e12;
 constexpr int kChainPoses = 80;  // with more poses, a model may be a long chain that bends
 // For such models. Bending a long chain changes each residual only little, so that damping prevents
 // the bend until it is below this value. A small change before that does not indicate the minimum.
-constexpr double kFreeDamping = 1e-10;
-constexpr double kRelease = 1e-3;  // factor of the damping after a small change
-constexpr double kMaxBend = 0.75;  // max ratio of twice the second order to the step
+constexpr double kMaxFinalDamping = 1e-10;
+constexpr double kDampingReduction = 1e-3;  // factor of the damping after a small change
+constexpr double kMaxAcceleration = 0.75;   // max ratio of twice the second order to the step
 constexpr double kMinGain = 1e-3;
-constexpr int kStripe = 16;  // min variables whose columns one thread processes
+constexpr int kMinStripeVariables = 16;  // min variables whose columns one thread processes
 constexpr int kMaxStripes = 32;
-constexpr int kFewPoses = 80;           // with up to these, a dense system is always faster
-constexpr double kNearTolerance = 0.1;  // costs a hundredth of the gain of an exact step
-constexpr int kMaxNearIterations = 6;
+constexpr int kMaxDensePoses = 80;  // with up to these, a dense system is always faster
+constexpr double kPreconditionedTolerance = 0.1;  // costs a hundredth of the gain of an exact step
+constexpr int kMaxPreconditionedIterations = 6;
 
 using Matrix6x3 = Eigen::Matrix<double, 6, 3>;
 using Eigen::Matrix3d;
@@ -60,7 +60,7 @@ class Solver {
   Solver(BundleProblem& problem, const BundleSolverOptions& options, const std::stop_token& stop)
       : problem_(problem), options_(options), stop_(stop), variables_(problem) {
     is_sparse_ = options_.system == CameraSystem::kSparse ||
-                 (options_.system == CameraSystem::kAutomatic && variables_.poses > kFewPoses);
+                 (options_.system == CameraSystem::kAutomatic && variables_.poses > kMaxDensePoses);
     cut_into_stripes();
   }
 
@@ -70,29 +70,30 @@ class Solver {
     now.costs = costs_of(problem_, now.state);
     now.sum = solution.cost_before = now.costs.sum();
     if (!std::isfinite(now.sum)) {
-      solution.trouble = "a point lies behind a camera that shows it, or is not finite";
+      solution.error = "a point lies behind a camera that shows it, or is not finite";
       return solution;
     }
     double damping = kFirstDamping;
     double growth = 2;  // of the damping, at the next failed step (Nielsen, 1999)
-    bool is_linear = false;
+    bool is_linearized = false;
     while (solution.iterations < options_.max_iterations &&
            variables_.size + variables_.moving_points > 0) {
       throw_if_stopped(stop_);
       ++solution.iterations;
-      if (!is_linear) linearize(problem_, variables_, now.state, curvature_, equations_);
-      is_linear = true;
-      double promised = 0;
+      if (!is_linearized) linearize(problem_, variables_, now.state, curvature_, equations_);
+      is_linearized = true;
+      double predicted_gain = 0;
       BundleStep step;
       std::optional<Candidate> next;
-      if (solve_step(damping, step, promised)) next = best_of(now, step, promised);
-      if (!next || !is_good(now, *next, promised)) {
+      if (solve_step(damping, step, predicted_gain)) next = best_of(now, step, predicted_gain);
+      if (!next || !is_good(now, *next, predicted_gain)) {
         // No further gain is possible.
-        if (next && std::isfinite(next->sum) && promised <= options_.tolerance * now.sum) break;
-        bends_ = variables_.poses > kChainPoses;
+        if (next && std::isfinite(next->sum) && predicted_gain <= options_.tolerance * now.sum)
+          break;
+        uses_second_order_ = variables_.poses > kChainPoses;
         if (curvature_ < 1) {  // not as close to the minimum as assumed
           curvature_ = std::min(1.0, 4 * curvature_);
-          is_linear = false;
+          is_linearized = false;
           continue;
         }
         damping *= growth;
@@ -103,16 +104,16 @@ class Solver {
       const double change = now.sum - next->sum;
       const bool is_done = change <= options_.tolerance * now.sum;
       now = std::move(*next);
-      is_linear = false;
+      is_linearized = false;
       // More than predicted: the loss has less curvature along residuals than assumed.
-      if (change > kGoodGain * promised) curvature_ = std::max(kMinCurvature, curvature_ / 2);
-      const double gain = std::min(change / promised, 2.0);
-      if (gain < kStraightGain) bends_ = variables_.poses > kChainPoses;
+      if (change > kHighGain * predicted_gain) curvature_ = std::max(kMinCurvature, curvature_ / 2);
+      const double gain = std::min(change / predicted_gain, 2.0);
+      if (gain < kMaxSecondOrderGain) uses_second_order_ = variables_.poses > kChainPoses;
       damping = std::max(kMinDamping, damping * std::max(1.0 / 9, 1 - std::pow(2 * gain - 1, 3)));
       growth = 2;
       if (is_done) {
-        if (variables_.poses <= kChainPoses || damping <= kFreeDamping) break;
-        damping = std::max(kFreeDamping, kRelease * damping);
+        if (variables_.poses <= kChainPoses || damping <= kMaxFinalDamping) break;
+        damping = std::max(kMaxFinalDamping, kDampingReduction * damping);
       }
     }
     throw_if_stopped(stop_);
@@ -128,10 +129,10 @@ class Solver {
   std::vector<VectorXd> steps_of_noise(double sigma_px, int samples, std::uint64_t seed) {
     std::vector<VectorXd> steps;
     const std::vector<Vector2d> residuals = residuals_of(problem_);
-    if (residuals.size() != problem_.seen.size() || variables_.size == 0) return steps;
+    if (residuals.size() != problem_.measurements.size() || variables_.size == 0) return steps;
     std::vector<Vector2d> predicted;
     for (std::size_t k = 0; k < residuals.size(); ++k) {
-      const BundleProblem::Seen& seen = problem_.seen[k];
+      const BundleProblem::Measurement& seen = problem_.measurements[k];
       predicted.push_back(Vector2d(seen.u, seen.v) + residuals[k] / seen.weight);
     }
     const BundleState state{problem_.poses, problem_.lenses, problem_.points};
@@ -139,15 +140,15 @@ class Solver {
     for (int sample = 0; sample < samples; ++sample) {
       Rng noise = rng.fork(static_cast<std::uint64_t>(sample));
       for (std::size_t k = 0; k < predicted.size(); ++k) {
-        BundleProblem::Seen& seen = problem_.seen[k];
+        BundleProblem::Measurement& seen = problem_.measurements[k];
         seen.u = predicted[k][0] + noise.normal(0, sigma_px) / seen.weight;
         seen.v = predicted[k][1] + noise.normal(0, sigma_px) / seen.weight;
       }
       linearize(problem_, variables_, state, 1, equations_);
       BundleStep step;
       if (sample == 0) {
-        double promised = 0;
-        if (!solve_step(kMinDamping, step, promised)) break;
+        double predicted_gain = 0;
+        if (!solve_step(kMinDamping, step, predicted_gain)) break;
       } else {
         step.variables = -equations_.gradient;
         for (const std::size_t p : variables_.order)
@@ -172,8 +173,8 @@ class Solver {
     double sum = 0;
   };
 
-  static bool is_good(const Candidate& now, const Candidate& next, double promised) {
-    return now.sum - next.sum > kMinGain * promised;
+  static bool is_good(const Candidate& now, const Candidate& next, double predicted_gain) {
+    return now.sum - next.sum > kMinGain * predicted_gain;
   }
 
   [[nodiscard]] Candidate after(const Candidate& now, const BundleStep& step) const {
@@ -187,12 +188,12 @@ class Solver {
 
   // The step with the second order of its path, if that improves, else without. Where a few points
   // move far, their second order misleads all cameras.
-  Candidate best_of(const Candidate& now, const BundleStep& step, double promised) {
-    if (bends_) {
-      BundleStep bent = step;
-      if (accelerate(now.state, bent)) {
-        Candidate next = after(now, bent);
-        if (is_good(now, next, promised)) return next;
+  Candidate best_of(const Candidate& now, const BundleStep& step, double predicted_gain) {
+    if (uses_second_order_) {
+      BundleStep accelerated = step;
+      if (accelerate(now.state, accelerated)) {
+        Candidate next = after(now, accelerated);
+        if (is_good(now, next, predicted_gain)) return next;
       }
     }
     return after(now, step);
@@ -208,14 +209,14 @@ class Solver {
     return damping * std::max(diagonal, 1e-9);
   }
 
-  // False where the equations cannot be solved. `promised`: predicted reduction of the cost.
-  bool solve_step(double damping, BundleStep& step, double& promised) {
-    reduced_.assign(variables_.block_numbers, 0.0);
+  // False where the equations cannot be solved. `predicted_gain`: predicted reduction of the cost.
+  bool solve_step(double damping, BundleStep& step, double& predicted_gain) {
+    reduced_.assign(variables_.block_values, 0.0);
     for (int v = 0; v < variables_.poses; ++v)
-      std::copy_n(equations_.blocks.data() + variables_.pose_place(v), 36,
+      std::copy_n(equations_.blocks.data() + variables_.pose_block_offset(v), 36,
                   reduced_.data() + variables_.diagonal_offset(v));
     std::copy(equations_.blocks.begin() +
-                  static_cast<std::ptrdiff_t>(variables_.lens_place(variables_.lens_offset)),
+                  static_cast<std::ptrdiff_t>(variables_.lens_block_offset(variables_.lens_offset)),
               equations_.blocks.end(),
               reduced_.begin() + static_cast<std::ptrdiff_t>(variables_.lens_offset));
     for (int v = 0; v < variables_.count; ++v)
@@ -230,17 +231,17 @@ class Solver {
     if (variables_.size > 0 && !(is_sparse_ ? factor_sparse() : factor_dense())) return false;
     if (!solve_cameras(moved) || !moved.allFinite()) return false;
     solve_points(equations_.point_gradient, step);
-    promised = 0;
+    predicted_gain = 0;
     for (Eigen::Index k = 0; k < variables_.size; ++k)
-      promised +=
+      predicted_gain +=
           moved[k] * (damped(damping, equations_.scale[k]) * moved[k] - equations_.gradient[k]);
     for (std::size_t p = 0; p < points; ++p)
       for (int k = 0; k < 3; ++k)
-        promised += step.points[p][k] *
-                    (damped(damping, equations_.point_hessian[p](k, k)) * step.points[p][k] -
-                     equations_.point_gradient[p][k]);
-    promised /= 2;
-    return std::isfinite(promised) && promised > 0;
+        predicted_gain += step.points[p][k] *
+                          (damped(damping, equations_.point_hessian[p](k, k)) * step.points[p][k] -
+                           equations_.point_gradient[p][k]);
+    predicted_gain /= 2;
+    return std::isfinite(predicted_gain) && predicted_gain > 0;
   }
 
   // The steps of moving points, given the step of the cameras and lenses.
@@ -260,26 +261,28 @@ class Solver {
 
   // Adds the second order of the path to a step (geodesic acceleration: Transtrum and Sethna,
   // Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization,
-  // 2012). With the step d, h = kPathShare and the residuals r, r'' = 2/h ((r(x + h d) - r(x)) / h
-  // - J d), and a solves the same equations for -J^T r'' in place of -J^T r; the step is d + a / 2.
-  // The weights of the loss are kept. False where a is not small compared with d: the step is then
-  // unchanged.
+  // 2012). With the step d, h = kSecondOrderShare and the residuals r,
+  // r'' = 2/h ((r(x + h d) - r(x)) / h - J d), and a solves the same equations for -J^T r'' in
+  // place of -J^T r; the step is d + a / 2. The weights of the loss are kept. False where a is not
+  // small compared with d: the step is then unchanged.
   bool accelerate(const BundleState& now, BundleStep& step) {
     VectorXd gradient;
     std::vector<Vector3d> point_gradient;
     if (!second_derivative(problem_, variables_, now, step, curvature_, gradient, point_gradient))
       return false;
-    BundleStep bend;
-    bend.variables = -gradient;
+    BundleStep acceleration;
+    acceleration.variables = -gradient;
     for (std::size_t p = 0; p < point_gradient.size(); ++p)
-      if (problem_.point_moves[p] != 0) eliminate_right(p, point_gradient[p], bend.variables);
-    if (!solve_cameras(bend.variables) || !bend.variables.allFinite()) return false;
+      if (problem_.point_moves[p] != 0)
+        eliminate_right(p, point_gradient[p], acceleration.variables);
+    if (!solve_cameras(acceleration.variables) || !acceleration.variables.allFinite()) return false;
     const double size = equations_.scale.dot(step.variables.cwiseAbs2());
-    const double bend_size = equations_.scale.dot(bend.variables.cwiseAbs2());
-    if (2 * std::sqrt(bend_size) > kMaxBend * std::sqrt(size)) return false;
-    solve_points(point_gradient, bend);
-    step.variables += 0.5 * bend.variables;
-    for (std::size_t p = 0; p < step.points.size(); ++p) step.points[p] += 0.5 * bend.points[p];
+    const double acceleration_size = equations_.scale.dot(acceleration.variables.cwiseAbs2());
+    if (2 * std::sqrt(acceleration_size) > kMaxAcceleration * std::sqrt(size)) return false;
+    solve_points(point_gradient, acceleration);
+    step.variables += 0.5 * acceleration.variables;
+    for (std::size_t p = 0; p < step.points.size(); ++p)
+      step.points[p] += 0.5 * acceleration.points[p];
     return true;
   }
 
@@ -316,7 +319,7 @@ class Solver {
   };
 
   void cut_into_stripes() {
-    const int count = std::clamp(variables_.count / kStripe, 1, kMaxStripes);
+    const int count = std::clamp(variables_.count / kMinStripeVariables, 1, kMaxStripes);
     for (int k = 0; k < count; ++k)
       stripes_.push_back({variables_.count * k / count, variables_.count * (k + 1) / count, {}});
     for (const std::size_t p : variables_.order) {
@@ -404,8 +407,8 @@ class Solver {
       return true;
     }
     if (is_of_earlier_step_) {
-      std::optional<VectorXd> solution =
-          sparse_factor_.solve_near(reduced_, right, kNearTolerance, kMaxNearIterations);
+      std::optional<VectorXd> solution = sparse_factor_.solve_near(
+          reduced_, right, kPreconditionedTolerance, kMaxPreconditionedIterations);
       if (solution) {
         right = std::move(*solution);
         return true;
@@ -439,7 +442,7 @@ class Solver {
   const BundleVariables variables_;
   NormalEquations equations_;
   bool is_sparse_ = false;
-  bool bends_ = false;  // steps use the second order
+  bool uses_second_order_ = false;  // steps use the second order
   // min ratio of the curvature along a residual to that perpendicular to it; kMinCurvature to 1
   double curvature_ = 1;
 
@@ -475,10 +478,10 @@ BundleSolution solve(BundleProblem& problem, const BundleSolverOptions& options,
 
 std::vector<Vector2d> residuals_of(const BundleProblem& problem) {
   std::vector<Vector2d> residuals;
-  residuals.reserve(problem.seen.size());
+  residuals.reserve(problem.measurements.size());
   for (std::size_t p = 0; p < problem.points.size(); ++p) {
     for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
-      const BundleProblem::Seen& seen = problem.seen[k];
+      const BundleProblem::Measurement& seen = problem.measurements[k];
       Vector2d residual;
       if (!residual_of(seen, problem.lenses[at(seen.lens)],
                        problem.poses[at(seen.pose)] * problem.points[p], residual, nullptr,

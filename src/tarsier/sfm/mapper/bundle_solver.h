@@ -18,7 +18,7 @@
 namespace tarsier::sfm {
 
 // The parameters of a lens: f, the ratio fy / fx, cx, cy, k1, k2, p1, p2, k3.
-using LensNumbers = std::array<double, 9>;
+using LensParameters = std::array<double, 9>;
 
 // A bundle adjustment problem: find poses, points and lenses that minimise
 //
@@ -28,7 +28,7 @@ using LensNumbers = std::array<double, 9>;
 // with the pinhole projection pi with OpenCV's distortion, the observation's weight w, and c =
 // loss_px (Cauchy's loss; 0: squared loss).
 struct BundleProblem {
-  struct Seen {
+  struct Measurement {
     int pose = 0;
     int lens = 0;
     double u = 0;  // px
@@ -36,7 +36,7 @@ struct BundleProblem {
     double weight = 1;
   };
   // Pulls one coordinate of a moving camera's centre to a value, as a residual.
-  struct Hold {
+  struct CenterPrior {
     int pose = 0;
     int axis = 0;
     double value = 0;
@@ -44,17 +44,17 @@ struct BundleProblem {
   };
   std::vector<geometry::Rigid3> poses;  // camera_from_world
   std::vector<char> pose_moves;         // for each pose
-  std::vector<LensNumbers> lenses;
+  std::vector<LensParameters> lenses;
   // parameters that are refined in every moving lens, ascending; empty: lenses are fixed
-  std::vector<int> free_numbers;
+  std::vector<int> free_parameters;
   std::vector<char> lens_moves;         // for each lens; empty: all move
   std::vector<Eigen::Vector3d> points;  // world
   std::vector<char> point_moves;        // for each point
-  // The observations ordered by point: those of point p are seen[first[p]] to seen[first[p + 1] -
-  // 1].
+  // The observations ordered by point: those of point p are measurements[first[p]] to
+  // measurements[first[p + 1] - 1].
   std::vector<std::size_t> first;
-  std::vector<Seen> seen;
-  std::optional<Hold> hold;
+  std::vector<Measurement> measurements;
+  std::optional<CenterPrior> prior;
   double loss_px = 0;
 };
 
@@ -76,7 +76,7 @@ struct BundleSolution {
   double cost_before = 0;  // the cost above
   double cost_after = 0;
   int iterations = 0;
-  std::string trouble;  // why there is no solution, or ""; the problem is then unchanged
+  std::string error;  // why there is no solution, or ""; the problem is then unchanged
 };
 
 // Levenberg-Marquardt. Points are eliminated (the Schur complement: Triggs et al., 2000, section

@@ -26,7 +26,7 @@ geometry::Rigid3 turned(const geometry::Rigid3& pose, int axis, double angle) {
   return {turn * pose.rotation, pose.translation};
 }
 
-geometry::Camera camera_of(const LensNumbers& lens) {
+geometry::Camera camera_of(const LensParameters& lens) {
   geometry::Camera camera;
   camera.width = 640;
   camera.height = 480;
@@ -44,19 +44,19 @@ double sum_of(const BundleProblem& problem) {
   double sum = 0;
   for (std::size_t p = 0; p < problem.points.size(); ++p) {
     for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
-      const BundleProblem::Seen& seen = problem.seen[k];
+      const BundleProblem::Measurement& seen = problem.measurements[k];
       const auto pixel = camera_of(problem.lenses[at(seen.lens)])
                              .project(problem.poses[at(seen.pose)] * problem.points[p]);
       if (!pixel) return std::nan("");
-      const cv::Point2d off = seen.weight * (*pixel - cv::Point2d(seen.u, seen.v));
-      sum += c2 > 0 ? c2 * std::log1p(off.dot(off) / c2) : off.dot(off);
+      const cv::Point2d residual = seen.weight * (*pixel - cv::Point2d(seen.u, seen.v));
+      sum += c2 > 0 ? c2 * std::log1p(residual.dot(residual) / c2) : residual.dot(residual);
     }
   }
-  if (problem.hold) {
-    const BundleProblem::Hold& hold = *problem.hold;
-    const double off =
-        hold.weight * (problem.poses[at(hold.pose)].center()[hold.axis] - hold.value);
-    sum += off * off;
+  if (problem.prior) {
+    const BundleProblem::CenterPrior& prior = *problem.prior;
+    const double residual =
+        prior.weight * (problem.poses[at(prior.pose)].center()[prior.axis] - prior.value);
+    sum += residual * residual;
   }
   return sum / 2;
 }
@@ -71,7 +71,7 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
   problem.loss_px = 0.5;
   problem.lenses = {{500, 1.01, 320, 240, -0.1, 0.02, 0.001, -0.002, 0.003},
                     {520, 0.99, 318, 242, 0.05, -0.01, 0, 0.001, 0}};
-  const std::vector<LensNumbers> truth = problem.lenses;
+  const std::vector<LensParameters> truth = problem.lenses;
   std::vector<geometry::Rigid3> poses;
   for (int i = 0; i < cameras; ++i) {
     geometry::Rigid3 pose;
@@ -82,21 +82,21 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
     const double x = spacing * (cameras - 1) * rng.uniform();
     const double y = rng.uniform() - 0.5;
     const double z = rng.uniform() - 0.5;
-    const Eigen::Vector3d place(x, 2 * y, 2 * z);
-    problem.first.push_back(problem.seen.size());
+    const Eigen::Vector3d position(x, 2 * y, 2 * z);
+    problem.first.push_back(problem.measurements.size());
     for (int i = 0; i < cameras; ++i) {
       if (std::abs(spacing * i - x) > 1.5) continue;
-      const auto pixel = camera_of(truth[at(i % 2)]).project(poses[at(i)] * place);
-      const double off = problem.seen.size() % 10 == 9 ? 20 : noise;
-      const double u = pixel->x + rng.normal(0, off);
-      const double v = pixel->y + rng.normal(0, off);
-      problem.seen.push_back({i, i % 2, u, v, 1 - 0.1 * (i % 4)});
+      const auto pixel = camera_of(truth[at(i % 2)]).project(poses[at(i)] * position);
+      const double sigma = problem.measurements.size() % 10 == 9 ? 20 : noise;
+      const double u = pixel->x + rng.normal(0, sigma);
+      const double v = pixel->y + rng.normal(0, sigma);
+      problem.measurements.push_back({i, i % 2, u, v, 1 - 0.1 * (i % 4)});
     }
-    Eigen::Vector3d start = place;
+    Eigen::Vector3d start = position;
     for (int k = 0; k < 3; ++k) start[k] += rng.normal(0, 0.01);
     problem.points.push_back(start);
   }
-  problem.first.push_back(problem.seen.size());
+  problem.first.push_back(problem.measurements.size());
   problem.point_moves.assign(problem.points.size(), 1);
   problem.point_moves[3] = 0;
   problem.poses = poses;
@@ -104,8 +104,8 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
   problem.pose_moves[0] = 0;
   for (std::size_t i = 1; i < poses.size(); ++i)
     for (int k = 0; k < 3; ++k) problem.poses[i].translation[k] += rng.normal(0, 0.003);
-  problem.hold = {cameras - 1, 0, poses.back().center()[0], 1e3};
-  if (free_lens) problem.free_numbers = {0, 2, 3, 4, 5, 6, 7};
+  problem.prior = {cameras - 1, 0, poses.back().center()[0], 1e3};
+  if (free_lens) problem.free_parameters = {0, 2, 3, 4, 5, 6, 7};
   return problem;
 }
 
@@ -117,31 +117,33 @@ BundleSolverOptions exact() {
 }
 
 // The equations move a point that is much too far away behind its cameras.
-TEST(BundleSolver, FewPointsThatOvershootDoNotHoldUpTheRest) {
-  BundleProblem near = some_problem(12, 200, 0.3, false);
-  BundleProblem far = near;
+TEST(BundleSolver, ConvergesDespiteOvershootingPoints) {
+  BundleProblem unperturbed = some_problem(12, 200, 0.3, false);
+  BundleProblem perturbed = unperturbed;
   for (const std::size_t p : {20U, 90U, 150U}) {
-    const Eigen::Vector3d center = far.poses[at(far.seen[far.first[p]].pose)].center();
-    far.points[p] = center + 40 * (far.points[p] - center);
+    const Eigen::Vector3d center =
+        perturbed.poses[at(perturbed.measurements[perturbed.first[p]].pose)].center();
+    perturbed.points[p] = center + 40 * (perturbed.points[p] - center);
   }
   BundleSolverOptions options;
   options.max_iterations = 12;
-  const BundleSolution of_near = solve(near, options);
-  const BundleSolution of_far = solve(far, options);
-  EXPECT_NEAR(of_far.cost_after, of_near.cost_after, 1e-3 * of_near.cost_after);
+  const BundleSolution from_unperturbed = solve(unperturbed, options);
+  const BundleSolution from_perturbed = solve(perturbed, options);
+  EXPECT_NEAR(from_perturbed.cost_after, from_unperturbed.cost_after,
+              1e-3 * from_unperturbed.cost_after);
 }
 
 // Central differences of the sum, by code that is independent of the solver's derivatives.
-TEST(BundleSolver, NothingAroundItsSolutionIsLower) {
+TEST(BundleSolver, FindsLocalMinimum) {
   for (const bool free_lens : {false, true}) {
     BundleProblem problem = some_problem(6, 60, 0.5, free_lens);
     const double before = sum_of(problem);
     const BundleSolution solution = solve(problem, exact());
-    ASSERT_EQ(solution.trouble, "");
+    ASSERT_EQ(solution.error, "");
     EXPECT_NEAR(solution.cost_before, before, 1e-9 * before);
     EXPECT_NEAR(solution.cost_after, sum_of(problem), 1e-9 * before);
     EXPECT_LT(solution.cost_after, 0.6 * before);
-    const auto slope = [&](auto&& change, double by) {
+    const auto derivative = [&](auto&& change, double by) {
       BundleProblem more = problem;
       BundleProblem less = problem;
       change(more, by);
@@ -152,32 +154,32 @@ TEST(BundleSolver, NothingAroundItsSolutionIsLower) {
     for (std::size_t i = 1; i < problem.poses.size(); ++i) {
       for (int k = 0; k < 3; ++k) {
         EXPECT_NEAR(
-            slope([&](BundleProblem& p, double by) { p.poses[i].translation[k] += by; }, 1e-4), 0,
-            1e-3);
+            derivative([&](BundleProblem& p, double by) { p.poses[i].translation[k] += by; }, 1e-4),
+            0, 1e-3);
         EXPECT_NEAR(
-            slope([&](BundleProblem& p, double by) { p.poses[i] = turned(p.poses[i], k, by); },
-                  2e-5),
+            derivative([&](BundleProblem& p, double by) { p.poses[i] = turned(p.poses[i], k, by); },
+                       2e-5),
             0, 1e-3);
       }
     }
     for (std::size_t p = 0; p < problem.points.size(); ++p) {
       if (problem.point_moves[p] == 0) continue;
       for (int k = 0; k < 3; ++k)
-        EXPECT_NEAR(slope([&](BundleProblem& q, double by) { q.points[p][k] += by; }, 1e-4), 0,
+        EXPECT_NEAR(derivative([&](BundleProblem& q, double by) { q.points[p][k] += by; }, 1e-4), 0,
                     1e-3);
     }
     for (std::size_t l = 0; l < problem.lenses.size(); ++l)
-      for (const int k : problem.free_numbers)
-        EXPECT_NEAR(slope([&](BundleProblem& p, double by) { p.lenses[l][at(k)] += by; },
-                          k < 4 ? 1e-2 : 1e-4),
+      for (const int k : problem.free_parameters)
+        EXPECT_NEAR(derivative([&](BundleProblem& p, double by) { p.lenses[l][at(k)] += by; },
+                               k < 4 ? 1e-2 : 1e-4),
                     0, 1e-3);
   }
 }
 
-TEST(BundleSolver, WhatStaysIsAsItWas) {
+TEST(BundleSolver, LeavesFixedVariablesUnchanged) {
   BundleProblem problem = some_problem(5, 40, 0.3, true);
   const BundleProblem before = problem;
-  ASSERT_EQ(solve(problem, {}).trouble, "");
+  ASSERT_EQ(solve(problem, {}).error, "");
   EXPECT_EQ(problem.poses[0].translation, before.poses[0].translation);
   EXPECT_EQ(problem.poses[0].rotation, before.poses[0].rotation);
   EXPECT_NE(problem.poses[1].translation, before.poses[1].translation);
@@ -188,7 +190,7 @@ TEST(BundleSolver, WhatStaysIsAsItWas) {
   EXPECT_NE(problem.lenses[1][0], before.lenses[1][0]);
 }
 
-TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
+TEST(BundleSolver, DenseAndSparseSystemsAgree) {
   for (const bool free_lens : {false, true}) {
     BundleProblem dense = some_problem(20, 200, 0.4, free_lens);
     BundleProblem sparse = dense;
@@ -205,7 +207,7 @@ TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
 
 // Many cameras with nearly the same view. Where possible, the sparse equations are solved with the
 // factor of an earlier step.
-TEST(BundleSolver, CostlyEquationsGiveTheSame) {
+TEST(BundleSolver, DenseAndSparseSystemsAgreeForNearlySameViews) {
   BundleProblem dense = some_problem(240, 50, 0.4, false, 0.01);
   BundleProblem sparse = dense;
   BundleSolverOptions options;
@@ -219,7 +221,7 @@ TEST(BundleSolver, CostlyEquationsGiveTheSame) {
 }
 
 // 80 poses fill five stripes of the equations; the last stripe also has the lenses.
-TEST(BundleSolver, TheResultDoesNotDependOnTheNumberOfThreads) {
+TEST(BundleSolver, ResultDoesNotDependOnNumberOfThreads) {
   for (const bool free_lens : {false, true}) {
     const BundleProblem given = some_problem(80, 1200, 0.5, free_lens);
     const int before = cv::getNumThreads();
@@ -240,7 +242,7 @@ TEST(BundleSolver, TheResultDoesNotDependOnTheNumberOfThreads) {
 
 // If the second derivatives leave out those of the loss, each step goes only half of the way. Then
 // more than three times as many steps are needed.
-TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
+TEST(BundleSolver, NeedsFewIterationsForResidualsOfLossScale) {
   BundleProblem problem = some_problem(12, 150, 0.5, false);
   BundleSolverOptions options;
   options.tolerance = 1e-9;
@@ -251,7 +253,7 @@ TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
 
 // A ring of cameras that look at a wall inside it. At the start the ring is bent, but neighbours
 // nearly agree. With R and t as the unknowns of a pose, the search ends 11 % above the minimum.
-TEST(BundleSolver, ALongChainDoesNotStayBent) {
+TEST(BundleSolver, StraightensBentCameraRing) {
   constexpr int kCameras = 240;
   constexpr double kRadius = 100;
   constexpr double kBend = 0.002;
@@ -273,28 +275,28 @@ TEST(BundleSolver, ALongChainDoesNotStayBent) {
     truth.push_back(pose);
   }
   for (int p = 0; p < 12 * kCameras; ++p) {
-    const Eigen::Vector3d place =
+    const Eigen::Vector3d position =
         around(2 * CV_PI * rng.uniform(), 0.9 * kRadius + 2 * rng.uniform(), 6 * rng.uniform() - 3);
-    const std::size_t first = problem.seen.size();
+    const std::size_t first = problem.measurements.size();
     for (int i = 0; i < kCameras; ++i) {
-      if ((truth[at(i)].center() - place).norm() > 20) continue;
-      const auto pixel = camera_of(problem.lenses[0]).project(truth[at(i)] * place);
+      if ((truth[at(i)].center() - position).norm() > 20) continue;
+      const auto pixel = camera_of(problem.lenses[0]).project(truth[at(i)] * position);
       if (!pixel || std::abs(pixel->x - 320) > 320 || std::abs(pixel->y - 240) > 240) continue;
-      problem.seen.push_back(
+      problem.measurements.push_back(
           {i, 0, pixel->x + rng.normal(0, 0.5), pixel->y + rng.normal(0, 0.5), 1});
     }
-    if (problem.seen.size() < first + 2) {
-      problem.seen.resize(first);
+    if (problem.measurements.size() < first + 2) {
+      problem.measurements.resize(first);
       continue;
     }
     problem.first.push_back(first);
-    problem.points.push_back(place);
+    problem.points.push_back(position);
   }
-  problem.first.push_back(problem.seen.size());
+  problem.first.push_back(problem.measurements.size());
   problem.point_moves.assign(problem.points.size(), 1);
   problem.pose_moves.assign(truth.size(), 1);
   problem.pose_moves[0] = 0;
-  problem.hold = {kCameras / 2, 0, truth[kCameras / 2].center()[0], 1e3};
+  problem.prior = {kCameras / 2, 0, truth[kCameras / 2].center()[0], 1e3};
   problem.poses = truth;
   BundleProblem bent = problem;
   const double best = solve(problem, exact()).cost_after;
@@ -312,21 +314,21 @@ TEST(BundleSolver, ALongChainDoesNotStayBent) {
     const int nearest = static_cast<int>(std::lround(angle * kCameras / (2 * CV_PI)));
     point = bend[at((nearest + kCameras) % kCameras)] * point;
   }
-  bent.hold->value = bent.poses[kCameras / 2].center()[0];
+  bent.prior->value = bent.poses[kCameras / 2].center()[0];
   const BundleSolution solution = solve(bent, {});
-  EXPECT_EQ(solution.trouble, "");
+  EXPECT_EQ(solution.error, "");
   EXPECT_LT(solution.cost_after, 1.002 * best);
 }
 
-TEST(BundleSolver, APointBehindACameraIsSaid) {
+TEST(BundleSolver, ReportsPointBehindCamera) {
   BundleProblem problem = some_problem(5, 40, 0.3, false);
   problem.points[7][2] = -20;
   const BundleProblem before = problem;
-  EXPECT_NE(solve(problem, {}).trouble, "");
+  EXPECT_NE(solve(problem, {}).error, "");
   EXPECT_EQ(problem.points[8], before.points[8]);
 }
 
-TEST(BundleSolver, WhenStoppedNothingHasChanged) {
+TEST(BundleSolver, InterruptionLeavesProblemUnchanged) {
   BundleProblem problem = some_problem(5, 40, 0.3, false);
   const BundleProblem before = problem;
   std::stop_source stop;

@@ -142,7 +142,7 @@ void Cache::store(const std::string& key, const MapperState& state) const {
   // Checkpoints for other options or images are removed, as they are large.
   const auto root = [](const fs::path& file) {
     const std::string stem = file.stem().string();
-    return stem.substr(0, stem.find(kAgain.front()));
+    return stem.substr(0, stem.find(kRemappedSuffix.front()));
   };
   for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
     if (entry.path().extension() == kCheckpointEnding && root(entry.path()) != root(path))

@@ -39,10 +39,10 @@ class Cache {
   void store(const std::string& key, const FlowResult& flow) const;
 
   // The state of the mapper. The first checkpoint of a key removes those of other keys. Keys that
-  // differ only by the suffix kAgain (images mapped again with other lenses) or kJudged (models
-  // judged with other lenses) count as one.
-  static constexpr std::string_view kAgain = "-2";
-  static constexpr std::string_view kJudged = "-3";
+  // differ only by kRemappedSuffix (images mapped again with other lenses) or kReevaluatedSuffix
+  // (models evaluated with other lenses) count as one.
+  static constexpr std::string_view kRemappedSuffix = "-2";
+  static constexpr std::string_view kReevaluatedSuffix = "-3";
   [[nodiscard]] std::optional<MapperState> checkpoint(const std::string& key) const;
   void store(const std::string& key, const MapperState& state) const;
 

@@ -19,9 +19,9 @@ constexpr int kSamples = 12;
 constexpr int kPointsPerImage = 600;
 constexpr int kMaxObservations = 40;  // per point
 constexpr double kMinSigma = 1e-6;    // px, used where all residuals are 0
-constexpr double kDoubtfulWorst = 0.01;
+constexpr double kReferenceSigma = 0.01;
 
-BundleOptions lenses_of(const MapperOptions& options, std::size_t images) {
+BundleOptions lens_options(const MapperOptions& options, std::size_t images) {
   BundleOptions bundle;
   bundle.focal = options.refine_focal;
   bundle.center = options.refine_center && images >= 5;
@@ -52,7 +52,7 @@ std::optional<CenterUncertainty> center_uncertainty(const Model& model,
     points.push_back(static_cast<int>(p));
     observations += model.points[p].track.size();
   }
-  BundleOptions bundle = lenses_of(options, images.size());
+  BundleOptions bundle = lens_options(options, images.size());
   bundle.max_observations = kMaxObservations;
   bundle.points = select_points(model, points, images, kPointsPerImage, kMaxObservations);
   const ModelProblem of_model = problem_of(model, bundle);
@@ -92,9 +92,9 @@ std::optional<CenterUncertainty> center_uncertainty(const Model& model,
   return result;
 }
 
-double certainty_trust(const CenterUncertainty& uncertainty) {
-  const double doubt = uncertainty.worst / kDoubtfulWorst;
-  return 0.5 + 0.5 / (1 + doubt * doubt);
+double uncertainty_trust_factor(const CenterUncertainty& uncertainty) {
+  const double ratio = uncertainty.worst / kReferenceSigma;
+  return 0.5 + 0.5 / (1 + ratio * ratio);
 }
 
 void add_uncertainty(const MapperOptions& options, Reconstruction& made) {
@@ -102,7 +102,7 @@ void add_uncertainty(const MapperOptions& options, Reconstruction& made) {
   for (std::size_t m = 0; m < made.models.size(); ++m) {
     made.uncertainties.push_back(center_uncertainty(made.models[m], options));
     if (made.uncertainties[m] && m < made.trust.size())
-      made.trust[m] *= certainty_trust(*made.uncertainties[m]);
+      made.trust[m] *= uncertainty_trust_factor(*made.uncertainties[m]);
   }
 }
 

@@ -39,9 +39,9 @@ struct CenterUncertainty {
 
 // Factor of a model's trust by uncertain centres, 0.5 to 1; 0.75 where the worst standard deviation
 // is one per cent.
-[[nodiscard]] double certainty_trust(const CenterUncertainty& uncertainty);
+[[nodiscard]] double uncertainty_trust_factor(const CenterUncertainty& uncertainty);
 
-// Sets the uncertainty of each model and multiplies its trust by certainty_trust().
+// Sets the uncertainty of each model and multiplies its trust by uncertainty_trust_factor().
 void add_uncertainty(const MapperOptions& options, Reconstruction& made);
 
 }  // namespace tarsier::sfm

@@ -95,7 +95,7 @@ double true_error(int cameras, double noise_px, int trials) {
     BundleOptions options;
     options.loss_px = 0;
     options.tolerance = 1e-10;
-    EXPECT_EQ(adjust(model, options).trouble, "");
+    EXPECT_EQ(adjust(model, options).warning, "");
     const std::vector<Eigen::Vector3d> found = centers_of(model);
     const auto similarity =
         geometry::similarity_between(geometry::columns_of(found), geometry::columns_of(truth));
@@ -108,7 +108,7 @@ double true_error(int cameras, double noise_px, int trials) {
   return std::sqrt(squares);
 }
 
-TEST(CenterUncertainty, IsTheErrorThatNoiseCauses) {
+TEST(CenterUncertainty, MatchesErrorCausedByNoise) {
   for (const int cameras : {8, 30}) {
     Model model = arc(cameras, 0.5, 1);
     (void)adjust(model, {});
@@ -122,7 +122,7 @@ TEST(CenterUncertainty, IsTheErrorThatNoiseCauses) {
   }
 }
 
-TEST(CenterUncertainty, GrowsWithTheNoise) {
+TEST(CenterUncertainty, IsProportionalToNoise) {
   const auto small = center_uncertainty(arc(20, 0.1, 1), known_lens());
   const auto large = center_uncertainty(arc(20, 1, 1), known_lens());
   ASSERT_TRUE(small && large);
@@ -130,7 +130,7 @@ TEST(CenterUncertainty, GrowsWithTheNoise) {
 }
 
 // The same spacing and points; only the closure of the circle differs.
-TEST(CenterUncertainty, OfAClosedCircleIsSmallerThanOfAnOpenOne) {
+TEST(CenterUncertainty, IsSmallerForClosedCircle) {
   const auto closed = center_uncertainty(arc(60, 0.5, 1), known_lens());
   Model open = arc(60, 0.5, 1);
   for (Point& point : open.points) {
@@ -143,10 +143,10 @@ TEST(CenterUncertainty, OfAClosedCircleIsSmallerThanOfAnOpenOne) {
   const auto opened = center_uncertainty(open, known_lens());
   ASSERT_TRUE(closed && opened);
   EXPECT_GT(opened->worst, 2 * closed->worst);
-  EXPECT_LT(certainty_trust(*opened), certainty_trust(*closed));
+  EXPECT_LT(uncertainty_trust_factor(*opened), uncertainty_trust_factor(*closed));
 }
 
-TEST(CenterUncertainty, IsLargerWhereTheLensIsUncertainToo) {
+TEST(CenterUncertainty, IsLargerWithRefinedLens) {
   MapperOptions free_lens = known_lens();
   free_lens.refine_focal = free_lens.refine_distortion = true;
   const auto known = center_uncertainty(arc(20, 0.5, 1), known_lens());
@@ -155,7 +155,7 @@ TEST(CenterUncertainty, IsLargerWhereTheLensIsUncertainToo) {
   EXPECT_GT(refined->mean, 1.2 * known->mean);
 }
 
-TEST(CenterUncertainty, OfSomePointsIsScaledToAll) {
+TEST(CenterUncertainty, IsScaledFromUsedPointsToAll) {
   // 8 cameras observe nearly the same points, of which 600 are used.
   const auto few = center_uncertainty(arc(8, 0.5, 1, 150), known_lens());
   const auto many = center_uncertainty(arc(8, 0.5, 1, 600), known_lens());
@@ -175,18 +175,18 @@ TEST(CenterUncertainty, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one->sigmas, four->sigmas);
 }
 
-TEST(CenterUncertainty, IsUnknownOfTwoImagesAndOfNone) {
+TEST(CenterUncertainty, IsEmptyForTwoImagesOrNone) {
   EXPECT_FALSE(center_uncertainty(arc(2, 0.5, 1), known_lens()));
   EXPECT_FALSE(center_uncertainty({}, known_lens()));
 }
 
-TEST(CenterUncertainty, LeavesAtLeastHalfOfTheTrust) {
+TEST(CenterUncertainty, TrustFactorIsAtLeastHalf) {
   CenterUncertainty uncertainty;
-  EXPECT_DOUBLE_EQ(certainty_trust(uncertainty), 1);
+  EXPECT_DOUBLE_EQ(uncertainty_trust_factor(uncertainty), 1);
   uncertainty.worst = 0.01;
-  EXPECT_DOUBLE_EQ(certainty_trust(uncertainty), 0.75);
+  EXPECT_DOUBLE_EQ(uncertainty_trust_factor(uncertainty), 0.75);
   uncertainty.worst = 1;
-  EXPECT_NEAR(certainty_trust(uncertainty), 0.5, 1e-3);
+  EXPECT_NEAR(uncertainty_trust_factor(uncertainty), 0.5, 1e-3);
 }
 
 }  // namespace

@@ -38,23 +38,23 @@ void put(PackedWriter& writer, const std::vector<std::string>& texts) {
   for (const std::string& text : texts) writer.put(text);
 }
 
-void put(PackedWriter& writer, const std::vector<PatchDoubt>& doubts) {
-  writer.put(static_cast<std::uint64_t>(doubts.size()));
-  for (const PatchDoubt& doubt : doubts) {
-    writer.put(doubt.reason);
-    writer.put(static_cast<std::uint8_t>(doubt.patches_differ));
+void put(PackedWriter& writer, const std::vector<PatchRejection>& rejections) {
+  writer.put(static_cast<std::uint64_t>(rejections.size()));
+  for (const PatchRejection& rejection : rejections) {
+    writer.put(rejection.reason);
+    writer.put(static_cast<std::uint8_t>(rejection.patches_differ));
   }
 }
 
-std::vector<PatchDoubt> get_patch_doubts(PackedReader& reader) {
+std::vector<PatchRejection> get_patch_rejections(PackedReader& reader) {
   const auto count = reader.get<std::uint64_t>();
-  std::vector<PatchDoubt> doubts;
+  std::vector<PatchRejection> rejections;
   for (std::uint64_t k = 0; k < count; ++k) {
-    PatchDoubt& doubt = doubts.emplace_back();
-    doubt.reason = reader.get_text();
-    doubt.patches_differ = reader.get<std::uint8_t>() != 0;
+    PatchRejection& rejection = rejections.emplace_back();
+    rejection.reason = reader.get_text();
+    rejection.patches_differ = reader.get<std::uint8_t>() != 0;
   }
-  return doubts;
+  return rejections;
 }
 
 std::vector<std::string> get_texts(PackedReader& reader) {
@@ -87,7 +87,7 @@ void put(PackedWriter& writer, const GlobalStartState& state) {
   writer.put(state.rotations);
   put(writer, state.model);
   writer.put(state.points);
-  writer.put(state.doubts);
+  writer.put(state.rejections);
   put(writer, state.log);
 }
 
@@ -102,7 +102,7 @@ GlobalStartState get_global_start(PackedReader& reader) {
   state.rotations = reader.get_all<Eigen::Matrix3d>();
   state.model = get_packed_model(reader);
   state.points = reader.get_all<Eigen::Vector3d>();
-  state.doubts = reader.get_all<Doubt>();
+  state.rejections = reader.get_all<PairRejection>();
   state.log = get_texts(reader);
   return state;
 }
@@ -114,11 +114,11 @@ void put(PackedWriter& writer, const PackedModel& model) {
   writer.put(model.registered);
   for (const geometry::Rigid3& pose : model.poses) writer.put(geometry::packed(pose));
   writer.put(model.points);
-  writer.put(model.places);
+  writer.put(model.point_indices);
   writer.put(model.positions);
   writer.put(model.colors);
   writer.put(model.errors);
-  writer.put(model.views);
+  writer.put(model.track_lengths);
   writer.put(model.observations);
 }
 
@@ -129,27 +129,28 @@ PackedModel get_packed_model(PackedReader& reader) {
   for (std::size_t k = 0; k < model.registered.size(); ++k)
     model.poses.push_back(geometry::unpacked(reader.get<std::array<double, 12>>()));
   model.points = reader.get<std::int64_t>();
-  model.places = reader.get_all<int>();
+  model.point_indices = reader.get_all<int>();
   model.positions = reader.get_all<Eigen::Vector3d>();
   model.colors = reader.get_all<cv::Vec3b>();
   model.errors = reader.get_all<double>();
-  model.views = reader.get_all<int>();
+  model.track_lengths = reader.get_all<int>();
   model.observations = reader.get_all<Observation>();
   return model;
 }
 
 bool fits(const PackedModel& model, std::size_t cameras, const std::vector<Image>& images) {
-  const std::size_t points = model.places.size();
+  const std::size_t points = model.point_indices.size();
   return model.cameras.size() == cameras && model.poses.size() == model.registered.size() &&
          std::all_of(model.registered.begin(), model.registered.end(),
                      [&](int image) { return is_index(image, images.size()); }) &&
          model.points >= 0 && model.positions.size() == points && model.colors.size() == points &&
-         model.errors.size() == points && model.views.size() == points &&
+         model.errors.size() == points && model.track_lengths.size() == points &&
          std::all_of(
-             model.places.begin(), model.places.end(),
-             [&](int place) { return is_index(place, static_cast<std::size_t>(model.points)); }) &&
-         std::all_of(model.views.begin(), model.views.end(), [](int views) { return views > 0; }) &&
-         std::accumulate(model.views.begin(), model.views.end(), std::int64_t{0}) ==
+             model.point_indices.begin(), model.point_indices.end(),
+             [&](int index) { return is_index(index, static_cast<std::size_t>(model.points)); }) &&
+         std::all_of(model.track_lengths.begin(), model.track_lengths.end(),
+                     [](int views) { return views > 0; }) &&
+         std::accumulate(model.track_lengths.begin(), model.track_lengths.end(), std::int64_t{0}) ==
              static_cast<std::int64_t>(model.observations.size()) &&
          are_observations(model.observations, images);
 }
@@ -166,11 +167,11 @@ PackedModel packed(const Model& model) {
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];
     if (point.track.empty()) continue;
-    result.places.push_back(static_cast<int>(p));
+    result.point_indices.push_back(static_cast<int>(p));
     result.positions.push_back(point.position);
     result.colors.push_back(point.color);
     result.errors.push_back(point.error);
-    result.views.push_back(static_cast<int>(point.track.size()));
+    result.track_lengths.push_back(static_cast<int>(point.track.size()));
     result.observations.insert(result.observations.end(), point.track.begin(), point.track.end());
   }
   return result;
@@ -186,13 +187,13 @@ void unpack(const PackedModel& packed, Model& model) {
     image.pose = packed.poses[k];
   }
   auto next = packed.observations.begin();
-  for (std::size_t k = 0; k < packed.places.size(); ++k) {
-    Point& point = model.points[at(packed.places[k])];
+  for (std::size_t k = 0; k < packed.point_indices.size(); ++k) {
+    Point& point = model.points[at(packed.point_indices[k])];
     point.position = packed.positions[k];
     point.color = packed.colors[k];
     point.error = packed.errors[k];
-    point.track.assign(next, next + packed.views[k]);
-    next += packed.views[k];
+    point.track.assign(next, next + packed.track_lengths[k]);
+    next += packed.track_lengths[k];
   }
 }
 
@@ -204,7 +205,7 @@ int MapperState::registered() const {
 
 bool fits(const GlobalStartState& state, std::size_t pairs, std::size_t cameras,
           const std::vector<Image>& images) {
-  if (!are_ascending(state.edges, pairs) || state.doubts.size() != pairs || state.round < 0)
+  if (!are_ascending(state.edges, pairs) || state.rejections.size() != pairs || state.round < 0)
     return false;
   if (state.step == GlobalStartState::kRotations || state.step == GlobalStartState::kRefused)
     return true;
@@ -216,12 +217,12 @@ bool fits(const GlobalStartState& state, std::size_t pairs, std::size_t cameras,
 
 bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
           const std::vector<Image>& images, std::size_t pairs) {
-  if (!state.patch_doubts.empty() && state.patch_doubts.size() != pairs) return false;
+  if (!state.patch_rejections.empty() && state.patch_rejections.size() != pairs) return false;
   if (state.start && !is_index(state.start->image, images.size())) return false;
-  for (const MapperState& each : state.tries)
-    if (!each.tries.empty() || !fits(each, cameras, images, pairs)) return false;
-  if (state.reasons.size() != images.size() || state.doubts.size() != pairs) return false;
-  if (state.has_aside && state.models.empty()) return false;
+  for (const MapperState& each : state.attempts)
+    if (!each.attempts.empty() || !fits(each, cameras, images, pairs)) return false;
+  if (state.reasons.size() != images.size() || state.rejections.size() != pairs) return false;
+  if (state.has_open_loop_model && state.models.empty()) return false;
   for (const PackedModel& model : state.models)
     if (!fits(model, cameras.size(), images)) return false;
   for (const auto& [image, points] : state.failed)
@@ -243,7 +244,7 @@ void put(PackedWriter& writer, const MapperState& state) {
   for (const PackedModel& model : state.models) put(writer, model);
   put(writer, state.log);
   put(writer, state.reasons);
-  writer.put(state.doubts);
+  writer.put(state.rejections);
   writer.put(static_cast<std::int32_t>(state.done));
   writer.put(static_cast<std::int32_t>(state.current.has_value()));
   if (state.current) {
@@ -256,21 +257,22 @@ void put(PackedWriter& writer, const MapperState& state) {
   for (const auto& [image, points] : state.failed)
     writer.put(std::array<std::int32_t, 2>{image, points});
   writer.put(std::array<std::int32_t, 5>{state.adjusted_at, state.stage, state.round,
-                                         state.has_aside ? 1 : 0, state.is_global ? 1 : 0});
+                                         state.has_open_loop_model ? 1 : 0,
+                                         state.is_global ? 1 : 0});
   writer.put(static_cast<std::int32_t>(state.start.has_value()));
   if (state.start) put(writer, *state.start);
-  put(writer, state.patch_doubts);
-  writer.put(static_cast<std::uint64_t>(state.tries.size()));
-  for (const MapperState& each : state.tries) put(writer, each);
+  put(writer, state.patch_rejections);
+  writer.put(static_cast<std::uint64_t>(state.attempts.size()));
+  for (const MapperState& each : state.attempts) put(writer, each);
 }
 
-MapperState get_state(PackedReader& reader, bool is_try) {
+MapperState get_state(PackedReader& reader, bool is_attempt) {
   MapperState state;
   const auto models = reader.get<std::uint64_t>();
   for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_packed_model(reader));
   state.log = get_texts(reader);
   state.reasons = get_texts(reader);
-  state.doubts = reader.get_all<Doubt>();
+  state.rejections = reader.get_all<PairRejection>();
   state.done = reader.get<std::int32_t>() != 0;
   if (reader.get<std::int32_t>() != 0) {
     IncrementalMapperState& current = state.current.emplace();
@@ -289,13 +291,13 @@ MapperState get_state(PackedReader& reader, bool is_try) {
   state.adjusted_at = numbers[0];
   state.stage = numbers[1];
   state.round = numbers[2];
-  state.has_aside = numbers[3] != 0;
+  state.has_open_loop_model = numbers[3] != 0;
   state.is_global = numbers[4] != 0;
   if (reader.get<std::int32_t>() != 0) state.start = get_global_start(reader);
-  state.patch_doubts = get_patch_doubts(reader);
-  const auto tries = reader.get<std::uint64_t>();
-  if (is_try && tries > 0) throw Damaged();
-  for (std::uint64_t k = 0; k < tries; ++k) state.tries.push_back(get_state(reader, true));
+  state.patch_rejections = get_patch_rejections(reader);
+  const auto attempts = reader.get<std::uint64_t>();
+  if (is_attempt && attempts > 0) throw Damaged();
+  for (std::uint64_t k = 0; k < attempts; ++k) state.attempts.push_back(get_state(reader, true));
   return state;
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/packed_file.h"
+#include "tarsier/sfm/mapper/pair_rejection.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>
@@ -23,12 +23,12 @@ struct PackedModel {
   std::vector<geometry::Camera> cameras;
   std::vector<int> registered;  // images, ascending
   std::vector<geometry::Rigid3> poses;
-  std::vector<int> places;  // for each point with observations: its index in Model::points
-  std::int64_t points = 0;  // Model::points.size()
+  std::vector<int> point_indices;  // for each point with observations: its index in Model::points
+  std::int64_t points = 0;         // Model::points.size()
   std::vector<Eigen::Vector3d> positions;
   std::vector<cv::Vec3b> colors;
   std::vector<double> errors;
-  std::vector<int> views;                 // number of observations of each point
+  std::vector<int> track_lengths;         // number of observations of each point
   std::vector<Observation> observations;  // of all points, concatenated
 };
 [[nodiscard]] PackedModel packed(const Model& model);
@@ -64,7 +64,7 @@ struct GlobalStartState {
   std::vector<Eigen::Matrix3d> rotations;  // camera_from_world of each node; from kPositions on
   PackedModel model;                       // from kAdjustment on; without points
   std::vector<Eigen::Vector3d> points;     // for each track; from kAdjustment on
-  std::vector<Doubt> doubts;               // for each pair of the component
+  std::vector<PairRejection> rejections;   // for each pair of the component
   std::vector<std::string> log;            // of these steps
 };
 // Whether all indices are valid for this number of pairs of a component, cameras and images. Points
@@ -75,10 +75,10 @@ struct GlobalStartState {
 struct MapperState {
   std::vector<PackedModel> models;  // finished models
   // the last model is set aside: its images are mapped again, globally
-  bool has_aside = false;
+  bool has_open_loop_model = false;
   std::vector<std::string> log;
   std::vector<std::string> reasons;               // per image: why it is not registered, up to now
-  std::vector<Doubt> doubts;                      // for each pair
+  std::vector<PairRejection> rejections;          // for each pair
   bool done = false;                              // mapping is finished
   std::optional<IncrementalMapperState> current;  // the growing model
   bool is_global = false;                         // it began globally
@@ -88,10 +88,10 @@ struct MapperState {
   int round = 0;                          // of the stage
   std::optional<GlobalStartState> start;  // during a global start
   // Where images are mapped again from their strongest pairs (strong_pairs.h) after the above: the
-  // objection of the patches to each pair, and each attempt up to now. An attempt has no attempts
+  // rejection of each pair by its patches, and each attempt up to now. An attempt has no attempts
   // of its own.
-  std::vector<PatchDoubt> patch_doubts;
-  std::vector<MapperState> tries;
+  std::vector<PatchRejection> patch_rejections;
+  std::vector<MapperState> attempts;
   // Number of images in all models.
   [[nodiscard]] int registered() const;
 };

@@ -29,12 +29,12 @@ MapperState some_state() {
   for (std::size_t p = 0; p < model.points.size(); ++p) current.tracks[p] = model.points[p].track;
   state.log = {"one", "", "two\nlines"};
   state.reasons = {"a", "", "b", "", ""};
-  state.doubts = {Doubt::kNone, Doubt::kBadStart, Doubt::kNone};
+  state.rejections = {PairRejection::kNone, PairRejection::kBadInitialPair, PairRejection::kNone};
   state.failed = {{1, 40}, {3, 7}};
   state.adjusted_at = 4;
   state.stage = 2;
   state.round = 1;
-  state.has_aside = true;
+  state.has_open_loop_model = true;
   state.is_global = true;
   GlobalStartState& start = state.start.emplace();
   start.image = 2;
@@ -45,12 +45,12 @@ MapperState some_state() {
   start.rotations = {model.images[0].pose.rotation, model.images[3].pose.rotation};
   start.model = packed(model);
   start.points = {Eigen::Vector3d(1, 2, 3)};
-  start.doubts = {Doubt::kNone, Doubt::kCycles, Doubt::kNone};
+  start.rejections = {PairRejection::kNone, PairRejection::kOpenCycles, PairRejection::kNone};
   start.log = {"global"};
-  state.patch_doubts = {{}, {"patches differ", true}, {"few patches", false}};
+  state.patch_rejections = {{}, {"patches differ", true}, {"few patches", false}};
   MapperState of_try = state;
   of_try.log = {"of a try"};
-  state.tries = {of_try, of_try};
+  state.attempts = {of_try, of_try};
   return state;
 }
 
@@ -65,7 +65,7 @@ Model empty_copy(Model model) {
 
 class Checkpoint : public FolderTest {};
 
-TEST_F(Checkpoint, ComesBackAsItWas) {
+TEST_F(Checkpoint, RoundTripKeepsState) {
   const std::string path = folder_ + "/state";
   const MapperState state = some_state();
   write_checkpoint(path, state);
@@ -73,12 +73,12 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   ASSERT_TRUE(read);
   EXPECT_EQ(read->log, state.log);
   EXPECT_EQ(read->reasons, state.reasons);
-  EXPECT_EQ(read->doubts, state.doubts);
+  EXPECT_EQ(read->rejections, state.rejections);
   EXPECT_EQ(read->failed, state.failed);
   EXPECT_EQ(read->adjusted_at, 4);
   EXPECT_EQ(read->stage, 2);
   EXPECT_EQ(read->round, 1);
-  EXPECT_EQ(read->has_aside, state.has_aside);
+  EXPECT_EQ(read->has_open_loop_model, state.has_open_loop_model);
   EXPECT_EQ(read->is_global, state.is_global);
   EXPECT_FALSE(read->done);
   EXPECT_EQ(read->registered(), 8);
@@ -91,12 +91,12 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   EXPECT_EQ(read->start->rotations, state.start->rotations);
   EXPECT_EQ(read->start->model.registered, state.start->model.registered);
   EXPECT_EQ(read->start->points, state.start->points);
-  EXPECT_EQ(read->start->doubts, state.start->doubts);
+  EXPECT_EQ(read->start->rejections, state.start->rejections);
   EXPECT_EQ(read->start->log, state.start->log);
-  EXPECT_EQ(read->patch_doubts, state.patch_doubts);
-  ASSERT_EQ(read->tries.size(), 2U);
-  EXPECT_EQ(read->tries[1].log, state.tries[1].log);
-  EXPECT_EQ(read->tries[1].registered(), 8);
+  EXPECT_EQ(read->patch_rejections, state.patch_rejections);
+  ASSERT_EQ(read->attempts.size(), 2U);
+  EXPECT_EQ(read->attempts[1].log, state.attempts[1].log);
+  EXPECT_EQ(read->attempts[1].registered(), 8);
   ASSERT_TRUE(read->current);
   EXPECT_EQ(read->current->tracks, state.current->tracks);
   EXPECT_EQ(read->current->ray_cameras[1].fx, state.current->ray_cameras[1].fx);
@@ -120,7 +120,7 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   }
 }
 
-TEST_F(Checkpoint, MustFitTheImages) {
+TEST_F(Checkpoint, IsRejectedForOtherImages) {
   const Model model = synthetic_model();
   MapperState state = some_state();
   EXPECT_TRUE(fits(state, model.cameras, model.images, 3));
@@ -131,25 +131,25 @@ TEST_F(Checkpoint, MustFitTheImages) {
   fewer = model.images;
   fewer[2].features.resize(10);
   EXPECT_FALSE(fits(state, model.cameras, fewer, 3));
-  state.current->model.places.back() = 100;
+  state.current->model.point_indices.back() = 100;
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
   state = some_state();
-  state.has_aside = true;
+  state.has_open_loop_model = true;
   EXPECT_TRUE(fits(state, model.cameras, model.images, 3));
   state.models.clear();
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
   state = some_state();
-  state.patch_doubts.pop_back();
+  state.patch_rejections.pop_back();
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
   state = some_state();
-  state.tries[1].reasons.pop_back();
+  state.attempts[1].reasons.pop_back();
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
   state = some_state();
   state.start->image = 100;
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
 }
 
-TEST(Checkpoints, OfAGlobalStartMustFitItsPairs) {
+TEST(Checkpoints, GlobalStartIsRejectedForOtherPairs) {
   const Model model = synthetic_model();
   const auto fits_now = [&](const GlobalStartState& state) {
     return fits(state, 3, model.cameras.size(), model.images);
@@ -174,20 +174,22 @@ TEST(Checkpoints, OfAGlobalStartMustFitItsPairs) {
   EXPECT_FALSE(fits_now(bad));
 }
 
-TEST_F(Checkpoint, OnlyThoseOfTheLatestImagesAreKept) {
+TEST_F(Checkpoint, StoringRemovesThoseOfOtherImages) {
   const Cache cache(folder_);
   const std::string first(32, 'a');
   const std::string other(32, 'b');
-  const std::string again = first + std::string(Cache::kAgain);
-  const std::string judged = first + std::string(Cache::kJudged);
-  for (const std::string& key : {first, again, judged}) cache.store(key, some_state());
-  for (const std::string& key : {first, again, judged}) EXPECT_TRUE(cache.checkpoint(key)) << key;
+  const std::string again = first + std::string(Cache::kRemappedSuffix);
+  const std::string reevaluated = first + std::string(Cache::kReevaluatedSuffix);
+  for (const std::string& key : {first, again, reevaluated}) cache.store(key, some_state());
+  for (const std::string& key : {first, again, reevaluated})
+    EXPECT_TRUE(cache.checkpoint(key)) << key;
   cache.store(other, some_state());
   EXPECT_TRUE(cache.checkpoint(other));
-  for (const std::string& key : {first, again, judged}) EXPECT_FALSE(cache.checkpoint(key)) << key;
+  for (const std::string& key : {first, again, reevaluated})
+    EXPECT_FALSE(cache.checkpoint(key)) << key;
 }
 
-TEST_F(Checkpoint, ADamagedOneIsNone) {
+TEST_F(Checkpoint, DamagedFileIsIgnored) {
   const std::string path = folder_ + "/state";
   EXPECT_FALSE(read_checkpoint(path));
   write_checkpoint(path, some_state());

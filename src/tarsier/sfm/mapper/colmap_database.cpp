@@ -142,11 +142,11 @@ void write_images(Database& file, const ColmapDatabase& database) {
     // In COLMAP, a keypoint has one descriptor.
     const cv::Mat own =
         rows > 0 ? features.descriptors.rowRange(0, static_cast<int>(rows)) : features.descriptors;
-    const cv::Mat whole = own.isContinuous() ? own : own.clone();
+    const cv::Mat contiguous = own.isContinuous() ? own : own.clone();
     add_descriptors.bind(1, id)
         .bind(2, rows)
         .bind(3, std::int64_t{kDescriptorBytes})
-        .bind(4, std::span<const std::uint8_t>(whole.data, whole.total()));
+        .bind(4, std::span<const std::uint8_t>(contiguous.data, contiguous.total()));
     add_descriptors.step();
     add_descriptors.reset();
   }
@@ -254,8 +254,8 @@ class Reader {
       const std::int64_t id = row.integer(0);
       ColmapDatabase::DatabaseImage image;
       image.name = row.text(1);
-      if (const std::string trouble = trouble_of_name(image.name); !trouble.empty())
-        fail(fmt::format("image {}: {}", id, trouble));
+      if (const std::string name_error = trouble_of_name(image.name); !name_error.empty())
+        fail(fmt::format("image {}: {}", id, name_error));
       const auto camera = cameras_.find(row.integer(2));
       if (camera == cameras_.end()) fail(fmt::format("the camera of image {} is unknown", id));
       image.camera = camera->second;
@@ -367,15 +367,15 @@ class Reader {
 
 void write_colmap_database(const std::string& path, const ColmapDatabase& database) {
   check(database);
-  AtomicFile whole(path);
+  AtomicFile output(path);
   {
-    Database file(whole.path(), colmap_kind(), DatabaseAccess::kCreate);
+    Database file(output.path(), colmap_kind(), DatabaseAccess::kCreate);
     Transaction transaction(file);
     write_images(file, database);
     write_pairs(file, database);
     transaction.commit();
   }
-  whole.commit();
+  output.commit();
 }
 
 ColmapDatabase read_colmap_database(const std::string& path) { return Reader(path).read(); }

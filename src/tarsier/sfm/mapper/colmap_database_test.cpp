@@ -46,7 +46,7 @@ ColmapDatabase drawn() {
   return database;
 }
 
-TEST(ColmapDatabase, ComesBackAsItWas) {
+TEST(ColmapDatabase, RoundTripKeepsContent) {
   const TemporaryFolder folder;
   const ColmapDatabase written = drawn();
   write_colmap_database(folder / "database.db", written);
@@ -75,7 +75,7 @@ TEST(ColmapDatabase, ComesBackAsItWas) {
   EXPECT_EQ(read.pairs[0].matches, written.pairs[0].matches);
 }
 
-TEST(ColmapDatabase, AnotherOneOfThatNameIsReplaced) {
+TEST(ColmapDatabase, ReplacesExistingFile) {
   const TemporaryFolder folder;
   ColmapDatabase database = drawn();
   write_colmap_database(folder / "database.db", database);
@@ -98,7 +98,7 @@ void write_changed(const std::string& path, const std::string& statements) {
 }
 
 // The error for a database after these statements.
-std::string trouble(const std::string& statements) {
+std::string error_after(const std::string& statements) {
   const TemporaryFolder folder;
   write_changed(folder / "database.db", statements);
   try {
@@ -130,7 +130,7 @@ const char* const kVersion4 =
     "ALTER TABLE images DROP COLUMN prior_qw;"
     "PRAGMA user_version = 4010;";
 
-TEST(ColmapDatabase, Version4IsRead) {
+TEST(ColmapDatabase, ReadsVersion4) {
   const TemporaryFolder folder;
   write_changed(folder / "database.db", kVersion4);
   const ColmapDatabase read = read_colmap_database(folder / "database.db");
@@ -144,7 +144,7 @@ TEST(ColmapDatabase, Version4IsRead) {
   EXPECT_EQ(read.pairs[0].matches, written.pairs[0].matches);
 }
 
-TEST(ColmapDatabase, DescriptorsOfLearnedFeaturesAreLeftOut) {
+TEST(ColmapDatabase, LeavesOutDescriptorsOtherThanSift) {
   const TemporaryFolder folder;
   write_changed(folder / "database.db",
                 std::string(kVersion4) +
@@ -157,25 +157,27 @@ TEST(ColmapDatabase, DescriptorsOfLearnedFeaturesAreLeftOut) {
   EXPECT_EQ(read.pairs.size(), 1U);
 }
 
-TEST(ColmapDatabase, WhatDoesNotFitTogetherIsRefused) {
-  EXPECT_EQ(trouble("SELECT 1"), "");
-  EXPECT_THAT(trouble("DROP TABLE keypoints"), HasSubstr("keypoints"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET rows = 51 WHERE image_id = 1"), HasSubstr("keypoints"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET rows = -1"), HasSubstr("keypoints"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET cols = 3"), HasSubstr("3 columns"));
-  EXPECT_THAT(trouble("UPDATE keypoints SET data = zeroblob(800)"), HasSubstr("size"));
-  EXPECT_THAT(trouble("UPDATE descriptors SET rows = 49"), HasSubstr("descriptors"));
-  EXPECT_THAT(trouble("UPDATE images SET camera_id = 9"), HasSubstr("camera"));
-  EXPECT_THAT(trouble("UPDATE images SET name = '../etc' WHERE image_id = 1"), HasSubstr("leads"));
-  EXPECT_THAT(trouble("UPDATE cameras SET model = 77"), HasSubstr("model"));
-  EXPECT_THAT(trouble("UPDATE cameras SET params = zeroblob(7)"), HasSubstr("7 bytes"));
-  EXPECT_THAT(trouble("UPDATE two_view_geometries SET pair_id = 5"), HasSubstr("unknown"));
-  EXPECT_THAT(trouble("UPDATE two_view_geometries SET data = x'"
-                      "ffffffff00000000ffffffff00000000ffffffff00000000'"),
+TEST(ColmapDatabase, RefusesInconsistentTables) {
+  EXPECT_EQ(error_after("SELECT 1"), "");
+  EXPECT_THAT(error_after("DROP TABLE keypoints"), HasSubstr("keypoints"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET rows = 51 WHERE image_id = 1"),
+              HasSubstr("keypoints"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET rows = -1"), HasSubstr("keypoints"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET cols = 3"), HasSubstr("3 columns"));
+  EXPECT_THAT(error_after("UPDATE keypoints SET data = zeroblob(800)"), HasSubstr("size"));
+  EXPECT_THAT(error_after("UPDATE descriptors SET rows = 49"), HasSubstr("descriptors"));
+  EXPECT_THAT(error_after("UPDATE images SET camera_id = 9"), HasSubstr("camera"));
+  EXPECT_THAT(error_after("UPDATE images SET name = '../etc' WHERE image_id = 1"),
+              HasSubstr("leads"));
+  EXPECT_THAT(error_after("UPDATE cameras SET model = 77"), HasSubstr("model"));
+  EXPECT_THAT(error_after("UPDATE cameras SET params = zeroblob(7)"), HasSubstr("7 bytes"));
+  EXPECT_THAT(error_after("UPDATE two_view_geometries SET pair_id = 5"), HasSubstr("unknown"));
+  EXPECT_THAT(error_after("UPDATE two_view_geometries SET data = x'"
+                          "ffffffff00000000ffffffff00000000ffffffff00000000'"),
               HasSubstr("not there"));
 }
 
-TEST(ColmapDatabase, FilesThatAreNoDatabaseAreRefused) {
+TEST(ColmapDatabase, RefusesFilesThatAreNoDatabase) {
   const TemporaryFolder folder;
   EXPECT_THROW((void)read_colmap_database(folder / "none.db"), InputError);
   std::ofstream(folder / "text.db") << "no database at all, but some text";

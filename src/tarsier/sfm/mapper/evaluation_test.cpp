@@ -35,14 +35,14 @@ constexpr const char* kLines = R"({"name":"a.jpg","R":[0,-1,0,1,0,0,0,0,1],"C":[
 
 {"name":"b.jpg","R":[1,0,0,0,1,0,0,0,1],"t":[4,5,6]})";
 
-TEST_F(PoseTruthFile, CentresBecomeTranslations) {
+TEST_F(PoseTruthFile, ConvertsCentresToTranslations) {
   const PoseTruth truth = read(kLines);
   ASSERT_EQ(truth.size(), 2U);
   EXPECT_EQ(truth.at("a.jpg").translation, Eigen::Vector3d(2, -1, -3));
   EXPECT_EQ(truth.at("b.jpg").translation, Eigen::Vector3d(4, 5, 6));
 }
 
-TEST_F(PoseTruthFile, BadLinesAreNamed) {
+TEST_F(PoseTruthFile, ErrorsNameLine) {
   for (const char* bad : {"{", "[]"})
     EXPECT_THAT(refusal(fmt::format("{}\n{}", kLine, bad)), testing::HasSubstr("line 2")) << bad;
   EXPECT_THAT(refusal(R"({"name":"a","R":[2,0,0,0,1,0,0,0,1],"t":[0,0,0]})"),
@@ -50,7 +50,7 @@ TEST_F(PoseTruthFile, BadLinesAreNamed) {
   EXPECT_THAT(refusal(""), testing::HasSubstr("no poses"));
 }
 
-TEST_F(PoseTruthFile, ALineNestedTooDeepIsRefused) {
+TEST_F(PoseTruthFile, RefusesDeeplyNestedLine) {
   std::string line = kLine;
   line.back() = ',';
   line += "\"x\":" + std::string(500, '[') + std::string(500, ']') + "}";

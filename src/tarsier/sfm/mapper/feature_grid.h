@@ -44,9 +44,9 @@ class FeatureGrid {
     for (std::size_t r = row(y - radius_); r <= row(y + radius_); ++r) {
       const std::size_t end = first_[begin_of(r) + column(x + radius_) + 1];
       for (std::size_t k = first_[begin_of(r) + column(x - radius_)]; k < end; ++k) {
-        const cv::Point2f& place = features_[static_cast<std::size_t>(sorted_[k])];
-        const double dx = static_cast<double>(place.x) - x;
-        const double dy = static_cast<double>(place.y) - y;
+        const cv::Point2f& position = features_[static_cast<std::size_t>(sorted_[k])];
+        const double dx = static_cast<double>(position.x) - x;
+        const double dy = static_cast<double>(position.y) - y;
         if (dx * dx + dy * dy <= radius_ * radius_ && visit(sorted_[k])) return true;
       }
     }

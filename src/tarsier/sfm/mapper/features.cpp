@@ -52,7 +52,7 @@ Found found_by_opencv(const cv::Mat& gray, const FeatureOptions& options) {
     points.push_back(all[static_cast<std::size_t>(i)].pt);
     responses.push_back(all[static_cast<std::size_t>(i)].response);
   }
-  std::vector<int> chosen = spread(points, responses, gray.size(), options.max_count);
+  std::vector<int> chosen = select_by_cells(points, responses, gray.size(), options.max_count);
   std::sort(chosen.begin(), chosen.end());
   Found found;
   for (const int k : chosen) {
@@ -66,10 +66,10 @@ Found found_by_opencv(const cv::Mat& gray, const FeatureOptions& options) {
 
 Found found_in(const cv::Mat& gray, const FeatureOptions& options) {
   if (options.kind != FeatureKind::kSift) return found_by_opencv(gray, options);
-  const SiftOptions how{.max_count = options.max_count, .contrast = options.contrast};
-  SiftFeatures sift = find_sift(gray, how);
+  const SiftOptions sift_options{.max_count = options.max_count, .contrast = options.contrast};
+  SiftFeatures sift = find_sift(gray, sift_options);
   std::vector<std::int32_t> owners;
-  if (options.wide) owners = add_simulated_views(gray, how, sift);
+  if (options.wide) owners = add_simulated_views(gray, sift_options, sift);
   return {std::move(sift.points), std::move(sift.sizes), std::move(sift.descriptors),
           std::move(owners)};
 }

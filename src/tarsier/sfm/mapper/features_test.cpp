@@ -24,7 +24,7 @@ cv::Mat blob(double x, double y, double sigma) {
   return image;
 }
 
-TEST(FindFeatures, ABlobIsWhereItIs) {
+TEST(FindFeatures, LocatesBlobCentre) {
   for (const double sigma : {2.2, 4.0, 6.0}) {
     for (const cv::Point2d at : {cv::Point2d(100, 80), cv::Point2d(91.3, 79.6)}) {
       const Features features = find_features(blob(at.x, at.y, sigma), {});
@@ -37,7 +37,7 @@ TEST(FindFeatures, ABlobIsWhereItIs) {
   }
 }
 
-TEST(FindFeatures, AReducedImageGivesThePixelsOfTheWhole) {
+TEST(FindFeatures, ReducedImageGivesFullImageCoordinates) {
   const synth::ReliefScene scene({});
   const cv::Mat image = scene.render(0);
   FeatureOptions half;
@@ -52,7 +52,7 @@ TEST(FindFeatures, AReducedImageGivesThePixelsOfTheWhole) {
   EXPECT_EQ(features.colors.size(), features.points.size());
 }
 
-TEST(FindFeatures, AreTheStrongestOfEveryPlace) {
+TEST(FindFeatures, KeepsStrongestOfEachRegion) {
   const synth::ReliefScene scene({});
   cv::Mat image = scene.render(0);
   // The left half has much less contrast, but keeps its share of the features.
@@ -69,7 +69,7 @@ TEST(FindFeatures, AreTheStrongestOfEveryPlace) {
   EXPECT_GT(of_left, 80);
 }
 
-TEST(FindFeatures, ThreadsChangeNothing) {
+TEST(FindFeatures, ResultDoesNotDependOnNumberOfThreads) {
   const synth::ReliefScene scene({});
   const cv::Mat image = scene.render(1);
   for (const FeatureKind kind : {FeatureKind::kSift, FeatureKind::kOrb, FeatureKind::kAkaze}) {
@@ -86,7 +86,7 @@ TEST(FindFeatures, ThreadsChangeNothing) {
   }
 }
 
-TEST(FindFeatures, NothingInAnEmptyWall) {
+TEST(FindFeatures, FindsNothingInUniformImage) {
   EXPECT_TRUE(find_features(cv::Mat(100, 100, CV_8UC3, cv::Scalar::all(128)), {}).points.empty());
   EXPECT_THROW((void)find_features(cv::Mat(), {}), std::invalid_argument);
 }

@@ -20,25 +20,26 @@ namespace {
 
 constexpr int kRadius = 10;             // px, of a patch
 constexpr int kSide = 2 * kRadius + 1;  // of a patch
-constexpr int kStored = kSide + 2;      // with a margin for its gradients
+constexpr int kStoredSide = kSide + 2;  // with a margin for its gradients
 constexpr int kPixels = kSide * kSide;  // in a patch
 constexpr int kParameters = 6;          // of an affine map
 constexpr double kSmoothing = 1;  // px; with less, the pixel grid would be visible after resampling
 constexpr int kMinSide = 48;      // px, of the coarsest image of a pyramid
 constexpr int kMaxLevels = 5;     // above the full image
 constexpr int kIterations = 20;   // max per alignment; most need three
-constexpr double kConverged = 0.003;  // px
-constexpr double kMaxCorrection = 2;  // px; alignments with larger corrections are wrong
-constexpr double kMaxZoom = 2.5;      // of a patch, in or out
+constexpr double kConvergencePx = 0.003;  // px
+constexpr double kMaxCorrection = 2;      // px; alignments with larger corrections are wrong
+constexpr double kMaxZoom = 2.5;          // of a patch, in or out
 // of a patch's shape from frame to frame, relative to its radius
-constexpr double kMaxChange = 0.35;
-constexpr double kMinGain = 0.2;      // min contrast relative to the first frame
-constexpr int kBlock = 5;             // px, window of a corner
-constexpr double kQuality = 0.001;    // of a corner, relative to the best of the image
-constexpr double kMinCorner = 3e-5;   // gradients of 0.7 per px in all directions: above noise
-constexpr double kMaxSubPixel = 1.5;  // px; a corner that moves farther is a different one
-constexpr double kSpacing = 0.6;      // relative to the spacing of points on an even grid
-constexpr double kTooNear = 0.25;     // of `spacing`: closer tracks show the same point
+constexpr double kMaxShapeChange = 0.35;
+constexpr double kMinGain = 0.2;             // min contrast relative to the first frame
+constexpr int kBlock = 5;                    // px, window of a corner
+constexpr double kMinCornerQuality = 0.001;  // of a corner, relative to the best of the image
+// gradients of 0.7 per px in all directions: above noise
+constexpr double kMinCornerStrength = 3e-5;
+constexpr double kMaxSubPixel = 1.5;         // px; a corner that moves farther is a different one
+constexpr double kCornerSpacingRatio = 0.6;  // relative to the spacing of points on an even grid
+constexpr double kMinTrackDistanceRatio = 0.25;  // of `spacing`: closer tracks show the same point
 
 using Parameters = cv::Matx<double, kParameters, 1>;
 using Normal = cv::Matx<double, kParameters, kParameters>;
@@ -79,9 +80,9 @@ class Template {
     double mean = 0;
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
-        const float* at = patch.data() + static_cast<std::ptrdiff_t>(y + 1) * kStored + x + 1;
+        const float* at = patch.data() + static_cast<std::ptrdiff_t>(y + 1) * kStoredSide + x + 1;
         const float dx = (at[1] - at[-1]) / 2;
-        const float dy = (at[kStored] - at[-kStored]) / 2;
+        const float dy = (at[kStoredSide] - at[-kStoredSide]) / 2;
         const float u = static_cast<float>(x - kRadius) / kRadius;
         const float v = static_cast<float>(y - kRadius) / kRadius;
         const int i = y * kSide + x;
@@ -106,13 +107,13 @@ class Template {
     // Damps directions that the patch does not determine; the minimum is unchanged.
     const double damping = 1e-3 * cv::trace(normal) / kParameters;
     for (int k = 0; k < kParameters; ++k) normal(k, k) += damping;
-    inverse_ = normal.inv(cv::DECOMP_CHOLESKY, &usable_);
-    usable_ = usable_ && square_ > 0;
+    inverse_ = normal.inv(cv::DECOMP_CHOLESKY, &is_usable_);
+    is_usable_ = is_usable_ && square_ > 0;
   }
 
   // Refines `warp`. Returns the correlation, or nothing where it left the image or diverged.
   [[nodiscard]] std::optional<double> align(const cv::Mat& image, Warp& warp) const {
-    if (!usable_) return std::nullopt;
+    if (!is_usable_) return std::nullopt;
     float seen[kPixels];
     for (int iteration = 0; iteration < kIterations; ++iteration) {
       if (!sample(image, warp, seen)) return std::nullopt;
@@ -129,7 +130,7 @@ class Template {
       warp.shift -= warp.affine * cv::Vec2d(step(0), step(1));
       double largest = 0;
       for (int k = 0; k < kParameters; ++k) largest = std::max(largest, std::abs(step(k)));
-      if (largest < kConverged) break;
+      if (largest < kConvergencePx) break;
     }
     if (!sample(image, warp, seen)) return std::nullopt;
     double sum = 0;
@@ -188,17 +189,17 @@ class Template {
   float slopes_[kParameters][kPixels];
   double square_ = 0;
   Normal inverse_;
-  bool usable_ = false;
+  bool is_usable_ = false;
 };
 
 }  // namespace
 
-struct FlowTracker::Live {
+struct FlowTracker::LiveTrack {
   Track track;
   int last = 0;                             // last frame
   cv::Vec2d offset;                         // px, from the patch's centre to the point
   cv::Matx22d affine = cv::Matx22d::eye();  // patch to current frame
-  std::vector<float> patch;                 // kStored x kStored, smoothed
+  std::vector<float> patch;                 // kStoredSide x kStoredSide, smoothed
 };
 
 FlowTracker::FlowTracker(const FlowOptions& options) : options_(options) { options.check(); }
@@ -214,8 +215,8 @@ void FlowTracker::add(const cv::Mat& image) {
   TARSIER_REQUIRE(count_ == 0 || image.size() == size_, "an image of {} x {} after {} x {}",
                   image.cols, image.rows, size_.width, size_.height);
   size_ = image.size();
-  spacing_ =
-      std::max(3.0, kSpacing * std::sqrt(static_cast<double>(size_.area()) / options_.max_points));
+  spacing_ = std::max(3.0, kCornerSpacingRatio *
+                               std::sqrt(static_cast<double>(size_.area()) / options_.max_points));
   const cv::Mat gray = gray_of(image);
   // Derivatives are used for the backward tracking and for the next frame's forward tracking.
   std::vector<cv::Mat> pyramid;
@@ -224,11 +225,11 @@ void FlowTracker::add(const cv::Mat& image) {
   gray.convertTo(smooth, CV_32F);
   cv::GaussianBlur(smooth, smooth, {}, kSmoothing);
 
-  if (!live_.empty()) {
-    follow(image, pyramid, smooth);
-    separate();
-    // After separate(), so that new points can take the place of those that end here.
-    std::erase_if(live_, [&](Live& live) {
+  if (!live_tracks_.empty()) {
+    track_points(image, pyramid, smooth);
+    remove_duplicates();
+    // After remove_duplicates(), so that new points can take the place of those that end here.
+    std::erase_if(live_tracks_, [&](LiveTrack& live) {
       if (live.last > count_) return false;
       end(live);
       return true;
@@ -239,88 +240,91 @@ void FlowTracker::add(const cv::Mat& image) {
   ++count_;
 }
 
-void FlowTracker::follow(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
-                         const cv::Mat& smooth) {
+void FlowTracker::track_points(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
+                               const cv::Mat& smooth) {
   std::vector<cv::Point2f> before;
-  for (const Live& live : live_) before.push_back(live.track.points.back());
+  for (const LiveTrack& live : live_tracks_) before.push_back(live.track.points.back());
   std::vector<cv::Point2f> after;
   std::vector<cv::Point2f> back;
-  std::vector<std::uint8_t> forth_found;
-  std::vector<std::uint8_t> back_found;
-  const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
+  std::vector<std::uint8_t> forward_found;
+  std::vector<std::uint8_t> backward_found;
+  const cv::TermCriteria criteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
   const int levels = levels_of(size_);
-  lazy_opencv::optical_flow_pyr_lk(pyramid_, pyramid, before, after, forth_found, cv::noArray(),
-                                   kWindow, levels, enough);
-  lazy_opencv::optical_flow_pyr_lk(pyramid, pyramid_, after, back, back_found, cv::noArray(),
-                                   kWindow, levels, enough);
-  std::vector<std::uint8_t> kept(live_.size(), 0);
-  cv::parallel_for_(cv::Range(0, static_cast<int>(live_.size())), [&](const cv::Range& range) {
-    for (auto i = static_cast<std::size_t>(range.start); i < static_cast<std::size_t>(range.end);
-         ++i) {
-      if (forth_found[i] == 0 || back_found[i] == 0) continue;
-      if (!(cv::norm(back[i] - before[i]) <= options_.back_px)) continue;
-      Live& live = live_[i];
-      const cv::Vec2d guess(static_cast<double>(after[i].x), static_cast<double>(after[i].y));
-      Warp warp{live.affine, guess - live.affine * live.offset};
-      const auto alike = Template(live.patch).align(smooth, warp);
-      if (!alike || *alike < options_.alike) continue;
-      const cv::Vec2d point = warp.affine * live.offset + warp.shift;
-      if (!(cv::norm(point - guess) <= kMaxCorrection)) continue;
-      const cv::Vec2d axes = half_axes(warp.affine);
-      const double zoom = cv::determinant(warp.affine);
-      if (!(zoom > 0 && axes[0] <= kMaxZoom && axes[1] >= 1 / kMaxZoom)) continue;
-      const cv::Matx22d change = live.affine.inv() * warp.affine - cv::Matx22d::eye();
-      if (!(half_axes(change)[0] <= kMaxChange)) continue;
-      live.affine = warp.affine;
-      live.track.points.emplace_back(static_cast<float>(point[0]), static_cast<float>(point[1]));
-      live.track.sizes.push_back(static_cast<float>(kSide * std::sqrt(zoom)));
-      live.track.colors.push_back(color_at(image, live.track.points.back()));
-      kept[i] = 1;
-    }
-  });
-  std::vector<Live> rest;
-  for (std::size_t i = 0; i < live_.size(); ++i) {
-    if (kept[i] != 0)
-      rest.push_back(std::move(live_[i]));
+  lazy_opencv::optical_flow_pyr_lk(pyramid_, pyramid, before, after, forward_found, cv::noArray(),
+                                   kWindow, levels, criteria);
+  lazy_opencv::optical_flow_pyr_lk(pyramid, pyramid_, after, back, backward_found, cv::noArray(),
+                                   kWindow, levels, criteria);
+  std::vector<std::uint8_t> is_tracked(live_tracks_.size(), 0);
+  cv::parallel_for_(
+      cv::Range(0, static_cast<int>(live_tracks_.size())), [&](const cv::Range& range) {
+        for (auto i = static_cast<std::size_t>(range.start);
+             i < static_cast<std::size_t>(range.end); ++i) {
+          if (forward_found[i] == 0 || backward_found[i] == 0) continue;
+          if (!(cv::norm(back[i] - before[i]) <= options_.back_px)) continue;
+          LiveTrack& live = live_tracks_[i];
+          const cv::Vec2d guess(static_cast<double>(after[i].x), static_cast<double>(after[i].y));
+          Warp warp{live.affine, guess - live.affine * live.offset};
+          const auto correlation = Template(live.patch).align(smooth, warp);
+          if (!correlation || *correlation < options_.min_correlation) continue;
+          const cv::Vec2d point = warp.affine * live.offset + warp.shift;
+          if (!(cv::norm(point - guess) <= kMaxCorrection)) continue;
+          const cv::Vec2d axes = half_axes(warp.affine);
+          const double zoom = cv::determinant(warp.affine);
+          if (!(zoom > 0 && axes[0] <= kMaxZoom && axes[1] >= 1 / kMaxZoom)) continue;
+          const cv::Matx22d change = live.affine.inv() * warp.affine - cv::Matx22d::eye();
+          if (!(half_axes(change)[0] <= kMaxShapeChange)) continue;
+          live.affine = warp.affine;
+          live.track.points.emplace_back(static_cast<float>(point[0]),
+                                         static_cast<float>(point[1]));
+          live.track.sizes.push_back(static_cast<float>(kSide * std::sqrt(zoom)));
+          live.track.colors.push_back(color_at(image, live.track.points.back()));
+          is_tracked[i] = 1;
+        }
+      });
+  std::vector<LiveTrack> rest;
+  for (std::size_t i = 0; i < live_tracks_.size(); ++i) {
+    if (is_tracked[i] != 0)
+      rest.push_back(std::move(live_tracks_[i]));
     else
-      end(live_[i]);
+      end(live_tracks_[i]);
   }
-  live_ = std::move(rest);
+  live_tracks_ = std::move(rest);
 }
 
 // Of tracks that met, the oldest continues. The last points of the others are wrong.
-void FlowTracker::separate() {
-  cv::Mat taken(size_, CV_8UC1, cv::Scalar(0));
-  const int radius = std::max(1, cvRound(kTooNear * spacing_));
-  std::erase_if(live_, [&](Live& live) {
+void FlowTracker::remove_duplicates() {
+  cv::Mat occupied(size_, CV_8UC1, cv::Scalar(0));
+  const int radius = std::max(1, cvRound(kMinTrackDistanceRatio * spacing_));
+  std::erase_if(live_tracks_, [&](LiveTrack& live) {
     Track& track = live.track;
-    const cv::Point place(cvRound(track.points.back().x), cvRound(track.points.back().y));
-    if (!cv::Rect({}, size_).contains(place) || taken.at<std::uint8_t>(place) != 0) {
+    const cv::Point pixel(cvRound(track.points.back().x), cvRound(track.points.back().y));
+    if (!cv::Rect({}, size_).contains(pixel) || occupied.at<std::uint8_t>(pixel) != 0) {
       track.points.pop_back();
       track.colors.pop_back();
       track.sizes.pop_back();
       end(live);
       return true;
     }
-    cv::circle(taken, place, radius, cv::Scalar(1), cv::FILLED);
+    cv::circle(occupied, pixel, radius, cv::Scalar(1), cv::FILLED);
     return false;
   });
 }
 
-void FlowTracker::end(Live& live) {
+void FlowTracker::end(LiveTrack& live) {
   if (live.track.points.size() >= 2) done_.push_back(std::move(live.track));
 }
 
 void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat& smooth) {
-  const int wanted = options_.max_points - static_cast<int>(live_.size());
+  const int missing = options_.max_points - static_cast<int>(live_tracks_.size());
   const int margin = kRadius + 2;
-  if (wanted <= 0) return;
+  if (missing <= 0) return;
   // Local maxima that are near neither a tracked point nor a better maximum.
   cv::Mat corners;
   cv::cornerMinEigenVal(gray, corners, kBlock);
   double best = 0;
   cv::minMaxLoc(corners, nullptr, &best);
-  const auto least = static_cast<float>(std::max(kMinCorner, kQuality * best));
+  const auto min_strength =
+      static_cast<float>(std::max(kMinCornerStrength, kMinCornerQuality * best));
   cv::Mat highest;
   cv::dilate(corners, highest, cv::Mat());
   cv::Mat free(size_, CV_8UC1, cv::Scalar(0));
@@ -330,18 +334,18 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
   const int across = static_cast<int>(size_.width / cell) + 1;
   const int down = static_cast<int>(size_.height / cell) + 1;
   std::vector<int> in_cell(static_cast<std::size_t>(across) * static_cast<std::size_t>(down), 0);
-  const auto enter = [&](const cv::Point& place) {
-    cv::circle(free, place, radius, cv::Scalar(0), cv::FILLED);
-    const int column = std::min(static_cast<int>(place.x / cell), across - 1);
-    const int row = std::min(static_cast<int>(place.y / cell), down - 1);
+  const auto enter = [&](const cv::Point& pixel) {
+    cv::circle(free, pixel, radius, cv::Scalar(0), cv::FILLED);
+    const int column = std::min(static_cast<int>(pixel.x / cell), across - 1);
+    const int row = std::min(static_cast<int>(pixel.y / cell), down - 1);
     return in_cell[static_cast<std::size_t>(row) * static_cast<std::size_t>(across) +
                    static_cast<std::size_t>(column)]++;
   };
-  for (const Live& live : live_)
+  for (const LiveTrack& live : live_tracks_)
     enter({cvRound(live.track.points.back().x), cvRound(live.track.points.back().y)});
   struct Corner {
     float strength = 0;
-    cv::Point place;
+    cv::Point pixel;
     int rank = 0;  // number of better corners in its cell
   };
   std::vector<Corner> candidates;
@@ -350,52 +354,53 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
     const float* around = highest.ptr<float>(y);
     const std::uint8_t* is_free = free.ptr(y);
     for (int x = margin; x < size_.width - margin; ++x) {
-      if (is_free[x] != 0 && strength[x] >= least && strength[x] >= around[x])
+      if (is_free[x] != 0 && strength[x] >= min_strength && strength[x] >= around[x])
         candidates.push_back({strength[x], {x, y}, 0});
     }
   }
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
   std::erase_if(candidates, [&](Corner& corner) {
-    if (free.at<std::uint8_t>(corner.place) == 0) return true;
-    corner.rank = enter(corner.place);
+    if (free.at<std::uint8_t>(corner.pixel) == 0) return true;
+    corner.rank = enter(corner.pixel);
     return false;
   });
   // The emptiest cells first; within them the strongest corners.
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Corner& a, const Corner& b) { return a.rank < b.rank; });
-  if (static_cast<int>(candidates.size()) > wanted)
-    candidates.resize(static_cast<std::size_t>(wanted));
+  if (static_cast<int>(candidates.size()) > missing)
+    candidates.resize(static_cast<std::size_t>(missing));
   if (candidates.empty()) return;
 
   std::vector<cv::Point2f> points;
-  for (const Corner& corner : candidates) points.emplace_back(corner.place);
+  for (const Corner& corner : candidates) points.emplace_back(corner.pixel);
   cv::cornerSubPix(gray, points, {3, 3}, {-1, -1},
                    {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.01});
   // If too many tracks began together they would also end together, and the frames before and after
   // would have no matches.
-  const int whole = options_.reach - 1;
-  const int share = (static_cast<int>(live_.size() + points.size()) + whole - 1) / whole;
+  const int max_length = options_.reach - 1;
+  const int share =
+      (static_cast<int>(live_tracks_.size() + points.size()) + max_length - 1) / max_length;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const cv::Point place = candidates[i].place;
-    const cv::Point2f middle(place);
-    if (!(cv::norm(points[i] - middle) <= kMaxSubPixel)) points[i] = middle;
-    Live live;
+    const cv::Point pixel = candidates[i].pixel;
+    const cv::Point2f center(pixel);
+    if (!(cv::norm(points[i] - center) <= kMaxSubPixel)) points[i] = center;
+    LiveTrack live;
     live.track = {count_, {points[i]}, {color_at(image, points[i])}, {static_cast<float>(kSide)}};
-    live.last = count_ + whole - static_cast<int>(i) / share % whole;
-    live.offset = {static_cast<double>(points[i].x - middle.x),
-                   static_cast<double>(points[i].y - middle.y)};
+    live.last = count_ + max_length - static_cast<int>(i) / share % max_length;
+    live.offset = {static_cast<double>(points[i].x - center.x),
+                   static_cast<double>(points[i].y - center.y)};
     for (int y = -kRadius - 1; y <= kRadius + 1; ++y) {
-      const float* in = smooth.ptr<float>(place.y + y) + place.x;
+      const float* in = smooth.ptr<float>(pixel.y + y) + pixel.x;
       live.patch.insert(live.patch.end(), in - kRadius - 1, in + kRadius + 2);
     }
-    live_.push_back(std::move(live));
+    live_tracks_.push_back(std::move(live));
   }
 }
 
 FlowResult FlowTracker::finish() {
-  for (Live& live : live_) end(live);
-  live_.clear();
+  for (LiveTrack& live : live_tracks_) end(live);
+  live_tracks_.clear();
   FlowResult result;
   result.features.resize(static_cast<std::size_t>(count_));
   std::map<std::pair<int, int>, std::vector<Match>> matches;

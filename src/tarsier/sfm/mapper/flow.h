@@ -12,18 +12,18 @@
 namespace tarsier::sfm {
 
 struct FlowOptions {
-  int max_points = 4000;  // max number of points tracked at a time
-  int grid = 16;          // cells along the longer side; each gets its share of points
-  int reach = 6;          // max number of images over which a point is tracked
-  double back_px = 0.7;   // max distance to its start after backward tracking
-  double alike = 0.85;    // min correlation with the patch of the first image
+  int max_points = 4000;          // max number of points tracked at a time
+  int grid = 16;                  // cells along the longer side; each gets its share of points
+  int reach = 6;                  // max number of images over which a point is tracked
+  double back_px = 0.7;           // max distance to its start after backward tracking
+  double min_correlation = 0.85;  // min correlation with the patch of the first image
 
   [[nodiscard]] OptionFields fields() {
     return {{"max_points", max_points, range(10, 1'000'000)},
             {"grid", grid, range(1, 200)},
             {"reach", reach, range(2, 100)},
             {"back_px", back_px, range(0.01, 10)},
-            {"alike", alike, range(0, 0.999)}};
+            {"alike", min_correlation, range(0, 0.999)}};
   }
   void check() const { check_fields(*this); }
 };
@@ -79,20 +79,21 @@ class FlowTracker {
     std::vector<float> sizes;
   };
 
-  struct Live;  // state of a tracked point; removed when it ends
+  struct LiveTrack;  // state of a tracked point; removed when it ends
 
-  void follow(const cv::Mat& image, const std::vector<cv::Mat>& pyramid, const cv::Mat& smooth);
-  void separate();
-  void end(Live& live);
+  void track_points(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
+                    const cv::Mat& smooth);
+  void remove_duplicates();
+  void end(LiveTrack& live);
   void begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat& smooth);
 
   FlowOptions options_;
   int count_ = 0;
   cv::Size size_;
-  double spacing_ = 0;            // px, min distance between corners
-  std::vector<cv::Mat> pyramid_;  // of the latest frame
-  std::vector<Live> live_;        // oldest first
-  std::vector<Track> done_;       // in two frames or more
+  double spacing_ = 0;                  // px, min distance between corners
+  std::vector<cv::Mat> pyramid_;        // of the latest frame
+  std::vector<LiveTrack> live_tracks_;  // oldest first
+  std::vector<Track> done_;             // in two frames or more
 };
 
 }  // namespace tarsier::sfm

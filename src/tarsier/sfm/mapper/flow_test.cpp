@@ -63,17 +63,17 @@ struct Motion {
     const double s = std::pow(zoom, frame);
     const double c = std::cos(turn * frame);
     const double d = std::sin(turn * frame);
-    const cv::Point2d p = at - middle();
-    return middle() + s * cv::Point2d(c * p.x - d * p.y, d * p.x + c * p.y) + frame * shift;
+    const cv::Point2d p = at - center();
+    return center() + s * cv::Point2d(c * p.x - d * p.y, d * p.x + c * p.y) + frame * shift;
   }
   [[nodiscard]] cv::Point2d world(const cv::Point2d& at, int frame) const {
     const double s = std::pow(zoom, frame);
     const double c = std::cos(turn * frame);
     const double d = std::sin(turn * frame);
-    const cv::Point2d p = at - middle() - frame * shift;
-    return middle() + cv::Point2d(c * p.x + d * p.y, -d * p.x + c * p.y) / s;
+    const cv::Point2d p = at - center() - frame * shift;
+    return center() + cv::Point2d(c * p.x + d * p.y, -d * p.x + c * p.y) / s;
   }
-  static cv::Point2d middle() { return {160, 120}; }
+  static cv::Point2d center() { return {160, 120}; }
 };
 
 cv::Mat drawn(const Texture& texture, const Motion& motion, int frame) {
@@ -149,7 +149,7 @@ TEST(Flow, IsAccurateAfterFiveFrames) {
   }
 }
 
-TEST(Flow, NoFrameCutsTheSequence) {
+TEST(Flow, MatchesConnectAllFrames) {
   const Texture texture(2);
   const Motion motion{{1.3, 0.6}, 1, 0};
   std::vector<cv::Mat> frames;
@@ -164,7 +164,7 @@ TEST(Flow, NoFrameCutsTheSequence) {
   }
 }
 
-TEST(Flow, DropsWhatIsCoveredOrLeaves) {
+TEST(Flow, DropsOccludedAndLeavingPoints) {
   const Texture texture(3);
   const Texture other(4);
   const Motion motion{{6.4, 0.3}, 1, 0};
@@ -211,12 +211,12 @@ TEST(Flow, DropsWhatIsCoveredOrLeaves) {
   EXPECT_GT(still, 10);
 }
 
-TEST(Flow, NothingIsFollowedAcrossACut) {
+TEST(Flow, TracksNothingAcrossSceneCut) {
   const FlowResult result = tracked({drawn(Texture(5), {}, 0), drawn(Texture(6), {}, 0)}, {});
   for (const FlowMatches& pair : result.pairs) EXPECT_LE(pair.matches.size(), 3U);  // by chance
 }
 
-TEST(Flow, BearsGainAndOffset) {
+TEST(Flow, ToleratesGainAndOffset) {
   const Texture texture(7);
   const Motion motion{{2.2, 1.4}, 1.01, 0};
   std::vector<cv::Mat> frames;
@@ -231,7 +231,7 @@ TEST(Flow, BearsGainAndOffset) {
   EXPECT_LT(part(errors_of(result, *pair, motion), 0.5), 0.1);
 }
 
-TEST(Flow, FeaturesAreWholeAndMatchesFit) {
+TEST(Flow, FeaturesAndMatchesAreConsistent) {
   const Texture texture(8);
   const Motion motion{{2, 3}, 1, 0};
   std::vector<cv::Mat> frames;
@@ -285,7 +285,7 @@ TEST(Flow, IsTheSameForAnyNumberOfThreads) {
     EXPECT_EQ(results[0].features[i].points, results[1].features[i].points);
 }
 
-TEST(Flow, BearsFlatFramesAndRefusesOthers) {
+TEST(Flow, AcceptsUniformFramesAndRefusesInvalidOnes) {
   FlowTracker tracker({});
   const cv::Mat flat(kSize, CV_8UC1, cv::Scalar(80));
   tracker.add(flat);

@@ -19,24 +19,24 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMinInliers = 40;
-constexpr double kOnePlane = 0.7;       // share of the inliers: such pairs are left out
+constexpr double kMaxPlaneShare = 0.7;  // share of the inliers: such pairs are left out
 constexpr std::size_t kMaxPairs = 200;  // per pair of cameras
 constexpr std::size_t kMaxAllPairs = 2000;
 constexpr std::size_t kMaxInliers = 150;  // per pair
-constexpr int kHalf = 11;                 // number of factors above and below 1
-constexpr double kStep = 0.1;             // of the logarithms of the factors
-constexpr int kFactors = 2 * kHalf + 1;
+constexpr int kFactorsPerSide = 11;       // number of factors above and below 1
+constexpr double kLogStep = 0.1;          // of the logarithms of the factors
+constexpr int kFactors = 2 * kFactorsPerSide + 1;
 constexpr int kRounds = 8;  // iterations for refining a motion at a factor
 constexpr std::size_t kFolds = 5;
 constexpr double kMaxSpread = 0.1;
 
 using Curve = std::array<double, kFactors>;  // cost for each factor
 
-double factor_of(int k) { return std::exp(kStep * (k - kHalf)); }
+double factor_of(int k) { return std::exp(kLogStep * (k - kFactorsPerSide)); }
 
 // Stride that takes at most `most` of `count` items, evenly.
-std::size_t stride_of(std::size_t count, std::size_t most) {
-  return std::max<std::size_t>(1, (count + most - 1) / most);
+std::size_t stride_of(std::size_t count, std::size_t max_count) {
+  return std::max<std::size_t>(1, (count + max_count - 1) / max_count);
 }
 
 class Estimator {
@@ -65,7 +65,7 @@ class Estimator {
       if (is_guess_[c] == 0) continue;
       std::vector<std::size_t> own;
       for (std::size_t k = 0; k < chosen_.size(); ++k)
-        if (says_only(*chosen_[k], static_cast<int>(c))) own.push_back(k);
+        if (depends_only_on(*chosen_[k], static_cast<int>(c))) own.push_back(k);
       std::optional<FocalEstimate> found = estimate(own);
       if (!found) found = common;
       if (!found) continue;
@@ -81,7 +81,7 @@ class Estimator {
   [[nodiscard]] bool is_guess(int image) const { return is_guess_[at(camera_of(image))] != 0; }
 
   // Whether the pair depends on the focal length of this camera only.
-  [[nodiscard]] bool says_only(const Pair& pair, int camera) const {
+  [[nodiscard]] bool depends_only_on(const Pair& pair, int camera) const {
     const int first = camera_of(pair.first);
     const int second = camera_of(pair.second);
     return (first == camera || !is_guess(pair.first)) &&
@@ -94,7 +94,7 @@ class Estimator {
     for (const Pair& pair : pairs_) {
       const std::size_t inliers = pair.view.inliers.size();
       if (inliers >= kMinInliers && (is_guess(pair.first) || is_guess(pair.second)) &&
-          pair.view.homography_inliers < kOnePlane * static_cast<double>(inliers))
+          pair.view.homography_inliers < kMaxPlaneShare * static_cast<double>(inliers))
         usable.push_back(&pair);
     }
     const auto key = [&](const Pair* pair) {
@@ -172,8 +172,8 @@ class Estimator {
       sweep(k, kFactors - 1, motion);
       sweep(k, 0, motion);
     };
-    sweep_from(kHalf, pair.view.second_from_first);
-    for (const int k : {kHalf / 2, kFactors - 1 - kHalf / 2}) {
+    sweep_from(kFactorsPerSide, pair.view.second_from_first);
+    for (const int k : {kFactorsPerSide / 2, kFactors - 1 - kFactorsPerSide / 2}) {
       const double focal = set_rays(pair, pixels, factor_of(k), rays);
       sweep_from(k, robust_motion(rays, {.threshold = threshold_px_ / focal}).second_from_first);
     }
@@ -186,14 +186,14 @@ class Estimator {
   // The logarithm of the factor with the lowest sum of curves; empty where it is the first or the
   // last.
   static std::optional<double> minimum_of(const Curve& sum) {
-    const auto least = std::min_element(sum.begin(), sum.end()) - sum.begin();
-    if (least == 0 || least == kFactors - 1) return std::nullopt;
-    const double before = sum[static_cast<std::size_t>(least - 1)];
-    const double here = sum[static_cast<std::size_t>(least)];
-    const double after = sum[static_cast<std::size_t>(least + 1)];
-    const double bend = before - 2 * here + after;
-    const double shift = bend > 0 ? (before - after) / (2 * bend) : 0;
-    return kStep * (static_cast<double>(least) - kHalf + shift);
+    const auto lowest = std::min_element(sum.begin(), sum.end()) - sum.begin();
+    if (lowest == 0 || lowest == kFactors - 1) return std::nullopt;
+    const double before = sum[static_cast<std::size_t>(lowest - 1)];
+    const double lowest_cost = sum[static_cast<std::size_t>(lowest)];
+    const double after = sum[static_cast<std::size_t>(lowest + 1)];
+    const double curvature = before - 2 * lowest_cost + after;
+    const double shift = curvature > 0 ? (before - after) / (2 * curvature) : 0;
+    return kLogStep * (static_cast<double>(lowest) - kFactorsPerSide + shift);
   }
 
   // Estimates the factor (in focal_px) and its spread from the pairs `among`.

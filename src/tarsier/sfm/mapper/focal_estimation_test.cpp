@@ -91,16 +91,16 @@ TEST(FocalEstimation, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one[0].focal_px, three[0].focal_px);
 }
 
-TEST(FocalEstimation, OfAKnownLensIsNotAsked) {
+TEST(FocalEstimation, SkipsKnownLens) {
   const Scene scene(800);
   EXPECT_TRUE(
       estimate_focal_lengths(scene.cameras, {0}, scene.images, scene.pairs, kThresholdPx, {})
           .empty());
 }
 
-TEST(FocalEstimation, OfOnePlaneSaysNothing) { EXPECT_TRUE(Scene(800, true).estimate().empty()); }
+TEST(FocalEstimation, IsEmptyForPlanarScene) { EXPECT_TRUE(Scene(800, true).estimate().empty()); }
 
-TEST(FocalEstimation, AFewPairsSayNothing) {
+TEST(FocalEstimation, IsEmptyForFewPairs) {
   Scene scene(800);
   scene.pairs.resize(4);
   EXPECT_TRUE(scene.estimate().empty());
@@ -122,7 +122,7 @@ TEST(FocalEstimation, UsesPairsWithAKnownLens) {
 
 // Each image has its own camera. No camera has five pairs of its own, but all pairs together give
 // the factor.
-TEST(FocalEstimation, CamerasWithoutPairsOfTheirOwnShareAFactor) {
+TEST(FocalEstimation, CamerasWithFewPairsTakeCommonFactor) {
   Scene scene(800);
   scene.cameras.resize(6, scene.cameras[0]);
   for (int i = 0; i < 6; ++i) scene.images[static_cast<std::size_t>(i)].camera = i;
@@ -131,11 +131,11 @@ TEST(FocalEstimation, CamerasWithoutPairsOfTheirOwnShareAFactor) {
   for (const FocalEstimate& each : found) EXPECT_NEAR(each.focal_px, kFocal, 0.04 * kFocal);
 }
 
-TEST(FocalEstimation, MotionsAreRightOnceItIsKnown) {
+TEST(FocalEstimation, MotionIsCorrectWithKnownFocalLength) {
   Scene scene(800);
   const Pair& pair = scene.pairs[3];  // of images 0 and 4
   const geometry::Rigid3 truth = scene.images[4].pose * scene.images[0].pose.inverse();
-  const auto off = [&](const TwoView& view) {
+  const auto rotation_error = [&](const TwoView& view) {
     return geometry::angle_of(truth.rotation * view.second_from_first.rotation.transpose());
   };
   TwoView view = pair.view;
@@ -143,13 +143,13 @@ TEST(FocalEstimation, MotionsAreRightOnceItIsKnown) {
       .width = 640, .height = 480, .fx = kFocal, .fy = kFocal, .cx = 320, .cy = 240};
   estimate_motion_again(scene.images[0].features, scene.images[4].features, right, right, {}, view);
   EXPECT_EQ(view.inliers, pair.view.inliers);
-  EXPECT_LT(off(view), 0.01);
-  EXPECT_GT(off(pair.view), 5 * off(view));
+  EXPECT_LT(rotation_error(view), 0.01);
+  EXPECT_GT(rotation_error(pair.view), 5 * rotation_error(view));
   EXPECT_GT(view.second_from_first.translation.dot(truth.translation.normalized()), 0.999);
 }
 
 // A model gives another focal length.
-TEST(FocalEstimation, TakesTheFocalLengthOfAModel) {
+TEST(FocalEstimation, AdoptsFocalLengthOfModel) {
   Scene scene(800);
   ImageSet images{PipelineOptions()};
   for (const Image& image : scene.images) {
@@ -164,10 +164,10 @@ TEST(FocalEstimation, TakesTheFocalLengthOfAModel) {
   model.images = scene.images;
   for (Image& image : model.images) image.registered = true;
   std::vector<Pair> pairs = scene.pairs;
-  EXPECT_TRUE(images.take_focal_lengths({model}, 0.15, pairs, {}).empty());  // the same
+  EXPECT_TRUE(images.adopt_focal_lengths({model}, 0.15, pairs, {}).empty());  // the same
   EXPECT_FALSE(images.is_estimated(0));
   model.cameras[0].fx = model.cameras[0].fy = kFocal;
-  EXPECT_EQ(images.take_focal_lengths({model}, 0.15, pairs, {}).size(), 1U);
+  EXPECT_EQ(images.adopt_focal_lengths({model}, 0.15, pairs, {}).size(), 1U);
   EXPECT_TRUE(images.is_estimated(0));
   EXPECT_EQ(images.cameras()[0].fx, kFocal);
   for (const Pair& pair : pairs) {

@@ -20,21 +20,21 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kCycleDeg = 5;       // max angle of a closed cycle
-constexpr int kMinCycles = 2;         // min cycles by which an edge can be judged
-constexpr double kRotationDeg = 10;   // edges with larger errors are wrong
-constexpr std::size_t kPoints = 150;  // per image, for positioning
-constexpr std::size_t kMaxRays = 60;  // of such a point: the equations grow with the square
+constexpr double kMaxCycleDeg = 5;            // max angle of a closed cycle
+constexpr int kMinCycles = 2;                 // min cycles by which an edge can be rejected
+constexpr double kMaxRotationErrorDeg = 10;   // edges with larger errors are wrong
+constexpr std::size_t kPointsPerImage = 150;  // per image, for positioning
+constexpr std::size_t kMaxRays = 60;          // of such a point: the equations grow with the square
 constexpr double kMaxSine = 0.1;  // sine of the angle between a ray and the direction to its point
 // Max steps of an adjustment. A long loop that has to bend takes many. A loop that is still open
 // when inaccurate observations are dropped stays open.
 constexpr int kMaxSteps = 1000;
 // An adjustment stops when a step reduces the cost by less than this share. A loop of n images
 // bends by 1/n at each image, which is 1/n^2 of the cost. So where the radius of the view graph
-// exceeds kLongRadius, the share decreases with its square. This applies to the first round, which
-// closes the loop, and the last.
+// exceeds kMaxShortRadius, the share decreases with its square. This applies to the first round,
+// which closes the loop, and the last.
 constexpr double kTolerance = 1e-4;
-constexpr double kLongRadius = 60;
+constexpr double kMaxShortRadius = 60;
 constexpr double kMinShare = 0.5;  // min share of images, and of observations that agree at the end
 // Threshold in units of reprojection_px, and scale of Cauchy's loss for the next adjustment, px.
 struct Round {
@@ -50,9 +50,9 @@ class GlobalMapping {
                 const std::stop_token& stop, const GlobalStartHooks& hooks)
       : images_(images), pairs_(pairs), options_(options), stop_(stop), hooks_(hooks) {
     start_.model.cameras = cameras;
-    start_.doubts.assign(pairs.size(), Doubt::kNone);
-    given_.resize(pairs.size());
-    std::iota(given_.begin(), given_.end(), 0);
+    start_.rejections.assign(pairs.size(), PairRejection::kNone);
+    pair_indices_.resize(pairs.size());
+    std::iota(pair_indices_.begin(), pair_indices_.end(), 0);
     std::vector<char> is_in(images_.size(), 0);
     for (const Pair* pair : pairs_) {
       is_in[at(pair->first)] = is_in[at(pair->second)] = 1;
@@ -69,10 +69,10 @@ class GlobalMapping {
     if (from.step == GlobalStartState::kRefused ||
         !fits(from, pairs_.size(), start_.model.cameras.size(), images_))
       return false;
-    std::vector<char> is_left(pairs_.size(), 0);
-    for (const int e : from.edges) is_left[at(e)] = 1;
-    keep_edges(Doubt::kNone, [&](std::size_t e) { return is_left[e] != 0; });
-    start_.doubts = from.doubts;
+    std::vector<char> is_remaining(pairs_.size(), 0);
+    for (const int e : from.edges) is_remaining[at(e)] = 1;
+    keep_edges(PairRejection::kNone, [&](std::size_t e) { return is_remaining[e] != 0; });
+    start_.rejections = from.rejections;
     start_.log = from.log;
     step_ = from.step;
     round_ = from.round;
@@ -96,16 +96,16 @@ class GlobalMapping {
   GlobalStart run() {
     if (step_ == kBegin) {
       make_graph();
-      keep(GlobalStartState::kRotations, 0);
+      save_checkpoint(GlobalStartState::kRotations, 0);
     }
     bool is_good = true;
     if (step_ == GlobalStartState::kRotations) {
-      is_good = find_rotations();
-      if (is_good) keep(GlobalStartState::kPositions, 0);
+      is_good = average_all_rotations();
+      if (is_good) save_checkpoint(GlobalStartState::kPositions, 0);
     }
     if (is_good && step_ == GlobalStartState::kPositions) {
       is_good = find_positions();
-      if (is_good) keep(GlobalStartState::kAdjustment, 0);
+      if (is_good) save_checkpoint(GlobalStartState::kAdjustment, 0);
     }
     if (is_good) refine();
     if (!start_.refusal.empty()) start_.model = {};
@@ -113,23 +113,23 @@ class GlobalMapping {
   }
 
   // The rough model of a restored state.
-  std::optional<GlobalModelSoFar> model_so_far() {
+  std::optional<PartialGlobalModel> partial_model() {
     if (step_ != GlobalStartState::kAdjustment) return std::nullopt;
     const std::size_t round = std::min(at(round_), std::size(kRounds) - 1);
     filter(kRounds[round].threshold * options_.reprojection_px);
     keep_connected();
     if (statistics_of(start_.model).registered < 2) return std::nullopt;
-    return GlobalModelSoFar{std::move(start_.model), std::move(tracks_)};
+    return PartialGlobalModel{std::move(start_.model), std::move(tracks_)};
   }
 
  private:
   static constexpr int kBegin = -1;  // before the first of GlobalStartState's steps
 
   // Call before this round of this step.
-  void keep(GlobalStartState::Step step, int round) {
+  void save_checkpoint(GlobalStartState::Step step, int round) {
     step_ = step;
     round_ = round;
-    if (hooks_.keep) hooks_.keep(state());
+    if (hooks_.save_checkpoint) hooks_.save_checkpoint(state());
     throw_if_stopped(stop_);
   }
 
@@ -138,8 +138,8 @@ class GlobalMapping {
     state.image = image_;
     state.step = step_;
     state.round = round_;
-    state.edges = given_;
-    state.doubts = start_.doubts;
+    state.edges = pair_indices_;
+    state.rejections = start_.rejections;
     state.log = start_.log;
     if (step_ == GlobalStartState::kRotations) return state;
     state.nodes = nodes_;
@@ -166,7 +166,7 @@ class GlobalMapping {
 
   void make_graph() {
     const std::vector<CycleSupport> support =
-        check_cycles(static_cast<int>(images_.size()), edges_, kCycleDeg);
+        check_cycles(static_cast<int>(images_.size()), edges_, kMaxCycleDeg);
     std::size_t closed = 0;
     std::size_t cycles = 0;
     for (const CycleSupport& of_edge : support) {
@@ -174,7 +174,7 @@ class GlobalMapping {
       cycles += at(of_edge.cycles);
     }
     const std::size_t before = edges_.size();
-    keep_edges(Doubt::kCycles, [&](std::size_t e) {
+    keep_edges(PairRejection::kOpenCycles, [&](std::size_t e) {
       return support[e].cycles < kMinCycles || support[e].closed > 0;
     });
     start_.log.push_back(
@@ -184,26 +184,27 @@ class GlobalMapping {
   }
 
   template <typename Keep>
-  void keep_edges(Doubt why_not, const Keep& keep) {
-    std::size_t kept = 0;
+  void keep_edges(PairRejection why_not, const Keep& keep) {
+    std::size_t remaining = 0;
     for (std::size_t e = 0; e < edges_.size(); ++e) {
       if (!keep(e)) {
-        start_.doubts[at(given_[e])] = why_not;
+        start_.rejections[at(pair_indices_[e])] = why_not;
         continue;
       }
-      edges_[kept] = edges_[e];
-      given_[kept] = given_[e];
-      pairs_[kept++] = pairs_[e];
+      edges_[remaining] = edges_[e];
+      pair_indices_[remaining] = pair_indices_[e];
+      pairs_[remaining++] = pairs_[e];
     }
-    edges_.resize(kept);
-    pairs_.resize(kept);
-    given_.resize(kept);
+    edges_.resize(remaining);
+    pairs_.resize(remaining);
+    pair_indices_.resize(remaining);
   }
 
   // Numbers the images of the largest component, and removes the edges of others.
   void keep_largest_component() {
     number_nodes(largest_component(static_cast<int>(images_.size()), edges_));
-    keep_edges(Doubt::kNone, [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
+    keep_edges(PairRejection::kNone,
+               [&](std::size_t e) { return node_of_[at(edges_[e].first)] >= 0; });
   }
 
   void number_nodes(std::vector<int> images) {
@@ -224,7 +225,7 @@ class GlobalMapping {
 
   // --- rotations ---
 
-  bool find_rotations() {
+  bool average_all_rotations() {
     for (int round = round_;; ++round) {
       keep_largest_component();
       if (nodes_.size() < 3 || static_cast<double>(nodes_.size()) < kMinShare * total_)
@@ -237,20 +238,22 @@ class GlobalMapping {
       std::vector<double> sorted = errors;
       std::sort(sorted.begin(), sorted.end());
       const std::size_t before = edges_.size();
-      keep_edges(Doubt::kRotation, [&](std::size_t e) { return errors[e] <= kRotationDeg; });
+      keep_edges(PairRejection::kRotationError,
+                 [&](std::size_t e) { return errors[e] <= kMaxRotationErrorDeg; });
       start_.log.push_back(fmt::format(
           "global: rotations of {} images, median error of {} pairs {:.3f} degrees; {} are off by "
           "more than {} and are left out",
-          nodes_.size(), before, sorted[sorted.size() / 2], before - edges_.size(), kRotationDeg));
+          nodes_.size(), before, sorted[sorted.size() / 2], before - edges_.size(),
+          kMaxRotationErrorDeg));
       if (edges_.size() == before || round == 3) return true;
-      keep(GlobalStartState::kRotations, round + 1);
+      save_checkpoint(GlobalStartState::kRotations, round + 1);
     }
   }
 
   // --- positions ---
 
   // Shortens a too long track to observations of evenly spaced images.
-  static void keep_some(std::vector<Observation>& track) {
+  static void subsample(std::vector<Observation>& track) {
     if (track.size() <= kMaxRays) return;
     std::sort(track.begin(), track.end(),
               [](const Observation& a, const Observation& b) { return a.image < b.image; });
@@ -267,10 +270,11 @@ class GlobalMapping {
     for (std::vector<Observation>& track : make_tracks(pairs_, features)) {
       std::erase_if(track, [&](const Observation& seen) { return node_of_[at(seen.image)] < 0; });
       if (track.size() < 2) continue;
-      if (std::none_of(track.begin(), track.end(),
-                       [&](const Observation& seen) { return points[at(seen.image)] < kPoints; }))
+      if (std::none_of(track.begin(), track.end(), [&](const Observation& seen) {
+            return points[at(seen.image)] < kPointsPerImage;
+          }))
         continue;
-      keep_some(track);
+      subsample(track);
       for (const Observation& seen : track) ++points[at(seen.image)];
       tracks_.push_back(std::move(track));
     }
@@ -342,7 +346,7 @@ class GlobalMapping {
     // Points removed here are considered again in the next round.
     std::vector<Eigen::Vector3d> positions;
     for (const Point& point : model.points) positions.push_back(point.position);
-    (void)filter_these(model, rough, all);
+    (void)filter_selected_points(model, rough, all);
     for (std::size_t p = 0; p < positions.size(); ++p) model.points[p].position = positions[p];
   }
 
@@ -351,7 +355,7 @@ class GlobalMapping {
     std::size_t observations = 0;
     std::size_t all = 0;
     const int steps = radius(static_cast<int>(nodes_.size()), edges_of_nodes());
-    const double share = std::min(1.0, kLongRadius / std::max(1, steps));
+    const double share = std::min(1.0, kMaxShortRadius / std::max(1, steps));
     const double tolerance = kTolerance * share * share;
     for (std::size_t k = at(round_); k < std::size(kRounds); ++k) {
       const Round& round = kRounds[k];
@@ -360,14 +364,14 @@ class GlobalMapping {
       BundleOptions bundle;
       bundle.loss_px = round.loss_px;
       bundle.max_iterations = kMaxSteps;
-      const bool is_between = k > 0 && k + 1 < std::size(kRounds);
-      bundle.tolerance = is_between ? kTolerance : tolerance;
+      const bool is_intermediate = k > 0 && k + 1 < std::size(kRounds);
+      bundle.tolerance = is_intermediate ? kTolerance : tolerance;
       bundle.focal = options_.refine_focal && round.threshold < 10;
       bundle.distortion = options_.refine_distortion && round.threshold < 5;
       const BundleReport report = adjust(model, bundle, stop_);
-      if (!report.trouble.empty())
-        start_.log.push_back(fmt::format("global: an adjustment: {}", report.trouble));
-      keep(GlobalStartState::kAdjustment, static_cast<int>(k) + 1);
+      if (!report.warning.empty())
+        start_.log.push_back(fmt::format("global: an adjustment: {}", report.warning));
+      save_checkpoint(GlobalStartState::kAdjustment, static_cast<int>(k) + 1);
     }
     filter(options_.reprojection_px);
     keep_connected();
@@ -423,7 +427,7 @@ class GlobalMapping {
 
   const std::vector<Image>& images_;
   std::vector<const Pair*> pairs_;  // for edges_
-  std::vector<int> given_;          // for edges_: index into the given pairs
+  std::vector<int> pair_indices_;   // for edges_: index into the given pairs
   const MapperOptions& options_;
   const std::stop_token& stop_;
   const GlobalStartHooks& hooks_;
@@ -445,23 +449,23 @@ GlobalStart start_globally(const std::vector<geometry::Camera>& cameras,
                            const std::vector<Image>& images, const std::vector<const Pair*>& pairs,
                            const MapperOptions& options, const std::stop_token& stop,
                            const GlobalStartHooks& hooks) {
-  if (hooks.from != nullptr) {
+  if (hooks.resume_from != nullptr) {
     GlobalMapping mapping(cameras, images, pairs, options, stop, hooks);
-    if (mapping.restore(*hooks.from)) return mapping.run();
+    if (mapping.restore(*hooks.resume_from)) return mapping.run();
   }
   return GlobalMapping(cameras, images, pairs, options, stop, hooks).run();
 }
 
-std::optional<GlobalModelSoFar> model_so_far(const GlobalStartState& state,
-                                             const std::vector<geometry::Camera>& cameras,
-                                             const std::vector<Image>& images,
-                                             const std::vector<const Pair*>& pairs,
-                                             const MapperOptions& options) {
+std::optional<PartialGlobalModel> partial_model(const GlobalStartState& state,
+                                                const std::vector<geometry::Camera>& cameras,
+                                                const std::vector<Image>& images,
+                                                const std::vector<const Pair*>& pairs,
+                                                const MapperOptions& options) {
   const std::stop_token never;
   const GlobalStartHooks none;
   GlobalMapping mapping(cameras, images, pairs, options, never, none);
   if (!mapping.restore(state)) return std::nullopt;
-  return mapping.model_so_far();
+  return mapping.partial_model();
 }
 
 }  // namespace tarsier::sfm

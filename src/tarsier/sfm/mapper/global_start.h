@@ -15,9 +15,9 @@
 namespace tarsier::sfm {
 
 struct GlobalStart {
-  Model model;                // cameras and poses; no points
-  std::string refusal;        // why there is no model; or ""
-  std::vector<Doubt> doubts;  // for each pair: why it was left out
+  Model model;                            // cameras and poses; no points
+  std::string refusal;                    // why there is no model; or ""
+  std::vector<PairRejection> rejections;  // for each pair: why it was left out
   std::vector<std::string> log;
 };
 
@@ -25,10 +25,10 @@ struct GlobalStart {
 struct GlobalStartHooks {
   // Receives the state after the check of the graph, each rotation averaging, the positioning, and
   // each adjustment.
-  std::function<void(GlobalStartState state)> keep;
+  std::function<void(GlobalStartState state)> save_checkpoint;
   // Resumes from this state. With otherwise equal arguments the result is bit-identical. Ignored
-  // where it does not fit them. Not read after the first call of `keep`.
-  const GlobalStartState* from = nullptr;
+  // where it does not fit them. Not read after the first call of `save_checkpoint`.
+  const GlobalStartState* resume_from = nullptr;
 };
 
 // Computes all poses of a set of images together, without an initial pair. Moulon, Monasse and
@@ -52,11 +52,11 @@ struct GlobalStartHooks {
 // The rough model at one of the steps. `tracks`: of its points, in the same order. Empty before the
 // adjustment, where fewer than two images have poses, and where the state does not fit the other
 // arguments, which are those of start_globally().
-struct GlobalModelSoFar {
+struct PartialGlobalModel {
   Model model;
   std::vector<std::vector<Observation>> tracks;
 };
-[[nodiscard]] std::optional<GlobalModelSoFar> model_so_far(
+[[nodiscard]] std::optional<PartialGlobalModel> partial_model(
     const GlobalStartState& state, const std::vector<geometry::Camera>& cameras,
     const std::vector<Image>& images, const std::vector<const Pair*>& pairs,
     const MapperOptions& options);

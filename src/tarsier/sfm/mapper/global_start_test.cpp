@@ -29,7 +29,7 @@ namespace {
 using testing::HasSubstr;
 
 // A site in the form of the mapper's input.
-struct Given {
+struct TestSite {
   synth::ObservedSite site;
   std::vector<geometry::Camera> cameras;
   std::vector<Image> images;
@@ -37,8 +37,8 @@ struct Given {
   std::vector<Pair> pairs;
 };
 
-Given given(const synth::SiteOptions& options) {
-  Given result;
+TestSite given(const synth::SiteOptions& options) {
+  TestSite result;
   result.site = synth::make_observed_site(options);
   result.cameras = {result.site.camera};
   for (std::size_t i = 0; i < result.site.poses.size(); ++i) {
@@ -63,7 +63,7 @@ Given given(const synth::SiteOptions& options) {
   return result;
 }
 
-Given given(synth::SiteKind kind, int images, int features = 200, int neighbours = 8) {
+TestSite given(synth::SiteKind kind, int images, int features = 200, int neighbours = 8) {
   synth::SiteOptions options;
   options.kind = kind;
   options.images = images;
@@ -72,7 +72,7 @@ Given given(synth::SiteKind kind, int images, int features = 200, int neighbours
   return given(options);
 }
 
-Reconstruction run(const Given& given, MapperChoice choice, int auto_global = 250,
+Reconstruction run(const TestSite& given, MapperChoice choice, int auto_global = 250,
                    const MapperHooks& hooks = {}, Progress&& progress = NoProgress(),
                    const std::stop_token& stop = {}) {
   MapperOptions options;
@@ -110,9 +110,9 @@ void expect_same(const Reconstruction& built, const Reconstruction& expected) {
 }
 
 // Two rings without pairs between them, and a few pairs that contradict the others.
-Given two_rings() {
-  Given result = given(synth::SiteKind::kRing, 30);
-  Given other = given(synth::SiteKind::kRing, 24, 150);
+TestSite two_rings() {
+  TestSite result = given(synth::SiteKind::kRing, 30);
+  TestSite other = given(synth::SiteKind::kRing, 24, 150);
   const int shift = 30;
   for (Image& image : other.images) {
     image.name += "b";
@@ -132,17 +132,18 @@ Given two_rings() {
 }
 
 // Runs the mapper with a checkpoint at every step, and returns the checkpoints.
-std::vector<MapperState> states_of(const Given& given, MapperChoice choice, Reconstruction& built) {
+std::vector<MapperState> states_of(const TestSite& given, MapperChoice choice,
+                                   Reconstruction& built) {
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
-  hooks.keep_every_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
   built = run(given, choice, 250, hooks);
   return states;
 }
 
-TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
-  const Given site = two_rings();
+TEST(GlobalCheckpoints, ResumingFromAnyStepGivesSameResult) {
+  const TestSite site = two_rings();
   Reconstruction whole;
   const std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
   ASSERT_EQ(whole.models.size(), 2U);
@@ -153,10 +154,10 @@ TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
     const auto here = std::tuple(state.models.size(), state.start->step, state.start->round);
     if (!seen.insert(here).second) continue;
     MapperHooks hooks;
-    hooks.from = state;
-    hooks.keep_every_s = 0;
+    hooks.resume_from = state;
+    hooks.save_interval_s = 0;
     std::optional<MapperState> next;
-    hooks.keep = [&](const MapperState& kept) {
+    hooks.save_checkpoint = [&](const MapperState& kept) {
       if (!next) next = kept;
     };
     expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
@@ -174,8 +175,8 @@ TEST(GlobalCheckpoints, FromEachStepTheResultIsTheSame) {
   }
 }
 
-TEST(GlobalCheckpoints, OfOtherPairsAreIgnored) {
-  const Given site = given(synth::SiteKind::kRing, 30);
+TEST(GlobalCheckpoints, IgnoresThoseOfOtherPairs) {
+  const TestSite site = given(synth::SiteKind::kRing, 30);
   Reconstruction whole;
   std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
   const auto adjusted = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
@@ -183,18 +184,18 @@ TEST(GlobalCheckpoints, OfOtherPairsAreIgnored) {
   });
   ASSERT_NE(adjusted, states.end());
   MapperHooks hooks;
-  hooks.from = *adjusted;
-  hooks.from->start->points.pop_back();  // other tracks than those of the checkpoint
+  hooks.resume_from = *adjusted;
+  hooks.resume_from->start->points.pop_back();  // other tracks than those of the checkpoint
   expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
-  hooks.from = *adjusted;
-  hooks.from->start->nodes.pop_back();  // edges refer to the missing node
-  hooks.from->start->rotations.pop_back();
+  hooks.resume_from = *adjusted;
+  hooks.resume_from->start->nodes.pop_back();  // edges refer to the missing node
+  hooks.resume_from->start->rotations.pop_back();
   expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
 }
 
 // A refused global mapping is tried and reported only once.
-TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
-  Given site = given(synth::SiteKind::kRing, 30);
+TEST(GlobalCheckpoints, LogsRefusalOnce) {
+  TestSite site = given(synth::SiteKind::kRing, 30);
   for (std::size_t k = 0; k < site.pairs.size(); ++k) {
     geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
     pose.rotation =
@@ -203,8 +204,8 @@ TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
   }
   std::optional<MapperState> kept;
   MapperHooks hooks;
-  hooks.keep_every_s = 0;
-  hooks.keep = [&](const MapperState& state) {
+  hooks.save_interval_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) {
     if (!kept) kept = state;
   };
   const Reconstruction whole = run(site, MapperChoice::kAuto, 20, hooks);
@@ -221,20 +222,20 @@ TEST(GlobalCheckpoints, ARefusalIsSaidOnce) {
     kept->log.push_back(line);
     if (line.find("global mapping refused") != std::string::npos) break;
   }
-  hooks.from = kept;
-  hooks.keep = nullptr;
+  hooks.resume_from = kept;
+  hooks.save_checkpoint = nullptr;
   expect_same(run(site, MapperChoice::kAuto, 20, hooks), whole);
 }
 
-TEST(GlobalMapper, InterruptedLeavesTheModelSoFar) {
-  const Given site = given(synth::SiteKind::kRing, 40);
+TEST(GlobalMapper, InterruptionReturnsPartialModel) {
+  const TestSite site = given(synth::SiteKind::kRing, 40);
   const Reconstruction whole = run(site, MapperChoice::kGlobal);
   const auto stopped_at = [&](int step, int round, std::optional<MapperState>& kept) {
     std::stop_source stop;
     MapperHooks hooks;
     hooks.partial = true;
-    hooks.keep_every_s = 0;
-    hooks.keep = [&](const MapperState& state) {
+    hooks.save_interval_s = 0;
+    hooks.save_checkpoint = [&](const MapperState& state) {
       kept = state;
       if (state.start && state.start->step == step && state.start->round == round)
         stop.request_stop();
@@ -259,14 +260,14 @@ TEST(GlobalMapper, InterruptedLeavesTheModelSoFar) {
                       .points[static_cast<std::size_t>(seen.feature)],
                   static_cast<int>(p));
     MapperHooks hooks;
-    hooks.from = kept;
+    hooks.resume_from = kept;
     expect_same(run(site, MapperChoice::kGlobal, 250, hooks), whole);
   }
 }
 
-TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
+TEST(GlobalMapper, RegistersAllImagesOfRingAndGrid) {
   for (const synth::SiteKind kind : {synth::SiteKind::kRing, synth::SiteKind::kGrid}) {
-    const Given site = given(kind, 50);
+    const TestSite site = given(kind, 50);
     const Reconstruction built = run(site, MapperChoice::kGlobal);
     ASSERT_EQ(built.models.size(), 1U);
     EXPECT_EQ(registered(built), 50);
@@ -277,8 +278,8 @@ TEST(GlobalMapper, ALoopAndAFlightAreWhole) {
   }
 }
 
-TEST(GlobalMapper, TheNumberOfThreadsChangesNothing) {
-  const Given site = given(synth::SiteKind::kRing, 40);
+TEST(GlobalMapper, ResultDoesNotDependOnNumberOfThreads) {
+  const TestSite site = given(synth::SiteKind::kRing, 40);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   const Reconstruction one = run(site, MapperChoice::kGlobal);
@@ -295,8 +296,8 @@ TEST(GlobalMapper, TheNumberOfThreadsChangesNothing) {
   }
 }
 
-TEST(GlobalMapper, PairsThatContradictEachOtherAreRefusedWithAReason) {
-  Given site = given(synth::SiteKind::kRing, 30);
+TEST(GlobalMapper, RefusesContradictingPairsWithReason) {
+  TestSite site = given(synth::SiteKind::kRing, 30);
   for (std::size_t k = 0; k < site.pairs.size(); ++k) {
     geometry::Rigid3& pose = site.pairs[k].view.second_from_first;
     const auto turn = static_cast<double>(k);
@@ -311,8 +312,8 @@ TEST(GlobalMapper, PairsThatContradictEachOtherAreRefusedWithAReason) {
   EXPECT_THAT(run(site, MapperChoice::kAuto, 20).log, testing::Contains(HasSubstr("start from")));
 }
 
-TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
-  const Given site = given(synth::SiteKind::kSymmetric, 80);
+TEST(GlobalMapper, DoesNotFoldSymmetricObject) {
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80);
   const auto wrong = std::count_if(site.site.pairs.begin(), site.site.pairs.end(),
                                    [](const auto& pair) { return !pair.same_place; });
   ASSERT_GT(wrong, 20);
@@ -325,8 +326,8 @@ TEST(GlobalMapper, TheSidesOfASymmetricalThingAreNotFolded) {
 }
 
 // With these neighbours, both mappers first map all four sides onto each other.
-TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+TEST(RepeatedStructureMapper, RemapsFoldedModel) {
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   for (const MapperChoice choice : {MapperChoice::kIncremental, MapperChoice::kGlobal}) {
     const Reconstruction built = run(site, choice);
     ASSERT_FALSE(built.models.empty());
@@ -342,7 +343,7 @@ TEST(MapperOfRepeats, AModelThatIsFoldedIsTakenApart) {
 }
 
 // The models of this prism's strongest pairs are folded, but those pairs alone show no conflict.
-TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
+TEST(RepeatedStructureMapper, EvaluatesModelByUnusedPairsToo) {
   TARSIER_LONG_TEST();
   synth::SiteOptions options;
   options.kind = synth::SiteKind::kSymmetric;
@@ -350,7 +351,7 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   options.sides = 6;
   options.details = 0.15;
   options.seed = 3;
-  const Given site = given(options);
+  const TestSite site = given(options);
   Reconstruction built;
   const std::vector<MapperState> states = states_of(site, MapperChoice::kAuto, built);
   EXPECT_THAT(built.log, testing::Contains(HasSubstr("score of the models")));
@@ -359,35 +360,36 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
   EXPECT_GT(built.trust[0], 0.8);
 
-  // From a checkpoint in the middle of each try, the result is the same. Earlier tries are not
+  // From a checkpoint in the middle of each attempt, the result is the same. Earlier ones are not
   // mapped again.
-  ASSERT_GE(states.back().tries.size(), 3U);
-  for (std::size_t tries = 1; tries <= states.back().tries.size(); ++tries) {
-    std::vector<const MapperState*> of_try;
+  ASSERT_GE(states.back().attempts.size(), 3U);
+  for (std::size_t attempts = 1; attempts <= states.back().attempts.size(); ++attempts) {
+    std::vector<const MapperState*> of_attempt;
     for (const MapperState& state : states)
-      if (state.tries.size() == tries && !state.tries.back().done) of_try.push_back(&state);
-    ASSERT_FALSE(of_try.empty());
+      if (state.attempts.size() == attempts && !state.attempts.back().done)
+        of_attempt.push_back(&state);
+    ASSERT_FALSE(of_attempt.empty());
     MapperHooks hooks;
-    hooks.from = *of_try[of_try.size() / 2];
-    hooks.keep_every_s = 0;
-    std::size_t begun = 0;  // tries that were not finished
-    hooks.keep = [&](const MapperState& state) {
-      EXPECT_GE(state.tries.size(), tries);
-      for (std::size_t k = 0; k + 1 < tries; ++k) begun += state.tries[k].done ? 0 : 1;
+    hooks.resume_from = *of_attempt[of_attempt.size() / 2];
+    hooks.save_interval_s = 0;
+    std::size_t unfinished = 0;  // attempts that were not finished
+    hooks.save_checkpoint = [&](const MapperState& state) {
+      EXPECT_GE(state.attempts.size(), attempts);
+      for (std::size_t k = 0; k + 1 < attempts; ++k) unfinished += state.attempts[k].done ? 0 : 1;
     };
     expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
-    EXPECT_EQ(begun, 0U);
+    EXPECT_EQ(unfinished, 0U);
   }
 
-  // An interruption leaves the models from before the tries, and their checkpoint.
+  // An interruption leaves the models from before the attempts, and their checkpoint.
   std::stop_source stop;
   MapperHooks hooks;
   hooks.partial = true;
-  hooks.keep_every_s = 0;
+  hooks.save_interval_s = 0;
   std::optional<MapperState> kept;
-  hooks.keep = [&](const MapperState& state) {
+  hooks.save_checkpoint = [&](const MapperState& state) {
     kept = state;
-    if (state.tries.size() == 2) stop.request_stop();
+    if (state.attempts.size() == 2) stop.request_stop();
   };
   const Reconstruction part =
       run(site, MapperChoice::kAuto, 250, hooks, NoProgress(), stop.get_token());
@@ -395,58 +397,58 @@ TEST(MapperOfRepeats, AModelIsJudgedAlsoByThePairsThatItWasMadeWithout) {
   EXPECT_FALSE(part.models.empty());
   ASSERT_TRUE(kept);
   hooks = {};
-  hooks.from = kept;
+  hooks.resume_from = kept;
   expect_same(run(site, MapperChoice::kAuto, 250, hooks), built);
 }
 
 // An incremental model that continues from any checkpoint ends the same, also after it was taken
 // apart.
-TEST(MapperOfRepeats, ACheckpointKnowsThatAModelWasTakenApart) {
+TEST(RepeatedStructureMapper, ResumesAfterConflictingModel) {
   TARSIER_LONG_TEST();
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
-  hooks.keep_every_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
   const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
   const Reconstruction whole = mapped();
-  const auto apart = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
+  const auto conflict = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
     return std::any_of(state.log.begin(), state.log.end(), [](const std::string& line) {
       return line.find("lays different") != std::string::npos;
     });
   });
-  ASSERT_NE(apart, states.end());
-  hooks.from = *apart;
-  hooks.keep = nullptr;
+  ASSERT_NE(conflict, states.end());
+  hooks.resume_from = *conflict;
+  hooks.save_checkpoint = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
 }
 
 // Stops the work when the images are mapped for the second time.
-class StopsTheSecondTime final : public Progress {
+class StopsAtSecondMapping final : public Progress {
  public:
-  explicit StopsTheSecondTime(std::stop_source& stop) : stop_(stop) {}
+  explicit StopsAtSecondMapping(std::stop_source& stop) : stop_(stop) {}
   void begin(std::string_view /*stage*/, std::int64_t /*total*/,
              std::string_view /*unit*/) override {
-    if (++begun_ == 2) stop_.request_stop();
+    if (++mappings_ == 2) stop_.request_stop();
   }
   void advance(std::int64_t /*count*/) override {}
   void end() override {}
 
  private:
   std::stop_source& stop_;
-  int begun_ = 0;
+  int mappings_ = 0;
 };
 
 // No second model exists yet, and a model of low trust is better than none.
-TEST(MapperOfRepeats, InterruptedTheModelThatWasTakenApartIsLeft) {
+TEST(RepeatedStructureMapper, InterruptionReturnsConflictingModel) {
   TARSIER_LONG_TEST();
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   std::stop_source stop;
   MapperHooks hooks;
   hooks.partial = true;
-  const Reconstruction built =
-      run(site, MapperChoice::kIncremental, 250, hooks, StopsTheSecondTime(stop), stop.get_token());
+  const Reconstruction built = run(site, MapperChoice::kIncremental, 250, hooks,
+                                   StopsAtSecondMapping(stop), stop.get_token());
   EXPECT_TRUE(built.interrupted);
   ASSERT_THAT(built.log, testing::Contains(HasSubstr("lays different places over each other")));
   ASSERT_EQ(built.models.size(), 1U);
@@ -455,7 +457,7 @@ TEST(MapperOfRepeats, InterruptedTheModelThatWasTakenApartIsLeft) {
 }
 
 // A long ring with few, noisy observations. Incremental mapping does not close it.
-Given drifting_ring() {
+TestSite drifting_ring() {
   synth::SiteOptions options;
   options.kind = synth::SiteKind::kRing;
   options.images = 200;
@@ -465,13 +467,13 @@ Given drifting_ring() {
   return given(options);
 }
 
-TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
+TEST(LoopClosure, GlobalMappingClosesOpenLoop) {
   TARSIER_LONG_TEST();
-  const Given site = drifting_ring();
+  const TestSite site = drifting_ring();
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
-  hooks.keep_every_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
   const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
   const Reconstruction whole = mapped();
   EXPECT_THAT(whole.log, testing::Contains(HasSubstr("pairs open")));
@@ -481,23 +483,25 @@ TEST(MapperOfLoops, ALoopThatIsLeftOpenIsClosedByGlobalMapping) {
   EXPECT_LT(worst_center(whole.models[0], site.site.poses), 0.02);
 
   // The checkpoint contains the model that was set aside.
-  const auto aside = std::find_if(states.begin(), states.end(),
-                                  [](const MapperState& state) { return state.has_aside; });
-  ASSERT_LT(aside + 2, states.end());
-  hooks.from = *(aside + 2);
-  hooks.keep = nullptr;
+  const auto open_loop = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
+    return state.has_open_loop_model;
+  });
+  ASSERT_LT(open_loop + 2, states.end());
+  hooks.resume_from = *(open_loop + 2);
+  hooks.save_checkpoint = nullptr;
   const Reconstruction resumed = mapped();
   expect_same(resumed, whole);
-  const auto adjusted = std::find_if(aside, states.end(), [](const MapperState& state) {
-    return state.has_aside && state.start && state.start->step == GlobalStartState::kAdjustment;
+  const auto adjusted = std::find_if(open_loop, states.end(), [](const MapperState& state) {
+    return state.has_open_loop_model && state.start &&
+           state.start->step == GlobalStartState::kAdjustment;
   });
   ASSERT_NE(adjusted, states.end());
-  hooks.from = *adjusted;
+  hooks.resume_from = *adjusted;
   expect_same(mapped(), whole);
 }
 
-TEST(MapperOfLoops, OpenOnesAreFoundInABentModel) {
-  const Given site = given(synth::SiteKind::kRing, 80, 100, 4);
+TEST(LoopClosure, FindsOpenLoopsInBentModel) {
+  const TestSite site = given(synth::SiteKind::kRing, 80, 100, 4);
   Model model;
   model.cameras = site.cameras;
   model.images = site.images;
@@ -520,8 +524,8 @@ TEST(MapperOfLoops, OpenOnesAreFoundInABentModel) {
   EXPECT_LT(agreeing_inliers(model, pairs), before);
 }
 
-TEST(RepeatedStructure, FewTruePairsAreRefusedAndManyWrongOnes) {
-  const Given site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
+TEST(RepeatedStructure, RefusesManyWrongAndFewCorrectPairs) {
+  const TestSite site = given(synth::SiteKind::kSymmetric, 80, 300, 12);
   const std::vector<PairEvidence> evidence = check_evidence(site.cameras, site.images, site.pairs);
   int refused_true = 0;
   int refused_wrong = 0;
@@ -531,8 +535,8 @@ TEST(RepeatedStructure, FewTruePairsAreRefusedAndManyWrongOnes) {
   EXPECT_LT(refused_true, 5);
 }
 
-TEST(Trust, AnImageInTheWrongPlaceComesLast) {
-  const Given site = given(synth::SiteKind::kRing, 40);
+TEST(Trust, IsLowestForMisplacedImage) {
+  const TestSite site = given(synth::SiteKind::kRing, 40);
   Reconstruction built = run(site, MapperChoice::kGlobal);
   ASSERT_EQ(built.models.size(), 1U);
   Model& model = built.models[0];

@@ -9,36 +9,37 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kGrowth = 1.25;  // growth of the model after which the whole is adjusted
+constexpr double kAdjustmentGrowth = 1.25;  // growth of the model after which the whole is adjusted
 // Efforts of adjustments while the model still changes, and at the end.
-constexpr IncrementalMapper::Effort kRough{
+constexpr IncrementalMapper::RefineOptions kRoughRefinement{
     .tolerance = 1e-3, .points_per_image = 600, .max_observations = 40};
-constexpr IncrementalMapper::Effort kFine{.tolerance = 1e-5};
+constexpr IncrementalMapper::RefineOptions kFineRefinement{.tolerance = 1e-5};
 constexpr int kMaxObservations = 1'000'000;  // per adjustment: 400 to 700 bytes each
-constexpr int kMinSeen = 6;                  // min points that an image sees to be tried
-constexpr double kMuch = 0.1;  // share of all observations gained by tracks: extend once more
+constexpr int kMinVisiblePoints = 6;         // min points that an image sees to be tried
+// share of all observations gained by tracks: extend once more
+constexpr double kMinExtensionGain = 0.1;
 
-enum ExtendRound { kExtendMore = 1, kExtendEnough };  // state after the extension of tracks
+enum ExtendRound { kNotConverged = 1, kConverged };  // state after the extension of tracks
 enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
 
 // The final effort: all points, or as many as memory allows, but not fewer than before.
-IncrementalMapper::Effort fine_effort(const IncrementalMapper& mapper) {
-  IncrementalMapper::Effort effort = kFine;
+IncrementalMapper::RefineOptions fine_refinement(const IncrementalMapper& mapper) {
+  IncrementalMapper::RefineOptions refinement = kFineRefinement;
   if (mapper.observations() > kMaxObservations) {
-    effort.points_per_image =
-        std::max(kRough.points_per_image, kMaxObservations / std::max(1, mapper.registered()));
-    effort.max_observations = kRough.max_observations;
+    refinement.points_per_image = std::max(kRoughRefinement.points_per_image,
+                                           kMaxObservations / std::max(1, mapper.registered()));
+    refinement.max_observations = kRoughRefinement.max_observations;
   }
-  return effort;
+  return refinement;
 }
 
 void step(const GrowthHooks& hooks) {
   if (hooks.step) hooks.step();
 }
 
-void pass_troubles(IncrementalMapper& mapper, const GrowthHooks& hooks) {
-  for (std::string& line : mapper.take_troubles())
-    if (hooks.trouble) hooks.trouble(std::move(line));
+void pass_warnings(IncrementalMapper& mapper, const GrowthHooks& hooks) {
+  for (std::string& line : mapper.take_warnings())
+    if (hooks.warning) hooks.warning(std::move(line));
 }
 
 // The images that may be added now, the best first.
@@ -48,10 +49,10 @@ std::vector<int> candidates(const IncrementalMapper& mapper, const std::vector<b
   for (std::size_t i = 0; i < used.size(); ++i) {
     const int image = static_cast<int>(i);
     if (used[i] || mapper.model().images[i].registered) continue;
-    const int seen = mapper.seen(image);
-    if (seen < kMinSeen) continue;
+    const int visible_points = mapper.visible_count(image);
+    if (visible_points < kMinVisiblePoints) continue;
     const auto before = failed.find(image);
-    if (before != failed.end() && seen < 1.1 * before->second + 5) continue;
+    if (before != failed.end() && visible_points < 1.1 * before->second + 5) continue;
     scored.emplace_back(-mapper.next_best_view_score(image), image);
   }
   std::sort(scored.begin(), scored.end());
@@ -66,16 +67,16 @@ bool add_one(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& g
   for (const int image : candidates(mapper, used, growth.failed)) {
     std::string why;
     const bool added = mapper.add(image, stop, why);
-    if (hooks.tried) hooks.tried(image, added, added ? std::string() : why);
-    pass_troubles(mapper, hooks);
+    if (hooks.attempted) hooks.attempted(image, added, added ? std::string() : why);
+    pass_warnings(mapper, hooks);
     if (added) return true;
-    growth.failed[image] = mapper.seen(image);
+    growth.failed[image] = mapper.visible_count(image);
   }
   return false;
 }
 
 void adjust(IncrementalMapper& mapper, Growth& growth, const std::stop_token& stop) {
-  mapper.refine_all(1, kRough, stop);
+  mapper.refine_all(1, kRoughRefinement, stop);
   growth.adjusted_at = mapper.registered();
 }
 
@@ -86,7 +87,7 @@ void add_images(IncrementalMapper& mapper, const std::vector<bool>& used, bool t
   for (;;) {
     throw_if_stopped(stop);
     step(hooks);
-    if (mapper.registered() >= kGrowth * growth.adjusted_at) adjust(mapper, growth, stop);
+    if (mapper.registered() >= kAdjustmentGrowth * growth.adjusted_at) adjust(mapper, growth, stop);
     if (add_one(mapper, used, growth, hooks, stop)) continue;
     if (!thorough || growth.adjusted_at == mapper.registered()) break;
     adjust(mapper, growth, stop);
@@ -107,7 +108,7 @@ void grow(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& grow
         enter(kRefine);
         break;
       case kRefine: {
-        const bool changed = mapper.refine_once(kRough, stop);
+        const bool changed = mapper.refine_once(kRoughRefinement, stop);
         if (++growth.round == 3 || !changed) enter(kExtend);
         break;
       }
@@ -120,22 +121,22 @@ void grow(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& grow
           if (gained == 0) {
             enter(kLast);
           } else {
-            growth.round = gained >= kMuch * static_cast<double>(mapper.observations())
-                               ? kExtendMore
-                               : kExtendEnough;
+            growth.round = gained >= kMinExtensionGain * static_cast<double>(mapper.observations())
+                               ? kNotConverged
+                               : kConverged;
           }
         } else {
-          const bool is_enough = growth.round == kExtendEnough;
-          mapper.refine_once(kRough, stop);
-          enter(is_enough ? kLast : growth.stage + 1);
+          const bool is_converged = growth.round == kConverged;
+          mapper.refine_once(kRoughRefinement, stop);
+          enter(is_converged ? kLast : growth.stage + 1);
         }
         break;
       default: {
-        const bool changed = mapper.refine_once(fine_effort(mapper), stop);
+        const bool changed = mapper.refine_once(fine_refinement(mapper), stop);
         if (++growth.round == 2 || !changed) enter(kDone);
       }
     }
-    pass_troubles(mapper, hooks);
+    pass_warnings(mapper, hooks);
   }
 }
 

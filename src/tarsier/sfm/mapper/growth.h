@@ -27,8 +27,8 @@ struct Growth {
 struct GrowthHooks {
   std::function<void()> step;  // called where a checkpoint can be made
   // Receives an image, whether it was added, and why not.
-  std::function<void(int image, bool added, const std::string& why)> tried;
-  std::function<void(std::string line)> trouble;  // receives warnings of adjustments
+  std::function<void(int image, bool added, const std::string& why)> attempted;
+  std::function<void(std::string line)> warning;  // receives warnings of adjustments
 };
 
 // Adds the images that see most of the model, until no more can be added; never images in `used`.

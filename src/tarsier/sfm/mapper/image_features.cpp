@@ -28,10 +28,10 @@ constexpr std::int64_t kMaxFileBytes = 512'000'000;
 // Retrieval is faster from 24 images on, but similar places displace true neighbours. It loses one
 // of 36 images of a symmetrical box, and splits 48 of a toy with an unknown lens into two models
 // (docs/sfm.md, "Many images").
-constexpr int kFewImages = 60;
-constexpr double kGuessedFocal = 1.2;  // times the longer side
+constexpr int kMaxExhaustiveImages = 60;
+constexpr double kGuessedFocalRatio = 1.2;  // times the longer side
 // min images of a model that determines the focal length of their camera
-constexpr int kMinShown = 3;
+constexpr int kMinModelImages = 3;
 
 // The camera of an image after a clockwise quarter turn: (x, y) becomes (height - 1 - y, x).
 geometry::Camera turned(const geometry::Camera& camera) {
@@ -46,7 +46,7 @@ geometry::Camera turned(const geometry::Camera& camera) {
 }
 
 // The given camera for an image of this size: scaled where the aspect ratios are equal.
-std::optional<geometry::Camera> fitting_as_it_is(geometry::Camera camera, cv::Size size) {
+std::optional<geometry::Camera> scaled_camera(geometry::Camera camera, cv::Size size) {
   if (camera.width == 0 || camera.height == 0 ||
       (camera.width == size.width && camera.height == size.height)) {
     camera.width = size.width;
@@ -66,8 +66,9 @@ std::optional<geometry::Camera> fitting_as_it_is(geometry::Camera camera, cv::Si
 }
 
 // The same, also for an image with swapped sides. `turns`: quarter turns that bring it upright.
-std::optional<geometry::Camera> fitting(const geometry::Camera& given, cv::Size size, int turns) {
-  if (const auto camera = fitting_as_it_is(given, size)) return camera;
+std::optional<geometry::Camera> fitted_camera(const geometry::Camera& given, cv::Size size,
+                                              int turns) {
+  if (const auto camera = scaled_camera(given, size)) return camera;
   geometry::Camera camera = turned(given);
   if (turns == 1) {
     camera = turned(turned(camera));  // the camera is for upright images: turn back
@@ -76,12 +77,12 @@ std::optional<geometry::Camera> fitting(const geometry::Camera& given, cv::Size 
     camera.cy = (camera.height - 1) / 2.0;
     camera.distortion[2] = camera.distortion[3] = 0;
   }
-  return fitting_as_it_is(camera, size);
+  return scaled_camera(camera, size);
 }
 
 Lens lens_of(cv::Size size, double exif_focal, int turns, const PipelineOptions& options) {
   if (options.camera) {
-    if (const auto camera = fitting(*options.camera, size, turns)) return {*camera, "given"};
+    if (const auto camera = fitted_camera(*options.camera, size, turns)) return {*camera, "given"};
   }
   Lens lens;
   lens.camera.width = size.width;
@@ -89,10 +90,10 @@ Lens lens_of(cv::Size size, double exif_focal, int turns, const PipelineOptions&
   lens.camera.cx = (size.width - 1) / 2.0;
   lens.camera.cy = (size.height - 1) / 2.0;
   const double larger = std::max(size.width, size.height);
-  double focal = kGuessedFocal * larger;
+  double focal = kGuessedFocalRatio * larger;
   if (!options.ignore_exif && exif_focal > 0.1 * larger && exif_focal < 20 * larger) {
     focal = exif_focal;
-    lens.from = "EXIF";
+    lens.source = "EXIF";
   }
   lens.camera.fx = lens.camera.fy = focal;
   return lens;
@@ -101,11 +102,11 @@ Lens lens_of(cv::Size size, double exif_focal, int turns, const PipelineOptions&
 std::string camera_text(const Lens& lens) {
   const geometry::Camera& c = lens.camera;
   return fmt::format("{} {} {} {} {} {} {} {} {} {} {} {}", c.width, c.height, c.fx, c.fy, c.cx,
-                     c.cy, fmt::join(c.distortion, " "), lens.from, static_cast<int>(c.lens), 0, 0,
-                     0);
+                     c.cy, fmt::join(c.distortion, " "), lens.source, static_cast<int>(c.lens), 0,
+                     0, 0);
 }
 
-bool is_guess(const Lens& lens) { return std::string_view(lens.from) == "guess"; }
+bool is_guess(const Lens& lens) { return std::string_view(lens.source) == "guess"; }
 
 }  // namespace
 
@@ -128,7 +129,7 @@ cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
   image_features.turns = quarter_turns_of(exif.orientation);
   image_features.lens = lens_of(image_features.size, focal_px_of(exif, image_features.size),
                                 image_features.turns, options);
-  if (options.camera && std::string_view(image_features.lens.from) != "given") {
+  if (options.camera && std::string_view(image_features.lens.source) != "given") {
     log_warning("{}: {}x{} px, and the given camera is of {}x{}: its lens is taken from {}",
                 input.path, image.cols, image.rows, options.camera->width, options.camera->height,
                 is_guess(image_features.lens) ? "the pairs" : "EXIF");
@@ -163,10 +164,10 @@ std::string partner_key(const ImageFeatures& image_features) {
 TwoView verify_image_pair(const ImageFeatures& first, const ImageFeatures& second,
                           const std::vector<Match>& matches, const PipelineOptions& options,
                           const std::vector<float>& ratios) {
-  TwoViewOptions how = options.two_view;
-  how.known_focal = !is_guess(first.lens) && !is_guess(second.lens);
+  TwoViewOptions two_view = options.two_view;
+  two_view.known_focal = !is_guess(first.lens) && !is_guess(second.lens);
   return verify_pair(first.features.points, second.features.points, matches, first.lens.camera,
-                     second.lens.camera, how, ratios);
+                     second.lens.camera, two_view, ratios);
 }
 
 void compare_images(const ImageFeatures& first, const ImageFeatures& second,
@@ -186,11 +187,12 @@ PipelineOptions seeded(PipelineOptions options) {
 
 PairChoice pair_choice(const PipelineOptions& options, int images) {
   if (options.pairs != PairChoice::kAuto) return options.pairs;
-  return images <= kFewImages ? PairChoice::kExhaustive : PairChoice::kRetrieval;
+  return images <= kMaxExhaustiveImages ? PairChoice::kExhaustive : PairChoice::kRetrieval;
 }
 
 std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
-                                    const KnownPlaces& places, const DescriptorSource& descriptors,
+                                    const KnownPositions& positions,
+                                    const DescriptorSource& descriptors,
                                     const PipelineOptions& options) {
   const auto count = static_cast<int>(names.size());
   switch (pair_choice(options, count)) {
@@ -202,7 +204,7 @@ std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
       RetrievalOptions retrieval;
       retrieval.nearest = options.nearest;
       retrieval.seed = options.seed;
-      return Retrieval(count, descriptors, options.features.kind, retrieval).pairs(places);
+      return Retrieval(count, descriptors, options.features.kind, retrieval).pairs(positions);
     }
     case PairChoice::kAuto:
     case PairChoice::kExhaustive:
@@ -221,7 +223,7 @@ void ImageSet::add(const ImageFeatures& image_features, const std::string& name)
     is_guess_.push_back(is_guess(image_features.lens) ? 1 : 0);
     is_estimated_.push_back(0);
   }
-  any_guess_ = any_guess_ || std::string_view(image_features.lens.from) != "given";
+  any_guess_ = any_guess_ || std::string_view(image_features.lens.source) != "given";
   Image image;
   image.name = name;
   image.camera = entry->second;
@@ -279,9 +281,9 @@ std::vector<std::string> ImageSet::estimate_focal_lengths(std::vector<Pair>& pai
   return lines;
 }
 
-std::vector<std::string> ImageSet::take_focal_lengths(const std::vector<Model>& models,
-                                                      double min_change, std::vector<Pair>& pairs,
-                                                      const std::stop_token& stop) {
+std::vector<std::string> ImageSet::adopt_focal_lengths(const std::vector<Model>& models,
+                                                       double min_change, std::vector<Pair>& pairs,
+                                                       const std::stop_token& stop) {
   std::vector<std::string> lines;
   if (!has_guess()) return lines;
   std::vector<char> is_seen(cameras_.size(), 0);
@@ -290,7 +292,7 @@ std::vector<std::string> ImageSet::take_focal_lengths(const std::vector<Model>& 
     std::vector<int> shown(cameras_.size(), 0);
     for (const Image& image : model.images) shown[at(image.camera)] += image.registered ? 1 : 0;
     for (std::size_t c = 0; c < cameras_.size(); ++c) {
-      if (is_guess_[c] == 0 || is_seen[c] != 0 || shown[c] < kMinShown) continue;
+      if (is_guess_[c] == 0 || is_seen[c] != 0 || shown[c] < kMinModelImages) continue;
       is_seen[c] = 1;
       const double focal = model.cameras[c].fx;
       if (!(std::abs(std::log(focal / cameras_[c].fx)) > min_change)) continue;

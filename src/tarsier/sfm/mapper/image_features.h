@@ -18,7 +18,7 @@ namespace tarsier::sfm {
 
 struct Lens {
   geometry::Camera camera;
-  const char* from = "guess";  // "given", "EXIF", "guess"
+  const char* source = "guess";  // "given", "EXIF", "guess"
 };
 
 // An image, as needed by pairs and mapper.
@@ -72,9 +72,9 @@ void compare_images(const ImageFeatures& first, const ImageFeatures& second,
 
 // The pairs of images to compare, by index: the smaller one first, sorted, each pair once. `names`
 // are those of the readable images. `descriptors` is called where images are found by retrieval.
-// `places` are camera positions (empty: unknown). Throws InputError (pairs_file).
+// `positions` are camera positions (empty: unknown). Throws InputError (pairs_file).
 [[nodiscard]] std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
-                                                  const KnownPlaces& places,
+                                                  const KnownPositions& positions,
                                                   const DescriptorSource& descriptors,
                                                   const PipelineOptions& options);
 
@@ -99,9 +99,9 @@ class ImageSet {
                                                   const std::stop_token& stop);
   // The same, from models made with other focal lengths. A camera takes the focal length of the
   // first model with three of its images, where its logarithm differs by more than `min_change`.
-  std::vector<std::string> take_focal_lengths(const std::vector<Model>& models, double min_change,
-                                              std::vector<Pair>& pairs,
-                                              const std::stop_token& stop);
+  std::vector<std::string> adopt_focal_lengths(const std::vector<Model>& models, double min_change,
+                                               std::vector<Pair>& pairs,
+                                               const std::stop_token& stop);
   // Whether a focal length is a guess that is to be refined.
   [[nodiscard]] bool has_guess() const;
   // Whether one of the two functions above set the focal length of an image's camera.

@@ -42,7 +42,7 @@ class InputImage : public FolderTest {
   }
 };
 
-TEST_F(InputImage, OfAnyOrientationHasTheLensOfItsCamera) {
+TEST_F(InputImage, LensDoesNotDependOnOrientation) {
   PipelineOptions options;
   options.camera = landscape();
   PipelineOptions guessed;
@@ -52,7 +52,7 @@ TEST_F(InputImage, OfAnyOrientationHasTheLensOfItsCamera) {
     SCOPED_TRACE(orientation);
     const ImageFeatures image = read(kSize, orientation, options);
     EXPECT_EQ(image.size, kSize);
-    EXPECT_STREQ(image.lens.from, "given");
+    EXPECT_STREQ(image.lens.source, "given");
     EXPECT_EQ(image.lens.camera.cx, landscape().cx);
     EXPECT_EQ(image.lens.camera.distortion, landscape().distortion);
     given_set.add(image, std::to_string(orientation));
@@ -64,7 +64,7 @@ TEST_F(InputImage, OfAnyOrientationHasTheLensOfItsCamera) {
 }
 
 // A camera that was calibrated with upright images.
-TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
+TEST_F(InputImage, RotatesCameraOfSwappedSides) {
   geometry::Camera upright = landscape();
   std::swap(upright.width, upright.height);
   std::swap(upright.cx, upright.cy);
@@ -73,7 +73,7 @@ TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
   for (const int orientation : {5, 6, 7, 8}) {
     SCOPED_TRACE(orientation);
     const ImageFeatures image = read(kSize, orientation, options);
-    ASSERT_STREQ(image.lens.from, "given");
+    ASSERT_STREQ(image.lens.source, "given");
     EXPECT_EQ(image.lens.camera.width, kSize.width);
     // A point in the camera's frame, and in the frame of the upright camera.
     const Eigen::Vector3d point(0.2, -0.13, 1);
@@ -91,12 +91,12 @@ TEST_F(InputImage, TakesACameraOfTheSwappedSidesTurned) {
   }
 }
 
-TEST_F(InputImage, ThatWasTurnedWithoutASignHasItsLensInTheMiddle) {
+TEST_F(InputImage, RotatedWithoutExifCentersPrincipalPoint) {
   PipelineOptions options;
   options.camera = landscape();
   const cv::Size turned(2 * kSize.height, 2 * kSize.width);  // and twice the size
   const ImageFeatures image = read(turned, 1, options);
-  ASSERT_STREQ(image.lens.from, "given");
+  ASSERT_STREQ(image.lens.source, "given");
   const geometry::Camera& camera = image.lens.camera;
   EXPECT_EQ(cv::Size(camera.width, camera.height), turned);
   EXPECT_DOUBLE_EQ(camera.fx, 2 * landscape().fy);
@@ -107,7 +107,7 @@ TEST_F(InputImage, ThatWasTurnedWithoutASignHasItsLensInTheMiddle) {
   EXPECT_EQ(camera.distortion[2], 0);
 
   // It is not used for another aspect ratio.
-  EXPECT_STREQ(read({60, 60}, 1, options).lens.from, "guess");
+  EXPECT_STREQ(read({60, 60}, 1, options).lens.source, "guess");
 }
 
 }  // namespace

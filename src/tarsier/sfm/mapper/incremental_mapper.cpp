@@ -22,16 +22,17 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
-constexpr int kMaxPairsOfATrack = 30;
-constexpr int kNeighbours = 6;          // images adjusted together with a new image
+constexpr int kMaxRayPairs = 30;
+constexpr int kMaxNeighbours = 6;       // images adjusted together with a new image
 constexpr std::size_t kMinPoints = 30;  // of an initial pair
 constexpr int kLocalPoints = 600;       // per image that is adjusted with a new one
 // Max observations of a point used while an image is added. Tracks may be in hundreds of images of
 // a video, and the cost would grow with them.
 constexpr int kLocalObservations = 40;
-constexpr int kPointSteps = 3;                 // iterations for points that an adjustment left out
-constexpr std::size_t kMaxAtOnce = 2'000'000;  // observations of points that are adjusted alone
-constexpr int kGrids = 5;                      // grids of 2 x 2 to 32 x 32 cells
+constexpr int kMaxPointIterations = 3;  // iterations for points that an adjustment left out
+// observations of points that are adjusted alone
+constexpr std::size_t kMaxBatchObservations = 2'000'000;
+constexpr int kGrids = 5;  // grids of 2 x 2 to 32 x 32 cells
 
 // Begin of the grid of 2^level x 2^level cells among the cells of all grids: after 4 + 16 + ..
 std::size_t grid_start(int level) { return ((std::size_t{1} << (2 * level)) - 4) / 3; }
@@ -57,7 +58,7 @@ IncrementalMapper::IncrementalMapper(Model model, std::vector<std::vector<Observ
   for (std::size_t t = 0; t < tracks_.size(); ++t)
     for (const Observation& seen : tracks_[t])
       track_of_[at(seen.image)][at(seen.feature)] = static_cast<int>(t);
-  measure_rays();
+  compute_rays();
 }
 
 void IncrementalMapper::count(const Observation& seen, int change) {
@@ -66,7 +67,7 @@ void IncrementalMapper::count(const Observation& seen, int change) {
   const geometry::Camera& camera = model_.cameras[at(entry.camera)];
   const cv::Point2d p(entry.features[at(seen.feature)]);
   if (view.cells.empty()) view.cells.assign(grid_start(kGrids + 1), 0);
-  view.seen += change;
+  view.visible += change;
   for (int level = 1; level <= kGrids; ++level) {
     const int cells = 1 << level;
     const int x = std::clamp(static_cast<int>(p.x * cells / camera.width), 0, cells - 1);
@@ -100,16 +101,16 @@ std::vector<int> IncrementalMapper::all_tracks() const {
 }
 
 std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) const {
-  std::vector<char> is_one(model_.images.size(), 0);
-  for (const int image : images) is_one[at(image)] = 1;
-  std::vector<char> is_asked(tracks_.size(), 0);
+  std::vector<char> is_selected(model_.images.size(), 0);
+  for (const int image : images) is_selected[at(image)] = 1;
+  std::vector<char> is_visited(tracks_.size(), 0);
   std::vector<int> result;
   for (const int image : images) {
     for (const int track : track_of_[at(image)]) {
-      if (track < 0 || std::exchange(is_asked[at(track)], 1) != 0) continue;
+      if (track < 0 || std::exchange(is_visited[at(track)], 1) != 0) continue;
       const std::vector<Observation>& shown = model_.points[at(track)].track;
       if (std::any_of(shown.begin(), shown.end(),
-                      [&](const Observation& seen) { return is_one[at(seen.image)] != 0; }))
+                      [&](const Observation& seen) { return is_selected[at(seen.image)] != 0; }))
         result.push_back(track);
     }
   }
@@ -118,7 +119,7 @@ std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) co
 }
 
 int IncrementalMapper::filter(const std::vector<int>& points, const std::vector<int>& images) {
-  const int dropped = filter_these(model_, options_, points, images);
+  const int dropped = filter_selected_points(model_, options_, points, images);
   count_points(points);
   return dropped;
 }
@@ -130,7 +131,7 @@ void IncrementalMapper::resume(const Model& before) {
     model_.images[i].pose = before.images[i].pose;
     registered_ += before.images[i].registered ? 1 : 0;
   }
-  measure_rays();
+  compute_rays();
   (void)triangulate_all(min_angle());
 }
 
@@ -152,7 +153,7 @@ void IncrementalMapper::restore(const IncrementalMapperState& state) {
         track_of_[at(seen.image)][at(seen.feature)] = static_cast<int>(t);
   }
   model_.cameras = state.ray_cameras;
-  measure_rays();
+  compute_rays();
   unpack(state.model, model_);
   registered_ = static_cast<int>(state.model.registered.size());
   count_points(all_tracks());
@@ -163,33 +164,34 @@ void IncrementalMapper::adjust_model(BundleOptions options, const std::stop_toke
   options.fixed_images = fixed_images_;
   options.fixed_cameras = fixed_cameras_;
   const BundleReport report = adjust(model_, options, stop);
-  if (!report.trouble.empty()) {
-    troubles_.push_back(
+  if (!report.warning.empty()) {
+    warnings_.push_back(
         fmt::format("an adjustment of {} images and {} observations: {}",
                     options.images.empty() ? at(registered_) : options.images.size(),
-                    report.residuals, report.trouble));
+                    report.residuals, report.warning));
   }
   if (watch_) watch_("after", *this);
 }
 
-void IncrementalMapper::adjust_by_some_points(BundleOptions options, const Effort& effort,
+void IncrementalMapper::adjust_by_some_points(BundleOptions options,
+                                              const RefineOptions& refinement,
                                               const std::stop_token& stop) {
   std::vector<int> images;
   for (std::size_t i = 0; i < model_.images.size(); ++i)
     if (model_.images[i].registered) images.push_back(static_cast<int>(i));
   std::vector<int> points = all_tracks();
   std::erase_if(points, [&](int p) { return model_.points[at(p)].track.empty(); });
-  options.max_observations = effort.max_observations;
-  options.points =
-      select_points(model_, points, images, effort.points_per_image, effort.max_observations);
+  options.max_observations = refinement.max_observations;
+  options.points = select_points(model_, points, images, refinement.points_per_image,
+                                 refinement.max_observations);
   adjust_model(options, stop);
   std::vector<int> others;
   auto adjusted = options.points.begin();
   for (const int p : points) {
-    const bool took_part = adjusted != options.points.end() && *adjusted == p;
-    if (took_part) ++adjusted;
-    if (!took_part || (effort.max_observations > 0 &&
-                       model_.points[at(p)].track.size() > at(effort.max_observations)))
+    const bool was_adjusted = adjusted != options.points.end() && *adjusted == p;
+    if (was_adjusted) ++adjusted;
+    if (!was_adjusted || (refinement.max_observations > 0 &&
+                          model_.points[at(p)].track.size() > at(refinement.max_observations)))
       others.push_back(p);
   }
   // The filter drops points that are now behind a camera.
@@ -205,12 +207,12 @@ void IncrementalMapper::adjust_by_some_points(BundleOptions options, const Effor
 void IncrementalMapper::adjust_points(const std::vector<int>& points) {
   BundleOptions options;
   options.only_points = true;
-  options.max_iterations = kPointSteps;
+  options.max_iterations = kMaxPointIterations;
   std::size_t observations = 0;
   for (const int p : points) {
     options.points.push_back(p);
     observations += model_.points[at(p)].track.size();
-    if (observations < kMaxAtOnce && p != points.back()) continue;
+    if (observations < kMaxBatchObservations && p != points.back()) continue;
     adjust_model(options, {});
     options.points.clear();
     observations = 0;
@@ -318,29 +320,30 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
   return true;
 }
 
-bool IncrementalMapper::refine_once(const Effort& effort, const std::stop_token& stop) {
+bool IncrementalMapper::refine_once(const RefineOptions& refinement, const std::stop_token& stop) {
   BundleOptions bundle;
-  bundle.tolerance = effort.tolerance;
-  bundle.loss_px = effort.loss_px;
+  bundle.tolerance = refinement.tolerance;
+  bundle.loss_px = refinement.loss_px;
   // Two views do not determine the focal length.
-  const bool enough = registered() >= 3;
-  bundle.focal = options_.refine_focal && enough;
+  const bool can_refine_lens = registered() >= 3;
+  bundle.focal = options_.refine_focal && can_refine_lens;
   bundle.center = options_.refine_center && registered() >= 5;
-  bundle.distortion = options_.refine_distortion && enough;
-  if (effort.points_per_image > 0) {
-    adjust_by_some_points(bundle, effort, stop);
+  bundle.distortion = options_.refine_distortion && can_refine_lens;
+  if (refinement.points_per_image > 0) {
+    adjust_by_some_points(bundle, refinement, stop);
   } else {
     adjust_model(bundle, stop);
   }
-  if (bundle.focal || bundle.center || bundle.distortion) measure_rays();
+  if (bundle.focal || bundle.center || bundle.distortion) compute_rays();
   const int dropped = filter(all_tracks());
   const int found = triangulate_all(min_angle());
   return dropped + found >= 0.002 * static_cast<double>(observations());
 }
 
-void IncrementalMapper::refine_all(int rounds, const Effort& effort, const std::stop_token& stop) {
+void IncrementalMapper::refine_all(int rounds, const RefineOptions& refinement,
+                                   const std::stop_token& stop) {
   for (int round = 0; round < rounds; ++round)
-    if (!refine_once(effort, stop)) break;
+    if (!refine_once(refinement, stop)) break;
 }
 
 Model IncrementalMapper::finished(const std::vector<std::vector<cv::Vec3b>>& colors,
@@ -359,15 +362,15 @@ Model IncrementalMapper::finished(const std::vector<std::vector<cv::Vec3b>>& col
     }
   }
   if (min_views <= 0) min_views = registered() < 4 ? 2 : options_.min_views;
-  const std::size_t least = at(std::max(2, min_views));
+  const std::size_t min_track_length = at(std::max(2, min_views));
   for (const Point& point : model_.points) {
-    if (point.track.size() < least) continue;
+    if (point.track.size() < min_track_length) continue;
     Point copy = point;
     cv::Vec3d color;
     double squares = 0;
     for (const Observation& seen : point.track) {
       color += cv::Vec3d(colors[at(seen.image)][at(seen.feature)]);
-      const auto error = error_of(model_, seen, point.position);
+      const auto error = reprojection_error(model_, seen, point.position);
       squares += error ? *error * *error : 0;
       result.images[at(seen.image)].points[at(seen.feature)] =
           static_cast<int>(result.points.size());
@@ -380,15 +383,16 @@ Model IncrementalMapper::finished(const std::vector<std::vector<cv::Vec3b>>& col
   return result;
 }
 
-std::optional<double> IncrementalMapper::error_of(const Model& model, const Observation& seen,
-                                                  const Eigen::Vector3d& position) {
+std::optional<double> IncrementalMapper::reprojection_error(const Model& model,
+                                                            const Observation& seen,
+                                                            const Eigen::Vector3d& position) {
   const Image& image = model.images[at(seen.image)];
   const auto pixel = model.cameras[at(image.camera)].project(image.pose * position);
   if (!pixel) return std::nullopt;
   return cv::norm(*pixel - cv::Point2d(image.features[at(seen.feature)]));
 }
 
-void IncrementalMapper::measure_rays() {
+void IncrementalMapper::compute_rays() {
   ray_cameras_ = model_.cameras;
   rays_.resize(model_.images.size());
   for (std::size_t i = 0; i < model_.images.size(); ++i) {
@@ -438,7 +442,7 @@ std::vector<Correspondence2D3D> IncrementalMapper::inliers_of(
   std::vector<Correspondence2D3D> result;
   for (const auto& [feature, track] : seen) {
     const Eigen::Vector3d& position = model_.points[at(track)].position;
-    const auto error = error_of(model_, {image, feature}, position);
+    const auto error = reprojection_error(model_, {image, feature}, position);
     if (error && *error <= threshold)
       result.push_back({cv::Point2d(model_.images[at(image)].features[at(feature)]), position});
   }
@@ -458,10 +462,10 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
   bundle.max_iterations = 20;
   bundle.tolerance = 1e-4;
   bundle.images = {image};
-  for (std::size_t k = 0; k < order.size() && k < kNeighbours; ++k)
+  for (std::size_t k = 0; k < order.size() && k < kMaxNeighbours; ++k)
     bundle.images.push_back(order[k].second);
   std::vector<int> points;
-  if (registered() <= kNeighbours + 1) {
+  if (registered() <= kMaxNeighbours + 1) {
     bundle.images.clear();  // a small model is adjusted as a whole
     points = all_tracks();
   } else {
@@ -505,47 +509,48 @@ int IncrementalMapper::triangulate_track(int track, double min_angle, std::vecto
   Point& point = model_.points[at(track)];
   const std::vector<Observation>& all = tracks_[at(track)];
   const std::size_t before = point.track.size();
-  const auto is_there = [&](const Observation& seen) {
+  const auto is_registered = [&](const Observation& seen) {
     return model_.images[at(seen.image)].registered;
   };
-  const auto number = static_cast<std::size_t>(std::count_if(all.begin(), all.end(), is_there));
+  const auto number =
+      static_cast<std::size_t>(std::count_if(all.begin(), all.end(), is_registered));
   if (number < 2 || before == number) return 0;
   if (before > 0) {
     for (const Observation& seen : point.track) shown_in[at(seen.image)] = track;
     for (const Observation& seen : all) {
-      if (!is_there(seen) || shown_in[at(seen.image)] == track) continue;
-      const auto error = error_of(model_, seen, point.position);
+      if (!is_registered(seen) || shown_in[at(seen.image)] == track) continue;
+      const auto error = reprojection_error(model_, seen, point.position);
       if (error && *error <= options_.reprojection_px) point.track.push_back(seen);
     }
     return static_cast<int>(point.track.size() - before);
   }
-  std::vector<Observation> there;
-  there.reserve(number);
-  std::copy_if(all.begin(), all.end(), std::back_inserter(there), is_there);
+  std::vector<Observation> usable;
+  usable.reserve(number);
+  std::copy_if(all.begin(), all.end(), std::back_inserter(usable), is_registered);
   // Searches the pair of rays with which most others agree.
   std::vector<Observation> best;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
-  int tried = 0;
-  const auto count = static_cast<int>(there.size());
-  for (int apart = count - 1; apart >= 1 && tried < kMaxPairsOfATrack; --apart) {
-    for (int i = 0; i + apart < count && tried < kMaxPairsOfATrack; ++i) {
-      ++tried;
-      const auto candidate = triangulate({ray_of(there[at(i)]), ray_of(there[at(i + apart)])});
+  int attempts = 0;
+  const auto count = static_cast<int>(usable.size());
+  for (int gap = count - 1; gap >= 1 && attempts < kMaxRayPairs; --gap) {
+    for (int i = 0; i + gap < count && attempts < kMaxRayPairs; ++i) {
+      ++attempts;
+      const auto candidate = triangulate({ray_of(usable[at(i)]), ray_of(usable[at(i + gap)])});
       if (!candidate) continue;
-      std::vector<Observation> agreeing = within(there, *candidate);
+      std::vector<Observation> agreeing = consistent_observations(usable, *candidate);
       if (agreeing.size() > best.size()) {
         best = std::move(agreeing);
         position = *candidate;
       }
     }
-    if (best.size() == there.size()) break;
+    if (best.size() == usable.size()) break;
   }
   if (best.size() < 2) return 0;
   std::vector<ObservationRay> rays;
   for (const Observation& seen : best) rays.push_back(ray_of(seen));
   const auto refined = triangulate(rays);
   if (refined) position = *refined;
-  best = within(there, position);
+  best = consistent_observations(usable, position);
   if (best.size() < 2 || !has_angle(model_, best, position, min_angle)) return 0;
   point.position = position;
   point.track = std::move(best);
@@ -556,31 +561,31 @@ ObservationRay IncrementalMapper::ray_of(const Observation& seen) const {
   return {model_.images[at(seen.image)].pose, rays_[at(seen.image)][at(seen.feature)]};
 }
 
-std::vector<Observation> IncrementalMapper::within(const std::vector<Observation>& all,
-                                                   const Eigen::Vector3d& position) const {
+std::vector<Observation> IncrementalMapper::consistent_observations(
+    const std::vector<Observation>& all, const Eigen::Vector3d& position) const {
   std::vector<Observation> result;
   for (const Observation& seen : all) {
-    const auto error = error_of(model_, seen, position);
+    const auto error = reprojection_error(model_, seen, position);
     if (error && *error <= options_.reprojection_px) result.push_back(seen);
   }
   return result;
 }
 
 bool IncrementalMapper::has_angle(const Model& model, const std::vector<Observation>& track,
-                                  const Eigen::Vector3d& position, double least) {
+                                  const Eigen::Vector3d& position, double min_angle_rad) {
   const auto center = [&](const Observation& seen) {
     return model.images[at(seen.image)].pose.center();
   };
   // The first and the last are often the farthest apart.
   if (track.size() >= 2 &&
-      ray_angle(position, center(track.front()), center(track.back())) >= least)
+      ray_angle(position, center(track.front()), center(track.back())) >= min_angle_rad)
     return true;
   std::vector<Eigen::Vector3d> centers;
   centers.reserve(track.size());
   for (const Observation& seen : track) centers.push_back(center(seen));
   for (std::size_t i = 0; i < track.size(); ++i)
     for (std::size_t k = track.size() - 1; k > i; --k)
-      if (ray_angle(position, centers[i], centers[k]) >= least) return true;
+      if (ray_angle(position, centers[i], centers[k]) >= min_angle_rad) return true;
   return false;
 }
 

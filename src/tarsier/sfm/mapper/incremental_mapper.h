@@ -34,7 +34,7 @@ class IncrementalMapper {
   using Watch = std::function<void(const char* moment, const IncrementalMapper&)>;
   void watch(Watch watch) { watch_ = std::move(watch); }
   // Images whose poses and cameras whose parameters no adjustment changes.
-  void hold(std::vector<int> images, std::vector<int> cameras) {
+  void fix(std::vector<int> images, std::vector<int> cameras) {
     fixed_images_ = std::move(images);
     fixed_cameras_ = std::move(cameras);
   }
@@ -48,7 +48,9 @@ class IncrementalMapper {
   // Model points that the image should see, as (feature, track), and their number. The number is
   // updated as points are added and removed.
   [[nodiscard]] std::vector<std::pair<int, int>> visible(int image) const;
-  [[nodiscard]] int seen(int image) const { return views_[static_cast<std::size_t>(image)].seen; }
+  [[nodiscard]] int visible_count(int image) const {
+    return views_[static_cast<std::size_t>(image)].visible;
+  }
   // Score for choosing the next image: how much it sees, and how evenly. Counts occupied cells of
   // increasingly fine grids; finer ones weigh more (Schonberger and Frahm, section 4.2). Also
   // updated.
@@ -58,10 +60,10 @@ class IncrementalMapper {
   // Registers an image; on failure `why` is the reason. Throws Interrupted: the image is then not
   // registered and the model is unchanged.
   bool add(int image, const std::stop_token& stop, std::string& why);
-  // Effort of an adjustment of the whole model: the tolerance, the points used per image, and the
+  // Options of an adjustment of the whole model: the tolerance, the points used per image, and the
   // observations used per point (0: all). Points that are not used, or not with all observations,
   // are adjusted alone afterwards.
-  struct Effort {
+  struct RefineOptions {
     double tolerance = 1e-3;
     int points_per_image = 0;
     int max_observations = 0;
@@ -69,9 +71,9 @@ class IncrementalMapper {
   };
   // Adjusts the whole model, drops outliers and triangulates. Returns whether much changed, so that
   // another round is worthwhile. Throws Interrupted: the model is then unchanged.
-  bool refine_once(const Effort& effort, const std::stop_token& stop);
+  bool refine_once(const RefineOptions& refinement, const std::stop_token& stop);
   // Repeats refine_once() while much changes.
-  void refine_all(int rounds, const Effort& effort, const std::stop_token& stop);
+  void refine_all(int rounds, const RefineOptions& refinement, const std::stop_token& stop);
   // Searches known points in images that do not show them yet. A match that is too weak alone is
   // accepted at the projected position. Where the feature belongs to another track, both tracks are
   // merged if they are one point. An image is searched for the points of all images that share a
@@ -86,25 +88,25 @@ class IncrementalMapper {
   [[nodiscard]] IncrementalMapperState state() const;
   void restore(const IncrementalMapperState& state);
   // Warnings of adjustments since the last call, one line each.
-  [[nodiscard]] std::vector<std::string> take_troubles() { return std::exchange(troubles_, {}); }
-  static std::optional<double> error_of(const Model& model, const Observation& seen,
-                                        const Eigen::Vector3d& position);
-  // Whether two rays to the point differ by at least `least` radians.
+  [[nodiscard]] std::vector<std::string> take_warnings() { return std::exchange(warnings_, {}); }
+  static std::optional<double> reprojection_error(const Model& model, const Observation& seen,
+                                                  const Eigen::Vector3d& position);
+  // Whether two rays to the point differ by at least `min_angle_rad`.
   static bool has_angle(const Model& model, const std::vector<Observation>& track,
-                        const Eigen::Vector3d& position, double least);
+                        const Eigen::Vector3d& position, double min_angle_rad);
 
  private:
   // What an image sees of the model: the cells of all five grids, each with the number of features
   // of points in it.
   struct View {
-    int seen = 0;
+    int visible = 0;
     std::int64_t next_best_view_score = 0;
     std::vector<int> cells;
   };
   void adjust_model(BundleOptions options, const std::stop_token& stop);
   // Adjusts all images by some of the points and observations, then all other points with fixed
   // images.
-  void adjust_by_some_points(BundleOptions options, const Effort& effort,
+  void adjust_by_some_points(BundleOptions options, const RefineOptions& refinement,
                              const std::stop_token& stop);
   // Adjusts these points only.
   void adjust_points(const std::vector<int>& points);
@@ -126,9 +128,9 @@ class IncrementalMapper {
   int merge(int track, const Observation& seen);
   // Whether the two points are far apart as the first and the last image see them; both are
   // accurate.
-  [[nodiscard]] bool are_apart(const Point& point, const Point& other) const;
+  [[nodiscard]] bool are_distinct(const Point& point, const Point& other) const;
   // Computes the normalised coordinates of all features.
-  void measure_rays();
+  void compute_rays();
   [[nodiscard]] std::optional<geometry::Rigid3> pose_of(const std::vector<cv::Point3d>& positions,
                                                         const std::vector<cv::Point2d>& pixels,
                                                         const geometry::Camera& camera) const;
@@ -142,8 +144,8 @@ class IncrementalMapper {
   // `shown_in`: scratch memory, one number per image, negative or the index of an earlier track.
   int triangulate_track(int track, double min_angle, std::vector<int>& shown_in);
   [[nodiscard]] ObservationRay ray_of(const Observation& seen) const;
-  [[nodiscard]] std::vector<Observation> within(const std::vector<Observation>& all,
-                                                const Eigen::Vector3d& position) const;
+  [[nodiscard]] std::vector<Observation> consistent_observations(
+      const std::vector<Observation>& all, const Eigen::Vector3d& position) const;
 
   Model model_;
   std::vector<std::vector<Observation>> tracks_;
@@ -160,7 +162,7 @@ class IncrementalMapper {
   std::vector<geometry::Camera> ray_cameras_;   // the cameras that rays_ were computed with
   // for each descriptor, from the first extend_tracks() on
   std::vector<std::vector<double>> norms_;
-  std::vector<std::string> troubles_;
+  std::vector<std::string> warnings_;
   std::vector<int> fixed_images_;
   std::vector<int> fixed_cameras_;
 };

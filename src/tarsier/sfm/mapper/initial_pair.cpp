@@ -52,15 +52,17 @@ std::string why_not_registered(const Pair* best, const std::vector<Image>& image
 std::string why_no_initial_pair(const std::vector<Pair>& pairs, const std::vector<Image>& images,
                                 const MapperOptions& options) {
   const Pair* best = nullptr;
-  const Pair* most = nullptr;
+  const Pair* best_by_matches = nullptr;
   for (const Pair& pair : pairs) {
     if (best == nullptr || pair.view.inliers.size() > best->view.inliers.size()) best = &pair;
-    if (most == nullptr || pair.matches > most->matches) most = &pair;
+    if (best_by_matches == nullptr || pair.matches > best_by_matches->matches)
+      best_by_matches = &pair;
   }
   if (best == nullptr) return "there are no two images to compare";
   if (best->view.inliers.empty())
     return fmt::format("no two images show enough of the same: at most {} matches ({} and {})",
-                       most->matches, images[at(most->first)].name, images[at(most->second)].name);
+                       best_by_matches->matches, images[at(best_by_matches->first)].name,
+                       images[at(best_by_matches->second)].name);
   const auto inliers = static_cast<double>(best->view.inliers.size());
   const std::string names =
       fmt::format("the best pair, {} and {}, has {} inliers", images[at(best->first)].name,

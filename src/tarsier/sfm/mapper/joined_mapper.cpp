@@ -36,9 +36,9 @@ class JoinedMapping {
       made_.parts.push_back(part.name);
     }
     progress_.begin("join", static_cast<std::int64_t>(input_.images.size()), "images");
-    JoinOptions how;
-    how.seed = options_.seed;
-    JoinedModels joined = join_models(models, made_.parts, how, options_, stop_);
+    JoinOptions join_options;
+    join_options.seed = options_.seed;
+    JoinedModels joined = join_models(models, made_.parts, join_options, options_, stop_);
     models.clear();
     made_.joins = std::move(joined.joins);
     for (const auto& [image, reason] : joined.left_out) made_.outcomes[at(image)].reason = reason;
@@ -48,15 +48,15 @@ class JoinedMapping {
       finish_without_pairs();
     } else {
       evidence_ = check_evidence(input_.cameras, input_.images, input_.pairs);
-      doubts_.assign(input_.pairs.size(), Doubt::kNone);
-      for (std::size_t k = 0; k < doubts_.size(); ++k)
-        if (evidence_[k].is_refused()) doubts_[k] = Doubt::kEvidence;
+      rejections_.assign(input_.pairs.size(), PairRejection::kNone);
+      for (std::size_t k = 0; k < rejections_.size(); ++k)
+        if (evidence_[k].is_refused()) rejections_[k] = PairRejection::kMissingFeatures;
       for (const std::size_t k : mapped_.refused_pairs)
-        if (!is_refused(doubts_[k])) doubts_[k] = Doubt::kModel;
+        if (!is_refused(rejections_[k])) rejections_[k] = PairRejection::kModelConflict;
       for (std::size_t m = 0; m < joined.models.size(); ++m) grow_further(joined.models, m);
       made_.models = std::move(joined.models);
       const std::size_t count = made_.models.size();
-      add_outcomes(input_, options_, evidence_, doubts_, false,
+      add_outcomes(input_, options_, evidence_, rejections_, false,
                    std::vector<std::shared_ptr<const ModelConflicts>>(count), made_);
     }
     progress_.end();
@@ -78,31 +78,32 @@ class JoinedMapping {
   }
 
   // Images that another model has.
-  [[nodiscard]] std::vector<bool> taken(const std::vector<Model>& models, std::size_t model) const {
-    std::vector<bool> is_taken(input_.images.size(), false);
+  [[nodiscard]] std::vector<bool> registered_elsewhere(const std::vector<Model>& models,
+                                                       std::size_t model) const {
+    std::vector<bool> is_elsewhere(input_.images.size(), false);
     for (std::size_t m = 0; m < models.size(); ++m)
-      for (std::size_t i = 0; i < is_taken.size() && m != model; ++i)
+      for (std::size_t i = 0; i < is_elsewhere.size() && m != model; ++i)
         if (models[m].images[i].registered && !models[model].images[i].registered)
-          is_taken[i] = true;
-    return is_taken;
+          is_elsewhere[i] = true;
+    return is_elsewhere;
   }
 
   // Triangulates the model's points from all pairs, and grows it to its end.
   void grow_further(std::vector<Model>& models, std::size_t m) {
-    const std::vector<bool> is_taken = taken(models, m);
+    const std::vector<bool> is_elsewhere = registered_elsewhere(models, m);
     Model& model = models[m];
-    std::vector<char> keep(input_.images.size());
-    for (std::size_t i = 0; i < keep.size(); ++i) keep[i] = is_taken[i] ? 0 : 1;
-    Model begin = model_of_some(input_.cameras, input_.images, keep);
-    const std::vector<int> features = feature_counts(begin);
+    std::vector<char> has_features(input_.images.size());
+    for (std::size_t i = 0; i < has_features.size(); ++i) has_features[i] = is_elsewhere[i] ? 0 : 1;
+    Model start = model_with_features(input_.cameras, input_.images, has_features);
+    const std::vector<int> features = feature_counts(start);
     std::vector<const Pair*> pairs;
     for (std::size_t k = 0; k < input_.pairs.size(); ++k) {
       const Pair& pair = input_.pairs[k];
-      if (!pair.view.inliers.empty() && !is_refused(doubts_[k]) && !is_taken[at(pair.first)] &&
-          !is_taken[at(pair.second)])
+      if (!pair.view.inliers.empty() && !is_refused(rejections_[k]) &&
+          !is_elsewhere[at(pair.first)] && !is_elsewhere[at(pair.second)])
         pairs.push_back(&pair);
     }
-    IncrementalMapper mapper(std::move(begin), make_tracks(pairs, features), input_.descriptors,
+    IncrementalMapper mapper(std::move(start), make_tracks(pairs, features), input_.descriptors,
                              input_.kind, options_);
     mapper.resume(model);
     progress_.advance(mapper.registered());
@@ -112,12 +113,12 @@ class JoinedMapping {
     hooks.step = [&] {
       if (input_.release_memory) input_.release_memory();
     };
-    hooks.tried = [&](int image, bool added, const std::string& why) {
+    hooks.attempted = [&](int image, bool added, const std::string& why) {
       if (added) made_.log.push_back(fmt::format("add {}", input_.images[at(image)].name));
       made_.outcomes[at(image)].reason = why;
     };
-    hooks.trouble = [&](std::string line) { made_.log.push_back(std::move(line)); };
-    grow(mapper, is_taken, growth, hooks, stop_);
+    hooks.warning = [&](std::string line) { made_.log.push_back(std::move(line)); };
+    grow(mapper, is_elsewhere, growth, hooks, stop_);
     model = mapper.finished(input_.colors);
     if (const int left_out = keep_largest_part(model); left_out > 0)
       made_.log.push_back(fmt::format(
@@ -150,7 +151,7 @@ class JoinedMapping {
   const std::stop_token& stop_;
   Reconstruction made_;
   std::vector<PairEvidence> evidence_;
-  std::vector<Doubt> doubts_;
+  std::vector<PairRejection> rejections_;
 };
 
 }  // namespace

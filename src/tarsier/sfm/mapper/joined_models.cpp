@@ -5,11 +5,11 @@
 #include "tarsier/sfm/mapper/bundle.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/merged_points.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/model_groups.h"
 #include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/model_parts.h"
-#include "tarsier/sfm/mapper/united_points.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -30,7 +30,7 @@ using geometry::Sim3;
 constexpr double kDegrees = 180 / CV_PI;
 // Losses for adjusting a joined model, from rough to fine: with an open cycle, errors are initially
 // large.
-constexpr double kLosses[] = {8, 2, 0.5};  // px
+constexpr double kLossesPx[] = {8, 2, 0.5};  // px
 constexpr std::int64_t kManyObservations = 1'000'000;
 constexpr int kMaxObservations = 40;  // per point, where there are many
 
@@ -40,7 +40,7 @@ bool join_cameras(const std::vector<const Model*>& models, Model& joined) {
   for (std::size_t c = 0; c < joined.cameras.size(); ++c) {
     geometry::Camera mean;
     double weight = 0;
-    double most = 0;
+    double max_images = 0;
     for (const Model* model : models) {
       const auto images = static_cast<double>(std::count_if(
           model->images.begin(), model->images.end(),
@@ -51,9 +51,9 @@ bool join_cameras(const std::vector<const Model*>& models, Model& joined) {
       differs = differs || before.fx != camera.fx || before.fy != camera.fy ||
                 before.cx != camera.cx || before.cy != camera.cy ||
                 before.distortion != camera.distortion;
-      if (images > most) {
+      if (images > max_images) {
         joined.cameras[c] = camera;
-        most = images;
+        max_images = images;
       }
       weight += images;
       const auto add = [&](double& value, double old, double other) {
@@ -85,27 +85,27 @@ int points_shown(const Image& image) {
 
 // Keeps the points that enough images show, numbers them, and sets the points of features and the
 // errors.
-void put_in_order(Model& model, int min_views) {
-  const std::size_t min_track = registered_of(model) < 4 ? 2 : at(std::max(2, min_views));
+void finalize_points(Model& model, int min_views) {
+  const std::size_t min_track = registered_count(model) < 4 ? 2 : at(std::max(2, min_views));
   for (Image& image : model.images) {
     if (image.registered)
       image.points.assign(image.features.size(), -1);
     else
       image.points.clear();
   }
-  std::vector<Point> kept;
+  std::vector<Point> remaining;
   for (Point& point : model.points) {
     if (point.track.size() < min_track) continue;
     double squares = 0;
     for (const Observation& seen : point.track) {
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       squares += error ? *error * *error : 0;
-      model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(kept.size());
+      model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(remaining.size());
     }
     point.error = std::sqrt(squares / static_cast<double>(point.track.size()));
-    kept.push_back(std::move(point));
+    remaining.push_back(std::move(point));
   }
-  model.points = std::move(kept);
+  model.points = std::move(remaining);
 }
 
 class Builder {
@@ -118,20 +118,21 @@ class Builder {
         log_(result.log),
         left_out_(result.left_out) {}
 
-  // `members`: models, first the one whose frame is kept; `places`: transforms into that frame.
-  Model build(const std::vector<int>& members, const std::vector<Sim3>& places,
+  // `members`: models, first the one whose frame is kept; `root_from_models`: transforms into that
+  // frame.
+  Model build(const std::vector<int>& members, const std::vector<Sim3>& root_from_models,
               const std::stop_token& stop) {
     Model joined;
     const Model& root = models_[at(members.front())];
     joined.cameras = root.cameras;
     joined.images.resize(root.images.size());
     for (std::size_t i = 0; i < joined.images.size(); ++i)
-      take_image(members, places, static_cast<int>(i), joined);
+      choose_image(members, root_from_models, static_cast<int>(i), joined);
     std::vector<const Model*> parts;
     for (const int member : members) parts.push_back(&models_[at(member)]);
     const bool differs = join_cameras(parts, joined);
-    leave_out_disputed(members, places, joined);
-    UnitedPoints united(joined.images);
+    drop_contradicted_images(members, root_from_models, joined);
+    MergedPoints merged(joined.images);
     for (std::size_t m = 0; m < members.size(); ++m) {
       const Model& part = models_[at(members[m])];
       std::vector<char> is_same(part.images.size(), 0);
@@ -143,24 +144,26 @@ class Builder {
       for (const Point& point : part.points) {
         std::vector<Observation> track = point.track;
         std::erase_if(track, [&](const Observation& seen) { return is_same[at(seen.image)] == 0; });
-        if (!track.empty()) united.add(point, places[m] * point.position, std::move(track));
+        if (!track.empty())
+          merged.add(point, root_from_models[m] * point.position, std::move(track));
       }
     }
-    joined.points = united.points();
+    joined.points = merged.points();
     adjust_all(joined, differs, stop);
-    keep_what_hangs_together(joined);
+    keep_connected_part(joined);
     return joined;
   }
 
  private:
-  static bool is_near(const Image& image, const Sim3& place, const Image& joined, double extent) {
-    const geometry::Rigid3 moved = geometry::moved_camera(image.pose, place);
+  static bool is_near(const Image& image, const Sim3& root_from_model, const Image& joined,
+                      double extent) {
+    const geometry::Rigid3 moved = geometry::moved_camera(image.pose, root_from_model);
     return geometry::angle_of(moved.rotation.transpose() * joined.pose.rotation) * kDegrees <=
-               kMaxOpenDeg &&
-           (moved.center() - joined.pose.center()).norm() <= kMaxOpenShare * extent;
+               kMaxLoopDeg &&
+           (moved.center() - joined.pose.center()).norm() <= kMaxLoopShare * extent;
   }
 
-  void leave_out(Model& joined, int i, std::string reason) {
+  void drop_image(Model& joined, int i, std::string reason) {
     Image empty;
     empty.name = joined.images[at(i)].name;
     empty.camera = joined.images[at(i)].camera;
@@ -170,23 +173,23 @@ class Builder {
   }
 
   // Leaves out images that two models place differently: it is unknown which is right.
-  void leave_out_disputed(const std::vector<int>& members, const std::vector<Sim3>& places,
-                          Model& joined) {
+  void drop_contradicted_images(const std::vector<int>& members,
+                                const std::vector<Sim3>& root_from_models, Model& joined) {
     const double extent = extent_of(joined);
     for (std::size_t i = 0; i < joined.images.size(); ++i) {
       for (std::size_t m = 0; m < members.size() && joined.images[i].registered; ++m) {
         const Image& given = models_[at(members[m])].images[i];
-        if (given.registered && !is_near(given, places[m], joined.images[i], extent))
-          leave_out(
+        if (given.registered && !is_near(given, root_from_models[m], joined.images[i], extent))
+          drop_image(
               joined, static_cast<int>(i),
               fmt::format("it lies elsewhere in {} than in another part", names_[at(members[m])]));
       }
     }
   }
 
-  void take_image(const std::vector<int>& members, const std::vector<Sim3>& places, int i,
-                  Model& joined) const {
-    int most = -1;
+  void choose_image(const std::vector<int>& members, const std::vector<Sim3>& root_from_models,
+                    int i, Model& joined) const {
+    int max_points = -1;
     Image& image = joined.images[at(i)];
     image.name = models_[at(members.front())].images[at(i)].name;
     image.camera = models_[at(members.front())].images[at(i)].camera;
@@ -194,55 +197,55 @@ class Builder {
       const Image& given = models_[at(members[m])].images[at(i)];
       if (!given.registered) continue;
       const int shown = points_shown(given);
-      if (shown <= most) continue;
-      most = shown;
+      if (shown <= max_points) continue;
+      max_points = shown;
       image = given;
-      image.pose = geometry::moved_camera(given.pose, places[m]);
+      image.pose = geometry::moved_camera(given.pose, root_from_models[m]);
     }
   }
 
   void adjust_all(Model& joined, bool differs, const std::stop_token& stop) {
-    BundleOptions how;
+    BundleOptions bundle;
     std::int64_t observations = 0;
     for (const Point& point : joined.points)
       observations += static_cast<std::int64_t>(point.track.size());
-    how.max_observations = observations > kManyObservations ? kMaxObservations : 0;
-    for (const double loss : kLosses) {
-      const bool is_first = loss == kLosses[0];
-      how.loss_px = loss;
-      how.tolerance = is_first ? 1e-3 : 1e-5;
-      how.focal = !is_first && (options_.refine_focal || differs);
-      how.distortion = !is_first && (options_.refine_distortion || differs);
-      how.center = !is_first && options_.refine_center;
-      note(adjust(joined, how, stop));
-      if (how.max_observations > 0) {
-        BundleOptions alone;
-        alone.loss_px = loss;
-        alone.only_points = true;
-        alone.points.resize(joined.points.size());
-        std::iota(alone.points.begin(), alone.points.end(), 0);
-        note(adjust(joined, alone, stop));
+    bundle.max_observations = observations > kManyObservations ? kMaxObservations : 0;
+    for (const double loss : kLossesPx) {
+      const bool is_first = loss == kLossesPx[0];
+      bundle.loss_px = loss;
+      bundle.tolerance = is_first ? 1e-3 : 1e-5;
+      bundle.focal = !is_first && (options_.refine_focal || differs);
+      bundle.distortion = !is_first && (options_.refine_distortion || differs);
+      bundle.center = !is_first && options_.refine_center;
+      log_adjustment(adjust(joined, bundle, stop));
+      if (bundle.max_observations > 0) {
+        BundleOptions points_only;
+        points_only.loss_px = loss;
+        points_only.only_points = true;
+        points_only.points.resize(joined.points.size());
+        std::iota(points_only.points.begin(), points_only.points.end(), 0);
+        log_adjustment(adjust(joined, points_only, stop));
       }
       if (is_first) continue;
       (void)filter_points(joined, options_);
       std::erase_if(joined.points, [](const Point& point) { return point.track.empty(); });
     }
-    put_in_order(joined, options_.min_views);
+    finalize_points(joined, options_.min_views);
   }
 
-  void note(const BundleReport& report) {
-    if (!report.trouble.empty())
-      log_.push_back(fmt::format("the adjustment of a joined model: {}", report.trouble));
+  void log_adjustment(const BundleReport& report) {
+    if (!report.warning.empty())
+      log_.push_back(fmt::format("the adjustment of a joined model: {}", report.warning));
   }
 
-  void keep_what_hangs_together(Model& joined) {
+  void keep_connected_part(Model& joined) {
     std::vector<char> was(joined.images.size(), 0);
     for (std::size_t i = 0; i < was.size(); ++i) was[i] = joined.images[i].registered ? 1 : 0;
     if (keep_largest_part(joined) == 0) return;
     for (std::size_t i = 0; i < was.size(); ++i)
       if (was[i] != 0 && !joined.images[i].registered)
-        leave_out(joined, static_cast<int>(i),
-                  "too few points that two others show say where it is");
+        drop_image(joined, static_cast<int>(i),
+                   "too few points that two others show say where it is");
   }
 
   const std::vector<Model>& models_;
@@ -331,14 +334,15 @@ JoinedModels join_models(const std::vector<Model>& models, const std::vector<std
         result.log.push_back(fmt::format("{} is joined to nothing", names[at(group.front())]));
       continue;
     }
-    std::vector<Sim3> places;
-    for (const int model : group) places.push_back(groups.place(model, group.front()));
-    made.push_back(Builder(models, names, mapper, result).build(group, places, stop));
+    std::vector<Sim3> root_from_models;
+    for (const int model : group)
+      root_from_models.push_back(groups.root_from_model(model, group.front()));
+    made.push_back(Builder(models, names, mapper, result).build(group, root_from_models, stop));
   }
   std::vector<std::size_t> order(made.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return registered_of(made[a]) > registered_of(made[b]);
+    return registered_count(made[a]) > registered_count(made[b]);
   });
   result.joined_in.assign(models.size(), 0);
   for (std::size_t k = 0; k < order.size(); ++k) {

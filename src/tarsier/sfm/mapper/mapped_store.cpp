@@ -20,19 +20,19 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kChunk = std::size_t{64} << 20;  // bytes mapped at a time
-constexpr std::size_t kRow = 64;                       // alignment of a block of numbers, bytes
+constexpr std::size_t kAlignment = 64;                 // alignment of a block of numbers, bytes
 
 std::size_t page_size() { return static_cast<std::size_t>(::sysconf(_SC_PAGESIZE)); }
 
 std::size_t rounded_up(std::size_t bytes, std::size_t to) { return (bytes + to - 1) / to * to; }
 
-bool write_all(int file, const std::uint8_t* data, std::size_t bytes, std::size_t place) {
+bool write_all(int file, const std::uint8_t* data, std::size_t bytes, std::size_t offset) {
   while (bytes > 0) {
-    const ssize_t written = ::pwrite(file, data, bytes, static_cast<off_t>(place));
+    const ssize_t written = ::pwrite(file, data, bytes, static_cast<off_t>(offset));
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) return false;
     data += written;
-    place += static_cast<std::size_t>(written);
+    offset += static_cast<std::size_t>(written);
     bytes -= static_cast<std::size_t>(written);
   }
   return true;
@@ -68,15 +68,15 @@ class MappedStore::File {
     return nullptr;
   }
   [[nodiscard]] const char* append(const std::uint8_t* data, std::size_t bytes,
-                                   const std::uint8_t*& place) {
+                                   const std::uint8_t*& address) {
     if (chunks_.empty() || filled_ + bytes > chunks_.back().size) {
       if (const char* failed = map_next(bytes)) return failed;
     }
     if (!write_all(file_, data, bytes, size_)) return "the file cannot be written";
-    place = static_cast<const std::uint8_t*>(chunks_.back().data) + filled_;
-    const std::size_t taken = rounded_up(bytes, kRow);
-    filled_ = std::min(filled_ + taken, chunks_.back().size);
-    size_ += taken;
+    address = static_cast<const std::uint8_t*>(chunks_.back().data) + filled_;
+    const std::size_t padded_bytes = rounded_up(bytes, kAlignment);
+    filled_ = std::min(filled_ + padded_bytes, chunks_.back().size);
+    size_ += padded_bytes;
     return nullptr;
   }
 
@@ -93,13 +93,13 @@ class MappedStore::File {
 
   // Maps a chunk of at least `bytes` from the end of the file on. Data beyond the end are not read.
   [[nodiscard]] const char* map_next(std::size_t bytes) {
-    const std::size_t place = rounded_up(size_, page_size());
+    const std::size_t offset = rounded_up(size_, page_size());
     const std::size_t length = std::max(kChunk, bytes);
-    void* data = ::mmap(nullptr, length, PROT_READ, MAP_SHARED, file_, static_cast<off_t>(place));
+    void* data = ::mmap(nullptr, length, PROT_READ, MAP_SHARED, file_, static_cast<off_t>(offset));
     if (data == MAP_FAILED) return "a file cannot be mapped into memory";
     chunks_.push_back({data, length});
     filled_ = 0;
-    size_ = place;
+    size_ = offset;
     return nullptr;
   }
 
@@ -122,34 +122,34 @@ void MappedStore::give_up(const char* what) {
   folder_.clear();
 }
 
-const std::uint8_t* MappedStore::keep(const void* data, std::size_t bytes) {
+const std::uint8_t* MappedStore::append(const void* data, std::size_t bytes) {
   if (bytes == 0 || folder_.empty()) return nullptr;
-  const std::uint8_t* place = nullptr;
+  const std::uint8_t* address = nullptr;
   const char* failed = nullptr;
   if (!file_) {
     file_ = std::make_shared<File>();
     failed = file_->make(folder_);
   }
   if (failed == nullptr)
-    failed = file_->append(static_cast<const std::uint8_t*>(data), bytes, place);
+    failed = file_->append(static_cast<const std::uint8_t*>(data), bytes, address);
   if (failed != nullptr) give_up(failed);
-  return place;
+  return address;
 }
 
 cv::Mat MappedStore::add(const cv::Mat& descriptors) {
   TARSIER_REQUIRE(descriptors.empty() || descriptors.type() == CV_8UC1, "descriptors of type {}",
                   descriptors.type());
   const cv::Mat rows = descriptors.isContinuous() ? descriptors : descriptors.clone();
-  const std::uint8_t* place = keep(rows.data, rows.total());
-  if (place == nullptr) return descriptors;
+  const std::uint8_t* address = append(rows.data, rows.total());
+  if (address == nullptr) return descriptors;
   // the data are only read
-  return {rows.rows, rows.cols, CV_8UC1, const_cast<std::uint8_t*>(place)};
+  return {rows.rows, rows.cols, CV_8UC1, const_cast<std::uint8_t*>(address)};
 }
 
 MatchList MappedStore::add(const MatchList& matches) {
-  const std::uint8_t* place = keep(matches.data(), matches.size() * sizeof(Match));
-  if (place == nullptr) return matches;
-  return {file_, {reinterpret_cast<const Match*>(place), matches.size()}};
+  const std::uint8_t* address = append(matches.data(), matches.size() * sizeof(Match));
+  if (address == nullptr) return matches;
+  return {file_, {reinterpret_cast<const Match*>(address), matches.size()}};
 }
 
 void MappedStore::trim() {

@@ -38,7 +38,7 @@ class MappedStore {
  private:
   class File;
   // Address of the bytes in the mapped file; null where they could not be stored.
-  [[nodiscard]] const std::uint8_t* keep(const void* data, std::size_t bytes);
+  [[nodiscard]] const std::uint8_t* append(const void* data, std::size_t bytes);
   void give_up(const char* what);
 
   std::string folder_;

@@ -25,7 +25,7 @@ bool are_equal(const cv::Mat& a, const cv::Mat& b) {
   return a.size() == b.size() && (a.empty() || cv::norm(a, b, cv::NORM_INF) == 0);
 }
 
-TEST(MappedStore, GivesWhatWasAddedAfterItLeftMemory) {
+TEST(MappedStore, ReadsBackReleasedData) {
   const TemporaryFolder folder;
   MappedStore store(folder.path());
   std::vector<cv::Mat> given;
@@ -62,16 +62,16 @@ TEST(MappedStore, MatchesOutliveTheStore) {
   EXPECT_EQ(kept, given);
 }
 
-TEST(MappedStore, WarnsOnceWhereTheLimitCannotBeKept) {
+TEST(MappedStore, WarnsOnceAboveMemoryLimit) {
   const TemporaryFolder folder;
   MappedStore store(folder.path(), 1000);
   (void)store.add(drawn(10, 1));
   ::testing::internal::CaptureStderr();
   store.trim();
   store.trim();
-  const std::string said = ::testing::internal::GetCapturedStderr();
-  EXPECT_NE(said.find("limit of memory"), std::string::npos) << said;
-  EXPECT_EQ(said.find("limit of memory"), said.rfind("limit of memory")) << said;
+  const std::string output = ::testing::internal::GetCapturedStderr();
+  EXPECT_NE(output.find("limit of memory"), std::string::npos) << output;
+  EXPECT_EQ(output.find("limit of memory"), output.rfind("limit of memory")) << output;
 }
 
 TEST(MappedStore, LeavesNoFileBehind) {
@@ -81,7 +81,7 @@ TEST(MappedStore, LeavesNoFileBehind) {
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
-TEST(MappedStore, KeepsInMemoryWhatCannotBeWritten) {
+TEST(MappedStore, KeepsDataInMemoryWhereFolderIsNotWritable) {
   const cv::Mat given = drawn(100, 1);
   MappedStore without("");
   EXPECT_EQ(without.add(given).data, given.data);

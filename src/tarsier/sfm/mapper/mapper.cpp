@@ -38,13 +38,13 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kRadians = CV_PI / 180;
-constexpr int kFirstPairsTried = 20;
-// Effort of adjustments in extend_model().
-constexpr IncrementalMapper::Effort kRough{.tolerance = 1e-3};
-constexpr int kMaxApart = 4;  // max times that models are made again without some pairs
-constexpr int kSmall = 10;    // images of a model that is cheap to adjust as a whole
+constexpr int kMaxInitialPairs = 20;
+// Options of adjustments in extend_model().
+constexpr IncrementalMapper::RefineOptions kRoughRefinement{.tolerance = 1e-3};
+constexpr int kMaxConflictRounds = 4;     // max times that models are made again without some pairs
+constexpr int kMaxSmallModelImages = 10;  // images of a model that is cheap to adjust as a whole
 // Start poses count as rough below this share of matches near their epipolar lines.
-constexpr double kExactShare = 0.8;
+constexpr double kMinExactShare = 0.8;
 // First adjustments of rough poses: threshold in units of MapperOptions::reprojection_px.
 struct RoughRound {
   double threshold = 1;
@@ -52,8 +52,8 @@ struct RoughRound {
 };
 constexpr RoughRound kRoughRounds[] = {{16, 8}, {8, 4}, {4, 2}, {2, 1}};
 const std::string kStartRefusal = "the start model is refused: ";
-const std::string kTakenApart = " lays different places over each other";
-const std::string kStaysOpen = ": the first is kept";
+const std::string kConflictMarker = " lays different places over each other";
+const std::string kStaysOpenMarker = ": the first is kept";
 
 class Mapping {
  public:
@@ -65,7 +65,7 @@ class Mapping {
         stop_(stop),
         hooks_(hooks),
         used_(input_.images.size(), false),
-        doubts_(input_.pairs.size(), Doubt::kNone) {
+        rejections_(input_.pairs.size(), PairRejection::kNone) {
     result_.outcomes.resize(input_.images.size());
   }
 
@@ -77,14 +77,14 @@ class Mapping {
       for (const PairEvidence& evidence : evidence_)
         refused.push_back(evidence.is_refused() ? 1 : 0);
       start_ = check_start(*input_.start, input_, refused, options_.reprojection_px, stop_);
-      result_.start_images = start_.kept;
+      result_.start_images = start_.accepted;
     }
-    if (hooks_.from && !hooks_.watch &&
-        fits(*hooks_.from, input_.cameras, input_.images, input_.pairs.size())) {
-      resume(*hooks_.from);
+    if (hooks_.resume_from && !hooks_.watch &&
+        fits(*hooks_.resume_from, input_.cameras, input_.images, input_.pairs.size())) {
+      resume(*hooks_.resume_from);
     } else {
       for (std::size_t k = 0; k < input_.pairs.size(); ++k)
-        if (evidence_[k].is_refused()) doubts_[k] = Doubt::kEvidence;
+        if (evidence_[k].is_refused()) rejections_[k] = PairRejection::kMissingFeatures;
     }
     try {
       while (!done_) {
@@ -92,17 +92,17 @@ class Mapping {
         grow();
       }
       done_ = true;
-      keep();
+      save_checkpoint();
     } catch (const Interrupted&) {
-      if (!growth_.between_states) keep();
+      if (!growth_.between_states) save_checkpoint();
       if (!hooks_.partial) throw;
       result_.interrupted = true;
-      if (aside_) {
-        result_.models.push_back(std::move(*aside_));
+      if (open_loop_model_) {
+        result_.models.push_back(std::move(*open_loop_model_));
       } else if (mapper_) {
         result_.models.push_back(mapper_->finished(input_.colors));
-      } else if (taken_apart_) {
-        result_.models.push_back(std::move(*taken_apart_));
+      } else if (conflicting_model_) {
+        result_.models.push_back(std::move(*conflicting_model_));
       } else if (std::optional<Model> rough = rough_model()) {
         result_.models.push_back(std::move(*rough));
       }
@@ -110,8 +110,8 @@ class Mapping {
     }
     progress_.end();
     conflicts_.resize(result_.models.size());
-    add_outcomes(input_, options_, evidence_, doubts_, repeats(), conflicts_, result_);
-    if (input_.start && result_.models.empty()) say_why_not_started();
+    add_outcomes(input_, options_, evidence_, rejections_, is_repetitive(), conflicts_, result_);
+    if (input_.start && result_.models.empty()) set_no_model_reason();
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
   }
@@ -123,7 +123,7 @@ class Mapping {
   Components components() const {
     Components components(input_.images.size());
     for (const Pair& pair : input_.pairs)
-      if (is_left(pair)) components.join(pair.first, pair.second);
+      if (is_remaining(pair)) components.join(pair.first, pair.second);
     // Images of a start model are connected by their poses.
     int first = -1;
     for (std::size_t i = 0; i < start_.fits.size(); ++i) {
@@ -134,23 +134,23 @@ class Mapping {
     return components;
   }
 
-  [[nodiscard]] bool is_left(const Pair& pair) const {
+  [[nodiscard]] bool is_remaining(const Pair& pair) const {
     return !pair.view.inliers.empty() && !used_[at(pair.first)] && !used_[at(pair.second)] &&
-           !is_refused(doubts_[static_cast<std::size_t>(&pair - input_.pairs.data())]);
+           !is_refused(rejections_[static_cast<std::size_t>(&pair - input_.pairs.data())]);
   }
 
-  [[nodiscard]] std::vector<const Pair*> left_pairs() const {
-    std::vector<const Pair*> left;
+  [[nodiscard]] std::vector<const Pair*> remaining_pairs() const {
+    std::vector<const Pair*> remaining;
     for (const Pair& pair : input_.pairs)
-      if (is_left(pair)) left.push_back(&pair);
-    return left;
+      if (is_remaining(pair)) remaining.push_back(&pair);
+    return remaining;
   }
 
   [[nodiscard]] Model model_of_component(Components& components, int root) const {
-    std::vector<char> keep(input_.images.size());
-    for (std::size_t i = 0; i < keep.size(); ++i)
-      keep[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
-    return model_of_some(input_.cameras, input_.images, keep);
+    std::vector<char> has_features(input_.images.size());
+    for (std::size_t i = 0; i < has_features.size(); ++i)
+      has_features[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
+    return model_with_features(input_.cameras, input_.images, has_features);
   }
 
   // Creates a mapper with the features of one component only: all images that can be registered are
@@ -159,12 +159,12 @@ class Mapping {
     mapper_.reset();
     Model model = model_of_component(components, root);
     const std::vector<int> features = feature_counts(model);
-    std::vector<const Pair*> left;
+    std::vector<const Pair*> remaining;
     for (const Pair& pair : input_.pairs)
-      if (is_left(pair) && components.root(pair.first) == root) left.push_back(&pair);
-    mapper_.emplace(std::move(model), make_tracks(left, features), input_.descriptors, input_.kind,
-                    options_);
-    if (input_.start) hold_start();
+      if (is_remaining(pair) && components.root(pair.first) == root) remaining.push_back(&pair);
+    mapper_.emplace(std::move(model), make_tracks(remaining, features), input_.descriptors,
+                    input_.kind, options_);
+    if (input_.start) fix_start_poses();
     if (hooks_.watch) {
       mapper_->watch([&](const char* moment, const IncrementalMapper& now) {
         if (moment == std::string_view("before")) ++adjustments_;
@@ -186,27 +186,28 @@ class Mapping {
     std::sort(order.begin(), order.end());
     for (const auto& [size, root] : order) {
       if (only >= 0 && root != only) continue;
-      if (only < 0 && options_.choice == MapperChoice::kAuto && apart_ == 0 &&
+      if (only < 0 && options_.choice == MapperChoice::kAuto && conflict_rounds_ == 0 &&
           -size < options_.auto_global)
         return false;
-      const bool is_begun = global_start_ && components.root(global_start_->image) == root;
-      if (is_begun && global_start_->step == GlobalStartState::kRefused) return false;
+      const bool is_resumed = global_start_ && components.root(global_start_->image) == root;
+      if (is_resumed && global_start_->step == GlobalStartState::kRefused) return false;
       make_mapper(components, root);
       const std::vector<const Pair*> chosen = pairs_at(pairs_of[root]);
       const GlobalStart start =
           start_globally(input_.cameras, mapper_->model().images, chosen, options_, stop_,
-                         {.keep =
+                         {.save_checkpoint =
                               [&](GlobalStartState state) {
                                 global_start_ = std::move(state);
-                                keep_sometimes();
+                                save_checkpoint_if_due();
                               },
-                          .from = is_begun ? &*global_start_ : nullptr});
+                          .resume_from = is_resumed ? &*global_start_ : nullptr});
       result_.log.insert(result_.log.end(), start.log.begin(), start.log.end());
       if (start.refusal.empty()) {
         for (std::size_t k = 0; k < chosen.size(); ++k)
-          if (start.doubts[k] != Doubt::kNone) doubts_[pairs_of[root][k]] = start.doubts[k];
-        Components kept = this->components();
-        make_mapper(kept, kept.root(first_registered(start.model)));
+          if (start.rejections[k] != PairRejection::kNone)
+            rejections_[pairs_of[root][k]] = start.rejections[k];
+        Components remaining = this->components();
+        make_mapper(remaining, remaining.root(first_registered(start.model)));
         mapper_->resume(start.model);
         begin_growing();
         is_global_ = true;
@@ -222,7 +223,7 @@ class Mapping {
         refused.step = GlobalStartState::kRefused;
         return false;
       }
-      for (const std::size_t k : pairs_of[root]) doubts_[k] = Doubt::kBadStart;
+      for (const std::size_t k : pairs_of[root]) rejections_[k] = PairRejection::kBadInitialPair;
       for (std::size_t i = 0; i < input_.images.size(); ++i)
         if (components.root(static_cast<int>(i)) == root)
           result_.outcomes[i].reason = fmt::format("{}{}", kGlobalRefusal, start.refusal);
@@ -235,7 +236,7 @@ class Mapping {
   [[nodiscard]] PairsOfComponents pairs_of_components(Components& components) const {
     PairsOfComponents pairs_of;
     for (std::size_t k = 0; k < input_.pairs.size(); ++k)
-      if (is_left(input_.pairs[k]) && doubts_[k] == Doubt::kNone)
+      if (is_remaining(input_.pairs[k]) && rejections_[k] == PairRejection::kNone)
         pairs_of[components.root(input_.pairs[k].first)].push_back(k);
     return pairs_of;
   }
@@ -252,9 +253,9 @@ class Mapping {
     Components components = this->components();
     const int root = components.root(global_start_->image);
     Model model = model_of_component(components, root);
-    std::optional<GlobalModelSoFar> rough =
-        model_so_far(*global_start_, input_.cameras, model.images,
-                     pairs_at(pairs_of_components(components)[root]), options_);
+    std::optional<PartialGlobalModel> rough =
+        partial_model(*global_start_, input_.cameras, model.images,
+                      pairs_at(pairs_of_components(components)[root]), options_);
     if (!rough) return std::nullopt;
     IncrementalMapper mapper(std::move(model), std::move(rough->tracks), input_.descriptors,
                              input_.kind, options_);
@@ -266,11 +267,11 @@ class Mapping {
   // --- a start model ---
 
   // Fixes the poses and cameras of the start model.
-  void hold_start() {
+  void fix_start_poses() {
     std::vector<int> images;
     for (std::size_t i = 0; i < start_.fits.size() && input_.start->fixed; ++i)
       if (start_.fits[i] != 0) images.push_back(static_cast<int>(i));
-    mapper_->hold(std::move(images), input_.start->fixed_cameras);
+    mapper_->fix(std::move(images), input_.start->fixed_cameras);
   }
 
   // Begins with the start poses that agree with their matches; false: too few do.
@@ -291,11 +292,11 @@ class Mapping {
       model.images[i].pose = *input_.start->poses[i];
       if (first < 0) first = static_cast<int>(i);
     }
-    const bool is_exact = start_.near_share >= kExactShare;
+    const bool is_exact = start_.explained_share >= kMinExactShare;
     result_.log.push_back(fmt::format(
         "start model: {} of {} images have poses that agree with their matches, of which {:.0f} % "
         "of {} are within {} px of their epipolar lines{}",
-        start_.kept, start_.given, 100 * start_.near_share, start_.matches,
+        start_.accepted, start_.given_poses, 100 * start_.explained_share, start_.matches,
         options_.reprojection_px,
         is_exact || input_.start->fixed ? "" : ": the poses are rough, and adjusted first"));
     try {
@@ -311,7 +312,7 @@ class Mapping {
         }
         mapper_->set_reprojection_px(options_.reprojection_px);
         (void)mapper_->refine_once({.tolerance = 1e-3}, stop_);
-        tell_troubles();
+        log_warnings();
       } else {
         mapper_->resume(model);
       }
@@ -319,7 +320,7 @@ class Mapping {
       mapper_.reset();
       throw;
     }
-    if (!shows_enough()) {
+    if (!has_enough_observations()) {
       mapper_.reset();
       return false;
     }
@@ -329,28 +330,28 @@ class Mapping {
   }
 
   // Whether at least half of the start images, and at least two, show points.
-  bool shows_enough() {
+  bool has_enough_observations() {
     std::vector<int> shown(input_.images.size(), 0);
     for (const Point& point : mapper_->model().points)
       for (const Observation& seen : point.track) ++shown[at(seen.image)];
     const auto enough = static_cast<int>(std::count_if(
         shown.begin(), shown.end(), [&](int points) { return points >= options_.pose_inliers; }));
-    if (enough >= 2 && 2 * enough >= start_.kept) return true;
+    if (enough >= 2 && 2 * enough >= start_.accepted) return true;
     result_.log.push_back(
         fmt::format("{}{} of {} images show {} points or more within {} px{}", kStartRefusal,
-                    enough, start_.kept, options_.pose_inliers, options_.reprojection_px,
+                    enough, start_.accepted, options_.pose_inliers, options_.reprojection_px,
                     input_.start->fixed ? "; poses that stay have to be exact" : ""));
     return false;
   }
 
-  void say_why_not_started() {
+  void set_no_model_reason() {
     for (const std::string& line : result_.log)
       if (line.starts_with(kStartRefusal)) result_.no_model = line;
   }
 
   // Images that must not be added: those in finished models, and rejected ones of a fixed start
   // model.
-  [[nodiscard]] std::vector<bool> not_to_add() const {
+  [[nodiscard]] std::vector<bool> excluded_images() const {
     std::vector<bool> result = used_;
     for (std::size_t i = 0; i < start_.fits.size() && input_.start->fixed; ++i)
       result[i] = result[i] || (input_.start->poses[i] && start_.fits[i] == 0);
@@ -369,37 +370,39 @@ class Mapping {
   bool begin_model() {
     if (input_.start) return result_.models.empty() && begin_with_start();
     Components components = this->components();
-    if (aside_ || options_.choice != MapperChoice::kIncremental || apart_ > 0) {
+    if (open_loop_model_ || options_.choice != MapperChoice::kIncremental || conflict_rounds_ > 0) {
       try {
-        if (begin_globally(components, aside_ ? components.root(first_registered(*aside_)) : -1))
+        if (begin_globally(components, open_loop_model_
+                                           ? components.root(first_registered(*open_loop_model_))
+                                           : -1))
           return true;
       } catch (const Interrupted&) {
         mapper_.reset();
         throw;
       }
-      if (aside_) {
-        add_model(*std::exchange(aside_, std::nullopt));
+      if (open_loop_model_) {
+        add_model(*std::exchange(open_loop_model_, std::nullopt));
         return begin_model();
       }
       if (options_.choice == MapperChoice::kGlobal) return false;
     }
     std::vector<std::pair<double, std::size_t>> starts;
     for (std::size_t k = 0; k < input_.pairs.size(); ++k) {
-      if (!is_left(input_.pairs[k])) continue;
-      const double promise = initial_pair_score(input_.pairs[k], options_);
-      if (promise > 0 && doubts_[k] == Doubt::kNone) starts.emplace_back(-promise, k);
+      if (!is_remaining(input_.pairs[k])) continue;
+      const double score = initial_pair_score(input_.pairs[k], options_);
+      if (score > 0 && rejections_[k] == PairRejection::kNone) starts.emplace_back(-score, k);
     }
     std::sort(starts.begin(), starts.end());
-    int made_of = -1;  // root of the component
-    for (std::size_t k = 0; k < starts.size() && k < kFirstPairsTried; ++k) {
+    int mapper_root = -1;  // root of the component
+    for (std::size_t k = 0; k < starts.size() && k < kMaxInitialPairs; ++k) {
       const Pair& pair = input_.pairs[starts[k].second];
       const int root = components.root(pair.first);
       std::string why;
       bool started = false;
       try {
         throw_if_stopped(stop_);
-        if (root != made_of) make_mapper(components, root);
-        made_of = root;
+        if (root != mapper_root) make_mapper(components, root);
+        mapper_root = root;
         started = mapper_->start(pair, stop_, why);
       } catch (const Interrupted&) {
         mapper_.reset();
@@ -411,25 +414,25 @@ class Mapping {
           pair.view.inliers.size(), pair.view.median_angle / kRadians,
           100.0 * pair.view.homography_inliers / static_cast<double>(pair.view.inliers.size()),
           started ? "good" : why));
-      tell_troubles();
+      log_warnings();
       if (started) {
         begin_growing();
         return true;
       }
-      doubts_[starts[k].second] = Doubt::kBadStart;
+      rejections_[starts[k].second] = PairRejection::kBadInitialPair;
     }
     mapper_.reset();
     return false;
   }
 
   void grow() {
-    sfm::grow(*mapper_, not_to_add(), growth_,
+    sfm::grow(*mapper_, excluded_images(), growth_,
               {.step =
                    [&] {
                      if (input_.release_memory) input_.release_memory();
-                     keep_sometimes();
+                     save_checkpoint_if_due();
                    },
-               .tried =
+               .attempted =
                    [&](int image, bool added, const std::string& why) {
                      if (added) {
                        result_.log.push_back(fmt::format("add {}", input_.images[at(image)].name));
@@ -437,7 +440,7 @@ class Mapping {
                      }
                      result_.outcomes[at(image)].reason = why;
                    },
-               .trouble = [&](std::string line) { result_.log.push_back(std::move(line)); }},
+               .warning = [&](std::string line) { result_.log.push_back(std::move(line)); }},
               stop_);
     Model model = mapper_->finished(input_.colors);
     mapper_.reset();
@@ -453,14 +456,14 @@ class Mapping {
       return;
     }
     std::shared_ptr<const ModelConflicts> conflicts;
-    if (takes_apart(model, conflicts)) {
-      taken_apart_ = std::move(model);
+    if (reject_conflicts(model, conflicts)) {
+      conflicting_model_ = std::move(model);
       return;
     }
-    if (aside_) {
-      add_model(better(*std::exchange(aside_, std::nullopt), std::move(model)));
-    } else if (leaves_loops_open(model)) {
-      aside_ = std::move(model);
+    if (open_loop_model_) {
+      add_model(better(*std::exchange(open_loop_model_, std::nullopt), std::move(model)));
+    } else if (has_open_loops(model)) {
+      open_loop_model_ = std::move(model);
     } else {
       add_model(std::move(model), std::move(conflicts));
     }
@@ -474,18 +477,18 @@ class Mapping {
     result_.models.push_back(std::move(model));
     conflicts_.resize(result_.models.size() - 1);
     conflicts_.push_back(std::move(conflicts));
-    taken_apart_.reset();
+    conflicting_model_.reset();
     global_start_.reset();
   }
 
   // Whether an incrementally grown model has open loops. Then its images are mapped globally, which
   // distributes the error over the whole loop.
-  bool leaves_loops_open(const Model& model) {
+  bool has_open_loops(const Model& model) {
     if (is_global_ || options_.choice == MapperChoice::kGlobal) return false;
     if (std::any_of(result_.log.begin(), result_.log.end(),
                     [](const std::string& line) { return line.starts_with(kGlobalRefusal); }))
       return false;  // tried already
-    const std::vector<const Pair*> open = open_loops(model, left_pairs());
+    const std::vector<const Pair*> open = open_loops(model, remaining_pairs());
     if (open.empty()) return false;
     const Pair& strongest =
         **std::max_element(open.begin(), open.end(), [](const Pair* a, const Pair* b) {
@@ -501,28 +504,29 @@ class Mapping {
   }
 
   // Of two models of the same images, the one that agrees with more verified matches.
-  Model better(Model aside, Model global) {
+  Model better(Model with_open_loops, Model global) {
     // Including matches that global mapping left out.
-    const std::vector<Doubt> doubts = doubts_;
-    clear_doubts_of_cycles();
-    const std::vector<const Pair*> left = left_pairs();
-    const double before = agreeing_inliers(aside, left);
-    const double after = agreeing_inliers(global, left);
+    const std::vector<PairRejection> rejections = rejections_;
+    clear_cycle_rejections();
+    const std::vector<const Pair*> remaining = remaining_pairs();
+    const double before = agreeing_inliers(with_open_loops, remaining);
+    const double after = agreeing_inliers(global, remaining);
     result_.log.push_back(fmt::format(
         "the model that was set aside agrees with {:.0f} inliers, the one made globally with "
         "{:.0f}{}",
-        before, after, after > before ? ": the second is kept" : kStaysOpen));
+        before, after, after > before ? ": the second is kept" : kStaysOpenMarker));
     if (!(after > before)) {
-      stays_open_ = true;
-      return aside;
+      loop_stays_open_ = true;
+      return with_open_loops;
     }
-    doubts_ = doubts;
+    rejections_ = rejections;
     return global;
   }
 
-  void clear_doubts_of_cycles() {
-    for (Doubt& doubt : doubts_)
-      if (doubt == Doubt::kCycles || doubt == Doubt::kRotation) doubt = Doubt::kNone;
+  void clear_cycle_rejections() {
+    for (PairRejection& rejection : rejections_)
+      if (rejection == PairRejection::kOpenCycles || rejection == PairRejection::kRotationError)
+        rejection = PairRejection::kNone;
   }
 
   static int first_registered(const Model& model) {
@@ -534,68 +538,73 @@ class Mapping {
   // Whether the model superimposes places. Then the responsible pairs are refused, and its images
   // are mapped again without them. That is done globally if possible, where a few remaining wrong
   // pairs do less harm. `conflicts`: those of the model, where computed.
-  bool takes_apart(const Model& model, std::shared_ptr<const ModelConflicts>& conflicts) {
-    if (input_.followed || apart_ >= kMaxApart) return false;
+  bool reject_conflicts(const Model& model, std::shared_ptr<const ModelConflicts>& conflicts) {
+    if (input_.tracked || conflict_rounds_ >= kMaxConflictRounds) return false;
     conflicts = std::make_shared<const ModelConflicts>(model);
-    if (!conflicts->any(repeats())) return false;
-    const std::vector<const Pair*> refused = conflicting_pairs(model, *conflicts, left_pairs());
+    if (!conflicts->any(is_repetitive())) return false;
+    const std::vector<const Pair*> refused =
+        conflicting_pairs(model, *conflicts, remaining_pairs());
     if (refused.empty()) return false;
     for (const Pair* pair : refused)
-      doubts_[static_cast<std::size_t>(pair - input_.pairs.data())] = Doubt::kModel;
+      rejections_[static_cast<std::size_t>(pair - input_.pairs.data())] =
+          PairRejection::kModelConflict;
     // Pairs that contradicted the wrong ones may be right.
-    clear_doubts_of_cycles();
-    ++apart_;
+    clear_cycle_rejections();
+    ++conflict_rounds_;
     result_.log.push_back(fmt::format(
         "a model of {} images{} ({} near images contradict each other): {} pairs are refused, "
         "and it is made again",
-        statistics_of(model).registered, kTakenApart, conflicts->pairs().size(), refused.size()));
+        statistics_of(model).registered, kConflictMarker, conflicts->pairs().size(),
+        refused.size()));
     progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     return true;
   }
 
   // Whether the scene repeats: a model was taken apart, or its open loops could not be closed
   // globally.
-  [[nodiscard]] bool repeats() const { return input_.repeats || apart_ > 0 || stays_open_; }
+  [[nodiscard]] bool is_repetitive() const {
+    return input_.is_repetitive || conflict_rounds_ > 0 || loop_stays_open_;
+  }
 
-  void tell_troubles() {
+  void log_warnings() {
     if (!mapper_) return;
-    for (std::string& line : mapper_->take_troubles()) result_.log.push_back(std::move(line));
+    for (std::string& line : mapper_->take_warnings()) result_.log.push_back(std::move(line));
   }
 
   // --- checkpoints ---
 
-  void keep_sometimes() {
-    show_sometimes();
-    const double since = seconds_since(kept_at_);
-    if (since >= hooks_.keep_every_s && (hooks_.keep_every_s <= 0 || since >= 20 * keeping_s_))
-      keep();
+  void save_checkpoint_if_due() {
+    show_if_due();
+    const double since = seconds_since(saved_at_);
+    if (since >= hooks_.save_interval_s && (hooks_.save_interval_s <= 0 || since >= 20 * saving_s_))
+      save_checkpoint();
   }
 
   // Whether an incremental model is growing, as opposed to a global start.
   [[nodiscard]] bool is_growing() const { return mapper_ && mapper_->registered() > 0; }
 
-  void show_sometimes() {
+  void show_if_due() {
     if (!hooks_.show || !is_growing()) return;
     const double since = seconds_since(shown_at_);
-    if (has_shown_ && (since < hooks_.show_every_s || since < 20 * showing_s_)) return;
+    if (was_shown_ && (since < hooks_.show_interval_s || since < 20 * showing_s_)) return;
     const Clock::time_point start = Clock::now();
     hooks_.show(mapper_->finished(input_.colors, 2));
     shown_at_ = Clock::now();
     showing_s_ = seconds_since(start);
-    has_shown_ = true;
+    was_shown_ = true;
   }
 
-  void keep() {
-    if (!hooks_.keep) return;
+  void save_checkpoint() {
+    if (!hooks_.save_checkpoint) return;
     const Clock::time_point start = Clock::now();
     MapperState state;
     for (const Model& model : result_.models) state.models.push_back(packed(model));
-    if (aside_) state.models.push_back(packed(*aside_));
-    state.has_aside = aside_.has_value();
+    if (open_loop_model_) state.models.push_back(packed(*open_loop_model_));
+    state.has_open_loop_model = open_loop_model_.has_value();
     state.is_global = is_global_;
     state.log = result_.log;
     for (const Outcome& outcome : result_.outcomes) state.reasons.push_back(outcome.reason);
-    state.doubts = doubts_;
+    state.rejections = rejections_;
     state.done = done_;
     if (is_growing()) state.current = mapper_->state();
     state.start = global_start_;
@@ -603,21 +612,22 @@ class Mapping {
     state.adjusted_at = growth_.adjusted_at;
     state.stage = growth_.stage;
     state.round = growth_.round;
-    hooks_.keep(state);
-    kept_at_ = Clock::now();
-    keeping_s_ = seconds_since(start);
+    hooks_.save_checkpoint(state);
+    saved_at_ = Clock::now();
+    saving_s_ = seconds_since(start);
   }
 
   void resume(const MapperState& state) {
     result_.log = state.log;
-    apart_ = static_cast<int>(std::count_if(
+    conflict_rounds_ = static_cast<int>(std::count_if(
         state.log.begin(), state.log.end(),
-        [](const std::string& line) { return line.find(kTakenApart) != std::string::npos; }));
-    stays_open_ = std::any_of(state.log.begin(), state.log.end(),
-                              [](const std::string& line) { return line.ends_with(kStaysOpen); });
+        [](const std::string& line) { return line.find(kConflictMarker) != std::string::npos; }));
+    loop_stays_open_ = std::any_of(state.log.begin(), state.log.end(), [](const std::string& line) {
+      return line.ends_with(kStaysOpenMarker);
+    });
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       result_.outcomes[i].reason = state.reasons[i];
-    doubts_ = state.doubts;
+    rejections_ = state.rejections;
     done_ = state.done;
     for (const PackedModel& packed : state.models) {
       Model model;
@@ -637,8 +647,8 @@ class Mapping {
           model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(p);
       result_.models.push_back(std::move(model));
     }
-    if (state.has_aside) {
-      aside_ = std::move(result_.models.back());
+    if (state.has_open_loop_model) {
+      open_loop_model_ = std::move(result_.models.back());
       result_.models.pop_back();
     }
     for (const Model& model : result_.models)
@@ -682,38 +692,39 @@ class Mapping {
   std::vector<std::shared_ptr<const ModelConflicts>> conflicts_;  // for result_.models, where known
   std::vector<bool> used_;                                        // images in finished models
   std::vector<PairEvidence> evidence_;
-  std::vector<Doubt> doubts_;  // for each pair
-  StartCheck start_;           // for input_.start
+  std::vector<PairRejection> rejections_;  // for each pair
+  StartCheck start_;                       // for input_.start
   bool done_ = false;
   std::optional<IncrementalMapper> mapper_;
   Growth growth_;  // of the model of mapper_
   int adjustments_ = 0;
-  int apart_ = 0;               // number of models that were taken apart
-  bool stays_open_ = false;     // a model has open loops and was not improved by global mapping
-  std::optional<Model> aside_;  // has open loops; its images are mapped globally
+  int conflict_rounds_ = 0;       // number of models that were taken apart
+  bool loop_stays_open_ = false;  // a model has open loops and was not improved by global mapping
+  std::optional<Model> open_loop_model_;  // has open loops; its images are mapped globally
   // A model that was taken apart, until its images are mapped again; the result of an interruption.
-  std::optional<Model> taken_apart_;
+  std::optional<Model> conflicting_model_;
   bool is_global_ = false;  // how the model of mapper_ began
   // State of a global start of a component, or its refusal.
   std::optional<GlobalStartState> global_start_;
-  Clock::time_point kept_at_ = Clock::now();
-  double keeping_s_ = 0;
+  Clock::time_point saved_at_ = Clock::now();
+  double saving_s_ = 0;
   Clock::time_point shown_at_ = Clock::now();
   double showing_s_ = 0;
-  bool has_shown_ = false;
+  bool was_shown_ = false;
 };
 
-// The objections by pixels, where pixels are available.
-std::vector<PatchDoubt> doubts_about(const MapperInput& input, Progress& progress,
-                                     const std::stop_token& stop) {
-  if (!input.gray) return std::vector<PatchDoubt>(input.pairs.size());
+// The rejections by pixels, where pixels are available.
+std::vector<PatchRejection> rejections_by_pixels(const MapperInput& input, Progress& progress,
+                                                 const std::stop_token& stop) {
+  if (!input.gray) return std::vector<PatchRejection>(input.pairs.size());
   std::vector<std::vector<cv::Point2f>> features;
   for (const Image& image : input.images) features.push_back(image.features);
-  return doubts_of_patches(input.pairs, features.size(),
-                           compare_all_patches(features, input.pairs, input.gray, progress, stop));
+  return rejections_by_patches(
+      input.pairs, features.size(),
+      compare_all_patches(features, input.pairs, input.gray, progress, stop));
 }
 
-Reconstruction with_trust_in_shapes(Reconstruction made) {
+Reconstruction with_shape_trust(Reconstruction made) {
   for (std::size_t m = 0; m < made.trust.size(); ++m) made.trust[m] *= shape_trust(made.shapes[m]);
   return made;
 }
@@ -737,22 +748,22 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
                             .release_memory = input.release_memory,
                             .kind = input.kind,
                             .pairs = pairs,
-                            .followed = input.followed,
-                            .repeats = true};
-    const MapperHooks next = checkpoint.next_try();
+                            .tracked = input.tracked,
+                            .is_repetitive = true};
+    const MapperHooks next = checkpoint.next_attempt();
     Reconstruction made = Mapping(among, options, progress, stop, next).run();
-    judge_by_all_pairs(input, options, stop, made);
+    update_trust_by_all_pairs(input, options, stop, made);
     return made;
   };
   std::optional<Reconstruction> second;
   try {
-    if (checkpoint.patch_doubts().empty())
-      checkpoint.keep_patch_doubts(doubts_about(input, progress, stop));
-    const std::vector<PatchDoubt> doubts = checkpoint.patch_doubts();
-    judge_by_all_pairs(input, options, stop, result);
-    lower_trust(input.pairs, doubts, result);
-    second = map_strong_pairs_first(input.pairs, doubts, input.images.size(), map);
-    lower_trust(input.pairs, doubts, *second);
+    if (checkpoint.patch_rejections().empty())
+      checkpoint.save_patch_rejections(rejections_by_pixels(input, progress, stop));
+    const std::vector<PatchRejection> rejections = checkpoint.patch_rejections();
+    update_trust_by_all_pairs(input, options, stop, result);
+    lower_trust(input.pairs, rejections, result);
+    second = map_strong_pairs_first(input.pairs, rejections, input.images.size(), map);
+    lower_trust(input.pairs, rejections, *second);
   } catch (const Interrupted&) {
     if (!hooks.partial) throw;
     result.interrupted = true;
@@ -760,7 +771,7 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   }
   // Only for scenes that repeat. Otherwise pairs may disagree for other reasons, e.g. an inexact
   // focal length.
-  return with_trust_in_shapes(better_of(std::move(result), std::move(*second)));
+  return with_shape_trust(better_of(std::move(result), std::move(*second)));
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,
@@ -783,10 +794,10 @@ ExtendedModel extend_model(const Model& before, const MapperInput& input,
   ExtendedModel result;
   Growth growth;
   growth.adjusted_at = extend.adjusted_at;
-  add_images(mapper, used, mapper.registered() < kSmall, growth, {}, stop);
+  add_images(mapper, used, mapper.registered() < kMaxSmallModelImages, growth, {}, stop);
   if (extend.adjust_all) {
-    mapper.refine_all(2, kRough, stop);
-    if (mapper.extend_tracks(stop) > 0) mapper.refine_all(1, kRough, stop);
+    mapper.refine_all(2, kRoughRefinement, stop);
+    if (mapper.extend_tracks(stop) > 0) mapper.refine_all(1, kRoughRefinement, stop);
     growth.adjusted_at = mapper.registered();
   }
   result.adjusted_at = growth.adjusted_at;

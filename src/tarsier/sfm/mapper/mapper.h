@@ -6,10 +6,10 @@
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/mapper/center_uncertainty.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
-#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/model_shape.h"
+#include "tarsier/sfm/mapper/pair_rejection.h"
 #include "tarsier/sfm/mapper/patch_evidence.h"
 #include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
@@ -79,7 +79,8 @@ struct RefusedPair {
   int second = 0;
   int inliers = 0;
   std::string reason;
-  Doubt doubt = Doubt::kNone;  // kNone: it is weak, or its patches differ (strong_pairs.h)
+  // kNone: it is weak, or its patches differ (strong_pairs.h)
+  PairRejection rejection = PairRejection::kNone;
 };
 
 // The result for an image.
@@ -120,18 +121,18 @@ using WatchModel = std::function<void(const std::string& label, const Model& mod
 
 struct MapperHooks {
   WatchModel watch;  // receives the growing model; may be empty
-  // Writes a checkpoint; may be empty. Called at most every keep_every_s, and so that it takes less
-  // than a twentieth of the time; 0: at every step. Always called at the end and at an
+  // Writes a checkpoint; may be empty. Called at most every save_interval_s, and so that it takes
+  // less than a twentieth of the time; 0: at every step. Always called at the end and at an
   // interruption.
-  std::function<void(const MapperState&)> keep;
-  double keep_every_s = 30;
-  // Receives the growing model for display; may be empty. Called at most every show_every_s, and so
-  // that it takes less than a twentieth of the time. Does not change the result.
+  std::function<void(const MapperState&)> save_checkpoint;
+  double save_interval_s = 30;
+  // Receives the growing model for display; may be empty. Called at most every show_interval_s,
+  // and so that it takes less than a twentieth of the time. Does not change the result.
   std::function<void(const Model&)> show;
-  double show_every_s = 1;
+  double show_interval_s = 1;
   // Resumes from this state. With otherwise equal arguments the result is bit-identical. Ignored
   // where it does not fit the arguments or where there is a `watch`.
-  std::optional<MapperState> from;
+  std::optional<MapperState> resume_from;
   // Where stopped, return the models up to then, if any. Otherwise Interrupted is thrown.
   bool partial = false;
 };
@@ -162,15 +163,15 @@ struct MapperInput {
   const std::vector<Pair>& pairs;
   // Features were tracked from image to image, not detected in each. A missing feature then proves
   // nothing, and models are not searched for superimposed places (model_conflicts.h).
-  bool followed = false;
+  bool tracked = false;
   // Places are known to look alike, so few contradicting images suffice to reject a model.
-  bool repeats = false;
+  bool is_repetitive = false;
   // Supplies the pixels for patch_evidence.h. Used where finished models have conflicts.
   GrayImages gray = {};
   std::optional<StartPoses> start = {};
 };
 
-// Throws Interrupted, and what hooks.keep throws.
+// Throws Interrupted, and what hooks.save_checkpoint throws.
 [[nodiscard]] Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
                                          Progress& progress, const std::stop_token& stop,
                                          const MapperHooks& hooks = {});

@@ -88,22 +88,22 @@ Reconstruction run(const Problem& problem, const MapperOptions& options = {}) {
 
 // The same with descriptors that identify the points. Some matches are missing, so that extending
 // the tracks can find them.
-struct Described {
+struct DescribedProblem {
   Problem problem;
   std::vector<cv::Mat> descriptors;
 };
 
-Described described(const synth::PointProblem& truth) {
-  Described result{problem_of(truth), {}};
+DescribedProblem described(const synth::PointProblem& truth) {
+  DescribedProblem result{problem_of(truth), {}};
   Rng rng(77);
-  std::map<int, std::vector<std::uint8_t>> looks;
+  std::map<int, std::vector<std::uint8_t>> descriptors;
   for (const std::vector<int>& points : result.problem.point_of) {
     cv::Mat rows(static_cast<int>(points.size()), 128, CV_8UC1);
     for (std::size_t f = 0; f < points.size(); ++f) {
-      std::vector<std::uint8_t>& look = looks[points[f]];
-      while (look.size() < 128)
-        look.push_back(static_cast<std::uint8_t>(rng.uniform() < 0.15 ? 120 : 5));
-      std::copy(look.begin(), look.end(), rows.ptr(static_cast<int>(f)));
+      std::vector<std::uint8_t>& descriptor = descriptors[points[f]];
+      while (descriptor.size() < 128)
+        descriptor.push_back(static_cast<std::uint8_t>(rng.uniform() < 0.15 ? 120 : 5));
+      std::copy(descriptor.begin(), descriptor.end(), rows.ptr(static_cast<int>(f)));
     }
     result.descriptors.push_back(rows);
   }
@@ -115,7 +115,7 @@ Described described(const synth::PointProblem& truth) {
   return result;
 }
 
-Reconstruction run(const Described& given, const MapperHooks& hooks,
+Reconstruction run(const DescribedProblem& given, const MapperHooks& hooks,
                    const std::stop_token& stop = {}) {
   NoProgress progress;
   return reconstruct(input_of(given.problem, given.descriptors), {}, progress, stop, hooks);
@@ -164,7 +164,7 @@ Problem two_scenes(int first, int second) {
   return problem;
 }
 
-TEST(Reconstruct, WithoutNoiseItIsExact) {
+TEST(Reconstruct, IsExactWithoutNoise) {
   const Problem problem = problem_of(synth::make_point_problem(1, 7, 300, 0, 0));
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 1U);
@@ -176,7 +176,7 @@ TEST(Reconstruct, WithoutNoiseItIsExact) {
   EXPECT_EQ(built.models[0].points[0].color, cv::Vec3b(10, 20, 30));
 }
 
-TEST(Reconstruct, NoiseAndOutliersAreHeldOff) {
+TEST(Reconstruct, ToleratesNoiseAndOutliers) {
   const Problem problem = problem_of(synth::make_point_problem(2, 8, 500, 0.5, 0.15));
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 1U);
@@ -185,7 +185,7 @@ TEST(Reconstruct, NoiseAndOutliersAreHeldOff) {
   EXPECT_LT(statistics_of(built.models[0]).reprojection_px, 0.8);
 }
 
-TEST(Reconstruct, IndicesOfTheModelFitTogether) {
+TEST(Reconstruct, ModelIndicesAreConsistent) {
   const Problem problem = problem_of(synth::make_point_problem(3, 6, 200, 0.3, 0.05));
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 1U);
@@ -217,12 +217,12 @@ TEST(Reconstruct, TwoScenesGiveTwoModels) {
   }
 }
 
-TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
+TEST(Checkpoints, ResumingFromAnyGivesSameResult) {
+  const DescribedProblem given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep_every_s = 0;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
   const Reconstruction whole = run(given, hooks);
   ASSERT_EQ(statistics_of(whole.models.at(0)).registered, 9);
   ASSERT_GT(states.size(), 9U);
@@ -231,7 +231,7 @@ TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
   for (std::size_t k = 0; k < states.size(); ++k) {
     extended = extended || (states[k].current && !states[k].current->tracks.empty());
     MapperHooks from;
-    from.from = states[k];
+    from.resume_from = states[k];
     const Reconstruction again = run(given, from);
     EXPECT_EQ(again.resumed, states[k].registered()) << k;
     expect_same(again, whole);
@@ -239,38 +239,38 @@ TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
   EXPECT_TRUE(extended);
 }
 
-TEST(Checkpoints, AlsoWhereOneModelIsDone) {
-  const Described given{two_scenes(5, 4), {}};
+TEST(Checkpoints, ResumeAfterFinishedModel) {
+  const DescribedProblem given{two_scenes(5, 4), {}};
   std::vector<MapperState> states;
   MapperHooks hooks;
-  hooks.keep_every_s = 0;
-  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
   const Reconstruction whole = run(given, hooks);
   ASSERT_EQ(whole.models.size(), 2U);
   bool second = false;
   for (const MapperState& state : states) {
     second = second || (state.models.size() == 1 && state.current);
     MapperHooks from;
-    from.from = state;
+    from.resume_from = state;
     expect_same(run(given, from), whole);
   }
   EXPECT_TRUE(second);
 }
 
-TEST(Checkpoints, OfOtherImagesAreIgnored) {
-  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
-  const Described other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
+TEST(Checkpoints, IgnoreThoseOfOtherImages) {
+  const DescribedProblem given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  const DescribedProblem other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
   MapperHooks hooks;
-  hooks.keep = [&](const MapperState& state) { hooks.from = state; };
+  hooks.save_checkpoint = [&](const MapperState& state) { hooks.resume_from = state; };
   const Reconstruction whole = run(given, hooks);
-  ASSERT_TRUE(hooks.from);
+  ASSERT_TRUE(hooks.resume_from);
   EXPECT_EQ(run(other, hooks).resumed, 0);
 }
 
 // Stopped within each adjustment: the finished models are returned, and the checkpoint of that
 // moment leads to the same result.
-TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
+TEST(Interrupted, ReturnsPartialModelAndCheckpoint) {
+  const DescribedProblem given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   const Reconstruction whole = run(given, {});
   int adjustments = 0;
   {
@@ -288,8 +288,8 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
     int count = 0;
     MapperHooks hooks;
     hooks.partial = true;
-    hooks.keep_every_s = 1e6;
-    hooks.keep = [&](const MapperState& state) { kept = state; };
+    hooks.save_interval_s = 1e6;
+    hooks.save_checkpoint = [&](const MapperState& state) { kept = state; };
     hooks.watch = [&](const std::string& label, const Model&) {
       if (label.ends_with("before") && ++count == last) stop.request_stop();
     };
@@ -305,18 +305,18 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
     }
     ASSERT_TRUE(kept);
     MapperHooks from;
-    from.from = kept;
+    from.resume_from = kept;
     expect_same(run(given, from), whole);
   }
   EXPECT_EQ(partial, adjustments - 1);
 }
 
 // The caller is shown a growing number of images, and the result is the same.
-TEST(Mapper, ShowsTheModelThatGrows) {
-  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
+TEST(Mapper, ShowsGrowingModel) {
+  const DescribedProblem given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.15));
   std::vector<int> registered;
   MapperHooks hooks;
-  hooks.show_every_s = 0;
+  hooks.show_interval_s = 0;
   hooks.show = [&](const Model& model) {
     const ModelStatistics size = statistics_of(model);
     EXPECT_GT(size.observations, 0);
@@ -330,7 +330,7 @@ TEST(Mapper, ShowsTheModelThatGrows) {
 }
 
 TEST(Interrupted, WithoutPartialThrows) {
-  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  const DescribedProblem given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
   std::stop_source stop;
   MapperHooks hooks;
   hooks.watch = [&](const std::string& label, const Model&) {
@@ -340,8 +340,8 @@ TEST(Interrupted, WithoutPartialThrows) {
 }
 
 // The incremental counters equal a count over all features.
-TEST(IncrementalMapper, KnowsWhatEachImageSees) {
-  const Described given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
+TEST(IncrementalMapper, CountsVisiblePointsOfEachImage) {
+  const DescribedProblem given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
   const Problem& problem = given.problem;
   Model model;
   model.cameras = problem.cameras;
@@ -355,7 +355,7 @@ TEST(IncrementalMapper, KnowsWhatEachImageSees) {
   const auto check = [&](const char* when) {
     for (int i = 0; i < 8; ++i) {
       const auto seen = mapper.visible(i);
-      EXPECT_EQ(static_cast<std::size_t>(mapper.seen(i)), seen.size()) << when << " " << i;
+      EXPECT_EQ(static_cast<std::size_t>(mapper.visible_count(i)), seen.size()) << when << " " << i;
       double next_best_view_score = 0;
       for (int cells = 2; cells <= 32; cells *= 2) {
         std::set<std::pair<int, int>> occupied;
@@ -392,7 +392,7 @@ TEST(IncrementalMapper, KnowsWhatEachImageSees) {
 }
 
 // If only few points or observations are adjusted, the other points move with them.
-TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
+TEST(IncrementalMapper, AdjustsUnselectedPointsAfterwards) {
   const Problem problem = problem_of(synth::make_point_problem(23, 8, 400, 0.4, 0));
   Model model;
   model.cameras = problem.cameras;
@@ -426,12 +426,12 @@ TEST(IncrementalMapper, PointsThatTookNoPartFollow) {
   EXPECT_LT(error_by(100, 4), 1.3 * error);
 }
 
-TEST(Reconstruct, AImageThatMatchesNothingIsMissingWithItsReason) {
+TEST(Reconstruct, GivesReasonForUnmatchedImage) {
   Problem problem = problem_of(synth::make_point_problem(6, 5, 200, 0.2, 0));
-  Image stranger;
-  stranger.name = "stranger";
-  stranger.features = problem.images[0].features;
-  problem.images.push_back(stranger);
+  Image unmatched;
+  unmatched.name = "stranger";
+  unmatched.features = problem.images[0].features;
+  problem.images.push_back(unmatched);
   problem.colors.push_back(problem.colors[0]);
   Pair pair;
   pair.first = 2;
@@ -444,7 +444,7 @@ TEST(Reconstruct, AImageThatMatchesNothingIsMissingWithItsReason) {
   EXPECT_THAT(built.outcomes[5].reason, HasSubstr("at most 7, with photo-2"));
 }
 
-TEST(Reconstruct, ACameraThatOnlyTurnsGivesNoModelButAReason) {
+TEST(Reconstruct, PureRotationGivesReasonAndNoModel) {
   synth::PointProblem truth = synth::make_point_problem(7, 3, 300, 0, 0);
   truth.seen.clear();
   // All cameras at the place of the first.
@@ -469,7 +469,7 @@ TEST(Reconstruct, ACameraThatOnlyTurnsGivesNoModelButAReason) {
   EXPECT_THAT(built.no_model, HasSubstr("sideways"));
 }
 
-TEST(Reconstruct, AWrongFocalLengthIsRefined) {
+TEST(Reconstruct, RefinesWrongFocalLength) {
   const Problem exact = problem_of(synth::make_point_problem(8, 9, 500, 0.2, 0));
   Problem problem = exact;
   problem.cameras[0].fx *= 1.12;
@@ -481,7 +481,7 @@ TEST(Reconstruct, AWrongFocalLengthIsRefined) {
   EXPECT_NEAR(built.models[0].cameras[0].fx / exact.cameras[0].fx, 1, 0.02);
 }
 
-TEST(Adjust, MovesAwayFromTheTruthComeBack) {
+TEST(Adjust, RecoversPerturbedModel) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0, 0));
   Model model = run(problem).models.at(0);
   const Model before = model;
@@ -491,14 +491,15 @@ TEST(Adjust, MovesAwayFromTheTruthComeBack) {
   for (Point& point : model.points)
     for (int k = 0; k < 3; ++k) point.position[k] += rng.normal(0, 0.02);
   ASSERT_GT(worst_center(model, problem.truth.poses), 3e-3);
-  EXPECT_TRUE(adjust(model, {}).trouble.empty());
+  EXPECT_TRUE(adjust(model, {}).warning.empty());
   EXPECT_LT(worst_center(model, problem.truth.poses), 1e-3);
   for (const Point& point : model.points)
     for (const Observation& seen : point.track)
-      EXPECT_LT(IncrementalMapper::error_of(model, seen, point.position).value_or(1), 1e-2);
+      EXPECT_LT(IncrementalMapper::reprojection_error(model, seen, point.position).value_or(1),
+                1e-2);
 }
 
-TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
+TEST(Adjust, PartialAdjustmentFindsItsPoints) {
   const Problem problem = problem_of(synth::make_point_problem(9, 9, 150, 0.3, 0));
   Model start = run(problem).models.at(0);
   // Points that neither of the two observes.
@@ -509,7 +510,7 @@ TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
   options.images = {4, 2};
   Model found = start;
   const BundleReport report = adjust(found, options);
-  EXPECT_TRUE(report.trouble.empty());
+  EXPECT_TRUE(report.warning.empty());
   for (std::size_t p = 0; p < start.points.size(); ++p) {
     for (const Observation& seen : start.points[p].track) {
       if (seen.image != 2 && seen.image != 4) continue;
@@ -527,7 +528,7 @@ TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
   }
 }
 
-TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
+TEST(Adjust, OnlyPointsMovesPointsAlone) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0, 0));
   const Model before = run(problem).models.at(0);
   Model model = before;
@@ -540,7 +541,7 @@ TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
     if (p % 2 == 0) options.points.push_back(static_cast<int>(p));
   }
   const Model moved = model;
-  EXPECT_TRUE(adjust(model, options).trouble.empty());
+  EXPECT_TRUE(adjust(model, options).warning.empty());
   EXPECT_EQ(model.cameras[0].fx, before.cameras[0].fx);
   for (std::size_t i = 0; i < model.images.size(); ++i)
     EXPECT_EQ(model.images[i].pose.translation, before.images[i].pose.translation) << i;
@@ -553,7 +554,7 @@ TEST(Adjust, OnlyPointsMoveWhereThatIsAskedFor) {
   }
 }
 
-TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
+TEST(Adjust, RejectsFocalLengthOutOfRangeWithWarning) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
   Model model = run(problem).models.at(0);
   // The image is so wide that the true focal length is just below the allowed min share of the
@@ -566,29 +567,29 @@ TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
   options.focal = true;
   const BundleReport report = adjust(model, options);
   EXPECT_NEAR(model.cameras[0].fx, start, 1e-9 * start);
-  EXPECT_THAT(report.trouble, HasSubstr("focal length"));
+  EXPECT_THAT(report.warning, HasSubstr("focal length"));
   EXPECT_GT(report.iterations, 0);  // the rest is adjusted
   // With a wider range, the right focal length is found.
   model.cameras[0].width = 640;
-  EXPECT_TRUE(adjust(model, options).trouble.empty());
+  EXPECT_TRUE(adjust(model, options).warning.empty());
   EXPECT_NEAR(model.cameras[0].fx, truth, 0.02 * truth);
 }
 
-TEST(Adjust, WhatCannotBeSolvedIsSaidAndChangesNothing) {
+TEST(Adjust, UnsolvableModelGivesWarningAndIsUnchanged) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
   Model model = run(problem).models.at(0);
   model.points[0].position =
       model.images[0].pose.inverse() * Eigen::Vector3d(0, 0, -5);  // behind it
   const Model before = model;
   const BundleReport report = adjust(model, {});
-  EXPECT_FALSE(report.trouble.empty());
+  EXPECT_FALSE(report.warning.empty());
   for (std::size_t i = 0; i < model.images.size(); ++i)
     EXPECT_EQ(model.images[i].pose.translation, before.images[i].pose.translation);
   for (std::size_t p = 0; p < model.points.size(); ++p)
     EXPECT_EQ(model.points[p].position, before.points[p].position);
 }
 
-TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {
+TEST(Adjust, ResultDoesNotDependOnMemoryLayout) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.3, 0));
   const Model start = run(problem).models.at(0);
   BundleOptions options;
@@ -608,7 +609,7 @@ TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {
   EXPECT_EQ(focal_lengths.size(), 1U);
 }
 
-TEST(FilterPoints, TakesOutWhatIsOff) {
+TEST(FilterPoints, RemovesOutliers) {
   const Problem problem = problem_of(synth::make_point_problem(10, 5, 100, 0, 0));
   Model model = run(problem).models.at(0);
   const std::size_t seen = model.points[3].track.size();
@@ -618,7 +619,7 @@ TEST(FilterPoints, TakesOutWhatIsOff) {
   EXPECT_LT(model.points[3].track.size(), seen);
 }
 
-TEST(FilterPoints, TakesOutOnlyWhatIsAskedFor) {
+TEST(FilterPoints, RemovesOutliersOfGivenPointsAndImagesOnly) {
   const Problem problem = problem_of(synth::make_point_problem(10, 5, 100, 0, 0));
   Model model = run(problem).models.at(0);
   ASSERT_GE(model.points[3].track.size(), 4U);
@@ -626,13 +627,13 @@ TEST(FilterPoints, TakesOutOnlyWhatIsAskedFor) {
   for (const std::size_t k : {0U, 1U})
     model.images[static_cast<std::size_t>(before[k].image)]
         .features[static_cast<std::size_t>(before[k].feature)] += cv::Point2f(9, 0);
-  EXPECT_EQ(filter_these(model, {}, {3}, {before[1].image, before[2].image}), 1);
+  EXPECT_EQ(filter_selected_points(model, {}, {3}, {before[1].image, before[2].image}), 1);
   ASSERT_EQ(model.points[3].track.size(), before.size() - 1);
   EXPECT_EQ(model.points[3].track[0].image, before[0].image);
   EXPECT_EQ(model.points[3].track[1].image, before[2].image);
 }
 
-TEST(MapperOptions, ImpossibleOnesAreRefused) {
+TEST(MapperOptions, RefusesInvalidValues) {
   MapperOptions options;
   options.pose_inliers = 2;
   EXPECT_THROW(options.check(), std::invalid_argument);

@@ -49,21 +49,21 @@ float ratio_of(const Nearest& nearest) {
 }
 
 // For each descriptor: the first point at the position that it describes.
-std::vector<std::int32_t> places_of(const Features& features) {
+std::vector<std::int32_t> first_points_at_positions(const Features& features) {
   const auto points = static_cast<std::int32_t>(features.points.size());
-  std::vector<std::int32_t> places;
-  places.reserve(static_cast<std::size_t>(features.descriptors.rows));
+  std::vector<std::int32_t> first_points;
+  first_points.reserve(static_cast<std::size_t>(features.descriptors.rows));
   for (std::int32_t i = 0; i < points; ++i) {
     const auto k = static_cast<std::size_t>(i);
     // Points at one position are adjacent.
     const bool same = i > 0 && features.points[k] == features.points[k - 1];
-    places.push_back(same ? places.back() : i);
+    first_points.push_back(same ? first_points.back() : i);
   }
   for (const std::int32_t owner : features.owners)
-    places.push_back(places[static_cast<std::size_t>(owner)]);
-  TARSIER_REQUIRE(static_cast<int>(places.size()) == features.descriptors.rows,
-                  "{} descriptors of {} points", features.descriptors.rows, places.size());
-  return places;
+    first_points.push_back(first_points[static_cast<std::size_t>(owner)]);
+  TARSIER_REQUIRE(static_cast<int>(first_points.size()) == features.descriptors.rows,
+                  "{} descriptors of {} points", features.descriptors.rows, first_points.size());
+  return first_points;
 }
 
 }  // namespace
@@ -132,15 +132,15 @@ std::vector<Match> match_features(const Features& first, const Features& second,
                       first.descriptors.cols == second.descriptors.cols,
                   "descriptors of {} and {} columns", first.descriptors.cols,
                   second.descriptors.cols);
-  const std::vector<std::int32_t> places_a = places_of(first);
-  const std::vector<std::int32_t> places_b = places_of(second);
+  const std::vector<std::int32_t> first_points_a = first_points_at_positions(first);
+  const std::vector<std::int32_t> first_points_b = first_points_at_positions(second);
   const std::vector<std::uint8_t> a = bytes_of(first.descriptors, kind);
   const std::vector<std::uint8_t> b = bytes_of(second.descriptors, kind);
   const int depth = first.descriptors.cols * (kind == FeatureKind::kSift ? 1 : 8);
-  std::vector<Nearest> of_a(places_a.size());
-  std::vector<Nearest> of_b(places_b.size());
-  find_nearest({a.data(), first.descriptors.rows, depth, places_a.data()},
-               {b.data(), second.descriptors.rows, depth, places_b.data()}, of_a.data(),
+  std::vector<Nearest> of_a(first_points_a.size());
+  std::vector<Nearest> of_b(first_points_b.size());
+  find_nearest({a.data(), first.descriptors.rows, depth, first_points_a.data()},
+               {b.data(), second.descriptors.rows, depth, first_points_b.data()}, of_a.data(),
                of_b.data());
 
   // Several descriptors may match the same two positions: the nearest match counts. A position that
@@ -160,23 +160,24 @@ std::vector<Match> match_features(const Features& first, const Features& second,
     if (nearest.index < 0 || !passes(nearest, kind, options)) continue;
     const auto j = static_cast<std::size_t>(nearest.index);
     const Nearest& back = of_b[j];
-    if (back.index < 0 || places_a[static_cast<std::size_t>(back.index)] != places_a[i]) continue;
-    candidates.push_back({nearest.best, {places_a[i], places_b[j]}, ratio_of(nearest)});
+    if (back.index < 0 || first_points_a[static_cast<std::size_t>(back.index)] != first_points_a[i])
+      continue;
+    candidates.push_back({nearest.best, {first_points_a[i], first_points_b[j]}, ratio_of(nearest)});
   }
   std::sort(candidates.begin(), candidates.end());
-  std::vector<char> is_taken_a(first.points.size(), 0);
-  std::vector<char> is_taken_b(second.points.size(), 0);
-  std::vector<Candidate> kept;
+  std::vector<char> is_matched_a(first.points.size(), 0);
+  std::vector<char> is_matched_b(second.points.size(), 0);
+  std::vector<Candidate> accepted;
   for (const Candidate& candidate : candidates) {
-    char& own = is_taken_a[static_cast<std::size_t>(candidate.match.first)];
-    char& other = is_taken_b[static_cast<std::size_t>(candidate.match.second)];
-    if (own == 0 && other == 0) kept.push_back(candidate);
+    char& own = is_matched_a[static_cast<std::size_t>(candidate.match.first)];
+    char& other = is_matched_b[static_cast<std::size_t>(candidate.match.second)];
+    if (own == 0 && other == 0) accepted.push_back(candidate);
     own = other = 1;
   }
-  std::sort(kept.begin(), kept.end(),
+  std::sort(accepted.begin(), accepted.end(),
             [](const Candidate& x, const Candidate& y) { return x.match.first < y.match.first; });
   std::vector<Match> matches;
-  for (const Candidate& candidate : kept) {
+  for (const Candidate& candidate : accepted) {
     matches.push_back(candidate.match);
     if (ratios != nullptr) ratios->push_back(candidate.ratio);
   }

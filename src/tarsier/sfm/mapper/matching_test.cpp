@@ -57,7 +57,7 @@ std::vector<Match> reference(const cv::Mat& a, const cv::Mat& b, FeatureKind kin
   return matches;
 }
 
-TEST(MatchFeatures, IsWhatTheDefinitionSays) {
+TEST(MatchFeatures, EqualsReferenceImplementation) {
   for (const FeatureKind kind : {FeatureKind::kSift, FeatureKind::kOrb}) {
     const int columns = kind == FeatureKind::kSift ? 128 : 32;
     cv::Mat a = random_descriptors(150, columns, 1);
@@ -77,7 +77,7 @@ TEST(MatchFeatures, IsWhatTheDefinitionSays) {
   }
 }
 
-TEST(MatchFeatures, NothingMatchesNothing) {
+TEST(MatchFeatures, IsEmptyWithoutDescriptors) {
   const cv::Mat some = random_descriptors(5, 128, 1);
   EXPECT_TRUE(match_features({}, some, FeatureKind::kSift, {}).empty());
   EXPECT_TRUE(match_features(some, {}, FeatureKind::kSift, {}).empty());
@@ -85,7 +85,7 @@ TEST(MatchFeatures, NothingMatchesNothing) {
                std::invalid_argument);
 }
 
-TEST(MatchFeatures, TheSameTwiceIsNoMatch) {
+TEST(MatchFeatures, RejectsRepeatedDescriptors) {
   // Repeated texture: the second nearest is as near as the nearest.
   cv::Mat a = random_descriptors(4, 128, 5);
   cv::Mat b;
@@ -104,7 +104,7 @@ Features features_at(const std::vector<cv::Point2f>& points, const cv::Mat& desc
   return features;
 }
 
-TEST(MatchFeatures, DescriptorsOfOnePlaceDoNotFailTheRatioTestByEachOther) {
+TEST(MatchFeatures, RatioTestIgnoresDescriptorsOfSamePoint) {
   // Three points. Two have an additional descriptor that is nearly equal to the first.
   const cv::Mat one = random_descriptors(3, 128, 11);
   cv::Mat rows;
@@ -125,7 +125,7 @@ TEST(MatchFeatures, DescriptorsOfOnePlaceDoNotFailTheRatioTestByEachOther) {
   for (const float ratio : ratios) EXPECT_LT(ratio, 0.64F);
 }
 
-TEST(MatchFeatures, AFurtherDescriptorMatchesForItsPoint) {
+TEST(MatchFeatures, AdditionalDescriptorMatchesItsPoint) {
   const cv::Mat one = random_descriptors(6, 128, 12);
   const auto rows = [&](std::initializer_list<int> which) {
     cv::Mat result;
@@ -139,13 +139,13 @@ TEST(MatchFeatures, AFurtherDescriptorMatchesForItsPoint) {
   // Points at the same position count as the first of them. If two points match it, the nearer one
   // is kept.
   const Features c = features_at({{1, 1}, {1, 1}, {7, 7}}, rows({0, 1, 2, 5}), {2});
-  cv::Mat off = rows({1, 0, 2});
-  off.at<std::uint8_t>(0, 0) += 3;
-  const Features d = features_at({{3, 3}, {4, 4}, {8, 8}}, off, {});
+  cv::Mat noisy = rows({1, 0, 2});
+  noisy.at<std::uint8_t>(0, 0) += 3;
+  const Features d = features_at({{3, 3}, {4, 4}, {8, 8}}, noisy, {});
   EXPECT_EQ(match_features(c, d, FeatureKind::kSift, {}), (std::vector<Match>{{0, 1}, {2, 2}}));
 }
 
-TEST(MatchFeatures, WithoutFurtherDescriptorsIsThatOfTheDescriptors) {
+TEST(MatchFeatures, WithoutAdditionalDescriptorsEqualsDescriptorMatching) {
   const cv::Mat a = random_descriptors(40, 128, 6);
   cv::Mat b = random_descriptors(50, 128, 7);
   a.rowRange(0, 20).copyTo(b.rowRange(10, 30));
@@ -156,7 +156,7 @@ TEST(MatchFeatures, WithoutFurtherDescriptorsIsThatOfTheDescriptors) {
       match_features(a, b, FeatureKind::kSift, {}));
 }
 
-TEST(Similarity, IsOneForEqualAndLessForOthers) {
+TEST(Similarity, IsOneForEqualDescriptorsOnly) {
   const cv::Mat a = random_descriptors(2, 128, 1);
   EXPECT_NEAR(similarity(a, 0, a, 0, FeatureKind::kSift), 1, 1e-9);
   EXPECT_LT(similarity(a, 0, a, 1, FeatureKind::kSift), 0.95);

@@ -26,8 +26,8 @@ namespace tarsier::sfm {
 // and vice versa.
 //
 // Images with a larger distance share fewer unreliable points. So a pair is compared with the 90th
-// percentile of the shares of pairs at least as far apart. It is judged only where that percentile
-// is 0.35 or more of what is expected.
+// percentile of the shares of pairs at least as far apart. It is evaluated only where that
+// percentile is 0.35 or more of what is expected.
 //
 // A point that should appear in few images is rare also because the other image does not show it.
 // So the rarity is computed once more without the other image. The two do not contradict each other
@@ -49,8 +49,8 @@ class ModelConflicts {
   // second; first < second.
   [[nodiscard]] const std::vector<std::pair<int, int>>& pairs() const { return pairs_; }
   // Whether these are more than chance explains: three or more, and one in 200 of the near images
-  // with as much evidence. With `repeats` (the scene is known to repeat) this suffices. Otherwise
-  // two more conditions must hold.
+  // with as much evidence. With `is_repetitive` (the scene is known to repeat) this suffices.
+  // Otherwise two more conditions must hold.
   //
   // First, three or more contradict the same image, a fifth of those with as much evidence, and one
   // of these has nearly its view. Views are nearly the same if the angle between the rays / 12
@@ -63,7 +63,7 @@ class ModelConflicts {
   // evidence contradict each other. In thousands of images as close as those of a video, each point
   // is detected in few, so what two images share varies widely. What all images of two places share
   // does not vary.
-  [[nodiscard]] bool any(bool repeats = false) const;
+  [[nodiscard]] bool any(bool is_repetitive = false) const;
   // The summed evidence of two images and of the images that show the same place as either.
   [[nodiscard]] Evidence between(int first, int second) const;
   // Whether the two images, or all images of their places, show different places by between(). That
@@ -74,7 +74,7 @@ class ModelConflicts {
   [[nodiscard]] const std::vector<double>& shares() const { return shares_; }
 
  private:
-  struct Near {
+  struct Neighbour {
     int image;
     Evidence evidence;
     double distance;  // between the images: Comparison::distance()
@@ -82,16 +82,16 @@ class ModelConflicts {
   [[nodiscard]] const Evidence* find(int first, int second) const;
   [[nodiscard]] std::vector<int> same_place(int image) const;
   void find_places();
-  [[nodiscard]] bool is_little(const Evidence& evidence) const;
-  std::vector<std::vector<Near>> near_;  // for each image, sorted by image
+  [[nodiscard]] bool shows_different_places(const Evidence& evidence) const;
+  std::vector<std::vector<Neighbour>> neighbours_;  // for each image, sorted by image
   std::vector<std::pair<int, int>> pairs_;
-  std::size_t judged_ = 0;             // pairs of near images with as much evidence
+  std::size_t evaluated_ = 0;          // pairs of near images with as much evidence
   bool is_clustered_ = false;          // some image is contradicted by several
   bool has_different_places_ = false;  // also if all images of their places are compared
   std::vector<double> shares_;
   std::vector<int> place_;  // for each image: one of the images of its place
   std::map<std::pair<int, int>, Evidence> between_places_;  // smaller index first
-  double usual_ = 1;  // share of the expected points that images of one place have
+  double typical_share_ = 1;  // share of the expected points that images of one place have
 };
 
 // The pairs that made a model superimpose different places. They connect such places, and at least

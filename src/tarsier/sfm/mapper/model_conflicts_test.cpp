@@ -30,7 +30,7 @@ void observe(const cv::Point2d& pixel, int image_index, int point_index, Image& 
   image.points.push_back(point_index);
 }
 
-TEST(ModelConflicts, ATrueModelHasNone) {
+TEST(ModelConflicts, CorrectModelHasNone) {
   const ModelConflicts conflicts(testing::prism(false).model);
   EXPECT_FALSE(conflicts.any());
   for (int i = 0; i < testing::kPrismImages; ++i)
@@ -61,7 +61,7 @@ Model arc_of_weak_features() {
   return model;
 }
 
-TEST(ModelConflicts, FeaturesThatAreFoundFromNearbyOnlyAreNone) {
+TEST(ModelConflicts, IgnoreFeaturesDetectedFromNearbyOnly) {
   const ModelConflicts conflicts(arc_of_weak_features());
   EXPECT_TRUE(conflicts.pairs().empty());
   EXPECT_FALSE(conflicts.any());
@@ -80,16 +80,17 @@ Model row_with_a_poor_image() {
   for (int p = 0; p < 1000; ++p) {
     const bool is_far = p % 10 < 4;
     const bool is_weak = p % 10 < 3;
-    const int place = p / 10 % kRow;
-    const int reach = place == kRow - 1 ? 4 : 6;
+    const int center = p / 10 % kRow;
+    const int max_distance = center == kRow - 1 ? 4 : 6;
     Point point;
     point.position = is_far ? Vector3d(rng.uniform(0, 20), rng.uniform(-15, 15), 40)
                             : Vector3d(rng.uniform(-4, 24), rng.uniform(-3, 3), 8);
     for (int i = 0; i < kRow; ++i) {
       Image& image = model.images[at(i)];
       const auto pixel = model.cameras[0].project(image.pose * point.position);
-      if (std::abs(pixel->x - 320) > 320 || (is_weak && std::abs(place - i) > reach)) continue;
-      if (is_weak && i == kRow - 1 && place != i) continue;
+      if (std::abs(pixel->x - 320) > 320 || (is_weak && std::abs(center - i) > max_distance))
+        continue;
+      if (is_weak && i == kRow - 1 && center != i) continue;
       observe(*pixel, i, p, image, point);
     }
     model.points.push_back(std::move(point));
@@ -97,7 +98,7 @@ Model row_with_a_poor_image() {
   return model;
 }
 
-TEST(ModelConflicts, AnImageThatContradictsOnlyWhatIsFarFromItIsInItsPlace) {
+TEST(ModelConflicts, IgnoreImageThatContradictsDistantOnesOnly) {
   const ModelConflicts conflicts(row_with_a_poor_image());
   EXPECT_GE(conflicts.pairs().size(), 3U);
   for (const auto& [first, second] : conflicts.pairs()) EXPECT_EQ(second, 19) << first;
@@ -107,7 +108,7 @@ TEST(ModelConflicts, AnImageThatContradictsOnlyWhatIsFarFromItIsInItsPlace) {
 
 // A row of images in front of a wall with randomly detected points. Most points are detected in two
 // of three images, the others at a lower rate.
-struct RowOfChance {
+struct RandomRow {
   int images = 500;
   double step = 0.5;  // between images, at a distance of 5
   int points = 10000;
@@ -115,7 +116,7 @@ struct RowOfChance {
   int unsharp_every = 1000;  // such images have half the weak points
 };
 
-Model row_of_chance(const RowOfChance& row) {
+Model random_row(const RandomRow& row) {
   Model model = registered_images(row.images);
   for (int i = 0; i < row.images; ++i) {
     model.images[at(i)].pose.translation = {-row.step * i, 0, 5};
@@ -140,8 +141,8 @@ Model row_of_chance(const RowOfChance& row) {
   return model;
 }
 
-TEST(ModelConflicts, ContradictionsHereAndThereAreChance) {
-  const ModelConflicts conflicts(row_of_chance({}));
+TEST(ModelConflicts, IgnoreScatteredContradictions) {
+  const ModelConflicts conflicts(random_row({}));
   EXPECT_GE(conflicts.pairs().size(), 5U);
   EXPECT_FALSE(conflicts.any());
   EXPECT_TRUE(conflicts.any(true));  // unless places are known to look alike
@@ -149,22 +150,22 @@ TEST(ModelConflicts, ContradictionsHereAndThereAreChance) {
 
 // On average eight images or fewer should observe each point. By chance, some images have few of
 // the points that are rare only because of them.
-TEST(ModelConflicts, PointsThatAreRareBecauseTheImageLacksThemAreNoContradiction) {
+TEST(ModelConflicts, IgnorePointsThatAreRareForOneImage) {
   const ModelConflicts conflicts(
-      row_of_chance({.images = 100, .step = 0.5, .points = 2000, .weak_rate = 0.4}));
+      random_row({.images = 100, .step = 0.5, .points = 2000, .weak_rate = 0.4}));
   EXPECT_TRUE(conflicts.pairs().empty());
   EXPECT_FALSE(conflicts.any(true));
 }
 
 // Some images contradict many neighbours, but all images of two places never contradict each other.
-TEST(ModelConflicts, ContradictionsOfADenseRowAreChance) {
-  const ModelConflicts conflicts(row_of_chance(
+TEST(ModelConflicts, IgnoreContradictionsOfDenseRow) {
+  const ModelConflicts conflicts(random_row(
       {.images = 400, .step = 0.02, .points = 700, .weak_rate = 0.2, .unsharp_every = 20}));
   EXPECT_GE(conflicts.pairs().size(), 20U);
   EXPECT_FALSE(conflicts.any());
 }
 
-TEST(ModelConflicts, SidesThatLieOverEachOtherContradict) {
+TEST(ModelConflicts, FindSuperimposedSides) {
   const ModelConflicts conflicts(testing::prism(true).model);
   EXPECT_TRUE(conflicts.any());
   EXPECT_GT(conflicts.pairs().size(), 100U);

@@ -19,21 +19,21 @@ constexpr double kRadians = CV_PI / 180;
 }  // namespace
 
 int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images) {
-  std::vector<bool> looked(model.images.size(), images.empty());
-  for (const int image : images) looked[at(image)] = true;
+  std::vector<bool> is_selected(model.images.size(), images.empty());
+  for (const int image : images) is_selected[at(image)] = true;
   std::vector<int> points;
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const std::vector<Observation>& track = model.points[p].track;
     if (std::any_of(track.begin(), track.end(),
-                    [&](const Observation& seen) { return looked[at(seen.image)]; })) {
+                    [&](const Observation& seen) { return is_selected[at(seen.image)]; })) {
       points.push_back(static_cast<int>(p));
     }
   }
-  return filter_these(model, options, points);
+  return filter_selected_points(model, options, points);
 }
 
-int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points,
-                 const std::vector<int>& images) {
+int filter_selected_points(Model& model, const MapperOptions& options,
+                           const std::vector<int>& points, const std::vector<int>& images) {
   std::vector<char> is_tested(model.images.size(), images.empty() ? 1 : 0);
   for (const int image : images) is_tested[at(image)] = 1;
   std::vector<int> dropped(points.size(), 0);
@@ -42,7 +42,7 @@ int filter_these(Model& model, const MapperOptions& options, const std::vector<i
     if (before == 0) return 0;
     std::erase_if(point.track, [&](const Observation& seen) {
       if (is_tested[at(seen.image)] == 0) return false;
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       return !error || *error > options.reprojection_px;
     });
     if (point.track.size() < 2 || !IncrementalMapper::has_angle(model, point.track, point.position,
@@ -67,7 +67,7 @@ ModelStatistics statistics_of(const Model& model) {
     if (point.track.empty()) continue;
     ++points;
     for (const Observation& seen : point.track) {
-      const auto error = IncrementalMapper::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       squares += error ? *error * *error : 0;
       ++result.observations;
     }

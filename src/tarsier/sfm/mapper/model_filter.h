@@ -15,8 +15,8 @@ struct MapperOptions;
 // that some of `images` show; empty: all points.
 int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images = {});
 // The same for the points with these indices. Drops observations of `images` only; empty: of all.
-int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points,
-                 const std::vector<int>& images = {});
+int filter_selected_points(Model& model, const MapperOptions& options,
+                           const std::vector<int>& points, const std::vector<int>& images = {});
 
 // Root mean square reprojection error over all observations, px; mean track length.
 struct ModelStatistics {

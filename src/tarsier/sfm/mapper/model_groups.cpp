@@ -42,13 +42,13 @@ double extent_of(const Model& model) {
   return extent_of(centers);
 }
 
-int registered_of(const Model& model) {
+int registered_count(const Model& model) {
   return static_cast<int>(std::count_if(model.images.begin(), model.images.end(),
                                         [](const Image& image) { return image.registered; }));
 }
 
 ModelGroups::ModelGroups(const std::vector<Model>& models, std::vector<ModelJoin>& joins)
-    : models_(models), joins_(joins), group_(models.size()), place_(models.size()) {
+    : models_(models), joins_(joins), group_(models.size()), world_from_model_(models.size()) {
   std::iota(group_.begin(), group_.end(), 0);
 }
 
@@ -58,21 +58,21 @@ void ModelGroups::run(const std::stop_token& stop) {
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return joins_[a].inliers > joins_[b].inliers;
   });
-  std::vector<char> closes(models_.size(), 0);  // per group, stored at its first model
+  std::vector<char> has_cycle(models_.size(), 0);  // per group, stored at its first model
   for (const std::size_t k : order) {
     ModelJoin& join = joins_[k];
     if (!join.refusal.empty()) continue;
     const int a = group_[at(join.first)];
     const int b = group_[at(join.second)];
     if (a != b) {
-      unite(join, a, b);
-      if (closes[at(std::max(a, b))] != 0) closes[at(std::min(a, b))] = 1;
-    } else if (join.refusal = why_open(join); join.refusal.empty()) {
-      closes[at(a)] = 1;
+      merge(join, a, b);
+      if (has_cycle[at(std::max(a, b))] != 0) has_cycle[at(std::min(a, b))] = 1;
+    } else if (join.refusal = contradiction_of(join); join.refusal.empty()) {
+      has_cycle[at(a)] = 1;
     }
   }
   for (std::size_t g = 0; g < models_.size(); ++g)
-    if (closes[g] != 0 && group_[g] == static_cast<int>(g)) average(static_cast<int>(g), stop);
+    if (has_cycle[g] != 0 && group_[g] == static_cast<int>(g)) average(static_cast<int>(g), stop);
 }
 
 std::vector<std::vector<int>> ModelGroups::members() const {
@@ -82,39 +82,41 @@ std::vector<std::vector<int>> ModelGroups::members() const {
   std::vector<std::vector<int>> result;
   for (auto& [group, all] : by_group) {
     std::stable_sort(all.begin(), all.end(), [&](int a, int b) {
-      return registered_of(models_[at(a)]) > registered_of(models_[at(b)]);
+      return registered_count(models_[at(a)]) > registered_count(models_[at(b)]);
     });
     result.push_back(std::move(all));
   }
   return result;
 }
 
-Sim3 ModelGroups::place(int model, int root) const {
-  return place_[at(root)].inverse() * place_[at(model)];
+Sim3 ModelGroups::root_from_model(int model, int root) const {
+  return world_from_model_[at(root)].inverse() * world_from_model_[at(model)];
 }
 
-void ModelGroups::unite(const ModelJoin& join, int a, int b) {
+void ModelGroups::merge(const ModelJoin& join, int a, int b) {
   // Moves the second group so that world_from_second = world_from_first * first_from_second.
-  const Sim3 move =
-      place_[at(join.first)] * join.first_from_second * place_[at(join.second)].inverse();
-  const int kept = std::min(a, b);
+  const Sim3 move = world_from_model_[at(join.first)] * join.first_from_second *
+                    world_from_model_[at(join.second)].inverse();
+  const int merged_group = std::min(a, b);
   for (std::size_t m = 0; m < group_.size(); ++m) {
-    if (group_[m] == b) place_[m] = move * place_[m];
-    if (group_[m] == a || group_[m] == b) group_[m] = kept;
+    if (group_[m] == b) world_from_model_[m] = move * world_from_model_[m];
+    if (group_[m] == a || group_[m] == b) group_[m] = merged_group;
   }
 }
 
-std::string ModelGroups::why_open(const ModelJoin& join) const {
-  const Sim3 known = place_[at(join.first)].inverse() * place_[at(join.second)];
-  const Sim3& says = join.first_from_second;
-  const double angle = geometry::angle_of(known.rotation.transpose() * says.rotation) * kDegrees;
-  const double scale = std::abs(std::log(known.scale / says.scale));
-  double off = 0;
+std::string ModelGroups::contradiction_of(const ModelJoin& join) const {
+  const Sim3 predicted =
+      world_from_model_[at(join.first)].inverse() * world_from_model_[at(join.second)];
+  const Sim3& measured = join.first_from_second;
+  const double angle =
+      geometry::angle_of(predicted.rotation.transpose() * measured.rotation) * kDegrees;
+  const double scale = std::abs(std::log(predicted.scale / measured.scale));
+  double distance = 0;
   double count = 0;
   std::vector<Eigen::Vector3d> centers;
   for (std::size_t m = 0; m < models_.size(); ++m) {
     if (group_[m] != group_[at(join.first)]) continue;
-    const Sim3 to_first = place_[at(join.first)].inverse() * place_[m];
+    const Sim3 to_first = world_from_model_[at(join.first)].inverse() * world_from_model_[m];
     for (const Image& image : models_[m].images)
       if (image.registered) centers.push_back(to_first * image.pose.center());
   }
@@ -122,11 +124,11 @@ std::string ModelGroups::why_open(const ModelJoin& join) const {
     const Image& a = models_[at(join.first)].images[i];
     const Image& b = models_[at(join.second)].images[i];
     if (!a.registered || !b.registered) continue;
-    off += (known * b.pose.center() - says * b.pose.center()).norm();
+    distance += (predicted * b.pose.center() - measured * b.pose.center()).norm();
     count += 1;
   }
-  const double share = off / count / std::max(1e-300, extent_of(centers));
-  if (angle <= kMaxOpenDeg && scale <= kMaxOpenScale && share <= kMaxOpenShare) return {};
+  const double share = distance / count / std::max(1e-300, extent_of(centers));
+  if (angle <= kMaxLoopDeg && scale <= kMaxLoopLogScale && share <= kMaxLoopShare) return {};
   return fmt::format(
       "it contradicts joins of more points: {:.1f} degrees, a scale of {:.2f}, {:.1f} % of the "
       "extent",
@@ -153,10 +155,10 @@ void ModelGroups::average(int group, const std::stop_token& stop) {
   const auto count = static_cast<int>(members.size());
   const AveragedRotations averaged = average_rotations(count, rotations, {}, stop);
   // In the frame of the first member.
-  const Sim3 anchor = place_[at(members.front())];
-  std::vector<Sim3> places(members.size());
+  const Sim3 anchor = world_from_model_[at(members.front())];
+  std::vector<Sim3> averaged_transforms(members.size());
   for (std::size_t m = 0; m < members.size(); ++m)
-    places[m].rotation = averaged.rotations[m].transpose();
+    averaged_transforms[m].rotation = averaged.rotations[m].transpose();
   // Unknowns of all members but the first, which is fixed at 0.
   Eigen::MatrixXd laplacian = Eigen::MatrixXd::Zero(count, count);
   const auto solve = [&](const auto& difference, int columns) {
@@ -185,16 +187,17 @@ void ModelGroups::average(int group, const std::stop_token& stop) {
       },
       1);
   for (std::size_t m = 0; m < members.size(); ++m)
-    places[m].scale = std::exp(scales(static_cast<Eigen::Index>(m), 0));
+    averaged_transforms[m].scale = std::exp(scales(static_cast<Eigen::Index>(m), 0));
   const Eigen::MatrixXd offsets = solve(
       [&](const ModelJoin& join, int a) -> Eigen::RowVectorXd {
-        return (places[at(a)].scale * (places[at(a)].rotation * join.first_from_second.translation))
+        return (averaged_transforms[at(a)].scale *
+                (averaged_transforms[at(a)].rotation * join.first_from_second.translation))
             .transpose();
       },
       3);
   for (std::size_t m = 0; m < members.size(); ++m) {
-    places[m].translation = offsets.row(static_cast<Eigen::Index>(m)).transpose();
-    place_[at(members[m])] = anchor * places[m];
+    averaged_transforms[m].translation = offsets.row(static_cast<Eigen::Index>(m)).transpose();
+    world_from_model_[at(members[m])] = anchor * averaged_transforms[m];
   }
 }
 

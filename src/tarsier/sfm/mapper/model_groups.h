@@ -15,14 +15,14 @@ namespace tarsier::sfm {
 
 // Max deviation by drift of a join that closes a cycle: degrees, logarithm of the scale, and share
 // of the extent.
-constexpr double kMaxOpenDeg = 10;
-constexpr double kMaxOpenScale = 0.25;
-constexpr double kMaxOpenShare = 0.1;
+constexpr double kMaxLoopDeg = 10;
+constexpr double kMaxLoopLogScale = 0.25;
+constexpr double kMaxLoopShare = 0.1;
 
 // The diagonal of the bounding box of registered centres.
 [[nodiscard]] double extent_of(const Model& model);
 // Number of registered images.
-[[nodiscard]] int registered_of(const Model& model);
+[[nodiscard]] int registered_count(const Model& model);
 
 // Determines which models become one, and the place of each; see join_models(). Both arguments must
 // outlive this object.
@@ -34,19 +34,19 @@ class ModelGroups {
   // Models of each group, the one with most images first; its frame is the frame of the group.
   [[nodiscard]] std::vector<std::vector<int>> members() const;
   // The transform into the frame of `root`, a model of the same group.
-  [[nodiscard]] geometry::Sim3 place(int model, int root) const;
+  [[nodiscard]] geometry::Sim3 root_from_model(int model, int root) const;
 
  private:
-  void unite(const ModelJoin& join, int a, int b);
+  void merge(const ModelJoin& join, int a, int b);
   // The difference between a join and the places of its models by other joins; "" where they agree.
-  [[nodiscard]] std::string why_open(const ModelJoin& join) const;
+  [[nodiscard]] std::string contradiction_of(const ModelJoin& join) const;
   // Distributes the errors of cycles.
   void average(int group, const std::stop_token& stop);
 
   const std::vector<Model>& models_;
   std::vector<ModelJoin>& joins_;
   std::vector<int> group_;
-  std::vector<geometry::Sim3> place_;  // world_from_model, in the group's world
+  std::vector<geometry::Sim3> world_from_model_;  // in the world of the group
 };
 
 }  // namespace tarsier::sfm

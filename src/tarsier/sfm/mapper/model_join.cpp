@@ -24,14 +24,14 @@ using geometry::Sim3;
 constexpr double kDegrees = 180 / CV_PI;
 constexpr std::size_t kMaxSamples = 4000;   // points for estimating a similarity
 constexpr std::size_t kMaxRotations = 300;  // candidate images for the mean rotation
-constexpr float kSameFeature = 0.01F;       // px
-constexpr double kNormal = 1.4826;          // standard deviation / median absolute deviation
+constexpr float kSameFeaturePx = 0.01F;     // px
+constexpr double kSigmaPerMad = 1.4826;     // standard deviation / median absolute deviation
 
 double median_of(std::vector<double> values) {
   if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  const auto median = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), median, values.end());
+  return *median;
 }
 
 double depth_of(const Model& model, int image, const Eigen::Vector3d& position) {
@@ -76,9 +76,9 @@ std::vector<CommonPoint> common_points(const Model& first, const Model& second,
 }
 
 // Two models and their common images and points.
-class Joining {
+class JoinEstimator {
  public:
-  Joining(const Model& first, const Model& second, const JoinOptions& options)
+  JoinEstimator(const Model& first, const Model& second, const JoinOptions& options)
       : first_(first), second_(second), options_(options) {}
 
   ModelJoin run() {
@@ -111,7 +111,8 @@ class Joining {
     if (join_.points < options_.min_points)
       return fmt::format("{} points in common, {} are needed", join_.points, options_.min_points);
     bool is_found = false;
-    for (const std::optional<Sim3>& candidate : {by_points(), by_rotations()}) {
+    for (const std::optional<Sim3>& candidate :
+         {similarity_from_points(), similarity_from_rotations()}) {
       if (!candidate || !is_similarity(*candidate)) continue;
       const std::pair<int, int> support{agreeing_images(*candidate), inliers_of(*candidate)};
       if (is_found && support <= std::pair(join_.agreeing, join_.inliers)) continue;
@@ -153,7 +154,7 @@ class Joining {
     return second_.points[at(point.second)].position;
   }
 
-  [[nodiscard]] std::optional<Sim3> by_points() const {
+  [[nodiscard]] std::optional<Sim3> similarity_from_points() const {
     std::vector<Eigen::Vector3d> from;
     std::vector<Eigen::Vector3d> to;
     const std::size_t samples = std::min(points_.size(), kMaxSamples);
@@ -169,7 +170,7 @@ class Joining {
     return robust_similarity(from, to, 0, options_.seed);
   }
 
-  [[nodiscard]] std::optional<Sim3> by_rotations() const {
+  [[nodiscard]] std::optional<Sim3> similarity_from_rotations() const {
     std::vector<Eigen::Matrix3d> rotations;
     const std::size_t samples = std::min(images_.size(), kMaxRotations);
     for (std::size_t k = 0; k < samples; ++k) {
@@ -177,21 +178,22 @@ class Joining {
       rotations.push_back(first_.images[image].pose.rotation.transpose() *
                           second_.images[image].pose.rotation);
     }
-    const Eigen::Matrix3d* middle = nullptr;
+    const Eigen::Matrix3d* median_rotation = nullptr;
     double best = 0;
     for (const Eigen::Matrix3d& rotation : rotations) {
       std::vector<double> angles;
       for (const Eigen::Matrix3d& other : rotations)
         angles.push_back(geometry::angle_of(rotation.transpose() * other));
       const double median = median_of(std::move(angles));
-      if (middle == nullptr || median < best) {
-        middle = &rotation;
+      if (median_rotation == nullptr || median < best) {
+        median_rotation = &rotation;
         best = median;
       }
     }
     Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
     for (const Eigen::Matrix3d& other : rotations)
-      if (geometry::angle_of(middle->transpose() * other) * kDegrees <= options_.max_rotation_deg)
+      if (geometry::angle_of(median_rotation->transpose() * other) * kDegrees <=
+          options_.max_rotation_deg)
         sum += other;
     Sim3 result;
     result.rotation = geometry::nearest_rotation(sum);
@@ -210,11 +212,11 @@ class Joining {
 
   // log(depth in the first / depth in the second) of each point: the median over its features,
   // where both depths are positive.
-  template <class Wanted>
-  [[nodiscard]] std::vector<double> log_depth_ratios(const Wanted& wanted) const {
+  template <class Predicate>
+  [[nodiscard]] std::vector<double> log_depth_ratios(const Predicate& is_included) const {
     std::vector<double> ratios;
     for (const CommonPoint& point : points_) {
-      if (!wanted(point)) continue;
+      if (!is_included(point)) continue;
       std::vector<double> of_point;
       for (const Observation& seen : point.seen) {
         const double a = depth_of(first_, seen.image, first_of(point));
@@ -226,12 +228,12 @@ class Joining {
     return ratios;
   }
 
-  [[nodiscard]] bool is_near(const Model& model, const Observation& seen,
-                             const Eigen::Vector3d& position) const {
+  [[nodiscard]] bool is_within_limit(const Model& model, const Observation& seen,
+                                     const Eigen::Vector3d& position) const {
     const geometry::Camera& camera = model.cameras[at(model.images[at(seen.image)].camera)];
     const double limit =
         std::max(options_.inlier_px, options_.inlier_share * std::max(camera.width, camera.height));
-    const auto error = IncrementalMapper::error_of(model, seen, position);
+    const auto error = IncrementalMapper::reprojection_error(model, seen, position);
     return error && *error <= limit;
   }
 
@@ -240,7 +242,7 @@ class Joining {
     const Eigen::Vector3d in_first = similarity * second_of(point);
     const Eigen::Vector3d in_second = inverse * first_of(point);
     return std::all_of(point.seen.begin(), point.seen.end(), [&](const Observation& seen) {
-      return is_near(first_, seen, in_first) && is_near(second_, seen, in_second);
+      return is_within_limit(first_, seen, in_first) && is_within_limit(second_, seen, in_second);
     });
   }
 
@@ -266,11 +268,11 @@ class Joining {
         depths[seen.image].push_back(depth_of(first_, seen.image, first_of(point)));
     int count = 0;
     for (auto& [image, all] : depths) {
-      const double off = (first_.images[at(image)].pose.center() -
-                          similarity * second_.images[at(image)].pose.center())
-                             .norm();
+      const double center_distance = (first_.images[at(image)].pose.center() -
+                                      similarity * second_.images[at(image)].pose.center())
+                                         .norm();
       if (angle_between(image, similarity) <= options_.max_rotation_deg &&
-          off <= options_.max_center_share * median_of(std::move(all)))
+          center_distance <= options_.max_center_share * median_of(std::move(all)))
         ++count;
     }
     return count;
@@ -284,10 +286,10 @@ class Joining {
     const Sim3 inverse = similarity.inverse();
     std::vector<double> ratios = log_depth_ratios(
         [&](const CommonPoint& point) { return is_inlier(point, similarity, inverse); });
-    const double middle = median_of(ratios);
-    for (double& ratio : ratios) ratio = std::abs(ratio - middle);
+    const double median = median_of(ratios);
+    for (double& ratio : ratios) ratio = std::abs(ratio - median);
     const auto count = static_cast<double>(std::max<std::size_t>(1, ratios.size()));
-    join_.scale_error = kNormal * median_of(std::move(ratios)) / std::sqrt(count);
+    join_.scale_error = kSigmaPerMad * median_of(std::move(ratios)) / std::sqrt(count);
   }
 
   const Model& first_;
@@ -304,14 +306,14 @@ bool has_same_features(const Image& a, const Image& b) {
   return a.features.size() == b.features.size() &&
          std::equal(a.features.begin(), a.features.end(), b.features.begin(),
                     [](const cv::Point2f& p, const cv::Point2f& q) {
-                      return std::abs(p.x - q.x) <= kSameFeature &&
-                             std::abs(p.y - q.y) <= kSameFeature;
+                      return std::abs(p.x - q.x) <= kSameFeaturePx &&
+                             std::abs(p.y - q.y) <= kSameFeaturePx;
                     });
 }
 
 ModelJoin find_join(const Model& first, const Model& second, const JoinOptions& options) {
   options.check();
-  return Joining(first, second, options).run();
+  return JoinEstimator(first, second, options).run();
 }
 
 }  // namespace tarsier::sfm

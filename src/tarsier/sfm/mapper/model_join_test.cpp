@@ -138,7 +138,7 @@ JoinedModels join(const std::vector<Model>& pieces) {
   return join_models(pieces, names, {}, {});
 }
 
-TEST(ModelJoin, TwoPiecesOfAnExactSceneAreOneAgain) {
+TEST(ModelJoin, JoinsTwoPiecesExactly) {
   const Model whole = scene(0);
   const JoinedModels joined =
       join({piece(whole, range_of(0, 25), 1), piece(whole, range_of(18, 45), 2)});
@@ -158,14 +158,15 @@ TEST(ModelJoin, TwoPiecesOfAnExactSceneAreOneAgain) {
   EXPECT_EQ(model.points[0].color, cv::Vec3b(10, 20, 30));
   EXPECT_THAT(joined.log, Contains(HasSubstr("joined: part 0 and part 1: 7 images")));
   // A point of both pieces becomes one point with the observations of both.
-  std::size_t most = 0;
-  for (const Point& point : model.points) most = std::max(most, point.track.size());
-  std::size_t true_most = 0;
-  for (const Point& point : whole.points) true_most = std::max(true_most, point.track.size());
-  EXPECT_EQ(most, true_most);
+  std::size_t max_track = 0;
+  for (const Point& point : model.points) max_track = std::max(max_track, point.track.size());
+  std::size_t true_max_track = 0;
+  for (const Point& point : whole.points)
+    true_max_track = std::max(true_max_track, point.track.size());
+  EXPECT_EQ(max_track, true_max_track);
 }
 
-TEST(ModelJoin, NoiseOfFeaturesIsNoMoreThanThatOfTheWhole) {
+TEST(ModelJoin, ErrorIsThatOfWholeModel) {
   const Model whole = scene(0.5);
   const std::vector<geometry::Rigid3> truth = poses_of(whole);
   std::vector<Model> pieces;
@@ -182,7 +183,7 @@ TEST(ModelJoin, NoiseOfFeaturesIsNoMoreThanThatOfTheWhole) {
 }
 
 // Each piece drifts from one end to the other. So the ends of the chain do not meet.
-TEST(ModelJoin, ACycleThatDriftLeavesOpenCloses) {
+TEST(ModelJoin, ClosesCycleOpenedByDrift) {
   constexpr double kBend = 0.01;
   const Model whole = scene(0.5);
   std::vector<Model> pieces;
@@ -214,7 +215,7 @@ TEST(ModelJoin, ACycleThatDriftLeavesOpenCloses) {
             1.2 * worst_center(piece(whole, range_of(0, kImages), 4), truth));
 }
 
-TEST(ModelJoin, TwoCommonImagesAreTooFew) {
+TEST(ModelJoin, RefusesTwoCommonImages) {
   const Model whole = scene(0.3);
   const JoinedModels joined =
       join({piece(whole, range_of(0, 20), 1), piece(whole, range_of(18, 45), 2)});
@@ -227,7 +228,7 @@ TEST(ModelJoin, TwoCommonImagesAreTooFew) {
   EXPECT_THAT(joined.log, Contains(HasSubstr("not joined: part 0 and part 1")));
 }
 
-TEST(ModelJoin, FewCommonPointsAreTooFew) {
+TEST(ModelJoin, RefusesFewCommonPoints) {
   const Model whole = scene(0.3);
   const Model first = piece(whole, range_of(0, 25), 1);
   Model second = piece(whole, range_of(18, 45), 2);
@@ -240,7 +241,7 @@ TEST(ModelJoin, FewCommonPointsAreTooFew) {
   EXPECT_EQ(find_join(first, second).refusal, "0 points in common, 30 are needed");
 }
 
-TEST(ModelJoin, AMirroredPieceIsRefused) {
+TEST(ModelJoin, RefusesMirroredPiece) {
   const Model whole = scene(0.3);
   Model second = piece(whole, range_of(15, 45), 2);
   const Eigen::Vector3d mirror(1, 1, -1);
@@ -259,7 +260,7 @@ TEST(ModelJoin, AMirroredPieceIsRefused) {
 
 // Half of the common images and their points lie elsewhere in the second piece. This happens if one
 // facade is taken for another.
-TEST(ModelJoin, AFoldedPieceIsRefused) {
+TEST(ModelJoin, RefusesFoldedPiece) {
   const Model whole = scene(0.3);
   Model second = piece(whole, range_of(10, 40), 2);
   const geometry::Sim3 fold{1, geometry::rotation_by(Eigen::Vector3d(0.3, 0.2, 0.4)), {3, 1, 2}};
@@ -278,7 +279,7 @@ TEST(ModelJoin, AFoldedPieceIsRefused) {
               HasSubstr("have the same pose in both"));
 }
 
-TEST(ModelJoin, OtherFeaturesAndNumbersThatAreNoneAreRefused) {
+TEST(ModelJoin, RefusesOtherFeaturesAndNonFiniteNumbers) {
   const Model whole = scene(0.3);
   const Model first = piece(whole, range_of(0, 25), 1);
   const Model good = piece(whole, range_of(18, 45), 2);
@@ -301,7 +302,7 @@ TEST(ModelJoin, OtherFeaturesAndNumbersThatAreNoneAreRefused) {
 
 // The wall is 150 times as far away as the distance between the images. Three images do not
 // determine the scale.
-TEST(ModelJoin, AScaleThatNothingMeasuresIsRefused) {
+TEST(ModelJoin, RefusesUndeterminedScale) {
   const Model whole = scene(0.5, 2000, 60);
   Model first = piece(whole, range_of(0, 12), 1);
   Model second = piece(whole, range_of(9, 21), 2);
@@ -313,7 +314,7 @@ TEST(ModelJoin, AScaleThatNothingMeasuresIsRefused) {
 
 // The third piece has the first piece's images at a wrong place. Its join with the second piece has
 // more points.
-TEST(ModelJoin, AJoinThatContradictsOthersIsRefused) {
+TEST(ModelJoin, RefusesJoinThatContradictsOthers) {
   const Model whole = scene(0.3);
   std::vector<int> images = range_of(20, 40);
   for (int i = 0; i < 6; ++i) images.push_back(i);
@@ -341,7 +342,7 @@ TEST(ModelJoin, AJoinThatContradictsOthersIsRefused) {
             1.2 * worst_center(piece(whole, range_of(6, 40), 4), truth));
 }
 
-TEST(ModelJoin, SameForAnyNumberOfThreads) {
+TEST(ModelJoin, ResultDoesNotDependOnNumberOfThreads) {
   const Model whole = scene(0.5);
   std::vector<Model> pieces;
   for (int k = 0; k < 6; ++k)
@@ -362,7 +363,7 @@ TEST(ModelJoin, SameForAnyNumberOfThreads) {
     EXPECT_EQ(one.models[0].images[i].pose.translation, three.models[0].images[i].pose.translation);
 }
 
-TEST(ModelJoin, StopsAndRefusesModelsOfOtherImages) {
+TEST(ModelJoin, CanBeInterruptedAndRefusesOtherImages) {
   const Model whole = scene(0.3);
   std::stop_source stop;
   stop.request_stop();
@@ -376,7 +377,7 @@ TEST(ModelJoin, StopsAndRefusesModelsOfOtherImages) {
 }
 
 // As read from files: only registered images, in any order, with their own cameras.
-TEST(ModelJoin, ImagesAreFoundByTheirNames) {
+TEST(ModelJoin, IdentifiesImagesByName) {
   const Model whole = scene(0);
   std::vector<Model> files;
   for (int k = 0; k < 2; ++k) {
@@ -447,7 +448,7 @@ std::vector<Pair> pairs_of(const Model& whole) {
 }
 
 // Images of no part are added to the joined model. Points of no part are made from all pairs.
-TEST(JoinedMapper, GoesOnFromTheJoinedModel) {
+TEST(JoinedMapper, ExtendsJoinedModel) {
   const Model whole = scene(0.5);
   std::vector<Image> images = whole.images;
   std::vector<std::vector<cv::Vec3b>> colors;

@@ -10,12 +10,12 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kMinViews = 3;  // for points that lose observations
+constexpr std::size_t kMinTrackLength = 3;  // for points that lose observations
 
 // The parts of a model, grown image by image.
-class Parts {
+class PartFinder {
  public:
-  Parts(const Model& model, int min_common)
+  PartFinder(const Model& model, int min_common)
       : model_(model), min_common_(min_common), points_of_(model.images.size()) {
     for (std::size_t p = 0; p < model.points.size(); ++p)
       for (const Observation& seen : model.points[p].track) points_of_[at(seen.image)].push_back(p);
@@ -66,14 +66,14 @@ class Parts {
 
 }  // namespace
 
-Model model_of_some(const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
-                    const std::vector<char>& keep) {
+Model model_with_features(const std::vector<geometry::Camera>& cameras,
+                          const std::vector<Image>& images, const std::vector<char>& has_features) {
   Model model;
   model.cameras = cameras;
   model.images.resize(images.size());
   for (std::size_t i = 0; i < images.size(); ++i) {
     Image& image = model.images[i];
-    if (keep[i] != 0) {
+    if (has_features[i] != 0) {
       image = images[i];
     } else {
       image.name = images[i].name;
@@ -90,12 +90,12 @@ std::vector<int> feature_counts(const Model& model) {
 }
 
 int keep_largest_part(Model& model, int min_common) {
-  const Parts parts(model, min_common);
+  const PartFinder finder(model, min_common);
   std::vector<char> is_covered(model.images.size(), 0);
   std::vector<int> best;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     if (!model.images[i].registered || is_covered[i] != 0) continue;
-    std::vector<int> part = parts.part_of(static_cast<int>(i));
+    std::vector<int> part = finder.part_of(static_cast<int>(i));
     for (const int image : part) is_covered[at(image)] = 1;
     if (part.size() > best.size()) best = std::move(part);
   }
@@ -118,7 +118,7 @@ int keep_largest_part(Model& model, int min_common) {
     std::erase_if(point.track, [&](const Observation& seen) {
       return !model.images[at(seen.image)].registered;
     });
-    const bool stays = point.track.size() == before || point.track.size() >= kMinViews;
+    const bool stays = point.track.size() == before || point.track.size() >= kMinTrackLength;
     for (const Observation& seen : point.track)
       model.images[at(seen.image)].points[at(seen.feature)] = stays ? static_cast<int>(kept) : -1;
     if (!stays) continue;

@@ -7,10 +7,11 @@
 
 namespace tarsier::sfm {
 
-// A model without points, with these cameras and images. Only images with `keep` have their
+// A model without points, with these cameras and images. Only images with `has_features` have their
 // features.
-[[nodiscard]] Model model_of_some(const std::vector<geometry::Camera>& cameras,
-                                  const std::vector<Image>& images, const std::vector<char>& keep);
+[[nodiscard]] Model model_with_features(const std::vector<geometry::Camera>& cameras,
+                                        const std::vector<Image>& images,
+                                        const std::vector<char>& has_features);
 // The number of features of each image, as make_tracks() needs it.
 [[nodiscard]] std::vector<int> feature_counts(const Model& model);
 

@@ -26,7 +26,7 @@ Model model_of(int images, const std::vector<std::vector<int>>& shown_by) {
   return model;
 }
 
-TEST(ModelParts, ImagesThatShareNothingWithTheOthersAreLeftOut) {
+TEST(ModelParts, DropsUnconnectedImages) {
   std::vector<std::vector<int>> shown(8, {2, 3, 4});
   shown.insert(shown.end(), 8, {0, 1});
   shown.push_back({1, 2});        // a single common point may be chance
@@ -56,7 +56,7 @@ TEST(ModelParts, ImagesThatShareNothingWithTheOthersAreLeftOut) {
   EXPECT_EQ(shown_points, 8 * 3 + 3);
 }
 
-TEST(ModelParts, OneThatHangsTogetherStays) {
+TEST(ModelParts, KeepsConnectedModel) {
   std::vector<std::vector<int>> shown(8, {0, 1, 2});
   shown.insert(shown.end(), 8, {1, 2, 3});
   shown.insert(shown.end(), 8, {0, 3});
@@ -67,7 +67,7 @@ TEST(ModelParts, OneThatHangsTogetherStays) {
 }
 
 // The scale of each part relative to the other is free, about their common image.
-TEST(ModelParts, PartsWithOneImageInCommonAreApart) {
+TEST(ModelParts, SeparatesPartsWithOneCommonImage) {
   std::vector<std::vector<int>> shown(20, {2, 3, 4, 5});
   shown.insert(shown.end(), 20, {0, 1, 2});
   shown.insert(shown.end(), 20, {2, 3});

@@ -18,12 +18,13 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMinInliers = 30;
-constexpr double kStrong = 0.7;
-constexpr double kMaxBend = 45 * CV_PI / 180;
-constexpr double kMaxGap = 8;  // relative to the usual distance of an image from its neighbours
-constexpr double kVeryStrong = 0.85;
-constexpr int kMinPart = 3;  // images
-constexpr double kFirmJoint = 2;
+constexpr double kMinStrength = 0.7;
+constexpr double kMaxRotationError = 45 * CV_PI / 180;
+// relative to the usual distance of an image from its neighbours
+constexpr double kMaxDistanceRatio = 8;
+constexpr double kMinHighStrength = 0.85;
+constexpr int kMinPartImages = 3;  // images
+constexpr double kFirmJointStrength = 2;
 
 struct Joint {
   int first = 0;
@@ -37,7 +38,7 @@ double distance_of(const Model& model, const Pair& pair) {
 }
 
 // Angle between the relative rotation of a pair and that of the model.
-double bend_of(const Model& model, const Pair& pair) {
+double rotation_error_of(const Model& model, const Pair& pair) {
   const geometry::Rigid3 relative =
       model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
   return geometry::angle_of(relative.rotation * pair.view.second_from_first.rotation.transpose());
@@ -45,9 +46,9 @@ double bend_of(const Model& model, const Pair& pair) {
 
 // The maximum spanning tree of the joints (Kruskal), and the sum of joints that cross each of its
 // edges.
-class Tree {
+class SpanningTree {
  public:
-  Tree(std::size_t images, std::vector<Joint> joints)
+  SpanningTree(std::size_t images, std::vector<Joint> joints)
       : neighbours_(images),
         parents_(images, -1),
         depths_(images, -1),
@@ -70,24 +71,24 @@ class Tree {
       neighbours_[at(joint.second)].push_back(joint.first);
     }
     for (std::size_t i = 0; i < images; ++i)
-      if (depths_[i] < 0) hang_from(static_cast<int>(i));
-    add_up(joints);
+      if (depths_[i] < 0) build_tree(static_cast<int>(i));
+    sum_crossing(joints);
   }
 
   // The smallest sum over the edges that separate parts of at least `min_part` images, of `all`
   // images.
-  [[nodiscard]] double weakest(int min_part, int all) const {
-    double least = std::numeric_limits<double>::infinity();
+  [[nodiscard]] double weakest_cut(int min_part, int all) const {
+    double minimum = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < parents_.size(); ++i) {
       const bool is_cut = sizes_[i] >= min_part && all - sizes_[i] >= min_part;
       // A root has no joint: its part is everything, or is separate.
-      if (is_cut) least = std::min(least, parents_[i] < 0 ? 0 : crossing_[i]);
+      if (is_cut) minimum = std::min(minimum, parents_[i] < 0 ? 0 : crossing_[i]);
     }
-    return least;
+    return minimum;
   }
 
  private:
-  void hang_from(int root) {
+  void build_tree(int root) {
     depths_[at(root)] = 0;
     order_.push_back(root);
     for (std::size_t k = order_.size() - 1; k < order_.size(); ++k) {
@@ -103,11 +104,11 @@ class Tree {
 
   // A joint crosses the edges on the path between its images. These are the edges from either image
   // to the root, without those that both share.
-  void add_up(const std::vector<Joint>& joints) {
+  void sum_crossing(const std::vector<Joint>& joints) {
     for (const Joint& joint : joints) {
       crossing_[at(joint.first)] += joint.strength;
       crossing_[at(joint.second)] += joint.strength;
-      crossing_[at(meeting(joint.first, joint.second))] -= 2 * joint.strength;
+      crossing_[at(common_ancestor(joint.first, joint.second))] -= 2 * joint.strength;
     }
     for (std::size_t k = order_.size(); k-- > 0;) {
       const int image = order_[k];
@@ -118,7 +119,7 @@ class Tree {
   }
 
   // The node where the paths of two images to the root meet.
-  [[nodiscard]] int meeting(int a, int b) const {
+  [[nodiscard]] int common_ancestor(int a, int b) const {
     while (a != b) {
       int& deeper = depths_[at(a)] < depths_[at(b)] ? b : a;
       deeper = parents_[at(deeper)];
@@ -137,7 +138,7 @@ class Tree {
 }  // namespace
 
 ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
-  const std::vector<std::size_t> strongest = strongest_of_images(pairs, model.images.size());
+  const std::vector<std::size_t> strongest = max_inliers_of_images(pairs, model.images.size());
   std::vector<std::vector<double>> distances(model.images.size());  // of agreeing pairs
   std::vector<Joint> joints;
   ModelShape shape;
@@ -160,33 +161,34 @@ ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
       continue;
     }
     const bool closes_loop = loops.contains(&pair);
-    if (inliers >= kMinInliers && (strength >= kStrong || closes_loop) &&
-        bend_of(model, pair) <= kMaxBend)
-      shape.missed.push_back({k, strength, closes_loop});
+    if (inliers >= kMinInliers && (strength >= kMinStrength || closes_loop) &&
+        rotation_error_of(model, pair) <= kMaxRotationError)
+      shape.missed_pairs.push_back({k, strength, closes_loop});
   }
-  std::vector<double> usual(distances.size(), 0);
-  for (std::size_t i = 0; i < usual.size(); ++i)
-    if (!distances[i].empty()) usual[i] = upper_median(std::move(distances[i]));
-  std::erase_if(shape.missed, [&](const ModelShape::Missed& missed) {
+  std::vector<double> typical_distances(distances.size(), 0);
+  for (std::size_t i = 0; i < typical_distances.size(); ++i)
+    if (!distances[i].empty()) typical_distances[i] = upper_median(std::move(distances[i]));
+  std::erase_if(shape.missed_pairs, [&](const ModelShape::MissedPair& missed) {
     const Pair& pair = pairs[missed.pair];
     return distance_of(model, pair) >
-           kMaxGap * std::max(usual[at(pair.first)], usual[at(pair.second)]);
+           kMaxDistanceRatio *
+               std::max(typical_distances[at(pair.first)], typical_distances[at(pair.second)]);
   });
-  shape.weakest_joint = Tree(model.images.size(), std::move(joints))
-                            .weakest(kMinPart, statistics_of(model).registered);
+  shape.weakest_joint = SpanningTree(model.images.size(), std::move(joints))
+                            .weakest_cut(kMinPartImages, statistics_of(model).registered);
   return shape;
 }
 
-bool is_doubtful(const ModelShape& shape) {
-  return std::count_if(shape.missed.begin(), shape.missed.end(),
-                       [](const ModelShape::Missed& missed) {
-                         return missed.strength >= kVeryStrong || missed.closes_loop;
+bool is_unreliable(const ModelShape& shape) {
+  return std::count_if(shape.missed_pairs.begin(), shape.missed_pairs.end(),
+                       [](const ModelShape::MissedPair& missed) {
+                         return missed.strength >= kMinHighStrength || missed.closes_loop;
                        }) >= 2;
 }
 
 double shape_trust(const ModelShape& shape) {
-  return std::min(1.0, shape.weakest_joint / kFirmJoint) *
-         (is_doubtful(shape) ? kDoubtfulTrust : 1);
+  return std::min(1.0, shape.weakest_joint / kFirmJointStrength) *
+         (is_unreliable(shape) ? kUnreliableTrustFactor : 1);
 }
 
 }  // namespace tarsier::sfm

@@ -15,7 +15,7 @@ namespace tarsier::sfm {
 // images: an image has most in common with its true neighbours. pair_agreement.h defines agreement
 // with a model.
 struct ModelShape {
-  struct Missed {
+  struct MissedPair {
     std::size_t pair = 0;  // index of the pair
     double strength = 0;
     bool closes_loop = false;  // open_loops.h
@@ -25,7 +25,7 @@ struct ModelShape {
   // the images is at most eight times what is usual for the agreeing pairs of either. Most are true
   // neighbours: errors have accumulated between them, or wrong pairs have displaced a part of the
   // model.
-  std::vector<Missed> missed;
+  std::vector<MissedPair> missed_pairs;
   // The smallest sum of strengths of agreeing pairs that connects two parts of three images or
   // more, over the cuts along a maximum spanning tree. 0 where nothing connects them, infinite
   // where there are no two such parts.
@@ -36,12 +36,12 @@ struct ModelShape {
 
 // Whether the model misses two pairs or more that have a strength of 0.85 or close a loop. Weaker
 // pairs may also show similar places side by side.
-[[nodiscard]] bool is_doubtful(const ModelShape& shape);
+[[nodiscard]] bool is_unreliable(const ModelShape& shape);
 
-// Factor of a model's trust and score where its shape is doubtful.
-inline constexpr double kDoubtfulTrust = 0.5;
+// Factor of a model's trust and score where its shape is unreliable.
+inline constexpr double kUnreliableTrustFactor = 0.5;
 
-// 0 to 1: half the weakest joint, at most 1; half of that where the shape is doubtful.
+// 0 to 1: half the weakest joint, at most 1; half of that where the shape is unreliable.
 [[nodiscard]] double shape_trust(const ModelShape& shape);
 
 }  // namespace tarsier::sfm

@@ -54,23 +54,23 @@ void turn_from(int image, double degrees, Model& model) {
         geometry::Rigid3{geometry::rotation_by({0, angle, 0}), {0, 0, 0}} * model.images[i].pose;
 }
 
-TEST(ModelShape, StrongPairsWhoseImagesAModelTurnsALittleAreMissed) {
+TEST(ModelShape, MissesStrongPairsOfSlightlyRotatedPart) {
   const std::vector<Pair> pairs = neighbours(12, 90);
   Model model = row_of(12);
-  EXPECT_THAT(shape_of(model, pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(model, pairs).missed_pairs, testing::IsEmpty());
   turn_from(6, 10, model);
   const ModelShape shape = shape_of(model, pairs);
-  ASSERT_EQ(shape.missed.size(), 3U);
-  for (const ModelShape::Missed& missed : shape.missed) {
+  ASSERT_EQ(shape.missed_pairs.size(), 3U);
+  for (const ModelShape::MissedPair& missed : shape.missed_pairs) {
     EXPECT_LT(pairs[missed.pair].first, 6);
     EXPECT_GE(pairs[missed.pair].second, 6);
     EXPECT_GE(missed.strength, 0.9);
   }
-  EXPECT_TRUE(is_doubtful(shape));
+  EXPECT_TRUE(is_unreliable(shape));
 }
 
 // A ring of 40 images that does not close: each rotation is slightly too large or too small.
-TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
+TEST(ModelShape, MissesWeakPairsThatCloseLoop) {
   const auto ring = [](double degrees) {
     Model model;
     model.images.resize(40);
@@ -92,28 +92,28 @@ TEST(ModelShape, WeakPairsThatCloseALoopAreMissedToo) {
       pairs.push_back(pair);
     }
   }
-  EXPECT_THAT(shape_of(truth, pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(truth, pairs).missed_pairs, testing::IsEmpty());
   Model open = ring(9.5);
   open.cameras = truth.cameras;
   for (std::size_t i = 0; i < open.images.size(); ++i)
     open.images[i].features = truth.images[i].features;
   const ModelShape shape = shape_of(open, pairs);
-  ASSERT_EQ(shape.missed.size(), 3U);
-  for (const ModelShape::Missed& missed : shape.missed) {
+  ASSERT_EQ(shape.missed_pairs.size(), 3U);
+  for (const ModelShape::MissedPair& missed : shape.missed_pairs) {
     EXPECT_TRUE(missed.closes_loop);
     EXPECT_NEAR(missed.strength, 0.35, 1e-9);
   }
-  EXPECT_TRUE(is_doubtful(shape));
-  EXPECT_EQ(shape_trust(shape), kDoubtfulTrust * std::min(1.0, shape.weakest_joint / 2));
+  EXPECT_TRUE(is_unreliable(shape));
+  EXPECT_EQ(shape_trust(shape), kUnreliableTrustFactor * std::min(1.0, shape.weakest_joint / 2));
 }
 
-TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
+TEST(ModelShape, IgnoresPairsOfDistantPlaces) {
   std::vector<Pair> pairs = neighbours(20, 90);
   Pair far = pair_of(0, 19, 100);  // the two images look alike
   far.view.second_from_first.translation = {1, 0, 0};
   far.view.inliers = shown_matches(100, 3);
   pairs.push_back(far);
-  EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(row_of(20), pairs).missed_pairs, testing::IsEmpty());
   Pair behind = pair_of(3, 5, 100);  // two opposite sides that look alike
   behind.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
   behind.view.inliers = shown_matches(100, 3);
@@ -123,13 +123,13 @@ TEST(ModelShape, PairsOfPlacesThatLieFarApartAreNotMissed) {
   weak.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
   weak.view.inliers = shown_matches(60, 3);
   pairs.push_back(weak);
-  EXPECT_THAT(shape_of(row_of(20), pairs).missed, testing::IsEmpty());
+  EXPECT_THAT(shape_of(row_of(20), pairs).missed_pairs, testing::IsEmpty());
   weak.view.inliers = shown_matches(80, 3);
   pairs.push_back(weak);
-  EXPECT_EQ(shape_of(row_of(20), pairs).missed.size(), 1U);
+  EXPECT_EQ(shape_of(row_of(20), pairs).missed_pairs.size(), 1U);
 }
 
-TEST(ModelShape, TheWeakestJointIsWhatHoldsTwoPartsTogether) {
+TEST(ModelShape, WeakestJointIsSumOfConnectingStrengths) {
   std::vector<Pair> pairs;
   for (const int from : {0, 5})
     for (int i = from; i < from + 5; ++i)
@@ -148,7 +148,7 @@ TEST(ModelShape, TheWeakestJointIsWhatHoldsTwoPartsTogether) {
   EXPECT_EQ(shape_trust(shape_of(row_of(5), few)), 1);
 }
 
-TEST(ModelShape, ARowWhoseImagesShareMuchWithTheNextTwoIsFirm) {
+TEST(ModelShape, WellConnectedRowHasFullTrust) {
   const ModelShape shape = shape_of(row_of(30), neighbours(30, 60));
   EXPECT_NEAR(shape.weakest_joint, 1 + 2 * 0.6, 1e-9);
   EXPECT_EQ(shape_trust(shape), 1);

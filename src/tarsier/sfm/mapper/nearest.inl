@@ -86,18 +86,18 @@ constexpr std::size_t aligned(std::size_t bytes) { return (bytes + 63) / 64 * 64
 
 // Layout of the scratch memory.
 struct Buffers {
-  Number* left;           // the first rows, padded to whole tiles and groups
+  Number* first_rows;     // the first rows, padded to whole tiles and groups
   std::int32_t* squares;  // their squared lengths, corrected for kOffset
   std::int32_t* seconds;  // their Nearest::second
   Number* panel;          // the numbers of kColumns second rows, group by group
 
-  static std::size_t place(void* scratch, int count, int depth, Buffers& buffers) {
+  static std::size_t lay_out(void* scratch, int count, int depth, Buffers& buffers) {
     char* const base = static_cast<char*>(scratch);
     const auto rows = static_cast<std::size_t>(padded(count));
     const std::size_t numbers =
         static_cast<std::size_t>(groups_of(depth)) * kGroup * sizeof(Number);
     std::size_t at = 0;
-    buffers.left = reinterpret_cast<Number*>(base + at);
+    buffers.first_rows = reinterpret_cast<Number*>(base + at);
     at += aligned(rows * numbers);
     buffers.squares = reinterpret_cast<std::int32_t*>(base + at);
     at += aligned(rows * sizeof(std::int32_t));
@@ -111,13 +111,13 @@ struct Buffers {
 std::size_t scratch_bytes(int first_count, int depth) {
   alignas(64) char none[64];
   Buffers buffers{};
-  return Buffers::place(none, first_count, depth, buffers);
+  return Buffers::lay_out(none, first_count, depth, buffers);
 }
 
-void fill_left(const ByteRows& rows, const Buffers& buffers) {
+void pack_first_rows(const ByteRows& rows, const Buffers& buffers) {
   const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(groups_of(rows.depth)) * kGroup;
   for (int r = 0; r < padded(rows.count); ++r) {
-    Number* const out = buffers.left + r * stride;
+    Number* const out = buffers.first_rows + r * stride;
     std::memset(out, 0, static_cast<std::size_t>(stride) * sizeof(Number));
     buffers.seconds[r] = kNoNeighbour;
     buffers.squares[r] = kPadding;
@@ -133,7 +133,7 @@ void fill_left(const ByteRows& rows, const Buffers& buffers) {
 }
 
 // Writes a panel, and the squared lengths of its columns to `squares`.
-void fill_panel(const ByteRows& rows, int from, Number* out, std::int32_t* squares) {
+void pack_panel(const ByteRows& rows, int from, Number* out, std::int32_t* squares) {
   const int depth = groups_of(rows.depth) * kGroup;
   for (int c = 0; c < kColumns; ++c) {
     const bool there = from + c < rows.count;
@@ -149,7 +149,8 @@ void fill_panel(const ByteRows& rows, int from, Number* out, std::int32_t* squar
 }
 
 // `groups`: the candidates' groups, as in ByteRows.
-void offer(Nearest& nearest, std::int32_t distance, int candidate, const std::int32_t* groups) {
+void update_nearest(Nearest& nearest, std::int32_t distance, int candidate,
+                    const std::int32_t* groups) {
   const bool same =
       groups != nullptr && nearest.index >= 0 && groups[nearest.index] == groups[candidate];
   if (distance < nearest.best) {
@@ -182,8 +183,8 @@ inline void tile(int groups, const Number* a, const Number* b, Vector (&sum)[kRo
 void run(const ByteRows& first, const ByteRows& second, void* scratch, Nearest* of_first,
          Nearest* of_second) {
   Buffers buffers{};
-  Buffers::place(scratch, first.count, first.depth, buffers);
-  fill_left(first, buffers);
+  Buffers::lay_out(scratch, first.count, first.depth, buffers);
+  pack_first_rows(first, buffers);
   for (int i = 0; i < first.count; ++i) of_first[i] = Nearest{};
   for (int i = 0; i < second.count; ++i) of_second[i] = Nearest{};
   const int groups = groups_of(first.depth);
@@ -191,11 +192,11 @@ void run(const ByteRows& first, const ByteRows& second, void* scratch, Nearest* 
   alignas(TARSIER_VECTOR_BYTES) std::int32_t squares[kColumns];
   alignas(TARSIER_VECTOR_BYTES) std::int32_t seconds[kColumns];  // Nearest::second of the columns
   for (int from = 0; from < second.count; from += kColumns) {
-    fill_panel(second, from, buffers.panel, squares);
+    pack_panel(second, from, buffers.panel, squares);
     for (std::int32_t& value : seconds) value = kNoNeighbour;
     for (int start = 0; start < first.count; start += kRows) {
       Vector sum[kRows][kVectors];
-      tile(groups, buffers.left + start * stride, buffers.panel, sum);
+      tile(groups, buffers.first_rows + start * stride, buffers.panel, sum);
       for (int r = 0; r < kRows; ++r) {
         const int row = start + r;
         for (int v = 0; v < kVectors; ++v) {
@@ -207,9 +208,9 @@ void run(const ByteRows& first, const ByteRows& second, void* scratch, Nearest* 
             const int column = v * kLanes + lane;
             std::int32_t values[kLanes];
             std::memcpy(values, &distance, sizeof values);
-            offer(of_first[row], values[lane], from + column, second.groups);
+            update_nearest(of_first[row], values[lane], from + column, second.groups);
             buffers.seconds[row] = of_first[row].second;
-            offer(of_second[from + column], values[lane], row, first.groups);
+            update_nearest(of_second[from + column], values[lane], row, first.groups);
             seconds[column] = of_second[from + column].second;
           }
         }

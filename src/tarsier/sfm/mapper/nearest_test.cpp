@@ -75,7 +75,7 @@ void expect_same(const std::vector<Nearest>& a, const std::vector<Nearest>& b) {
 
 // Row counts around those of a tile and a panel, depths around that of a group. Bytes up to 255,
 // whose products need 16 bits.
-TEST(FindNearest, EachInstructionSetIsWhatTheDefinitionSays) {
+TEST(FindNearest, EachInstructionSetEqualsReferenceImplementation) {
   for (const auto& [name, kernel] : kernels()) {
     for (const int most : {1, 255}) {
       for (const auto& [rows, others, depth] :
@@ -99,7 +99,7 @@ TEST(FindNearest, EachInstructionSetIsWhatTheDefinitionSays) {
   }
 }
 
-TEST(FindNearest, TheSecondNearestIsOfAnotherGroup) {
+TEST(FindNearest, SecondNearestIsOfAnotherGroup) {
   constexpr int kRows = 90;
   constexpr int kOthers = 150;
   constexpr int kDepth = 16;
@@ -125,7 +125,7 @@ TEST(FindNearest, TheSecondNearestIsOfAnotherGroup) {
   }
 }
 
-TEST(FindNearest, NothingIsNearestToNoRows) {
+TEST(FindNearest, FindsNothingAmongNoRows) {
   const auto a = random_bytes(3 * 128, 255, 1);
   std::vector<Nearest> of_a(3);
   find_nearest({a.data(), 3, 128}, {nullptr, 0, 128}, of_a.data(), nullptr);

@@ -16,9 +16,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMinImages = 3;        // min images for mapping
-constexpr double kMissing = 0.4;     // share of unregistered images that causes a new start
-constexpr double kMoreTrials = 1.5;  // growth factor of the number of images before the next trial
+constexpr int kMinMappedImages = 3;  // min images for mapping
+// share of unregistered images that causes a new start
+constexpr double kMaxUnregisteredShare = 0.4;
+constexpr double kRetryGrowth = 1.5;  // growth factor of the number of images before the next trial
 
 using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) {
@@ -32,21 +33,21 @@ void OnlineOptions::check() const {
   pipeline.check();
 }
 
-struct OnlineMapper::Parts {
+struct OnlineMapper::State {
   // Cache entry for an image's pairs with later ones.
-  struct Kept {
+  struct CachedPairs {
     std::string key;
     Cache::Pairs pairs;
-    bool fresh = false;
+    bool is_new = false;
   };
 
-  explicit Parts(const OnlineOptions& given)
+  explicit State(const OnlineOptions& given)
       : options(given), cache(given.pipeline.cache_folder), image_set(given.pipeline) {}
 
   [[nodiscard]] std::vector<int> partners_of(int image) const {
     std::set<int> chosen;
     for (int k = 1; k <= options.overlap && k <= image; ++k) chosen.insert(image - k);
-    for (int apart = 8; apart <= image; apart *= 2) chosen.insert(image - apart);
+    for (int gap = 8; gap <= image; gap *= 2) chosen.insert(image - gap);
     for (const int other : neighbours_) chosen.insert(other);
     return {chosen.begin(), chosen.end()};
   }
@@ -76,11 +77,11 @@ struct OnlineMapper::Parts {
   }
 
   // Writes one file for each image that got new pairs, once per growth.
-  void keep() {
-    for (Kept& entry : kept) {
-      if (!entry.fresh) continue;
+  void save_pairs() {
+    for (CachedPairs& entry : cached_pairs) {
+      if (!entry.is_new) continue;
       cache.store(entry.key, entry.pairs);
-      entry.fresh = false;
+      entry.is_new = false;
     }
   }
 
@@ -91,14 +92,14 @@ struct OnlineMapper::Parts {
   std::vector<ImageFeatures> images;
   std::vector<std::vector<cv::Vec3b>> colors;
   std::vector<cv::Mat> descriptors;
-  std::vector<Kept> kept;
+  std::vector<CachedPairs> cached_pairs;
   std::vector<Pair> pairs;
   std::vector<int> neighbours_;
   Model model;
   int adjusted_at = 0;
-  int tried_at = 0;  // number of images at the last trial from the start
-  std::string waiting_for;
-  double adding = 0;  // s, after the last growth
+  int last_start_count = 0;  // number of images at the last trial from the start
+  std::string no_model_reason;
+  double adding_s = 0;  // s, after the last growth
   double seconds = 0;
 };
 
@@ -106,14 +107,14 @@ OnlineMapper::OnlineMapper(const OnlineOptions& given) {
   given.check();
   OnlineOptions options = given;
   options.pipeline.mapper.seed = options.pipeline.two_view.seed = options.pipeline.seed;
-  parts_ = std::make_unique<Parts>(options);
+  state_ = std::make_unique<State>(options);
 }
 
 OnlineMapper::~OnlineMapper() = default;
 
 void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
   const Clock::time_point start = Clock::now();
-  Parts& p = *parts_;
+  State& p = *state_;
   const PipelineOptions& options = p.options.pipeline;
   ImageFeatures image_features;
   image_features.input = count();
@@ -124,13 +125,13 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
   p.descriptors.push_back(image_features.features.descriptors);
   p.images.push_back(std::move(image_features));
   const ImageFeatures& latest = p.images.back();
-  p.kept.push_back({pairs_key(latest, options), {}, false});
-  p.kept.back().pairs = p.cache.pairs(p.kept.back().key);
+  p.cached_pairs.push_back({pairs_key(latest, options), {}, false});
+  p.cached_pairs.back().pairs = p.cache.pairs(p.cached_pairs.back().key);
 
   const std::vector<int> partners = p.partners_of(latest.input);
   std::vector<Pair> pairs(partners.size());
   std::vector<char> done(partners.size(), 0);
-  std::vector<char> fresh(partners.size(), 0);
+  std::vector<char> is_new(partners.size(), 0);
   cv::parallel_for_(cv::Range(0, static_cast<int>(partners.size())), [&](const cv::Range& range) {
     for (int k = range.start; k < range.end; ++k) {
       if (stop.stop_requested()) return;
@@ -138,38 +139,38 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
       pair.first = partners[at(k)];
       pair.second = latest.input;
       const ImageFeatures& other = p.images[at(pair.first)];
-      const Cache::Pairs& kept = p.kept[at(pair.first)].pairs;
+      const Cache::Pairs& kept = p.cached_pairs[at(pair.first)].pairs;
       if (const auto entry = kept.find(partner_key(latest)); entry != kept.end()) {
         pair.matches = entry->second.matches;
         pair.view = entry->second.view;
       } else {
         compare_images(other, latest, options, pair);
-        fresh[at(k)] = 1;
+        is_new[at(k)] = 1;
       }
       done[at(k)] = 1;
     }
   });
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     if (done[k] == 0) continue;
-    if (fresh[k] != 0) {
-      Parts::Kept& entry = p.kept[at(pairs[k].first)];
+    if (is_new[k] != 0) {
+      State::CachedPairs& entry = p.cached_pairs[at(pairs[k].first)];
       entry.pairs[partner_key(latest)] = {pairs[k].matches, pairs[k].view};
-      entry.fresh = true;
+      entry.is_new = true;
     }
     p.pairs.push_back(std::move(pairs[k]));
   }
-  p.adding += seconds_since(start);
+  p.adding_s += seconds_since(start);
   throw_if_stopped(stop);
 }
 
 void OnlineMapper::grow(const std::stop_token& stop) { update(false, stop); }
 void OnlineMapper::refine(const std::stop_token& stop) { update(true, stop); }
 
-void OnlineMapper::update(bool again, const std::stop_token& stop) {
+void OnlineMapper::update(bool adjust_all, const std::stop_token& stop) {
   const Clock::time_point start = Clock::now();
-  Parts& p = *parts_;
-  p.keep();
-  if (count() < kMinImages) return;
+  State& p = *state_;
+  p.save_pairs();
+  if (count() < kMinMappedImages) return;
   const MapperOptions mapper = p.image_set.mapper_options();
   const auto input_of = [&p](const std::vector<Pair>& pairs) {
     return MapperInput{.cameras = p.image_set.cameras(),
@@ -182,14 +183,15 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
   if (!p.model.images.empty()) {
     ExtendedModel extended =
         extend_model(p.model, input_of(p.pairs), mapper,
-                     {.adjusted_at = p.adjusted_at, .adjust_all = again}, stop);
+                     {.adjusted_at = p.adjusted_at, .adjust_all = adjust_all}, stop);
     p.model = std::move(extended.model);
     p.adjusted_at = extended.adjusted_at;
   }
-  const bool lost = p.model.images.empty() || (registered() < (1 - kMissing) * count() &&
-                                               count() >= kMoreTrials * p.tried_at);
-  if (lost) {
-    p.tried_at = count();
+  const bool needs_new_start =
+      p.model.images.empty() || (registered() < (1 - kMaxUnregisteredShare) * count() &&
+                                 count() >= kRetryGrowth * p.last_start_count);
+  if (needs_new_start) {
+    p.last_start_count = count();
     NoProgress progress;
     std::vector<Pair> pairs = p.pairs;
     std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) {
@@ -197,30 +199,30 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
     });
     (void)p.image_set.estimate_focal_lengths(pairs, stop);  // more pairs determine them better
     Reconstruction made = reconstruct(input_of(pairs), mapper, progress, stop);
-    p.waiting_for = made.no_model;
+    p.no_model_reason = made.no_model;
     if (!made.models.empty() && statistics_of(made.models[0]).registered > registered()) {
       p.model = std::move(made.models[0]);
       p.adjusted_at = registered();
-      p.waiting_for.clear();
+      p.no_model_reason.clear();
     }
   }
   p.find_neighbours();
-  p.seconds = p.adding + seconds_since(start);
-  p.adding = 0;
+  p.seconds = p.adding_s + seconds_since(start);
+  p.adding_s = 0;
 }
 
-int OnlineMapper::count() const { return static_cast<int>(parts_->images.size()); }
+int OnlineMapper::count() const { return static_cast<int>(state_->images.size()); }
 int OnlineMapper::registered() const {
-  const auto& images = parts_->model.images;
+  const auto& images = state_->model.images;
   return static_cast<int>(std::count_if(images.begin(), images.end(),
                                         [](const Image& image) { return image.registered; }));
 }
-const Model& OnlineMapper::model() const { return parts_->model; }
+const Model& OnlineMapper::model() const { return state_->model; }
 const Features& OnlineMapper::features(int image) const {
-  return parts_->images.at(at(image)).features;
+  return state_->images.at(at(image)).features;
 }
-const std::vector<Pair>& OnlineMapper::pairs() const { return parts_->pairs; }
-const std::string& OnlineMapper::waiting_for() const { return parts_->waiting_for; }
-double OnlineMapper::seconds() const { return parts_->seconds; }
+const std::vector<Pair>& OnlineMapper::pairs() const { return state_->pairs; }
+const std::string& OnlineMapper::no_model_reason() const { return state_->no_model_reason; }
+double OnlineMapper::seconds() const { return state_->seconds; }
 
 }  // namespace tarsier::sfm

@@ -57,14 +57,14 @@ class OnlineMapper {
   // Compared pairs, in the order in which their second images were added.
   [[nodiscard]] const std::vector<Pair>& pairs() const;
   // Why there is no model yet; "" where there is one or no reason is known.
-  [[nodiscard]] const std::string& waiting_for() const;
+  [[nodiscard]] const std::string& no_model_reason() const;
   // s, of the latest growth, including the adding of its images
   [[nodiscard]] double seconds() const;
 
  private:
-  struct Parts;
-  void update(bool again, const std::stop_token& stop);
-  std::unique_ptr<Parts> parts_;
+  struct State;
+  void update(bool adjust_all, const std::stop_token& stop);
+  std::unique_ptr<State> state_;
 };
 
 }  // namespace tarsier::sfm

@@ -49,7 +49,7 @@ class Online : public FolderTest {
   PoseTruth truth_;
 };
 
-TEST_F(Online, GrowsToAllImagesAtTheirPlaces) {
+TEST_F(Online, RegistersAllImagesAccurately) {
   const auto inputs = shoot(9, synth::Trajectory::kLine);
   OnlineMapper mapper(options());
   EXPECT_TRUE(mapper.model().images.empty());
@@ -72,7 +72,7 @@ TEST_F(Online, GrowsToAllImagesAtTheirPlaces) {
   EXPECT_LT(scores.center_mean, 0.005 * scores.extent);
 }
 
-TEST_F(Online, KeepsThePlacesOfImagesWhileOthersJoin) {
+TEST_F(Online, KeepsPosesWhileImagesAreAdded) {
   const auto inputs = shoot(9, synth::Trajectory::kLine);
   OnlineMapper mapper(options());
   for (std::size_t i = 0; i < 7; ++i) mapper.add(inputs[i], {});
@@ -88,7 +88,7 @@ TEST_F(Online, KeepsThePlacesOfImagesWhileOthersJoin) {
       << "the model on show jumped";
 }
 
-TEST_F(Online, LeavesItsWorkToThePipeline) {
+TEST_F(Online, PipelineReusesCachedResults) {
   const auto inputs = shoot(6, synth::Trajectory::kLine);
   OnlineOptions how = options();
   how.pipeline.cache_folder = path("cache");
@@ -130,7 +130,7 @@ TEST_F(Online, IsTheSameForAnyNumberOfThreads) {
     EXPECT_EQ(one.images[i].pose.center(), three.images[i].pose.center());
 }
 
-TEST_F(Online, TakesImagesOfAnotherSizeInTheMiddle) {
+TEST_F(Online, AcceptsImagesOfAnotherSize) {
   auto inputs = shoot(5, synth::Trajectory::kArc);
   const auto larger = shoot(5, synth::Trajectory::kArc, {400, 300}, "large-");
   OnlineMapper mapper(options());
@@ -142,7 +142,7 @@ TEST_F(Online, TakesImagesOfAnotherSizeInTheMiddle) {
   EXPECT_EQ(mapper.model().cameras.size(), 2U);
 }
 
-TEST_F(Online, WithoutAStartSaysWhyAndGoesOn) {
+TEST_F(Online, GivesReasonWithoutInitialPairAndContinues) {
   synth::SceneOptions turned;
   turned.size = {320, 240};
   turned.images = 4;
@@ -156,14 +156,15 @@ TEST_F(Online, WithoutAStartSaysWhyAndGoesOn) {
   }
   mapper.grow({});
   EXPECT_EQ(mapper.registered(), 0);
-  EXPECT_NE(mapper.waiting_for().find("sideways"), std::string::npos) << mapper.waiting_for();
+  EXPECT_NE(mapper.no_model_reason().find("sideways"), std::string::npos)
+      << mapper.no_model_reason();
   for (const Input& input : shoot(4, synth::Trajectory::kArc)) mapper.add(input, {});
   mapper.grow({});
   EXPECT_GE(mapper.registered(), 4);
-  EXPECT_EQ(mapper.waiting_for(), "");
+  EXPECT_EQ(mapper.no_model_reason(), "");
 }
 
-TEST_F(Online, ABadImageIsLeftOutAndAStopEndsTheWork) {
+TEST_F(Online, SkipsUnreadableImageAndCanBeInterrupted) {
   const auto inputs = shoot(4, synth::Trajectory::kArc);
   std::ofstream(path("bad.png")) << "no image";
   OnlineMapper mapper(options());
@@ -179,7 +180,7 @@ TEST_F(Online, ABadImageIsLeftOutAndAStopEndsTheWork) {
   EXPECT_EQ(mapper.registered(), 4);
 }
 
-TEST_F(Online, BadOptionsAreNamed) {
+TEST_F(Online, RefusesInvalidOptions) {
   OnlineOptions bad;
   bad.overlap = 0;
   EXPECT_THROW(OnlineMapper{bad}, std::invalid_argument);

@@ -11,13 +11,13 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kMinInliers = 30;
-constexpr int kMinSteps = 8;
+constexpr int kMinLoopSteps = 8;
 constexpr double kMinAgreement = 0.5;  // share of all inliers
 
 // Number of steps from an image to all others, by breadth-first search.
-class Steps {
+class StepDistances {
  public:
-  explicit Steps(std::size_t images) : neighbours_(images), steps_(images) {}
+  explicit StepDistances(std::size_t images) : neighbours_(images), steps_(images) {}
 
   void join(int a, int b) {
     neighbours_[at(a)].push_back(b);
@@ -54,7 +54,7 @@ bool has_both(const Model& model, const Pair& pair) {
 }  // namespace
 
 std::vector<const Pair*> open_loops(const Model& model, const std::vector<const Pair*>& pairs) {
-  Steps steps(model.images.size());
+  StepDistances distances(model.images.size());
   std::vector<const Pair*> contradicted;
   std::size_t all = 0;
   std::size_t agreeing = 0;
@@ -64,7 +64,7 @@ std::vector<const Pair*> open_loops(const Model& model, const std::vector<const 
     all += inliers;
     if (agrees(model, *pair)) {
       agreeing += inliers;
-      steps.join(pair->first, pair->second);
+      distances.join(pair->first, pair->second);
     } else if (inliers >= kMinInliers) {
       contradicted.push_back(pair);
     }
@@ -75,9 +75,9 @@ std::vector<const Pair*> open_loops(const Model& model, const std::vector<const 
   std::vector<const Pair*> open;
   int from = -1;
   for (const Pair* pair : contradicted) {
-    if (pair->first != from) steps.search(from = pair->first);
-    const int way = steps.to(pair->second);
-    if (way < 0 || way >= kMinSteps) open.push_back(pair);
+    if (pair->first != from) distances.search(from = pair->first);
+    const int distance = distances.to(pair->second);
+    if (distance < 0 || distance >= kMinLoopSteps) open.push_back(pair);
   }
   return open;
 }

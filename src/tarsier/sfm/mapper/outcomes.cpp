@@ -20,24 +20,24 @@ constexpr double kFoldedWeight = 3;
 
 void order_models(int min_images, std::vector<Model>& models,
                   std::vector<std::shared_ptr<const ModelConflicts>>& conflicts) {
-  struct Sized {
+  struct SizedModel {
     ModelStatistics size;
     Model model;
     std::shared_ptr<const ModelConflicts> conflicts;
   };
-  std::vector<Sized> sized;
+  std::vector<SizedModel> sized;
   for (std::size_t m = 0; m < models.size(); ++m) {
     const ModelStatistics size = statistics_of(models[m]);
     if (size.registered >= min_images)
       sized.push_back({size, std::move(models[m]), std::move(conflicts[m])});
   }
-  std::stable_sort(sized.begin(), sized.end(), [](const Sized& a, const Sized& b) {
+  std::stable_sort(sized.begin(), sized.end(), [](const SizedModel& a, const SizedModel& b) {
     return a.size.registered != b.size.registered ? a.size.registered > b.size.registered
                                                   : a.size.observations > b.size.observations;
   });
   models.clear();
   conflicts.clear();
-  for (Sized& each : sized) {
+  for (SizedModel& each : sized) {
     models.push_back(std::move(each.model));
     conflicts.push_back(std::move(each.conflicts));
   }
@@ -54,13 +54,13 @@ std::string why_no_model(const MapperInput& input, const MapperOptions& options,
   return why_no_initial_pair(input.pairs, input.images, options);
 }
 
-std::string why_refused(Doubt doubt, const PairEvidence& evidence) {
-  switch (doubt) {
-    case Doubt::kCycles:
+std::string why_refused(PairRejection rejection, const PairEvidence& evidence) {
+  switch (rejection) {
+    case PairRejection::kOpenCycles:
       return "no cycle of three pairs that it is in closes";
-    case Doubt::kRotation:
+    case PairRejection::kRotationError:
       return "its rotation contradicts that of the other pairs";
-    case Doubt::kModel:
+    case PairRejection::kModelConflict:
       return "with it the model lays different places over each other";
     default:
       return fmt::format(
@@ -72,13 +72,13 @@ std::string why_refused(Doubt doubt, const PairEvidence& evidence) {
 
 std::vector<RefusedPair> refused_pairs(const std::vector<Pair>& pairs,
                                        const std::vector<PairEvidence>& evidence,
-                                       const std::vector<Doubt>& doubts) {
+                                       const std::vector<PairRejection>& rejections) {
   std::vector<RefusedPair> refused;
   for (std::size_t k = 0; k < pairs.size(); ++k) {
-    if (!is_refused(doubts[k])) continue;
+    if (!is_refused(rejections[k])) continue;
     refused.push_back({pairs[k].first, pairs[k].second,
                        static_cast<int>(pairs[k].view.inliers.size()),
-                       why_refused(doubts[k], evidence[k]), doubts[k]});
+                       why_refused(rejections[k], evidence[k]), rejections[k]});
   }
   return refused;
 }
@@ -86,27 +86,30 @@ std::vector<RefusedPair> refused_pairs(const std::vector<Pair>& pairs,
 // Whether pairs made the model superimpose different places, as opposed to single images that lack
 // points.
 bool is_folded(const Model& model, const ModelConflicts& conflicts, const std::vector<Pair>& pairs,
-               const std::vector<Doubt>& doubts) {
+               const std::vector<PairRejection>& rejections) {
   std::vector<const Pair*> standing;
   for (std::size_t k = 0; k < pairs.size(); ++k)
-    if (!pairs[k].view.inliers.empty() && !is_refused(doubts[k])) standing.push_back(&pairs[k]);
+    if (!pairs[k].view.inliers.empty() && !is_refused(rejections[k])) standing.push_back(&pairs[k]);
   return !conflicting_pairs(model, conflicts, standing).empty();
 }
 
 // Trust for each image of a model, lower for near images that contradict each other.
 std::vector<double> image_trust(const Model& model, const MapperInput& input,
-                                const std::vector<Doubt>& doubts, bool repeats,
+                                const std::vector<PairRejection>& rejections, bool is_repetitive,
                                 std::shared_ptr<const ModelConflicts> conflicts,
                                 bool& has_conflicts) {
-  std::vector<std::uint8_t> by_evidence(doubts.size(), 0);
-  for (std::size_t k = 0; k < doubts.size(); ++k)
-    by_evidence[k] = doubts[k] == Doubt::kEvidence || doubts[k] == Doubt::kModel ? 1 : 0;
+  std::vector<std::uint8_t> by_evidence(rejections.size(), 0);
+  for (std::size_t k = 0; k < rejections.size(); ++k)
+    by_evidence[k] = rejections[k] == PairRejection::kMissingFeatures ||
+                             rejections[k] == PairRejection::kModelConflict
+                         ? 1
+                         : 0;
   std::vector<double> trust = trust_of(model, input.pairs, by_evidence);
-  if (input.followed) return trust;
+  if (input.tracked) return trust;
   if (!conflicts) conflicts = std::make_shared<const ModelConflicts>(model);
-  if (!conflicts->any(repeats)) return trust;
+  if (!conflicts->any(is_repetitive)) return trust;
   has_conflicts = true;
-  const double weight = is_folded(model, *conflicts, input.pairs, doubts) ? kFoldedWeight : 1;
+  const double weight = is_folded(model, *conflicts, input.pairs, rejections) ? kFoldedWeight : 1;
   for (std::size_t i = 0; i < trust.size(); ++i)
     trust[i] *= std::max(0.0, 1 - weight * conflicts->shares()[i]);
   return trust;
@@ -115,20 +118,21 @@ std::vector<double> image_trust(const Model& model, const MapperInput& input,
 }  // namespace
 
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
-                  const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
-                  bool repeats, std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
+                  const std::vector<PairEvidence>& evidence,
+                  const std::vector<PairRejection>& rejections, bool is_repetitive,
+                  std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made) {
   order_models(options.min_images, made.models, conflicts);
   if (made.models.empty()) made.no_model = why_no_model(input, options, made.log);
-  made.refused = refused_pairs(input.pairs, evidence, doubts);
+  made.refused = refused_pairs(input.pairs, evidence, rejections);
   std::vector<std::vector<double>> trust;  // for the images of each model
   for (std::size_t m = 0; m < made.models.size(); ++m) {
     const Model& model = made.models[m];
-    trust.push_back(
-        image_trust(model, input, doubts, repeats, std::move(conflicts[m]), made.has_conflicts));
+    trust.push_back(image_trust(model, input, rejections, is_repetitive, std::move(conflicts[m]),
+                                made.has_conflicts));
     made.trust.push_back(model_trust(model, trust.back()));
     made.shapes.push_back(shape_of(model, input.pairs));
-    made.has_conflicts = made.has_conflicts || (repeats && is_doubtful(made.shapes.back()));
+    made.has_conflicts = made.has_conflicts || (is_repetitive && is_unreliable(made.shapes.back()));
   }
   const std::vector<const Pair*> best = best_pairs(input.pairs, input.images.size());
   for (std::size_t i = 0; i < input.images.size(); ++i) {

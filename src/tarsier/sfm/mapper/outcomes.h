@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/mapper.h"
 #include "tarsier/sfm/mapper/model_conflicts.h"
+#include "tarsier/sfm/mapper/pair_rejection.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 
 #include <memory>
@@ -18,11 +18,12 @@ namespace tarsier::sfm {
 inline constexpr std::string_view kGlobalRefusal = "global mapping refused: ";
 
 // Sorts the models of `made`, largest first, drops too small ones, and sets the refused pairs, the
-// outcome of each image and the trust of each model. `evidence` and `doubts`: for each pair of the
-// input. `conflicts`: for each model, where known. `repeats`: see ModelConflicts::any().
+// outcome of each image and the trust of each model. `evidence` and `rejections`: for each pair of
+// the input. `conflicts`: for each model, where known. `is_repetitive`: see ModelConflicts::any().
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
-                  const std::vector<PairEvidence>& evidence, const std::vector<Doubt>& doubts,
-                  bool repeats, std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
+                  const std::vector<PairEvidence>& evidence,
+                  const std::vector<PairRejection>& rejections, bool is_repetitive,
+                  std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made);
 
 }  // namespace tarsier::sfm

@@ -71,8 +71,8 @@ class PackedReader {
         std::string_view(file_).substr(0, kPackedMagic.size()) != kPackedMagic) {
       throw Damaged();
     }
-    left_ = std::string_view(file_).substr(head);
-    if (sha256_of(left_) != std::string_view(file_).substr(kPackedMagic.size(), 64))
+    remaining_ = std::string_view(file_).substr(head);
+    if (sha256_of(remaining_) != std::string_view(file_).substr(kPackedMagic.size(), 64))
       throw Damaged();
   }
 
@@ -80,20 +80,20 @@ class PackedReader {
   [[nodiscard]] std::string_view sum() const {
     return std::string_view(file_).substr(kPackedMagic.size(), 64);
   }
-  [[nodiscard]] bool is_at_end() const { return left_.empty(); }
+  [[nodiscard]] bool is_at_end() const { return remaining_.empty(); }
 
   template <typename T>
   T get() {
     T value;
-    take(&value, sizeof(T));
+    read_bytes(&value, sizeof(T));
     return value;
   }
   template <typename T>
   std::vector<T> get_all() {
     const auto count = get<std::uint64_t>();
-    if (count > kMaxPackedItems || count * sizeof(T) > left_.size()) throw Damaged();
+    if (count > kMaxPackedItems || count * sizeof(T) > remaining_.size()) throw Damaged();
     std::vector<T> values(static_cast<std::size_t>(count));
-    if (count > 0) take(values.data(), values.size() * sizeof(T));
+    if (count > 0) read_bytes(values.data(), values.size() * sizeof(T));
     return values;
   }
   std::string get_text() {
@@ -102,14 +102,14 @@ class PackedReader {
   }
 
  private:
-  void take(void* to, std::size_t bytes) {
-    if (bytes > left_.size()) throw Damaged();
-    std::memcpy(to, left_.data(), bytes);
-    left_.remove_prefix(bytes);
+  void read_bytes(void* to, std::size_t bytes) {
+    if (bytes > remaining_.size()) throw Damaged();
+    std::memcpy(to, remaining_.data(), bytes);
+    remaining_.remove_prefix(bytes);
   }
 
   std::string file_;
-  std::string_view left_;
+  std::string_view remaining_;
 };
 
 }  // namespace tarsier::sfm

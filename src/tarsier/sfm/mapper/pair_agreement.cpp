@@ -20,15 +20,16 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kRadians = CV_PI / 180;
-constexpr double kRotation = 3 * kRadians;
-constexpr double kDirection = 15 * kRadians;
-constexpr double kRays = 2 * kRadians;
-constexpr double kOnePlane = 0.7;   // share of the inliers
-constexpr double kPlanePx = 4;      // px, between a feature and the mapped position of its match
-constexpr int kRounds = 8;          // of reweighted least squares
-constexpr double kExplained = 0.9;  // share of the inliers
-constexpr double kExplainedPx = 2;
-constexpr double kMinCrossing = 1e-6;  // min squared sine of rays that determine a depth
+constexpr double kMaxRotation = 3 * kRadians;
+constexpr double kMaxDirectionError = 15 * kRadians;
+constexpr double kMinRayAngle = 2 * kRadians;
+constexpr double kMinPlaneShare = 0.7;  // share of the inliers
+// px, between a feature and the mapped position of its match
+constexpr double kMaxPlaneErrorPx = 4;
+constexpr int kRounds = 8;                  // of reweighted least squares
+constexpr double kMinExplainedShare = 0.9;  // share of the inliers
+constexpr double kMaxEpipolarErrorPx = 2;
+constexpr double kMinSquaredSine = 1e-6;  // min squared sine of rays that determine a depth
 
 // The inliers of a pair in normalised coordinates.
 struct Rays {
@@ -54,11 +55,12 @@ Rays rays_of(const Model& model, const Pair& pair) {
 
 bool is_of_one_plane(const Pair& pair) {
   return !pair.view.inliers.empty() &&
-         pair.view.homography_inliers >= kOnePlane * static_cast<double>(pair.view.inliers.size());
+         pair.view.homography_inliers >=
+             kMinPlaneShare * static_cast<double>(pair.view.inliers.size());
 }
 
 double threshold_of(const geometry::Camera& camera) {
-  return kPlanePx / ((camera.fx + camera.fy) / 2);
+  return kMaxPlaneErrorPx / ((camera.fx + camera.fy) / 2);
 }
 
 // The plane n by weighted least squares: the action of H = R + t n' on the rays is linear in n.
@@ -71,9 +73,9 @@ Vector3d fit_plane(const Rays& rays, const geometry::Rigid3& motion,
     const Vector3d turned = motion.rotation * rays.first[i];
     for (int k = 0; k < 2; ++k) {
       const double factor = rays.second[i][k] * t[2] - t[k];
-      const double wanted = turned[k] - rays.second[i][k] * turned[2];
+      const double target = turned[k] - rays.second[i][k] * turned[2];
       normal += weights[i] * factor * factor * rays.first[i] * rays.first[i].transpose();
-      right += weights[i] * factor * wanted * rays.first[i];
+      right += weights[i] * factor * target * rays.first[i];
     }
   }
   return normal.ldlt().solve(right);
@@ -108,7 +110,7 @@ double share_on_plane(const Rays& rays, geometry::Rigid3 motion, double threshol
 bool is_in_front(const geometry::Rigid3& motion, const Vector3d& first, const Vector3d& second) {
   const Vector3d turned = motion.rotation * first;
   const Vector3d across = turned.cross(second);
-  if (across.squaredNorm() < kMinCrossing * turned.squaredNorm() * second.squaredNorm())
+  if (across.squaredNorm() < kMinSquaredSine * turned.squaredNorm() * second.squaredNorm())
     return turned.dot(second) > 0;  // far away
   return motion.translation.cross(second).dot(across) < 0 &&
          motion.translation.cross(turned).dot(across) < 0;
@@ -142,18 +144,19 @@ bool agrees(const Model& model, const Pair& pair) {
   const geometry::Rigid3 relative =
       model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
   const geometry::Rigid3& found = pair.view.second_from_first;
-  if (geometry::angle_of(relative.rotation * found.rotation.transpose()) <= kRotation) {
+  if (geometry::angle_of(relative.rotation * found.rotation.transpose()) <= kMaxRotation) {
     const double lengths = relative.translation.norm() * found.translation.norm();
-    if (pair.view.median_angle < kRays || !(lengths > 0)) return true;
-    if (relative.translation.dot(found.translation) >= std::cos(kDirection) * lengths) return true;
+    if (pair.view.median_angle < kMinRayAngle || !(lengths > 0)) return true;
+    if (relative.translation.dot(found.translation) >= std::cos(kMaxDirectionError) * lengths)
+      return true;
   }
-  const std::size_t explained = explained_matches(model, pair, kExplainedPx);
-  if (explained > 0 &&
-      static_cast<double>(explained) >= kExplained * static_cast<double>(pair.view.inliers.size()))
+  const std::size_t explained = explained_matches(model, pair, kMaxEpipolarErrorPx);
+  if (explained > 0 && static_cast<double>(explained) >=
+                           kMinExplainedShare * static_cast<double>(pair.view.inliers.size()))
     return true;
   if (!is_of_one_plane(pair)) return false;
   const double threshold = threshold_of(model.cameras[at(model.images[at(pair.second)].camera)]);
-  return share_on_plane(rays_of(model, pair), relative, threshold) >= kOnePlane;
+  return share_on_plane(rays_of(model, pair), relative, threshold) >= kMinPlaneShare;
 }
 
 }  // namespace tarsier::sfm

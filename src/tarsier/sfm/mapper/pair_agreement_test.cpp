@@ -66,7 +66,7 @@ struct TwoImages {
 double flat(int /*point*/) { return 0; }
 double uneven(int point) { return 0.5 * (point % 3) + 0.3 * (point % 5); }
 
-TEST(PairAgreement, IsThatOfThePoses) {
+TEST(PairAgreement, ComparesRelativePoses) {
   TwoImages images(uneven);
   images.pair.view.homography_inliers = 20;
   EXPECT_TRUE(agrees(images.model, images.pair));
@@ -81,7 +81,7 @@ TEST(PairAgreement, IsThatOfThePoses) {
   EXPECT_TRUE(agrees(beside, images.pair));
 }
 
-TEST(PairAgreement, IsThatOfThePosesThatExplainTheMatches) {
+TEST(PairAgreement, AcceptsPosesThatExplainMatches) {
   TwoImages images(uneven);
   images.pair.view.homography_inliers = 20;
   // The pair has another pose than the model, but its matches agree with the model.
@@ -100,7 +100,7 @@ TEST(PairAgreement, IsThatOfThePosesThatExplainTheMatches) {
   EXPECT_FALSE(agrees(images.model, pair));
 }
 
-TEST(PairAgreement, IsNotThatOfPointsBehindACamera) {
+TEST(PairAgreement, RejectsPointsBehindCamera) {
   TwoImages images(uneven);
   images.pair.view.homography_inliers = 20;
   Model behind = images.model;  // the same epipolar lines
@@ -109,7 +109,7 @@ TEST(PairAgreement, IsNotThatOfPointsBehindACamera) {
   EXPECT_FALSE(agrees(behind, images.pair));
 }
 
-TEST(PairAgreement, OfAPlaneIsThatOfEitherPose) {
+TEST(PairAgreement, AcceptsBothPosesOfPlane) {
   TwoImages images(flat);
   images.pair.view.second_from_first = images.other_pose();
   EXPECT_TRUE(agrees(images.model, images.pair));
@@ -118,7 +118,7 @@ TEST(PairAgreement, OfAPlaneIsThatOfEitherPose) {
   EXPECT_TRUE(agrees(images.model, images.pair));
 }
 
-TEST(PairAgreement, IsNotThatOfAnyPoseWhereAPlaneFits) {
+TEST(PairAgreement, RejectsOtherPosesOfPlane) {
   TwoImages images(flat);
   images.pair.view.second_from_first = images.other_pose();
   Model folded = images.model;
@@ -131,7 +131,7 @@ TEST(PairAgreement, IsNotThatOfAnyPoseWhereAPlaneFits) {
   EXPECT_FALSE(agrees(folded, images.pair));
 }
 
-TEST(PairAgreement, OfPointsThatNoPlaneHasIsNotThatOfAPlane) {
+TEST(PairAgreement, RejectsSecondPoseForNonPlanarPoints) {
   TwoImages images(uneven);
   TwoImages wall(flat);
   Model other = images.model;  // the second pose of a plane; these points do not lie on one

@@ -22,13 +22,14 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMaxSamples = 50'000;  // for the vocabulary, for any number of images
-constexpr int kFewestSampled = 20;   // min per image; fewer do not justify reading it
-constexpr int kIterations = 20;      // of k-means; more hardly change search results
-constexpr int kRows = 128;           // rows at a time, so that their scores fit into the cache
-constexpr int kBatch = 16;           // images whose descriptors are in memory at a time
-constexpr int kDepth = 512;          // length of a partial product of VLAD vectors, for the cache
-constexpr float kDense = 0.85F;      // share of a similarity that remains at twice the rank
+constexpr int kMaxSamples = 50'000;      // for the vocabulary, for any number of images
+constexpr int kMinSampledPerImage = 20;  // min per image; fewer do not justify reading it
+constexpr int kIterations = 20;          // of k-means; more hardly change search results
+constexpr int kRows = 128;               // rows at a time, so that their scores fit into the cache
+constexpr int kBatch = 16;               // images whose descriptors are in memory at a time
+constexpr int kDepth = 512;  // length of a partial product of VLAD vectors, for the cache
+// share of a similarity that remains at twice the rank
+constexpr float kMinSimilarityRatio = 0.85F;
 constexpr int kMaxLineBytes = 1 << 16;
 
 std::size_t at(std::ptrdiff_t row, std::ptrdiff_t width) {
@@ -254,29 +255,29 @@ std::vector<float> vlad(const cv::Mat& descriptors, FeatureKind kind,
 }
 
 // Whether an image is at most as far from image `from` as the `most` nearest ones.
-class NearPlace {
+class IsNearPosition {
  public:
-  NearPlace(const KnownPlaces& places, int from, int most)
-      : places_(places), from_(*places[static_cast<std::size_t>(from)]) {
+  IsNearPosition(const KnownPositions& positions, int from, int most)
+      : positions_(positions), from_(*positions[static_cast<std::size_t>(from)]) {
     std::vector<double> distances;
-    for (std::size_t i = 0; i < places.size(); ++i)
-      if (places[i] && static_cast<int>(i) != from) distances.push_back(squared(*places[i]));
+    for (std::size_t i = 0; i < positions.size(); ++i)
+      if (positions[i] && static_cast<int>(i) != from) distances.push_back(squared(*positions[i]));
     if (static_cast<int>(distances.size()) <= most) return;  // all are near
     std::nth_element(distances.begin(), distances.begin() + most - 1, distances.end());
     farthest_ = distances[static_cast<std::size_t>(most - 1)];
   }
 
   [[nodiscard]] bool operator()(int image) const {
-    const auto& place = places_[static_cast<std::size_t>(image)];
-    return place && squared(*place) <= farthest_;
+    const auto& position = positions_[static_cast<std::size_t>(image)];
+    return position && squared(*position) <= farthest_;
   }
 
  private:
-  [[nodiscard]] double squared(const Eigen::Vector3d& place) const {
-    return (place - from_).squaredNorm();
+  [[nodiscard]] double squared(const Eigen::Vector3d& position) const {
+    return (position - from_).squaredNorm();
   }
 
-  const KnownPlaces& places_;
+  const KnownPositions& positions_;
   const Eigen::Vector3d from_;
   double farthest_ = std::numeric_limits<double>::infinity();
 };
@@ -293,8 +294,8 @@ struct IsMoreSimilar {
 // The images at 2, 4, 8, .. times the rank `nearest` from image `from` that are added for it, while
 // each is nearly as similar as the previous one. Only one in 2, 4, 8, .. images adds them. Reorders
 // `images`.
-std::vector<int> farther_ones(int from, std::vector<int>& images, int nearest,
-                              const float* similarities) {
+std::vector<int> farther_images(int from, std::vector<int>& images, int nearest,
+                                const float* similarities) {
   std::vector<int> farther;
   const std::uint32_t mixed = mixed_index(from);
   float before = std::numeric_limits<float>::infinity();
@@ -304,7 +305,7 @@ std::vector<int> farther_ones(int from, std::vector<int>& images, int nearest,
     std::nth_element(images.begin(), other, images.end(), IsMoreSimilar{similarities});
     const float similarity = similarities[*other];
     if (doublings > 0) {
-      if (!(similarity > 0 && similarity >= kDense * before)) break;
+      if (!(similarity > 0 && similarity >= kMinSimilarityRatio * before)) break;
       if (mixed >> (32 - doublings) == 0) farther.push_back(*other);
     }
     before = similarity;
@@ -413,12 +414,12 @@ Retrieval::Retrieval(int count, const DescriptorSource& source, FeatureKind kind
 
   // Of many images only some descriptors are taken, evenly, which limits the cost.
   Rng rng(options.seed);
-  const int share = std::max(kFewestSampled, kMaxSamples / std::max(1, count));
+  const int share = std::max(kMinSampledPerImage, kMaxSamples / std::max(1, count));
   const int most = std::min(options.sampled, share);
-  const int asked = std::min(count, std::max(1, kMaxSamples / most));
+  const int sampled_images = std::min(count, std::max(1, kMaxSamples / most));
   Table samples;
-  for (int i = 0; i < asked; ++i) {
-    const auto image = static_cast<int>(static_cast<std::int64_t>(i) * count / asked);
+  for (int i = 0; i < sampled_images; ++i) {
+    const auto image = static_cast<int>(static_cast<std::int64_t>(i) * count / sampled_images);
     const cv::Mat descriptors = descriptors_of(image);
     samples.depth = depth;
     if (!descriptors.empty())
@@ -463,12 +464,12 @@ double Retrieval::similarity(int first, int second) const {
          static_cast<double>(scales_[static_cast<std::size_t>(second)]);
 }
 
-std::vector<ImagePair> Retrieval::pairs(const KnownPlaces& places) const {
+std::vector<ImagePair> Retrieval::pairs(const KnownPositions& positions) const {
   const int images = count();
-  TARSIER_REQUIRE(places.empty() || static_cast<int>(places.size()) == images,
-                  "{} places of {} images", places.size(), images);
-  for (const auto& place : places)
-    TARSIER_REQUIRE(!place || place->allFinite(), "a place that is not finite");
+  TARSIER_REQUIRE(positions.empty() || static_cast<int>(positions.size()) == images,
+                  "{} places of {} images", positions.size(), images);
+  for (const auto& position : positions)
+    TARSIER_REQUIRE(!position || position->allFinite(), "a place that is not finite");
   const int blocks = (images + kRows - 1) / kRows;
   std::vector<std::vector<ImagePair>> of_block(static_cast<std::size_t>(blocks));
   cv::parallel_for_(cv::Range(0, blocks), [&](const cv::Range& range) {
@@ -514,20 +515,21 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPlaces& places) const {
           row[other] *= scale;
           order.push_back(other);
         }
-        for (const int other : farther_ones(image, order, options_.nearest, row))
+        for (const int other : farther_images(image, order, options_.nearest, row))
           of_block[static_cast<std::size_t>(block)].push_back(std::minmax(image, other));
         const IsMoreSimilar is_more_similar{row};
         const auto first_of = [&](std::ptrdiff_t most) {
           return order.begin() + std::min(most, static_cast<std::ptrdiff_t>(order.size()));
         };
-        const bool has_place =
-            !places.empty() && places[static_cast<std::size_t>(image)].has_value();
-        const int by_look = has_place ? std::max(1, options_.nearest / 3) : options_.nearest;
-        auto chosen = first_of(by_look);
+        const bool has_position =
+            !positions.empty() && positions[static_cast<std::size_t>(image)].has_value();
+        const int by_similarity =
+            has_position ? std::max(1, options_.nearest / 3) : options_.nearest;
+        auto chosen = first_of(by_similarity);
         std::partial_sort(order.begin(), chosen, order.end(), is_more_similar);
-        if (has_place) {
-          const auto near =
-              std::partition(chosen, order.end(), NearPlace(places, image, 4 * options_.nearest));
+        if (has_position) {
+          const auto near = std::partition(chosen, order.end(),
+                                           IsNearPosition(positions, image, 4 * options_.nearest));
           const auto end = std::min(near, first_of(options_.nearest));
           std::partial_sort(chosen, end, near, is_more_similar);
           chosen = end;

@@ -35,7 +35,7 @@ using ImagePair = std::pair<int, int>;
                                                      const std::vector<std::string>& names);
 
 // Camera positions where known; in one frame, any unit.
-using KnownPlaces = std::vector<std::optional<Eigen::Vector3d>>;
+using KnownPositions = std::vector<std::optional<Eigen::Vector3d>>;
 
 struct RetrievalOptions {
   int words = 64;     // size of the vocabulary
@@ -82,13 +82,13 @@ class Retrieval {
   // while this holds, for every second, fourth, eighth, .. image: views that far apart change
   // slowly from image to image.
   //
-  // `places`, one per image or empty, are camera positions. For an image with a place, two thirds
-  // of the `nearest` others are chosen by similarity among the nearest positions (four times
+  // `positions`, one per image or empty, are camera positions. For an image with a position, two
+  // thirds of the `nearest` others are chosen by similarity among the nearest positions (four times
   // `nearest`, and equally near ones). The rest are the most similar of all images, since a
-  // landmark is visible from afar and a receiver may be wrong. For an image without a place, all
-  // are chosen this way. Throws std::invalid_argument for a wrong number of places and for numbers
-  // that are not finite.
-  [[nodiscard]] std::vector<ImagePair> pairs(const KnownPlaces& places = {}) const;
+  // landmark is visible from afar and a receiver may be wrong. For an image without a position, all
+  // are chosen this way. Throws std::invalid_argument for a wrong number of positions and for
+  // numbers that are not finite.
+  [[nodiscard]] std::vector<ImagePair> pairs(const KnownPositions& positions = {}) const;
 
  private:
   RetrievalOptions options_;

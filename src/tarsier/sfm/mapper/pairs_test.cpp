@@ -27,7 +27,7 @@ bool in_order(const std::vector<ImagePair>& pairs) {
   return true;
 }
 
-TEST(ExhaustivePairs, AreEachWithEach) {
+TEST(ExhaustivePairs, ContainAllPairs) {
   EXPECT_TRUE(exhaustive_pairs(0).empty());
   EXPECT_TRUE(exhaustive_pairs(1).empty());
   EXPECT_EQ(exhaustive_pairs(3), (std::vector<ImagePair>{{0, 1}, {0, 2}, {1, 2}}));
@@ -35,7 +35,7 @@ TEST(ExhaustivePairs, AreEachWithEach) {
   EXPECT_THROW((void)exhaustive_pairs(-1), std::invalid_argument);
 }
 
-TEST(SequentialPairs, AreTheNextOnesAndJumps) {
+TEST(SequentialPairs, ContainNextImagesAndPowersOfTwo) {
   EXPECT_TRUE(sequential_pairs(1, 3).empty());
   const auto pairs = sequential_pairs(40, 3);
   EXPECT_TRUE(in_order(pairs));
@@ -55,7 +55,7 @@ class PairsList : public FolderTest {
     return read_pairs_list(path("pairs.txt"), names_);
   }
   // The error for this text.
-  std::string error_of(const std::string& text) {
+  std::string reprojection_error(const std::string& text) {
     try {
       (void)read(text);
     } catch (const InputError& error) {
@@ -76,16 +76,18 @@ TEST_F(PairsList, IsRead) {
 }
 
 TEST_F(PairsList, ErrorsNameTheLine) {
-  EXPECT_EQ(error_of("a.jpg b.jpg\n\na.jpg nowhere.jpg\n"),
+  EXPECT_EQ(reprojection_error("a.jpg b.jpg\n\na.jpg nowhere.jpg\n"),
             ": line 3: no image is called 'nowhere.jpg'");
-  EXPECT_EQ(error_of("c.jpg b.jpg"), ": line 1: no image is called 'c.jpg'");
-  EXPECT_EQ(error_of("#\na.jpg\n"), ": line 2: expected the names of two images");
-  EXPECT_EQ(error_of("a.jpg b.jpg 17\n"), ": line 1: 'a.jpg b.jpg 17' are no names of two images");
-  EXPECT_EQ(error_of("a.jpg a.jpg\n"), ": line 1: 'a.jpg' is paired with itself");
-  EXPECT_EQ(error_of("x y z\n"),
+  EXPECT_EQ(reprojection_error("c.jpg b.jpg"), ": line 1: no image is called 'c.jpg'");
+  EXPECT_EQ(reprojection_error("#\na.jpg\n"), ": line 2: expected the names of two images");
+  EXPECT_EQ(reprojection_error("a.jpg b.jpg 17\n"),
+            ": line 1: 'a.jpg b.jpg 17' are no names of two images");
+  EXPECT_EQ(reprojection_error("a.jpg a.jpg\n"), ": line 1: 'a.jpg' is paired with itself");
+  EXPECT_EQ(reprojection_error("x y z\n"),
             ": line 1: names with spaces in them, and more than one way to read them");
-  EXPECT_NE(error_of("a.jpg b.jpg\n" + std::string(100'000, 'a')).find(": line 2: longer"),
-            std::string::npos);
+  EXPECT_NE(
+      reprojection_error("a.jpg b.jpg\n" + std::string(100'000, 'a')).find(": line 2: longer"),
+      std::string::npos);
   EXPECT_THROW((void)read_pairs_list(path("nowhere.txt"), names_), InputError);
   EXPECT_THROW((void)read_pairs_list(path("."), names_), InputError);
 }
@@ -140,7 +142,7 @@ Retrieval retrieval_of(const std::vector<cv::Mat>& images, FeatureKind kind,
           [&](int i) { return images[static_cast<std::size_t>(i)]; }, kind, options};
 }
 
-TEST(Retrieval, FindsTheNeighboursOfARing) {
+TEST(Retrieval, FindsNeighboursInRing) {
   for (const FeatureKind kind : {FeatureKind::kSift, FeatureKind::kOrb}) {
     const auto images = ring(30, kind, 1);
     RetrievalOptions options;
@@ -160,7 +162,7 @@ TEST(Retrieval, FindsTheNeighboursOfARing) {
 }
 
 // The four nearest neighbours of each image are at most two steps away.
-TEST(Retrieval, AddsFartherOnesWhereImagesLieClose) {
+TEST(Retrieval, AddsDistantImagesInDenseRing) {
   constexpr int kImages = 150;
   constexpr int kStep = 2;
   RetrievalOptions options;
@@ -172,20 +174,21 @@ TEST(Retrieval, AddsFartherOnesWhereImagesLieClose) {
   EXPECT_TRUE(in_order(pairs));
   std::vector<int> farthest(kImages, 0);
   for (const auto& [first, second] : pairs) {
-    const int away = std::min(second - first, kImages - second + first);
-    EXPECT_LT(away * kStep, 150) << "they share little: " << first << " and " << second;
+    const int distance = std::min(second - first, kImages - second + first);
+    EXPECT_LT(distance * kStep, 150) << "they share little: " << first << " and " << second;
     farthest[static_cast<std::size_t>(first)] =
-        std::max(farthest[static_cast<std::size_t>(first)], away);
+        std::max(farthest[static_cast<std::size_t>(first)], distance);
     farthest[static_cast<std::size_t>(second)] =
-        std::max(farthest[static_cast<std::size_t>(second)], away);
+        std::max(farthest[static_cast<std::size_t>(second)], distance);
   }
   EXPECT_GE(*std::min_element(farthest.begin(), farthest.end()), 2);
-  EXPECT_GE(std::count_if(farthest.begin(), farthest.end(), [](int away) { return away >= 6; }),
-            kImages / 3);
+  EXPECT_GE(
+      std::count_if(farthest.begin(), farthest.end(), [](int distance) { return distance >= 6; }),
+      kImages / 3);
   EXPECT_LE(pairs.size(), kImages * 4U);
 }
 
-TEST(Retrieval, KeepsScenesApart) {
+TEST(Retrieval, SeparatesScenes) {
   auto images = ring(12, FeatureKind::kSift, 2);
   for (const cv::Mat& other : ring(12, FeatureKind::kSift, 3)) images.push_back(other);
   RetrievalOptions options;
@@ -217,14 +220,14 @@ TEST(Retrieval, IsTheSameForAnyNumberOfThreads) {
   EXPECT_NE(retrieval_of(images, FeatureKind::kSift, options).similarity(3, 5), similarities[0]);
 }
 
-TEST(Retrieval, PlacesTellTwinsApart) {
+TEST(Retrieval, PositionsDistinguishIdenticalScenes) {
   // The same ring twice, so far apart that only the positions separate them.
   auto images = ring(60, FeatureKind::kSift, 5);
   for (const cv::Mat& twin : ring(60, FeatureKind::kSift, 5)) images.push_back(twin);
-  KnownPlaces places;
+  KnownPositions positions;
   for (int i = 0; i < 120; ++i) {
     const double angle = 2 * CV_PI * (i % 60) / 60;
-    places.emplace_back(Eigen::Vector3d(i < 60 ? 0 : 500, std::cos(angle), std::sin(angle)));
+    positions.emplace_back(Eigen::Vector3d(i < 60 ? 0 : 500, std::cos(angle), std::sin(angle)));
   }
   RetrievalOptions options;
   options.nearest = 6;
@@ -234,10 +237,10 @@ TEST(Retrieval, PlacesTellTwinsApart) {
       return pair.first < 60 && pair.second >= 60;
     });
   };
-  const auto by_look = retrieval.pairs();
-  const auto guided = retrieval.pairs(places);
+  const auto by_similarity = retrieval.pairs();
+  const auto guided = retrieval.pairs(positions);
   EXPECT_TRUE(in_order(guided));
-  EXPECT_GT(between_rings(by_look), static_cast<int>(by_look.size()) / 3);
+  EXPECT_GT(between_rings(by_similarity), static_cast<int>(by_similarity.size()) / 3);
   // A third of each image's pairs is chosen by appearance alone.
   EXPECT_LE(between_rings(guided), 2 * 120);
   for (int i = 0; i < 60; ++i) {
@@ -248,21 +251,21 @@ TEST(Retrieval, PlacesTellTwinsApart) {
   }
 }
 
-TEST(Retrieval, PlacesThatTellNothingChangeNothing) {
+TEST(Retrieval, UninformativePositionsChangeNothing) {
   const auto images = ring(40, FeatureKind::kSift, 6);
   RetrievalOptions options;
   options.nearest = 6;
   const Retrieval retrieval = retrieval_of(images, FeatureKind::kSift, options);
-  const auto by_look = retrieval.pairs();
+  const auto by_similarity = retrieval.pairs();
   // A receiver with a constant position, and images without positions.
-  EXPECT_EQ(retrieval.pairs(KnownPlaces(40, Eigen::Vector3d(1, 2, 3))), by_look);
-  EXPECT_EQ(retrieval.pairs(KnownPlaces(40)), by_look);
-  EXPECT_THROW((void)retrieval.pairs(KnownPlaces(39)), std::invalid_argument);
-  EXPECT_THROW((void)retrieval.pairs(KnownPlaces(40, Eigen::Vector3d(1, NAN, 3))),
+  EXPECT_EQ(retrieval.pairs(KnownPositions(40, Eigen::Vector3d(1, 2, 3))), by_similarity);
+  EXPECT_EQ(retrieval.pairs(KnownPositions(40)), by_similarity);
+  EXPECT_THROW((void)retrieval.pairs(KnownPositions(39)), std::invalid_argument);
+  EXPECT_THROW((void)retrieval.pairs(KnownPositions(40, Eigen::Vector3d(1, NAN, 3))),
                std::invalid_argument);
 }
 
-TEST(Retrieval, BearsEmptyAndEqualImages) {
+TEST(Retrieval, ToleratesEmptyAndEqualImages) {
   EXPECT_TRUE(retrieval_of({}, FeatureKind::kSift, {}).pairs().empty());
   EXPECT_TRUE(retrieval_of({cv::Mat(), cv::Mat()}, FeatureKind::kSift, {}).pairs().empty());
   // All descriptors are equal, so there is one word and no information.
@@ -278,7 +281,7 @@ TEST(Retrieval, BearsEmptyAndEqualImages) {
   for (const auto& [first, second] : pairs) EXPECT_TRUE(first != 2 && second != 2);
 }
 
-TEST(Retrieval, RefusesWhatDoesNotFit) {
+TEST(Retrieval, RefusesInvalidDescriptorsAndOptions) {
   const cv::Mat wide(5, 128, CV_8UC1, cv::Scalar(1));
   const cv::Mat narrow(5, 64, CV_8UC1, cv::Scalar(1));
   const cv::Mat floats(5, 128, CV_32FC1, cv::Scalar(1));

@@ -20,33 +20,35 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kAsked = 300;  // max features of an image per pair
-constexpr double kReach = 0.06;      // of the longer side: max distance of matches from a feature
-constexpr std::size_t kMatches = 8;  // matches that predict the position of a feature
+constexpr std::size_t kMaxCompared = 300;  // max features of an image per pair
+// of the longer side: max distance of matches from a feature
+constexpr double kMaxMatchDistance = 0.06;
+constexpr std::size_t kMapMatches = 8;  // matches that predict the position of a feature
 // max distance of the feature from their mean, relative to their mean spread
-constexpr double kAround = 0.7;
-constexpr double kResidual = 1;      // px, of those matches
-constexpr int kHalf = 5;             // samples, half size of a patch
-constexpr double kStep = 1.2;        // px between samples
-constexpr int kSearch = 2;           // samples in each direction
-constexpr double kMinDeviation = 5;  // grey levels: patches with less contrast are not compared
-constexpr double kNoise = 3;         // grey levels, of the searched image
-constexpr double kSame = 0.8;        // correlation
-constexpr double kDiffer = 0.4;      // correlation
-constexpr int kMaxSide = 1200;       // px
+constexpr double kMaxMeanOffset = 0.7;
+constexpr double kMaxResidualPx = 1;   // px, of those matches
+constexpr int kHalfSide = 5;           // samples, half size of a patch
+constexpr double kSampleStepPx = 1.2;  // px between samples
+constexpr int kSearchRadius = 2;       // samples in each direction
+constexpr double kMinContrast = 5;     // grey levels: patches with less contrast are not compared
+constexpr double kNoiseSigma = 3;      // grey levels, of the searched image
+constexpr double kMinSameCorrelation = 0.8;       // correlation
+constexpr double kMaxDifferentCorrelation = 0.4;  // correlation
+constexpr int kMaxSide = 1200;                    // px
 constexpr std::size_t kMaxBytes = std::size_t{256} << 20;
-constexpr int kMinCompared = 30;        // min patches of a pair that can be doubted
-constexpr std::size_t kNeighbours = 2;  // neighbours of an image
-constexpr int kBeside = 3;           // min doubted pairs between the neighbours of a pair's images
-constexpr double kRepeating = 0.25;  // min share of doubted pairs in a scene that repeats
-constexpr double kFew = 0.2;         // of the patches that an image's best pair compares
-constexpr double kStrong = 0.6;      // of the inliers of the strongest pair
-constexpr double kMinShare = 0.004;  // share that may always differ
-constexpr double kOfBest = 1.5;      // factor of the best pairs' share
-constexpr double kDeviations = 2;
+constexpr int kMinCompared = 30;           // min patches of a pair that can be rejected
+constexpr std::size_t kMaxNeighbours = 2;  // neighbours of an image
+// min rejected pairs between the neighbours of a pair's images
+constexpr int kMinNeighbourRejections = 3;
+constexpr double kMinRejectedShare = 0.25;  // min share of rejected pairs in a scene that repeats
+constexpr double kMinComparedRatio = 0.2;   // of the patches that an image's best pair compares
+constexpr double kMinStrongRatio = 0.6;     // of the inliers of the strongest pair
+constexpr double kAllowedShare = 0.004;     // share that may always differ
+constexpr double kBestShareFactor = 1.5;    // factor of the best pairs' share
+constexpr double kMaxSigmas = 2;
 
-constexpr int kSide = 2 * kHalf + 1;
-constexpr int kWide = kSide + 2 * kSearch;
+constexpr int kSide = 2 * kHalfSide + 1;
+constexpr int kSearchSide = kSide + 2 * kSearchRadius;
 constexpr int kArea = kSide * kSide;
 
 // Maps the surroundings of a feature to the second image: x' = linear (x - feature) + at.
@@ -73,27 +75,27 @@ class LocalMaps {
       const float square = d.dot(d);
       if (square < reach_ * reach_) near_.emplace_back(square, k);
     }
-    if (near_.size() < kMatches) return {};
-    std::partial_sort(near_.begin(), near_.begin() + kMatches, near_.end());
+    if (near_.size() < kMapMatches) return {};
+    std::partial_sort(near_.begin(), near_.begin() + kMapMatches, near_.end());
     cv::Point2d mean(0, 0);
-    for (std::size_t i = 0; i < kMatches; ++i) mean += offset(i, feature) * (1.0 / kMatches);
+    for (std::size_t i = 0; i < kMapMatches; ++i) mean += offset(i, feature) * (1.0 / kMapMatches);
     double spread = 0;
-    for (std::size_t i = 0; i < kMatches; ++i)
-      spread += cv::norm(offset(i, feature) - mean) / kMatches;
-    if (cv::norm(mean) > kAround * spread) return {};
+    for (std::size_t i = 0; i < kMapMatches; ++i)
+      spread += cv::norm(offset(i, feature) - mean) / kMapMatches;
+    if (cv::norm(mean) > kMaxMeanOffset * spread) return {};
 
     cv::Matx33d normal = cv::Matx33d::zeros();
     cv::Matx32d right = cv::Matx32d::zeros();
-    for (std::size_t i = 0; i < kMatches; ++i) {
+    for (std::size_t i = 0; i < kMapMatches; ++i) {
       const cv::Point2d d = offset(i, feature);
       const cv::Vec3d row(d.x, d.y, 1);
       normal += row * row.t();
       right += row * target(i).t();
     }
     const cv::Matx32d map = normal.solve(right, cv::DECOMP_CHOLESKY);
-    for (std::size_t i = 0; i < kMatches; ++i) {
+    for (std::size_t i = 0; i < kMapMatches; ++i) {
       const cv::Point2d d = offset(i, feature);
-      if (cv::norm(map.t() * cv::Vec3d(d.x, d.y, 1) - target(i)) > kResidual) return {};
+      if (cv::norm(map.t() * cv::Vec3d(d.x, d.y, 1) - target(i)) > kMaxResidualPx) return {};
     }
     LocalMap result{{map(0, 0), map(1, 0), map(0, 1), map(1, 1)}, {map(2, 0), map(2, 1)}};
     const double scale = cv::determinant(result.linear);
@@ -120,8 +122,8 @@ template <int side>
 bool sample(const cv::Mat& gray, const cv::Vec2d& center, const cv::Matx22d& linear,
             std::array<float, static_cast<std::size_t>(side) * side>& samples) {
   constexpr int half = side / 2;
-  const cv::Vec2d right = linear * cv::Vec2d(kStep, 0);
-  const cv::Vec2d down = linear * cv::Vec2d(0, kStep);
+  const cv::Vec2d right = linear * cv::Vec2d(kSampleStepPx, 0);
+  const cv::Vec2d down = linear * cv::Vec2d(0, kSampleStepPx);
   for (const int v : {-half, half}) {
     for (const int u : {-half, half}) {
       const cv::Vec2d corner = center + u * right + v * down;
@@ -153,9 +155,9 @@ bool sample(const cv::Mat& gray, const cv::Vec2d& center, const cv::Matx22d& lin
 std::optional<double> correlation(const cv::Mat& gray, const cv::Point2f& feature,
                                   const cv::Mat& other, const LocalMap& map) {
   std::array<float, kArea> patch{};
-  std::array<float, static_cast<std::size_t>(kWide) * kWide> wide{};
+  std::array<float, static_cast<std::size_t>(kSearchSide) * kSearchSide> search_area{};
   if (!sample<kSide>(gray, {feature.x, feature.y}, cv::Matx22d::eye(), patch)) return {};
-  if (!sample<kWide>(other, map.at, map.linear, wide)) return {};
+  if (!sample<kSearchSide>(other, map.at, map.linear, search_area)) return {};
   float mean = 0;
   for (const float value : patch) mean += value / kArea;
   float square = 0;
@@ -163,16 +165,16 @@ std::optional<double> correlation(const cv::Mat& gray, const cv::Point2f& featur
     value -= mean;
     square += value * value;
   }
-  if (square < kMinDeviation * kMinDeviation * kArea) return {};
+  if (square < kMinContrast * kMinContrast * kArea) return {};
   double best = -1;
-  for (int dy = 0; dy <= 2 * kSearch; ++dy) {
-    for (int dx = 0; dx <= 2 * kSearch; ++dx) {
+  for (int dy = 0; dy <= 2 * kSearchRadius; ++dy) {
+    for (int dx = 0; dx <= 2 * kSearchRadius; ++dx) {
       float sum = 0;
       float squares = 0;
       float product = 0;
       for (int v = 0; v < kSide; ++v) {
         const float* const from = &patch[at(v * kSide)];
-        const float* const to = &wide[at((v + dy) * kWide + dx)];
+        const float* const to = &search_area[at((v + dy) * kSearchSide + dx)];
         for (int u = 0; u < kSide; ++u) {
           sum += to[u];
           squares += to[u] * to[u];
@@ -180,7 +182,8 @@ std::optional<double> correlation(const cv::Mat& gray, const cv::Point2f& featur
         }
       }
       const double variance = squares - static_cast<double>(sum) * sum / kArea;
-      best = std::max(best, product / std::sqrt(square * (variance + kNoise * kNoise * kArea)));
+      best = std::max(best,
+                      product / std::sqrt(square * (variance + kNoiseSigma * kNoiseSigma * kArea)));
     }
   }
   return best;
@@ -192,20 +195,21 @@ void compare_one_way(const PatchImage& first, const PatchImage& second,
   std::vector<cv::Point2f> unmatched;
   for (std::size_t i = 0; i < first.features.size(); ++i)
     if (!is_matched[i]) unmatched.push_back(first.features[i]);
-  LocalMaps maps(std::move(matches), kReach * std::max(first.gray.cols, first.gray.rows));
-  std::size_t asked = 0;
+  LocalMaps maps(std::move(matches),
+                 kMaxMatchDistance * std::max(first.gray.cols, first.gray.rows));
+  std::size_t compared = 0;
   // Evenly distributed over the list; then the rest of it, where the first ones have no matches
   // around them.
-  const std::size_t stride = std::max<std::size_t>(1, unmatched.size() / kAsked);
+  const std::size_t stride = std::max<std::size_t>(1, unmatched.size() / kMaxCompared);
   for (std::size_t begin = 0; begin < stride; ++begin) {
-    for (std::size_t i = begin; i < unmatched.size() && asked < kAsked; i += stride) {
+    for (std::size_t i = begin; i < unmatched.size() && compared < kMaxCompared; i += stride) {
       const std::optional<LocalMap> map = maps.around(unmatched[i]);
       if (!map) continue;
       const std::optional<double> best = correlation(first.gray, unmatched[i], second.gray, *map);
       if (!best) continue;
-      ++asked;
-      if (*best > kSame) ++evidence.same;
-      if (*best < kDiffer) ++evidence.differ;
+      ++compared;
+      if (*best > kMinSameCorrelation) ++evidence.same;
+      if (*best < kMaxDifferentCorrelation) ++evidence.differ;
     }
   }
 }
@@ -228,7 +232,7 @@ class Neighbourhoods {
  public:
   Neighbourhoods(const std::vector<Pair>& pairs, std::size_t images,
                  const std::vector<PatchEvidence>& evidence)
-      : near_(images), usual_(images, 0) {
+      : near_(images), best_shares_(images, 0) {
     std::vector<std::size_t> strongest(images, 0);
     for (const Pair& pair : pairs)
       for (const int image : {pair.first, pair.second})
@@ -245,7 +249,7 @@ class Neighbourhoods {
       for (const auto& [image, other] : {std::pair(pairs[k].first, pairs[k].second),
                                          std::pair(pairs[k].second, pairs[k].first)}) {
         if (static_cast<double>(pairs[k].view.inliers.size()) <
-            kStrong * static_cast<double>(strongest[at(image)]))
+            kMinStrongRatio * static_cast<double>(strongest[at(image)]))
           continue;
         // One is added, so that shares of few patches have less weight.
         candidates[at(image)].push_back(
@@ -259,12 +263,12 @@ class Neighbourhoods {
       });
       near_[i].push_back(static_cast<int>(i));
       for (const Candidate& one : all) {
-        if (near_[i].size() > kNeighbours) break;
+        if (near_[i].size() > kMaxNeighbours) break;
         near_[i].push_back(one.image);
       }
       if (!all.empty()) {
         const PatchEvidence* best = find(static_cast<int>(i), all.front().image);
-        usual_[i] = best->share();
+        best_shares_[i] = best->share();
       }
     }
   }
@@ -272,7 +276,7 @@ class Neighbourhoods {
   // The first one is the image itself.
   [[nodiscard]] const std::vector<int>& of(int image) const { return near_[at(image)]; }
   // The share of differing patches in the best pair of an image.
-  [[nodiscard]] double usual(int image) const { return usual_[at(image)]; }
+  [[nodiscard]] double best_share(int image) const { return best_shares_[at(image)]; }
 
  private:
   [[nodiscard]] const PatchEvidence* find(int first, int second) const {
@@ -282,7 +286,7 @@ class Neighbourhoods {
 
   std::map<std::pair<int, int>, PatchEvidence> known_;
   std::vector<std::vector<int>> near_;
-  std::vector<double> usual_;
+  std::vector<double> best_shares_;
 };
 
 }  // namespace
@@ -291,20 +295,20 @@ PatchEvidence compare_patches(const PatchImage& first, const PatchImage& second,
                               const MatchList& inliers) {
   TARSIER_REQUIRE(first.gray.type() == CV_8UC1 && second.gray.type() == CV_8UC1,
                   "images of another type than CV_8UC1");
-  std::vector<Correspondence> there;
-  std::vector<Correspondence> back;
-  std::vector<bool> of_first(first.features.size(), false);
-  std::vector<bool> of_second(second.features.size(), false);
+  std::vector<Correspondence> forward;
+  std::vector<Correspondence> backward;
+  std::vector<bool> is_matched_first(first.features.size(), false);
+  std::vector<bool> is_matched_second(second.features.size(), false);
   for (const Match& match : inliers) {
     const cv::Point2f& a = first.features[at(match.first)];
     const cv::Point2f& b = second.features[at(match.second)];
-    there.push_back({a, b});
-    back.push_back({b, a});
-    of_first[at(match.first)] = of_second[at(match.second)] = true;
+    forward.push_back({a, b});
+    backward.push_back({b, a});
+    is_matched_first[at(match.first)] = is_matched_second[at(match.second)] = true;
   }
   PatchEvidence evidence;
-  compare_one_way(first, second, std::move(there), of_first, evidence);
-  compare_one_way(second, first, std::move(back), of_second, evidence);
+  compare_one_way(first, second, std::move(forward), is_matched_first, evidence);
+  compare_one_way(second, first, std::move(backward), is_matched_second, evidence);
   return evidence;
 }
 
@@ -317,16 +321,16 @@ std::vector<PatchEvidence> compare_all_patches(
   std::size_t largest = std::size_t{kMaxSide} * kMaxSide;  // bytes of an image, initially a guess
   for (std::size_t start = 0; start < pairs.size();) {
     // Pairs whose images fit into memory together; at least one.
-    std::set<int> wanted;
+    std::set<int> needed;
     std::size_t end = start;
-    for (; end < pairs.size() && (wanted.size() + 2) * largest <= kMaxBytes; ++end) {
+    for (; end < pairs.size() && (needed.size() + 2) * largest <= kMaxBytes; ++end) {
       if (pairs[end].view.inliers.empty()) continue;
-      wanted.insert(pairs[end].first);
-      wanted.insert(pairs[end].second);
+      needed.insert(pairs[end].first);
+      needed.insert(pairs[end].second);
     }
-    std::erase_if(loaded, [&](const auto& one) { return !wanted.contains(one.first); });
+    std::erase_if(loaded, [&](const auto& one) { return !needed.contains(one.first); });
     std::vector<int> missing;
-    for (const int image : wanted)
+    for (const int image : needed)
       if (loaded.try_emplace(image).second) missing.push_back(image);
     cv::parallel_for_({0, static_cast<int>(missing.size())}, [&](const cv::Range& range) {
       for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
@@ -357,55 +361,63 @@ std::vector<PatchEvidence> compare_all_patches(
   return evidence;
 }
 
-std::vector<PatchDoubt> doubts_of_patches(const std::vector<Pair>& pairs, std::size_t images,
-                                          const std::vector<PatchEvidence>& evidence) {
+std::vector<PatchRejection> rejections_by_patches(const std::vector<Pair>& pairs,
+                                                  std::size_t images,
+                                                  const std::vector<PatchEvidence>& evidence) {
   const Neighbourhoods near(pairs, images, evidence);
   std::map<std::pair<int, int>, bool> differs;  // for the pairs with enough patches
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const int compared = evidence[k].compared();
     if (pairs[k].view.inliers.empty() || compared < kMinCompared) continue;
-    const double usual = std::max(near.usual(pairs[k].first), near.usual(pairs[k].second));
-    const double expected = (kMinShare + kOfBest * usual) * compared;
+    const double best_share =
+        std::max(near.best_share(pairs[k].first), near.best_share(pairs[k].second));
+    const double expected = (kAllowedShare + kBestShareFactor * best_share) * compared;
     differs[{pairs[k].first, pairs[k].second}] =
-        evidence[k].differ > expected + kDeviations * std::sqrt(expected);
+        evidence[k].differ > expected + kMaxSigmas * std::sqrt(expected);
   }
-  std::vector<PatchDoubt> doubts(pairs.size());
-  std::vector<int> most(images, 0);  // max number of compared patches of an image's pairs
-  std::size_t doubted = 0;
+  std::vector<PatchRejection> rejections(pairs.size());
+  std::vector<int> max_compared(images, 0);  // max number of compared patches of an image's pairs
+  std::size_t rejected = 0;
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const int compared = evidence[k].compared();
     for (const int image : {pairs[k].first, pairs[k].second})
-      most[at(image)] = std::max(most[at(image)], compared);
+      max_compared[at(image)] = std::max(max_compared[at(image)], compared);
     const auto own = differs.find({pairs[k].first, pairs[k].second});
     if (own == differs.end()) continue;
-    int beside = 0;
+    int neighbour_rejections = 0;
     int others = 0;
     for (const int first : near.of(pairs[k].first)) {
       for (const int second : near.of(pairs[k].second)) {
         const auto found = differs.find({std::min(first, second), std::max(first, second)});
         if (found == differs.end() || found == own) continue;
         ++others;
-        if (found->second) ++beside;
+        if (found->second) ++neighbour_rejections;
       }
     }
-    if (!own->second && (evidence[k].differ == 0 || beside < kBeside || 3 * beside < 2 * others))
+    if (!own->second &&
+        (evidence[k].differ == 0 || neighbour_rejections < kMinNeighbourRejections ||
+         3 * neighbour_rejections < 2 * others))
       continue;
-    ++doubted;
-    doubts[k] = {fmt::format("of {} patches that both images should show, {} differ: the images "
-                             "look alike, but show different places",
-                             compared, evidence[k].differ),
-                 true};
+    ++rejected;
+    rejections[k] = {
+        fmt::format("of {} patches that both images should show, {} differ: the images "
+                    "look alike, but show different places",
+                    compared, evidence[k].differ),
+        true};
   }
-  if (static_cast<double>(doubted) < kRepeating * static_cast<double>(differs.size()))
-    return std::vector<PatchDoubt>(pairs.size());
+  if (static_cast<double>(rejected) < kMinRejectedShare * static_cast<double>(differs.size()))
+    return std::vector<PatchRejection>(pairs.size());
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const int compared = evidence[k].compared();
-    const int usual = std::min(most[at(pairs[k].first)], most[at(pairs[k].second)]);
-    if (pairs[k].view.inliers.empty() || doubts[k] || compared >= kFew * usual) continue;
-    doubts[k].reason = fmt::format(
+    const int common_max =
+        std::min(max_compared[at(pairs[k].first)], max_compared[at(pairs[k].second)]);
+    if (pairs[k].view.inliers.empty() || rejections[k] ||
+        compared >= kMinComparedRatio * common_max)
+      continue;
+    rejections[k].reason = fmt::format(
         "only {} patches could be compared, and other places of this scene look alike", compared);
   }
-  return doubts;
+  return rejections;
 }
 
 }  // namespace tarsier::sfm

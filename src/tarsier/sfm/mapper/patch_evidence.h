@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/core/progress.h"
-#include "tarsier/sfm/mapper/doubt.h"
+#include "tarsier/sfm/mapper/pair_rejection.h"
 #include "tarsier/sfm/mapper/tracks.h"
 
 #include <opencv2/core/mat.hpp>
@@ -50,20 +50,19 @@ using GrayImages = std::function<cv::Mat(int image)>;
     const std::vector<std::vector<cv::Point2f>>& features, const std::vector<Pair>& pairs,
     const GrayImages& gray, Progress& progress, const std::stop_token& stop);
 
-// The objection to each pair, if any. The share of differing patches is compared with that of the
+// The rejection of each pair, if any. The share of differing patches is compared with that of the
 // best pair of either image: among pairs with at least 0.6 times the inliers of the image's
 // strongest, the one with the lowest share. Relief that hides points and a change of scale also let
 // patches differ.
-// - A pair is doubted where the number of differing patches exceeds 0.4 % plus 1.5 times that share
-//   by two standard deviations (Poisson).
-// - It is also doubted where any patches differ and so do two thirds, but at least three, of the
+// - A pair is rejected where the number of differing patches exceeds 0.4 % plus 1.5 times that
+//   share by two standard deviations (Poisson).
+// - It is also rejected where any patches differ and so do two thirds, but at least three, of the
 //   pairs between certain neighbours of its images.
-// - Pairs with fewer than 30 patches are not judged. Where less than a quarter of the pairs are
-//   doubted, none is, since wide baselines of a relief cause some doubts.
-// - Otherwise pairs are doubted, too, with less than a fifth of the patches that other pairs of
+// - Pairs with fewer than 30 patches are not evaluated. Where less than a quarter of the pairs are
+//   rejected, none is, since wide baselines of a relief cause some rejections.
+// - Otherwise pairs are rejected, too, with less than a fifth of the patches that other pairs of
 //   both images compare.
-[[nodiscard]] std::vector<PatchDoubt> doubts_of_patches(const std::vector<Pair>& pairs,
-                                                        std::size_t images,
-                                                        const std::vector<PatchEvidence>& evidence);
+[[nodiscard]] std::vector<PatchRejection> rejections_by_patches(
+    const std::vector<Pair>& pairs, std::size_t images, const std::vector<PatchEvidence>& evidence);
 
 }  // namespace tarsier::sfm

@@ -51,7 +51,7 @@ Views views(const cv::Mat& shown_first, const cv::Mat& shown_second) {
   return result;
 }
 
-TEST(Patches, OfOnePlaceAreTheSameWhetherTheyWereMatchedOrNot) {
+TEST(ComparePatches, UnmatchedPatchesOfOnePlaceAreEqual) {
   cv::Mat brighter;
   texture(1).convertTo(brighter, CV_8U, 0.7, 40);
   const Views given = views(texture(1), brighter);
@@ -60,7 +60,7 @@ TEST(Patches, OfOnePlaceAreTheSameWhetherTheyWereMatchedOrNot) {
   EXPECT_EQ(evidence.differ, 0);
 }
 
-TEST(Patches, OfADetailThatOneImageHasNotDiffer) {
+TEST(ComparePatches, FindsMissingDetail) {
   const cv::Mat plain = texture(1);
   cv::Mat other = plain.clone();
   const cv::Rect detail(150, 90, 24, 24);
@@ -75,7 +75,7 @@ TEST(Patches, OfADetailThatOneImageHasNotDiffer) {
   EXPECT_GT(evidence.share(), 0.01);
 }
 
-TEST(Patches, AreNotComparedWhereMatchesDoNotSurroundThemOrNothingIsSeen) {
+TEST(ComparePatches, SkipsPatchesWithoutSurroundingMatchesOrContrast) {
   const cv::Mat plain = texture(1);
   cv::Mat other = plain.clone();
   const cv::Rect elsewhere(140, 0, 180, 240);
@@ -101,7 +101,7 @@ Pair pair_of(int first, int second, std::size_t inliers) {
   return pair;
 }
 
-TEST(Patches, OfAllPairsAreThoseOfEachAndImagesWithoutPixelsTellNothing) {
+TEST(ComparePatches, AllPairsEqualSinglePairsAndSkipMissingPixels) {
   const Views given = views(texture(1), texture(1));
   std::vector<Pair> pairs{pair_of(0, 1, 0), pair_of(0, 2, 0), pair_of(1, 2, 0)};
   pairs[0].view.inliers = given.inliers;
@@ -138,39 +138,41 @@ struct Places {
   }
 };
 
-TEST(Doubts, ArePairsWhosePatchesDifferMoreThanThoseOfTheBestPairs) {
-  for (const int usual : {0, 12}) {  // with relief, patches differ too
-    const Places given(usual, usual + 30);
-    const std::vector<PatchDoubt> doubts = doubts_of_patches(given.pairs, 6, given.evidence);
-    for (std::size_t k = 0; k < doubts.size(); ++k) {
+TEST(PatchRejections, ArePairsThatDifferMoreThanBestPairs) {
+  for (const int differ_inside : {0, 12}) {  // with relief, patches differ too
+    const Places given(differ_inside, differ_inside + 30);
+    const std::vector<PatchRejection> rejections =
+        rejections_by_patches(given.pairs, 6, given.evidence);
+    for (std::size_t k = 0; k < rejections.size(); ++k) {
       if (given.pairs[k].first / 3 == given.pairs[k].second / 3) {
-        EXPECT_FALSE(doubts[k]);
+        EXPECT_FALSE(rejections[k]);
       } else {
-        EXPECT_THAT(doubts[k].reason, HasSubstr(" differ: the images look alike"));
-        EXPECT_TRUE(doubts[k].patches_differ);
+        EXPECT_THAT(rejections[k].reason, HasSubstr(" differ: the images look alike"));
+        EXPECT_TRUE(rejections[k].patches_differ);
       }
     }
   }
   const Places relief(20, 20);
-  for (const PatchDoubt& doubt : doubts_of_patches(relief.pairs, 6, relief.evidence))
-    EXPECT_FALSE(doubt);
+  for (const PatchRejection& rejection : rejections_by_patches(relief.pairs, 6, relief.evidence))
+    EXPECT_FALSE(rejection);
 }
 
-TEST(Doubts, APairWithLittleToSayIsJudgedByThoseBesideIt) {
+TEST(PatchRejections, NeighbouringPairsDecideForFewPatches) {
   Places given(0, 20);
-  std::size_t odd = 0;
-  while (given.pairs[odd].first != 1 || given.pairs[odd].second != 4) ++odd;
-  given.evidence[odd] = {300, 1};
-  EXPECT_TRUE(doubts_of_patches(given.pairs, 6, given.evidence)[odd].patches_differ);
-  given.evidence[odd] = {300, 0};
-  EXPECT_FALSE(doubts_of_patches(given.pairs, 6, given.evidence)[odd]);
-  given.evidence[odd] = {20, 5};
-  const PatchDoubt few = doubts_of_patches(given.pairs, 6, given.evidence)[odd];
+  std::size_t index = 0;
+  while (given.pairs[index].first != 1 || given.pairs[index].second != 4) ++index;
+  given.evidence[index] = {300, 1};
+  EXPECT_TRUE(rejections_by_patches(given.pairs, 6, given.evidence)[index].patches_differ);
+  given.evidence[index] = {300, 0};
+  EXPECT_FALSE(rejections_by_patches(given.pairs, 6, given.evidence)[index]);
+  given.evidence[index] = {20, 5};
+  const PatchRejection few = rejections_by_patches(given.pairs, 6, given.evidence)[index];
   EXPECT_THAT(few.reason, HasSubstr("only 25 patches could be compared"));
   EXPECT_FALSE(few.patches_differ);
   Places alone(0, 0);
-  alone.evidence[odd] = {20, 5};
-  EXPECT_FALSE(doubts_of_patches(alone.pairs, 6, alone.evidence)[odd]) << "nothing looks alike";
+  alone.evidence[index] = {20, 5};
+  EXPECT_FALSE(rejections_by_patches(alone.pairs, 6, alone.evidence)[index])
+      << "nothing looks alike";
 }
 
 }  // namespace

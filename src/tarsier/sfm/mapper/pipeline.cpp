@@ -43,8 +43,8 @@ namespace {
 
 constexpr double kGoodTrust = 0.9;
 // Changes of the logarithm of a focal length:
-constexpr double kOtherFocal = 0.15;  // the old value was wrong
-constexpr double kSameFocal = 0.02;
+constexpr double kMinRemapChange = 0.15;  // the old value was wrong
+constexpr double kMinReevaluateChange = 0.02;
 
 class Stages {
  public:
@@ -55,7 +55,7 @@ class Stages {
   }
   void end() {
     progress_.end();
-    note();
+    record();
   }
   // As above, for a stage with its own progress.
   void start(const char* name) {
@@ -63,7 +63,7 @@ class Stages {
     start_ = std::chrono::steady_clock::now();
     cpu_start_ = cpu_seconds();
   }
-  void note() {
+  void record() {
     result_.stages.push_back(
         {name_, std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(),
          cpu_seconds() - cpu_start_});
@@ -87,7 +87,7 @@ class Stages {
 std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& stop) {
   const FlowOptions flow;
   std::string text = fmt::format("flow {} {} {} {} {}", flow.max_points, flow.grid, flow.reach,
-                                 flow.back_px, flow.alike);
+                                 flow.back_px, flow.min_correlation);
   for (const Input& input : inputs) {
     throw_if_stopped(stop);
     text += ' ';
@@ -138,16 +138,16 @@ class KnownFeatures {
       add_colors(image, features.features);
     // Without files, only the names distinguish images.
     features.key = cache_key(fmt::format("{} database {} {}", features.key, sum_, input.name));
-    taken_[found->second] = static_cast<int>(taken_.size());
+    index_of_image_[found->second] = static_cast<int>(index_of_image_.size());
   }
 
   // The pairs of the images for which fill() was called, in their order.
   [[nodiscard]] std::vector<Pair> pairs() {
     std::vector<Pair> result;
     for (auto& known : database_.pairs) {
-      const auto first = taken_.find(known.first);
-      const auto second = taken_.find(known.second);
-      if (first == taken_.end() || second == taken_.end()) continue;
+      const auto first = index_of_image_.find(known.first);
+      const auto second = index_of_image_.find(known.second);
+      if (first == index_of_image_.end() || second == index_of_image_.end()) continue;
       Pair pair;
       pair.first = first->second;
       pair.second = second->second;
@@ -181,7 +181,7 @@ class KnownFeatures {
   std::string sum_;
   std::string path_;
   std::map<std::string, int> index_;
-  std::map<int, int> taken_;  // maps an image of the database to its index here
+  std::map<int, int> index_of_image_;  // maps an image of the database to its index here
 };
 
 // Features of all readable images, one image after the other: each uses all threads.
@@ -421,12 +421,12 @@ void turn_upright(Model& model) {
 
 enum class Round {
   kFirst,
-  kAgain,  // maps again with other lenses
-  kJudge   // judges the earlier models with other lenses
+  kRemap,      // maps again with other lenses
+  kReevaluate  // evaluates the earlier models with other lenses
 };
 
 // Returns the result of map(Round::kFirst), or a better one. Where the result is not one trusted
-// model of all images and indicates other lenses than guessed, its models are judged with these
+// model of all images and indicates other lenses than guessed, its models are evaluated with these
 // lenses. Where the lenses differ much, mapping is repeated, and the better result is taken.
 template <typename Map>
 Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bool partial,
@@ -438,22 +438,22 @@ Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bo
   if (is_whole && made.trust[0] >= kGoodTrust) return made;
   const auto take = [&](double min_change, std::string_view why) {
     const std::vector<std::string> lines =
-        image_set.take_focal_lengths(made.models, min_change, pairs, stop);
+        image_set.adopt_focal_lengths(made.models, min_change, pairs, stop);
     for (const std::string& line : lines) made.log.push_back(fmt::format("{}: {}", line, why));
     return !lines.empty();
   };
   try {
-    if (take(kOtherFocal, "mapped again with it")) {
-      Reconstruction second = map(Round::kAgain);
+    if (take(kMinRemapChange, "mapped again with it")) {
+      Reconstruction second = map(Round::kRemap);
       if (!second.interrupted) return better_of(std::move(made), std::move(second));
       made.interrupted = true;
-    } else if (take(kSameFocal, "pairs are judged with it")) {
-      Reconstruction judged = map(Round::kJudge);
-      if (judged.interrupted) made.interrupted = true;
-      if (judged.interrupted || judged.models.empty()) return made;
-      judged.log.insert(judged.log.begin(), made.log.begin(), made.log.end());
-      judged.resumed = made.resumed;
-      return judged;
+    } else if (take(kMinReevaluateChange, "pairs are judged with it")) {
+      Reconstruction reevaluated = map(Round::kReevaluate);
+      if (reevaluated.interrupted) made.interrupted = true;
+      if (reevaluated.interrupted || reevaluated.models.empty()) return made;
+      reevaluated.log.insert(reevaluated.log.begin(), made.log.begin(), made.log.end());
+      reevaluated.resumed = made.resumed;
+      return reevaluated;
     }
   } catch (const Interrupted&) {
     if (!partial) throw;
@@ -509,7 +509,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   if (hooks.matched) {
     stages.start("load");
     images = load_all(hooks, store, result);
-    stages.note();
+    stages.record();
   } else {
     stages.begin("features", static_cast<std::int64_t>(inputs.size()), "images");
     images = find_all_features(inputs, options, cache, start, store, progress, stop, result);
@@ -520,23 +520,23 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
 
   ImageSet image_set(options);
   std::vector<std::string> names;
-  KnownPlaces places;
+  KnownPositions positions;
   for (const ImageFeatures& image_features : images) {
-    places.push_back(inputs[at(image_features.input)].place);
+    positions.push_back(inputs[at(image_features.input)].position);
     image_set.add(image_features, inputs[at(image_features.input)].name);
     names.push_back(inputs[at(image_features.input)].name);
     result.images[at(image_features.input)].focal_from =
-        is_of_start[names.size() - 1] != 0 ? "start model" : image_features.lens.from;
+        is_of_start[names.size() - 1] != 0 ? "start model" : image_features.lens.source;
   }
   options.mapper = image_set.mapper_options();
   std::optional<StartPoses> start_poses;
   if (start) {
     std::vector<int> cameras;
     for (const Image& image : image_set.images()) cameras.push_back(image.camera);
-    const MapperOptions& asked = given.mapper;
-    start_poses =
-        start->poses(inputs, images, cameras, options.fixed_poses,
-                     asked.refine_focal || asked.refine_center || asked.refine_distortion);
+    const MapperOptions& requested = given.mapper;
+    start_poses = start->poses(
+        inputs, images, cameras, options.fixed_poses,
+        requested.refine_focal || requested.refine_center || requested.refine_distortion);
   }
 
   if (!hooks.matched) {
@@ -544,7 +544,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     const bool has_matches = options.flow || !options.database.empty();
     if (!has_matches) {
       const auto descriptors = [&](int i) { return images[at(i)].features.descriptors; };
-      for (const auto& [first, second] : choose_pairs(names, places, descriptors, options)) {
+      for (const auto& [first, second] : choose_pairs(names, positions, descriptors, options)) {
         Pair pair;
         pair.first = first;
         pair.second = second;
@@ -589,7 +589,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
                                  .release_memory = [&store] { store.trim(); },
                                  .kind = options.features.kind,
                                  .pairs = result.pairs,
-                                 .followed = options.flow,
+                                 .tracked = options.flow,
                                  .gray = gray_images(inputs, images),
                                  .start = start_poses};
   stages.start("reconstruct");
@@ -604,16 +604,18 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     mapping.watch = hooks.watch;
     mapping.show = hooks.show;
     mapping.partial = hooks.partial;
-    mapping.keep_every_s = options.checkpoint_s;
-    const bool judges = round == Round::kJudge;
+    mapping.save_interval_s = options.checkpoint_s;
+    const bool reevaluates = round == Round::kReevaluate;
     std::string checkpoint = key;
-    if (round != Round::kFirst) checkpoint += judges ? Cache::kJudged : Cache::kAgain;
-    if (!key.empty() && !hooks.watch) mapping.from = cache.checkpoint(checkpoint);
-    mapping.keep = [&, checkpoint, judges, warned = false](const MapperState& state) mutable {
-      if (image_set.has_guess() && !judges) {
+    if (round != Round::kFirst)
+      checkpoint += reevaluates ? Cache::kReevaluatedSuffix : Cache::kRemappedSuffix;
+    if (!key.empty() && !hooks.watch) mapping.resume_from = cache.checkpoint(checkpoint);
+    mapping.save_checkpoint = [&, checkpoint, reevaluates,
+                               warned = false](const MapperState& state) mutable {
+      if (image_set.has_guess() && !reevaluates) {
         last = state;
-        last->patch_doubts.clear();
-        last->tries.clear();  // with the previous lenses
+        last->patch_rejections.clear();
+        last->attempts.clear();  // with the previous lenses
       }
       if (key.empty()) return;
       // A full disk must not stop the mapping.
@@ -624,13 +626,14 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
         warned = true;
       }
     };
-    if (!judges) return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+    if (!reevaluates) return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
     const auto known = static_cast<std::ptrdiff_t>(last->log.size());
-    if (!mapping.from || !mapping.from->done) mapping.from = std::exchange(last, std::nullopt);
+    if (!mapping.resume_from || !mapping.resume_from->done)
+      mapping.resume_from = std::exchange(last, std::nullopt);
     mapping.watch = {};
-    Reconstruction judged = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
-    judged.log.erase(judged.log.begin(), judged.log.begin() + known);
-    return judged;
+    Reconstruction reevaluated = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
+    reevaluated.log.erase(reevaluated.log.begin(), reevaluated.log.begin() + known);
+    return reevaluated;
   };
   result.reconstruction = hooks.map
                               ? hooks.map(mapper_input, options.mapper)
@@ -641,7 +644,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   // the observations do not determine.
   if (!result.reconstruction.interrupted && !options.fixed_poses)
     add_uncertainty(options.mapper, result.reconstruction);
-  stages.note();
+  stages.record();
   result.resumed = result.reconstruction.resumed;
   if (start) {
     StartSummary summary = start->summary();

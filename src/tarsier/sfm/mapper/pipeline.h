@@ -82,7 +82,7 @@ struct Input {
   std::string path;  // of the file; "": no file, the data are in the database
   // Camera position where known, in any unit and frame, but the same for all images. Guides
   // kRetrieval.
-  std::optional<Eigen::Vector3d> place = std::nullopt;
+  std::optional<Eigen::Vector3d> position = std::nullopt;
 };
 
 struct StageTime {

@@ -28,7 +28,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-class Images : public FolderTest {
+class PipelineTest : public FolderTest {
  protected:
   // Renders images of a scene into the folder, and appends their ground truth to truth_.
   std::vector<Input> shoot(const synth::SceneOptions& options, const std::string& prefix = "") {
@@ -74,7 +74,7 @@ synth::SceneOptions small_scene(int images = 5) {
   return options;
 }
 
-TEST_F(Images, BecomeTheirCameras) {
+TEST_F(PipelineTest, RecoversCameraPoses) {
   const auto inputs = shoot(small_scene(6));
   PipelineOptions how = options();
   how.features.max_count = 1500;
@@ -93,7 +93,7 @@ TEST_F(Images, BecomeTheirCameras) {
             report["models"][0]["center_sigma_worst_percent"].get<double>());
 }
 
-TEST_F(Images, AreTheSameModelForAnyThreadsAndFromTheCache) {
+TEST_F(PipelineTest, ResultDoesNotDependOnThreadsAndCache) {
   const auto inputs = shoot(small_scene());
   PipelineOptions how = options();
   cv::setNumThreads(1);
@@ -112,7 +112,7 @@ TEST_F(Images, AreTheSameModelForAnyThreadsAndFromTheCache) {
   }
 }
 
-TEST_F(Images, ADamagedCacheIsWorkedOutAgain) {
+TEST_F(PipelineTest, RecomputesDamagedCache) {
   const auto inputs = shoot(small_scene(3));
   PipelineOptions how = options();
   how.cache_folder = folder_ + "/cache";
@@ -135,7 +135,7 @@ TEST_F(Images, ADamagedCacheIsWorkedOutAgain) {
 }
 
 // A box whose four sides look alike. Its features alone fold it onto one or two sides.
-TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
+TEST_F(PipelineTest, DetailsDistinguishSimilarSides) {
   TARSIER_LONG_TEST();
   synth::SceneOptions scene;
   scene.content = synth::Content::kSymmetric;
@@ -164,7 +164,7 @@ TEST_F(Images, SidesThatLookAlikeAreTakenApartByTheirDetails) {
 
 // Nothing is known of the lens. The pairs are verified with a guessed focal length, and still agree
 // with the model.
-TEST_F(Images, OfAnUnknownLensAreTrusted) {
+TEST_F(PipelineTest, TrustsModelWithUnknownLens) {
   synth::SceneOptions scene = small_scene(8);
   scene.focal_px = 800;
   const auto inputs = shoot(scene, "long");
@@ -180,7 +180,7 @@ TEST_F(Images, OfAnUnknownLensAreTrusted) {
 
 // Cameras that face one place from all sides determine the focal length badly. The model's value is
 // better.
-TEST_F(Images, OfAnUnknownLensAreTrustedWithThatOfTheModel) {
+TEST_F(PipelineTest, TrustsModelWithAdoptedFocalLength) {
   TARSIER_LONG_TEST();
   struct Case {
     int images;
@@ -207,7 +207,7 @@ TEST_F(Images, OfAnUnknownLensAreTrustedWithThatOfTheModel) {
   }
 }
 
-TEST_F(Images, TwoScenesGiveTwoModels) {
+TEST_F(PipelineTest, TwoScenesGiveTwoModels) {
   auto inputs = shoot(small_scene(4), "a");
   synth::SceneOptions other = small_scene(3);
   other.seed = 77;
@@ -220,7 +220,7 @@ TEST_F(Images, TwoScenesGiveTwoModels) {
   EXPECT_EQ(report["images"][5]["model"], 1);
 }
 
-TEST_F(Images, OneThatCannotBeReadIsLeftOutAndNamed) {
+TEST_F(PipelineTest, ReportsUnreadableImage) {
   auto inputs = shoot(small_scene(4));
   const std::string broken = folder_ + "/broken.jpg";
   std::ofstream(broken) << "not an image";
@@ -232,7 +232,7 @@ TEST_F(Images, OneThatCannotBeReadIsLeftOutAndNamed) {
   EXPECT_TRUE(result.images[2].outcome.registered);
 }
 
-TEST_F(Images, DegenerateScenesGiveAReasonAndNoModel) {
+TEST_F(PipelineTest, DegenerateScenesGiveReasonAndNoModel) {
   struct Case {
     synth::Content content;
     bool rotation;
@@ -250,7 +250,7 @@ TEST_F(Images, DegenerateScenesGiveAReasonAndNoModel) {
   }
 }
 
-TEST_F(Images, TheSameOneTwiceIsNoPair) {
+TEST_F(PipelineTest, RejectsPairOfIdenticalImages) {
   auto inputs = shoot(small_scene(1));
   inputs.push_back({"copy.png", inputs[0].path});
   const PipelineResult result = run(inputs, options());
@@ -258,7 +258,7 @@ TEST_F(Images, TheSameOneTwiceIsNoPair) {
   EXPECT_THAT(result.reconstruction.no_model, HasSubstr("sideways"));
 }
 
-TEST_F(Images, FollowedPointsDoAsWellAsDescriptors) {
+TEST_F(PipelineTest, TrackedPointsAreAsAccurateAsDescriptors) {
   TARSIER_LONG_TEST();
   // A video: the camera moves little from frame to frame.
   const auto inputs = shoot(small_scene(11));
@@ -274,7 +274,7 @@ TEST_F(Images, FollowedPointsDoAsWellAsDescriptors) {
   EXPECT_LT(flow.center_mean, 2 * sift.center_mean + 1e-3 * sift.extent);
 }
 
-TEST_F(Images, WhatWasFollowedIsKept) {
+TEST_F(PipelineTest, CachesTrackedPoints) {
   auto inputs = shoot(small_scene(5));
   PipelineOptions how = options();
   how.features.max_count = 600;
@@ -298,7 +298,7 @@ TEST_F(Images, WhatWasFollowedIsKept) {
   EXPECT_EQ(run(inputs, how).from_cache, 0);
 }
 
-TEST_F(Images, TheMapperGoesOnWhereItWas) {
+TEST_F(PipelineTest, ResumesMapperFromCheckpoint) {
   const auto inputs = shoot(small_scene(6));
   PipelineOptions how = options();
   how.cache_folder = folder_ + "/cache";
@@ -349,7 +349,7 @@ TEST_F(Images, TheMapperGoesOnWhereItWas) {
 }
 
 // A camera held upright writes the same pixels, and an orientation tag.
-TEST_F(Images, OfAllOrientationsShareALensAndGiveTheSameModel) {
+TEST_F(PipelineTest, OrientationsShareLensAndGiveSameModel) {
   const synth::ReliefScene scene(small_scene(6));
   const auto shot = [&](const std::string& prefix, const std::vector<int>& orientations) {
     std::vector<Input> inputs;
@@ -395,7 +395,7 @@ TEST_F(Images, OfAllOrientationsShareALensAndGiveTheSameModel) {
   EXPECT_GT(down.normalized().y(), 1 - 1e-9);
 }
 
-TEST_F(Images, WithSimulatedViewsAreTheSameFromTheCache) {
+TEST_F(PipelineTest, SimulatedViewsAreCached) {
   const auto inputs = shoot(small_scene(3));
   PipelineOptions how = options();
   how.features.max_count = 300;
@@ -428,7 +428,7 @@ TEST_F(Images, WithSimulatedViewsAreTheSameFromTheCache) {
   EXPECT_THROW((void)run(inputs, how), std::invalid_argument);
 }
 
-TEST_F(Images, StopsWhenAsked) {
+TEST_F(PipelineTest, CanBeInterrupted) {
   const auto inputs = shoot(small_scene(2));
   std::stop_source stop;
   stop.request_stop();

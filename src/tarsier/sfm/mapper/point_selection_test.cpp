@@ -33,7 +33,7 @@ std::vector<int> shown(const Model& model, const std::vector<int>& points) {
   return count;
 }
 
-TEST(PointSelection, EachImageShowsEnoughOrAllItCan) {
+TEST(PointSelection, SelectsEnoughPointsPerImage) {
   const Model model = chain();
   std::vector<int> all(kPoints);
   std::iota(all.begin(), all.end(), 0);
@@ -45,7 +45,7 @@ TEST(PointSelection, EachImageShowsEnoughOrAllItCan) {
   EXPECT_LT(chosen.size(), 400U);
 }
 
-TEST(PointSelection, ImagesThatAreNotAskedForDoNotCount) {
+TEST(PointSelection, IgnoresOtherImages) {
   const Model model = chain();
   std::vector<int> all(kPoints);
   std::iota(all.begin(), all.end(), 0);
@@ -55,7 +55,7 @@ TEST(PointSelection, ImagesThatAreNotAskedForDoNotCount) {
   EXPECT_EQ(count[3], 0);
 }
 
-TEST(PointSelection, WhatIsFewIsTakenWhole) {
+TEST(PointSelection, SelectsAllOfFewPoints) {
   const Model model = chain();
   const std::vector<int> few{3, 4, 5, 6, 7};
   EXPECT_EQ(select_points(model, few, {0, 1, 2, 3}, 100), few);
@@ -68,21 +68,21 @@ Point point_of(int images) {
   return point;
 }
 
-TEST(ChooseObservations, FewAreTakenAsTheyAre) {
+TEST(ChooseObservations, KeepsAllOfFew) {
   std::vector<Observation> chosen{{3, 3}};
-  choose_observations(point_of(5), 0, std::vector<ImageRole>(5, ImageRole::kMoves), 5, chosen);
+  choose_observations(point_of(5), 0, std::vector<ImageRole>(5, ImageRole::kMoving), 5, chosen);
   EXPECT_EQ(chosen.size(), 5U);
-  choose_observations(point_of(300), 0, std::vector<ImageRole>(300, ImageRole::kMoves), 0, chosen);
+  choose_observations(point_of(300), 0, std::vector<ImageRole>(300, ImageRole::kMoving), 0, chosen);
   EXPECT_EQ(chosen.size(), 300U);
 }
 
-TEST(ChooseObservations, ManyAreSpreadOverTheTrackAndImagesTakeTurns) {
+TEST(ChooseObservations, SpreadsManyEvenlyOverTrackAndImages) {
   constexpr int kImages = 170;
   constexpr int kLimit = 40;
   std::vector<int> count(kImages, 0);
   std::vector<Observation> chosen;
   for (int p = 0; p < kPoints; ++p) {
-    choose_observations(point_of(kImages), p, std::vector<ImageRole>(kImages, ImageRole::kMoves),
+    choose_observations(point_of(kImages), p, std::vector<ImageRole>(kImages, ImageRole::kMoving),
                         kLimit, chosen);
     ASSERT_EQ(chosen.size(), static_cast<std::size_t>(kLimit));
     for (std::size_t k = 1; k < chosen.size(); ++k) {
@@ -97,19 +97,20 @@ TEST(ChooseObservations, ManyAreSpreadOverTheTrackAndImagesTakeTurns) {
   EXPECT_LT(*std::max_element(count.begin(), count.end()), 1.1 * mean);
 }
 
-TEST(ChooseObservations, FewImagesThatMoveAreAllTakenAndOthersHoldThem) {
-  std::vector<ImageRole> roles(100, ImageRole::kStays);
-  for (const int i : {20, 21, 22}) roles[static_cast<std::size_t>(i)] = ImageRole::kMoves;
+TEST(ChooseObservations, KeepsFewMovingImagesAndSomeFixedOnes) {
+  std::vector<ImageRole> roles(100, ImageRole::kFixed);
+  for (const int i : {20, 21, 22}) roles[static_cast<std::size_t>(i)] = ImageRole::kMoving;
   std::vector<Observation> chosen;
   choose_observations(point_of(100), 11, roles, 20, chosen);
   ASSERT_EQ(chosen.size(), 20U);
   EXPECT_EQ(std::count_if(chosen.begin(), chosen.end(),
                           [&](const Observation& seen) {
-                            return roles[static_cast<std::size_t>(seen.image)] == ImageRole::kMoves;
+                            return roles[static_cast<std::size_t>(seen.image)] ==
+                                   ImageRole::kMoving;
                           }),
             3);
   // If many images move, some observations of fixed images remain.
-  std::fill(roles.begin() + 10, roles.end(), ImageRole::kMoves);
+  std::fill(roles.begin() + 10, roles.end(), ImageRole::kMoving);
   choose_observations(point_of(100), 11, roles, 20, chosen);
   ASSERT_EQ(chosen.size(), 20U);
   EXPECT_EQ(std::count_if(chosen.begin(), chosen.end(),
@@ -123,7 +124,7 @@ std::vector<int> first_images(int count) {
   return images;
 }
 
-TEST(ChooseObservations, BesideAnchorsImagesAreNearEachOther) {
+TEST(ChooseObservations, LocalImagesLieWithinSpan) {
   constexpr int kImages = 900;
   Model model;
   model.images.resize(kImages);
@@ -133,38 +134,38 @@ TEST(ChooseObservations, BesideAnchorsImagesAreNearEachOther) {
     std::vector<Observation>& track = model.points.back().track;
     std::rotate(track.begin(), track.begin() + p % kImages, track.end());
   }
-  const std::vector<ImageRole> roles = roles_of(model, first_images(kImages), 40);
+  const std::vector<ImageRole> roles = image_roles(model, first_images(kImages), 40);
   EXPECT_EQ(std::count(roles.begin(), roles.end(), ImageRole::kAnchor), kMaxAnchors);
   std::vector<int> count(kImages, 0);
   std::vector<Observation> chosen;
   for (int p = 0; p < 9000; ++p) {
     choose_observations(model.points[static_cast<std::size_t>(p)], p, roles, 40, chosen);
     ASSERT_LE(chosen.size(), 40U);
-    std::vector<int> near;
+    std::vector<int> local;
     for (const Observation& seen : chosen) {
       ++count[static_cast<std::size_t>(seen.image)];
-      if (roles[static_cast<std::size_t>(seen.image)] == ImageRole::kNear)
-        near.push_back(seen.image);
+      if (roles[static_cast<std::size_t>(seen.image)] == ImageRole::kLocal)
+        local.push_back(seen.image);
     }
-    ASSERT_GE(near.size(), 1U);
-    const auto [first, last] = std::minmax_element(near.begin(), near.end());
-    ASSERT_LE(*last - *first, kMaxSpan);
+    ASSERT_GE(local.size(), 1U);
+    const auto [first, last] = std::minmax_element(local.begin(), local.end());
+    ASSERT_LE(*last - *first, kMaxLocalSpan);
   }
   EXPECT_GT(*std::min_element(count.begin(), count.end()), 9000 * 40 / kImages / 3);
 }
 
-TEST(RolesOfImages, FewImagesNeedNoAnchors) {
+TEST(ImageRoles, FewImagesHaveNoAnchors) {
   Model model;
   model.images.resize(400);
   model.points.push_back(point_of(400));
   std::vector<int> images(kMaxAnchors);
   std::iota(images.begin(), images.end(), 50);
-  const std::vector<ImageRole> roles = roles_of(model, images, 40);
-  EXPECT_EQ(roles[49], ImageRole::kStays);
-  EXPECT_EQ(std::count(roles.begin(), roles.end(), ImageRole::kMoves), kMaxAnchors);
+  const std::vector<ImageRole> roles = image_roles(model, images, 40);
+  EXPECT_EQ(roles[49], ImageRole::kFixed);
+  EXPECT_EQ(std::count(roles.begin(), roles.end(), ImageRole::kMoving), kMaxAnchors);
 }
 
-TEST(RolesOfImages, ImagesInNoOrderHaveNoAnchors) {
+TEST(ImageRoles, UnorderedImagesHaveNoAnchors) {
   Model model;
   model.images.resize(1000);
   for (int p = 0; p < 500; ++p) {
@@ -172,11 +173,11 @@ TEST(RolesOfImages, ImagesInNoOrderHaveNoAnchors) {
     for (int i = p; i < 1000; i += 97) point.track.push_back({i, p});
     model.points.push_back(point);
   }
-  const std::vector<ImageRole> roles = roles_of(model, first_images(1000), 40);
-  EXPECT_EQ(std::count(roles.begin(), roles.end(), ImageRole::kMoves), 1000);
+  const std::vector<ImageRole> roles = image_roles(model, first_images(1000), 40);
+  EXPECT_EQ(std::count(roles.begin(), roles.end(), ImageRole::kMoving), 1000);
 }
 
-TEST(PointSelection, ObservationsThatAreLeftOutDoNotCount) {
+TEST(PointSelection, IgnoresUnselectedObservations) {
   Model model;
   model.images.resize(100);
   for (int p = 0; p < 1000; ++p) model.points.push_back(point_of(100));

@@ -10,19 +10,20 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMinInliers = 2;      // min inliers of a pair in a cell that it covers
-constexpr int kMinMatched = 2;      // min pairs that match a feature
-constexpr int kMinLooked = 4;       // min pairs that cover it
-constexpr double kRareShare = 0.5;  // of the rate of most features
-constexpr double kMost = 0.75;      // quantile of the rates that defines the rate of most features
+constexpr int kMinInliers = 2;         // min inliers of a pair in a cell that it covers
+constexpr int kMinMatchingPairs = 2;   // min pairs that match a feature
+constexpr int kMinCoveringPairs = 4;   // min pairs that cover it
+constexpr double kMaxRareRatio = 0.5;  // of the rate of most features
+// quantile of the rates that defines the rate of most features
+constexpr double kTypicalQuantile = 0.75;
 
 // The pairs of one image.
 class ImageEvidence {
  public:
   ImageEvidence(const Image& image, const geometry::Camera& camera) {
     for (const cv::Point2f& p : image.features) cells_.push_back(image_cell(p, camera));
-    looked_.assign(cells_.size(), 0);
-    matched_.assign(cells_.size(), 0);
+    covering_pairs_.assign(cells_.size(), 0);
+    matching_pairs_.assign(cells_.size(), 0);
   }
 
   // `features`: those that the pair matches.
@@ -30,23 +31,25 @@ class ImageEvidence {
     std::vector<int> inliers(kImageCells, 0);
     for (const int f : features) {
       ++inliers[at(cells_[at(f)])];
-      ++matched_[at(f)];
+      ++matching_pairs_[at(f)];
     }
     for (std::size_t f = 0; f < cells_.size(); ++f)
-      looked_[f] += inliers[at(cells_[f])] >= kMinInliers ? 1 : 0;
+      covering_pairs_[f] += inliers[at(cells_[f])] >= kMinInliers ? 1 : 0;
     pairs_.push_back({pair, std::move(features), std::move(inliers)});
   }
 
-  void judge(std::vector<PairEvidence>& evidence) const {
+  void evaluate(std::vector<PairEvidence>& evidence) const {
     std::vector<double> rates;
     for (std::size_t f = 0; f < cells_.size(); ++f)
-      if (is_known(f)) rates.push_back(static_cast<double>(matched_[f]) / looked_[f]);
+      if (is_known(f))
+        rates.push_back(static_cast<double>(matching_pairs_[f]) / covering_pairs_[f]);
     if (rates.empty()) return;
-    const auto most =
-        rates.begin() + static_cast<std::ptrdiff_t>(kMost * static_cast<double>(rates.size() - 1));
-    std::nth_element(rates.begin(), most, rates.end());
-    const double rare = kRareShare * *most;
-    for (const Looked& pair : pairs_) {
+    const auto typical_rate =
+        rates.begin() +
+        static_cast<std::ptrdiff_t>(kTypicalQuantile * static_cast<double>(rates.size() - 1));
+    std::nth_element(rates.begin(), typical_rate, rates.end());
+    const double max_rare_rate = kMaxRareRatio * *typical_rate;
+    for (const CoveringPair& pair : pairs_) {
       std::vector<char> has(cells_.size(), 0);
       for (const int f : pair.features) has[at(f)] = 1;
       double all_expected = 0;
@@ -55,10 +58,11 @@ class ImageEvidence {
       int found = 0;
       for (std::size_t f = 0; f < cells_.size(); ++f) {
         if (!is_known(f) || pair.inliers[at(cells_[f])] < kMinInliers) continue;
-        const double rate = static_cast<double>(matched_[f] - has[f]) / (looked_[f] - 1);
+        const double rate =
+            static_cast<double>(matching_pairs_[f] - has[f]) / (covering_pairs_[f] - 1);
         all_expected += rate;
         all_found += has[f];
-        if (matched_[f] >= rare * looked_[f]) continue;
+        if (matching_pairs_[f] >= max_rare_rate * covering_pairs_[f]) continue;
         expected += rate;
         found += has[f];
       }
@@ -69,18 +73,18 @@ class ImageEvidence {
   }
 
  private:
-  struct Looked {
+  struct CoveringPair {
     std::size_t pair;
     std::vector<int> features;
     std::vector<int> inliers;  // per cell
   };
   [[nodiscard]] bool is_known(std::size_t f) const {
-    return matched_[f] >= kMinMatched && looked_[f] >= kMinLooked;
+    return matching_pairs_[f] >= kMinMatchingPairs && covering_pairs_[f] >= kMinCoveringPairs;
   }
   std::vector<int> cells_;  // for each feature
-  std::vector<int> looked_;
-  std::vector<int> matched_;
-  std::vector<Looked> pairs_;
+  std::vector<int> covering_pairs_;
+  std::vector<int> matching_pairs_;
+  std::vector<CoveringPair> pairs_;
 };
 
 }  // namespace
@@ -96,7 +100,7 @@ std::vector<PairEvidence> check_evidence(const std::vector<geometry::Camera>& ca
     pairs_of[at(pairs[k].second)].push_back(k);
   }
   for (std::size_t i = 0; i < images.size(); ++i) {
-    if (static_cast<int>(pairs_of[i].size()) < kMinLooked) continue;
+    if (static_cast<int>(pairs_of[i].size()) < kMinCoveringPairs) continue;
     ImageEvidence image(images[i], cameras[at(images[i].camera)]);
     for (const std::size_t k : pairs_of[i]) {
       const bool is_first = pairs[k].first == static_cast<int>(i);
@@ -105,7 +109,7 @@ std::vector<PairEvidence> check_evidence(const std::vector<geometry::Camera>& ca
         features.push_back(is_first ? match.first : match.second);
       image.add(k, std::move(features));
     }
-    image.judge(evidence);
+    image.evaluate(evidence);
   }
   return evidence;
 }

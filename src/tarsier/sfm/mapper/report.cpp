@@ -99,7 +99,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
       const ModelShape& shape = built.shapes[m];
       if (std::isfinite(shape.weakest_joint))
         models.back()["weakest_joint"] = rounded(shape.weakest_joint, 1e3);
-      models.back()["missed_pairs"] = shape.missed.size();
+      models.back()["missed_pairs"] = shape.missed_pairs.size();
     }
     if (const CenterUncertainty* uncertainty = uncertainty_of(built, m)) {
       models.back()["center_sigma_percent"] = rounded(100 * uncertainty->mean, 1e4);
@@ -158,7 +158,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
               {"log", built.log}};
   if (result.start) {
     Json start{{"images", result.start->images},
-               {"here", result.start->here},
+               {"here", result.start->in_inputs},
                {"registered", result.start->registered},
                {"fixed_poses", result.start->fixed_poses}};
     if (result.names_files)

@@ -26,17 +26,18 @@ using Vector9 = Eigen::Matrix<double, 9, 1>;
 using Vector5 = Eigen::Matrix<double, 5, 1>;
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-constexpr int kRefinements = 4;
-constexpr int kLastRefinements = 10;
+constexpr int kMaxRefinements = 4;
+constexpr int kMaxFinalRefinements = 10;
 
 // Min work before a model is accepted.
 struct Effort {
   int min_samples = 1;
-  double worth_refining = 1;  // a model is refined if its cost is below this times the lowest cost
+  double refine_cost_ratio =
+      1;  // a model is refined if its cost is below this times the lowest cost
 };
 // A motion with most inliers may still be wrong: it fits a plane that fills both images.
-constexpr Effort kMotionEffort{.min_samples = 30, .worth_refining = 2};
-constexpr double kProsacSamples = 20000;  // after these, PROSAC equals uniform sampling
+constexpr Effort kMotionEffort{.min_samples = 30, .refine_cost_ratio = 2};
+constexpr double kUniformAfterSamples = 20000;  // after these, PROSAC equals uniform sampling
 
 // Coordinates in columns, for vectorised error computation.
 struct Columns {
@@ -70,8 +71,9 @@ void sampson(const Matrix3d& e, const Columns& c, int from, int to, double* out)
     const double a2 = e20 * x[i] + e21 * y[i] + e22;
     const double b0 = e00 * u[i] + e10 * v[i] + e20;
     const double b1 = e01 * u[i] + e11 * v[i] + e21;
-    const double off = u[i] * a0 + v[i] * a1 + a2;
-    out[i - from] = off * off / (a0 * a0 + a1 * a1 + b0 * b0 + b1 * b1 + 1e-300);
+    const double algebraic_error = u[i] * a0 + v[i] * a1 + a2;
+    out[i - from] =
+        algebraic_error * algebraic_error / (a0 * a0 + a1 * a1 + b0 * b0 + b1 * b1 + 1e-300);
   }
 }
 
@@ -94,7 +96,7 @@ void transfer(const Matrix3d& h, const Columns& c, int from, int to, double* out
 
 using Errors = void (*)(const Matrix3d&, const Columns&, int, int, double*);
 
-struct Scored {
+struct ScoredModel {
   Matrix3d matrix = Matrix3d::Zero();
   double cost = std::numeric_limits<double>::infinity();  // sum of min(error2 / threshold2, 1)
   int inliers = 0;
@@ -117,14 +119,14 @@ class Ransac {
   // `solve(sample)` returns models of kSize pairs; `refine(matrix)` returns one that fits the
   // inliers better.
   template <int kSize, typename Solve, typename Refine>
-  Scored run(const Solve& solve, const Refine& refine) {
+  ScoredModel run(const Solve& solve, const Refine& refine) {
     const int count = columns_.count();
-    Scored best;
+    ScoredModel best;
     if (count < kSize) return best;
     // PROSAC: number of samples after which the next best pair is included.
     const bool is_ordered = static_cast<int>(pairs_.order.size()) == count;
     int among = is_ordered ? kSize : count;
-    double expected = kProsacSamples;  // number of samples from the best `among` pairs
+    double expected = kUniformAfterSamples;  // number of samples from the best `among` pairs
     for (int k = 0; is_ordered && k < kSize; ++k)
       expected *= static_cast<double>(kSize - k) / static_cast<double>(count - k);
     int next_at = 1;
@@ -132,23 +134,23 @@ class Ransac {
     std::array<int, kSize> sample{};
     for (int round = 1; round <= needed; ++round) {
       if (is_ordered && round > next_at && among < count) {
-        const double grown = expected * (among + 1.0) / (among + 1.0 - kSize);
-        next_at += std::max(1, static_cast<int>(std::ceil(grown - expected)));
-        expected = grown;
+        const double next_expected = expected * (among + 1.0) / (among + 1.0 - kSize);
+        next_at += std::max(1, static_cast<int>(std::ceil(next_expected - expected)));
+        expected = next_expected;
         ++among;
       }
       draw(sample, among, is_ordered && round <= next_at && among < count);
       solve(sample, [&](const Matrix3d& matrix) {
-        const double limit = effort_.worth_refining * best.cost;
-        Scored candidate = score(matrix, limit);
+        const double limit = effort_.refine_cost_ratio * best.cost;
+        ScoredModel candidate = score(matrix, limit);
         if (candidate.cost >= limit) return;
-        candidate = refined(candidate, refine, kRefinements);
+        candidate = refined(candidate, refine, kMaxRefinements);
         if (candidate.cost >= best.cost) return;
         best = candidate;
         needed = std::min(needed, samples_for(best.inliers, kSize));
       });
     }
-    if (best.inliers > 0) best = refined(best, refine, kLastRefinements);
+    if (best.inliers > 0) best = refined(best, refine, kMaxFinalRefinements);
     return best;
   }
 
@@ -180,10 +182,10 @@ class Ransac {
   }
 
   // Stops where the cost exceeds `limit`.
-  [[nodiscard]] Scored score(const Matrix3d& matrix, double limit) const {
+  [[nodiscard]] ScoredModel score(const Matrix3d& matrix, double limit) const {
     constexpr int kBlock = 64;
     std::array<double, kBlock> errors;
-    Scored result{matrix, 0, 0};
+    ScoredModel result{matrix, 0, 0};
     const double inverse = 1 / squared_threshold_;
     for (int from = 0; from < columns_.count(); from += kBlock) {
       const int to = std::min(columns_.count(), from + kBlock);
@@ -206,11 +208,11 @@ class Ransac {
   }
 
   template <typename Refine>
-  Scored refined(Scored best, const Refine& refine, int rounds) const {
+  ScoredModel refined(ScoredModel best, const Refine& refine, int rounds) const {
     for (int k = 0; k < rounds; ++k) {
       const std::optional<Matrix3d> next = refine(best.matrix, inliers_of(best.matrix));
       if (!next) break;
-      const Scored candidate = score(*next, best.cost);
+      const ScoredModel candidate = score(*next, best.cost);
       if (candidate.cost >= best.cost * (1 - 1e-9)) break;
       best = candidate;
     }
@@ -275,9 +277,9 @@ void add_square(const Eigen::Matrix<double, N, 1>& row, double weight,
 
 // A Gauss-Newton step on Sampson's distances of the inliers, over the five parameters of a motion
 // whose translation has length 1.
-std::optional<geometry::Rigid3> stepped(const geometry::Rigid3& motion, const Columns& c,
-                                        const std::vector<char>& is_inlier,
-                                        double squared_threshold) {
+std::optional<geometry::Rigid3> gauss_newton_step(const geometry::Rigid3& motion, const Columns& c,
+                                                  const std::vector<char>& is_inlier,
+                                                  double squared_threshold) {
   const Matrix3d e = geometry::essential_of(motion);
   // Two directions perpendicular to the translation.
   const Vector3d& t = motion.translation;
@@ -305,11 +307,11 @@ std::optional<geometry::Rigid3> stepped(const geometry::Rigid3& motion, const Co
     const Vector3d b(c.u[i], c.v[i], 1);
     const Vector3d line = e * a;
     const Vector3d other = e.transpose() * b;
-    const double off = b.dot(line);
+    const double algebraic_error = b.dot(line);
     const double square = line.head<2>().squaredNorm() + other.head<2>().squaredNorm();
     if (!(square > 0)) continue;
     const double inverse = 1 / std::sqrt(square);
-    const double residual = off * inverse;
+    const double residual = algebraic_error * inverse;
     Vector9 slope;
     for (int row = 0; row < 3; ++row) {
       for (int column = 0; column < 3; ++column) {
@@ -336,7 +338,7 @@ std::optional<geometry::Rigid3> stepped(const geometry::Rigid3& motion, const Co
 
 // The 3 x 3 matrix whose nine numbers minimise the sum of squares of linear equations, from the
 // lower triangle of their normal matrix; empty where that is not finite.
-std::optional<Matrix3d> least(const Eigen::Matrix<double, 9, 9>& normal) {
+std::optional<Matrix3d> smallest_eigenvector_matrix(const Eigen::Matrix<double, 9, 9>& normal) {
   if (!normal.allFinite()) return std::nullopt;
   const Vector9 rows = linalg::symmetric_eigen(normal).vectors.col(0);
   return Matrix3d(Eigen::Map<const RowMajor3>(rows.data()));
@@ -372,7 +374,7 @@ void check(const PointPairs& pairs, const RobustOptions& options) {
   options.check();
 }
 
-RobustMatrix finished(const Ransac& ransac, const Scored& best) {
+RobustMatrix finished(const Ransac& ransac, const ScoredModel& best) {
   RobustMatrix result;
   if (best.inliers == 0) return result;
   result.matrix = best.matrix;
@@ -395,11 +397,11 @@ RobustMotion robust_motion(const PointPairs& pairs, const RobustOptions& options
   };
   const auto motion_of = [&](const Matrix3d& essential, const std::vector<char>& is_inlier) {
     std::optional<geometry::Rigid3> best;
-    int most = -1;
+    int max_in_front = -1;
     for (const geometry::Rigid3& motion : geometry::motions_of(essential)) {
       const int count = in_front(motion, pairs, is_inlier);
-      if (count > most) {
-        most = count;
+      if (count > max_in_front) {
+        max_in_front = count;
         best = motion;
       }
     }
@@ -408,12 +410,12 @@ RobustMotion robust_motion(const PointPairs& pairs, const RobustOptions& options
   const auto refine = [&](const Matrix3d& essential,
                           const std::vector<char>& is_inlier) -> std::optional<Matrix3d> {
     const auto next =
-        stepped(geometry::motions_of(essential)[0], ransac.columns(), is_inlier, squared);
+        gauss_newton_step(geometry::motions_of(essential)[0], ransac.columns(), is_inlier, squared);
     if (!next) return std::nullopt;
     const Matrix3d e = geometry::essential_of(*next);
     return Matrix3d(e / e.norm());
   };
-  const Scored best = ransac.run<5>(solve, refine);
+  const ScoredModel best = ransac.run<5>(solve, refine);
   RobustMotion result;
   if (best.inliers == 0) return result;
   result.is_inlier = ransac.inliers_of(best.matrix);
@@ -436,7 +438,8 @@ RefinedMotion refine_motion(const PointPairs& pairs, const geometry::Rigid3& sta
   };
   RefinedMotion best{start, cost_of(start)};
   for (int k = 0; k < max_steps; ++k) {
-    const auto next = stepped(best.second_from_first, columns, all, threshold * threshold);
+    const auto next =
+        gauss_newton_step(best.second_from_first, columns, all, threshold * threshold);
     if (!next) break;
     const double cost = cost_of(*next);
     if (!(cost < best.cost)) break;
@@ -468,7 +471,7 @@ RobustMatrix robust_fundamental(const PointPairs& pairs, const RobustOptions& op
   const auto refine = [&](const Matrix3d& f,
                           const std::vector<char>& is_inlier) -> std::optional<Matrix3d> {
     Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
-    int used = 0;
+    int used_inliers = 0;
     for (std::size_t i = 0; i < is_inlier.size(); ++i) {
       if (is_inlier[i] == 0) continue;
       const Vector3d line = f * pairs.first[i].homogeneous();
@@ -480,16 +483,16 @@ RobustMatrix robust_fundamental(const PointPairs& pairs, const RobustOptions& op
       Vector9 row;
       row << b[0] * a, b[1] * a, a;
       add_square(row, 1 / square, normal);
-      ++used;
+      ++used_inliers;
     }
-    if (used < 8) return std::nullopt;
-    const std::optional<Matrix3d> full = least(normal);
+    if (used_inliers < 8) return std::nullopt;
+    const std::optional<Matrix3d> full = smallest_eigenvector_matrix(normal);
     if (!full) return std::nullopt;
     // The nearest matrix of rank 2: without the direction v of the smallest singular value.
     const Matrix3d squared = full->transpose() * *full;
     const Vector3d v = linalg::symmetric_eigen(squared).vectors.col(0);
-    const Matrix3d flat = *full - *full * v * v.transpose();
-    return flat.allFinite() ? std::optional(back(flat)) : std::nullopt;
+    const Matrix3d rank_2 = *full - *full * v * v.transpose();
+    return rank_2.allFinite() ? std::optional(back(rank_2)) : std::nullopt;
   };
   return finished(ransac, ransac.run<7>(solve, refine));
 }
@@ -514,7 +517,7 @@ RobustMatrix robust_homography(const PointPairs& pairs, const RobustOptions& opt
   const auto refine = [&](const Matrix3d&,
                           const std::vector<char>& is_inlier) -> std::optional<Matrix3d> {
     Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
-    int used = 0;
+    int used_inliers = 0;
     for (std::size_t i = 0; i < is_inlier.size(); ++i) {
       if (is_inlier[i] == 0) continue;
       const Vector3d a = first[i].homogeneous();
@@ -523,10 +526,10 @@ RobustMatrix robust_homography(const PointPairs& pairs, const RobustOptions& opt
       add_square(row, 1, normal);
       row << Vector3d::Zero(), a, -second[i][1] * a;
       add_square(row, 1, normal);
-      ++used;
+      ++used_inliers;
     }
-    if (used < 4) return std::nullopt;
-    const std::optional<Matrix3d> h = least(normal);
+    if (used_inliers < 4) return std::nullopt;
+    const std::optional<Matrix3d> h = smallest_eigenvector_matrix(normal);
     return h ? std::optional(back(*h)) : std::nullopt;
   };
   return finished(ransac, ransac.run<4>(solve, refine));

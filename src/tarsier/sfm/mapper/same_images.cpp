@@ -24,8 +24,8 @@ std::vector<Model> with_same_images(const std::vector<Model>& models) {
   for (std::size_t m = 0; m < models.size(); ++m) {
     for (const Image& image : models[m].images) {
       const int camera = first_camera[m] + image.camera;
-      const auto [entry, fresh] = index.try_emplace(image.name, static_cast<int>(names.size()));
-      if (fresh) {
+      const auto [entry, is_new] = index.try_emplace(image.name, static_cast<int>(names.size()));
+      if (is_new) {
         names.push_back(image.name);
         camera_of.push_back(camera);
         continue;
@@ -45,37 +45,39 @@ std::vector<Model> with_same_images(const std::vector<Model>& models) {
   }
   std::vector<Model> result;
   for (std::size_t m = 0; m < models.size(); ++m) {
-    Model& made = result.emplace_back();
-    for (const int camera : cameras) made.cameras.push_back(*all[at(camera)]);
+    Model& merged = result.emplace_back();
+    for (const int camera : cameras) merged.cameras.push_back(*all[at(camera)]);
     for (std::size_t c = 0; c < models[m].cameras.size(); ++c)
-      made.cameras[at(number.at(same.root(first_camera[m] + static_cast<int>(c))))] =
+      merged.cameras[at(number.at(same.root(first_camera[m] + static_cast<int>(c))))] =
           models[m].cameras[c];
-    made.images.resize(names.size());
+    merged.images.resize(names.size());
     for (std::size_t i = 0; i < names.size(); ++i) {
-      made.images[i].name = names[i];
-      made.images[i].camera = number.at(same.root(camera_of[i]));
+      merged.images[i].name = names[i];
+      merged.images[i].camera = number.at(same.root(camera_of[i]));
     }
-    std::vector<int> place(models[m].images.size(), -1);
+    std::vector<int> new_index(models[m].images.size(), -1);
     for (std::size_t i = 0; i < models[m].images.size(); ++i) {
       const Image& given = models[m].images[i];
       const int to = index.at(given.name);
-      if (number.at(same.root(first_camera[m] + given.camera)) != made.images[at(to)].camera)
+      if (number.at(same.root(first_camera[m] + given.camera)) != merged.images[at(to)].camera)
         continue;
-      place[i] = to;
-      const int camera = made.images[at(to)].camera;
-      made.images[at(to)] = given;
-      made.images[at(to)].camera = camera;
-      made.images[at(to)].points.assign(given.features.size(), -1);
+      new_index[i] = to;
+      const int camera = merged.images[at(to)].camera;
+      merged.images[at(to)] = given;
+      merged.images[at(to)].camera = camera;
+      merged.images[at(to)].points.assign(given.features.size(), -1);
     }
     for (const Point& point : models[m].points) {
       Point copy = point;
       copy.track.clear();
       for (const Observation& seen : point.track)
-        if (place[at(seen.image)] >= 0) copy.track.push_back({place[at(seen.image)], seen.feature});
+        if (new_index[at(seen.image)] >= 0)
+          copy.track.push_back({new_index[at(seen.image)], seen.feature});
       if (copy.track.size() < 2) continue;
       for (const Observation& seen : copy.track)
-        made.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(made.points.size());
-      made.points.push_back(std::move(copy));
+        merged.images[at(seen.image)].points[at(seen.feature)] =
+            static_cast<int>(merged.points.size());
+      merged.points.push_back(std::move(copy));
     }
   }
   return result;

@@ -37,7 +37,7 @@ std::vector<double> after(SubtractProducts subtract, Blocks given) {
   return given.blocks;
 }
 
-TEST(SubtractProducts, TakesMixedTimesScaledTransposedOffEachBlock) {
+TEST(SubtractProducts, SubtractsProductFromEachBlock) {
   const Blocks given = drawn();
   const std::vector<double> result = after(subtract_products_baseline(), given);
   for (int k = 0; k < kCount; ++k) {
@@ -47,14 +47,14 @@ TEST(SubtractProducts, TakesMixedTimesScaledTransposedOffEachBlock) {
         for (int j = 0; j < 3; ++j)
           product += given.mixed[static_cast<std::size_t>(18 * k + 6 * j + r)] *
                      given.scaled[static_cast<std::size_t>(6 * j + c)];
-        const auto place = static_cast<std::size_t>(36 * k + 6 * c + r);
-        EXPECT_NEAR(result[place], given.blocks[place] - product, 1e-14);
+        const auto index = static_cast<std::size_t>(36 * k + 6 * c + r);
+        EXPECT_NEAR(result[index], given.blocks[index] - product, 1e-14);
       }
     }
   }
 }
 
-TEST(SubtractProducts, Avx2GivesTheSameNumbers) {
+TEST(SubtractProducts, Avx2EqualsBaseline) {
   if (hardware_simd_level() < SimdLevel::kAvx2) GTEST_SKIP() << "this processor has no AVX2";
   EXPECT_EQ(after(subtract_products_avx2(), drawn()), after(subtract_products_baseline(), drawn()));
 }

@@ -21,17 +21,17 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kGrid = 16;          // cells along the longer side
-constexpr int kLayers = 3;         // scales per octave
-constexpr double kSigma = 1.6;     // of the first layer, px of its octave
-constexpr double kCameraBlur = 1;  // of the doubled image, from the camera
-constexpr int kBorder = 5;         // px of an octave
-constexpr int kMinSide = 16;       // of the last octave
-constexpr double kEdge = 10;       // max ratio of the principal curvatures
+constexpr int kCellsPerSide = 16;          // cells along the longer side
+constexpr int kLayers = 3;                 // scales per octave
+constexpr double kSigma = 1.6;             // of the first layer, px of its octave
+constexpr double kCameraBlur = 1;          // of the doubled image, from the camera
+constexpr int kBorder = 5;                 // px of an octave
+constexpr int kMinSide = 16;               // of the last octave
+constexpr double kMaxCurvatureRatio = 10;  // max ratio of the principal curvatures
 constexpr int kRefinements = 5;
-constexpr float kPeak = 0.8F;    // min, relative to the highest bin of orientations
-constexpr double kFaint = 0.25;  // factor of the contrast, for images of weak texture
-constexpr float kClip = 0.2F;    // relative to a descriptor's length
+constexpr float kMinPeakRatio = 0.8F;         // min, relative to the highest bin of orientations
+constexpr double kWeakContrastFactor = 0.25;  // factor of the contrast, for images of weak texture
+constexpr float kMaxComponentRatio = 0.2F;    // relative to a descriptor's length
 constexpr float kRootLength = 512;
 constexpr int kStripe = 64;  // rows that one thread processes at a time
 constexpr int kPointStripe = 256;
@@ -165,7 +165,8 @@ std::optional<Extremum> refined(const Differences& differences, int octave, int 
   if (std::abs(peak) * kLayers < contrast * 255) return std::nullopt;
   const double trace = dxx + dyy;
   const double determinant = dxx * dyy - dxy * dxy;
-  if (determinant <= 0 || trace * trace * kEdge >= (kEdge + 1) * (kEdge + 1) * determinant)
+  if (determinant <= 0 || trace * trace * kMaxCurvatureRatio >=
+                              (kMaxCurvatureRatio + 1) * (kMaxCurvatureRatio + 1) * determinant)
     return std::nullopt;
   Extremum extremum;
   extremum.x = static_cast<float>(x + offset[0]);
@@ -219,25 +220,25 @@ std::vector<float> peaks_of(const float (&histogram)[kOrientations]) {
   std::vector<float> peaks;
   for (int k = 0; k < kOrientations; ++k) {
     const float left = smooth[static_cast<std::size_t>((k + kOrientations - 1) % kOrientations)];
-    const float here = smooth[static_cast<std::size_t>(k)];
+    const float value = smooth[static_cast<std::size_t>(k)];
     const float right = smooth[static_cast<std::size_t>((k + 1) % kOrientations)];
-    if (here <= left || here <= right || here < kPeak * highest) continue;
-    const float bin = static_cast<float>(k) + 0.5F * (left - right) / (left - 2 * here + right);
+    if (value <= left || value <= right || value < kMinPeakRatio * highest) continue;
+    const float bin = static_cast<float>(k) + 0.5F * (left - right) / (left - 2 * value + right);
     peaks.push_back(bin * (2 * std::numbers::pi_v<float> / kOrientations));
   }
   return peaks;
 }
 
 // Clips, and takes square roots of the shares: their distances are Hellinger distances.
-void write_root(const float (&descriptor)[kDescriptorLength], std::uint8_t* out) {
+void write_root_sift(const float (&descriptor)[kDescriptorLength], std::uint8_t* out) {
   float square = 0;
   for (const float value : descriptor) square += value * value;
-  const float most = kClip * std::sqrt(square);
+  const float max_value = kMaxComponentRatio * std::sqrt(square);
   float sum = 1e-6F;
-  for (const float value : descriptor) sum += std::min(value, most);
+  for (const float value : descriptor) sum += std::min(value, max_value);
   for (int k = 0; k < kDescriptorLength; ++k)
     out[k] = cv::saturate_cast<std::uint8_t>(kRootLength *
-                                             std::sqrt(std::min(descriptor[k], most) / sum));
+                                             std::sqrt(std::min(descriptor[k], max_value) / sum));
 }
 
 // The octaves of an image: extrema, and the blurred images 1..kLayers for descriptors.
@@ -270,18 +271,18 @@ ScaleSpace scale_space(const SiftKernels& kernels, const cv::Mat& gray, double c
 }
 
 // All with the contrast, then others up to `min_count`.
-std::vector<int> strong_first(const std::vector<int>& order, const std::vector<float>& responses,
-                              const SiftOptions& options) {
+std::vector<int> add_weak_extrema(const std::vector<int>& order,
+                                  const std::vector<float>& responses, const SiftOptions& options) {
   std::vector<int> result;
-  std::vector<int> faint;
+  std::vector<int> weak;
   for (const int i : order) {
     const auto peak = static_cast<double>(responses[static_cast<std::size_t>(i)]);
-    (peak * kLayers >= options.contrast * 255 ? result : faint).push_back(i);
+    (peak * kLayers >= options.contrast * 255 ? result : weak).push_back(i);
   }
-  const auto wanted = static_cast<std::size_t>(options.min_count);
-  const std::size_t room = wanted > result.size() ? wanted - result.size() : 0;
-  result.insert(result.end(), faint.begin(),
-                faint.begin() + static_cast<std::ptrdiff_t>(std::min(room, faint.size())));
+  const auto min_count = static_cast<std::size_t>(options.min_count);
+  const std::size_t free_count = min_count > result.size() ? min_count - result.size() : 0;
+  result.insert(result.end(), weak.begin(),
+                weak.begin() + static_cast<std::ptrdiff_t>(std::min(free_count, weak.size())));
   return result;
 }
 
@@ -289,9 +290,10 @@ std::vector<int> strong_first(const std::vector<int>& order, const std::vector<f
 
 const SiftKernels& sift_kernels() { return best_kernels(sift_baseline, sift_avx2, sift_avx512); }
 
-std::vector<int> spread(const std::vector<cv::Point2f>& points, const std::vector<float>& responses,
-                        cv::Size size, int most) {
-  const double cell = std::max(size.width, size.height) / static_cast<double>(kGrid);
+std::vector<int> select_by_cells(const std::vector<cv::Point2f>& points,
+                                 const std::vector<float>& responses, cv::Size size,
+                                 int max_count) {
+  const double cell = std::max(size.width, size.height) / static_cast<double>(kCellsPerSide);
   const int across = static_cast<int>(size.width / cell) + 1;
   const int down = static_cast<int>(size.height / cell) + 1;
   std::vector<std::vector<int>> cells(static_cast<std::size_t>(across * down));
@@ -307,12 +309,12 @@ std::vector<int> spread(const std::vector<cv::Point2f>& points, const std::vecto
   };
   for (auto& members : cells) std::sort(members.begin(), members.end(), stronger);
   std::vector<int> chosen;
-  for (std::size_t rank = 0; static_cast<int>(chosen.size()) < most; ++rank) {
+  for (std::size_t rank = 0; static_cast<int>(chosen.size()) < max_count; ++rank) {
     bool any = false;
     for (const auto& members : cells) {
       if (rank >= members.size()) continue;
       any = true;
-      if (static_cast<int>(chosen.size()) < most) chosen.push_back(members[rank]);
+      if (static_cast<int>(chosen.size()) < max_count) chosen.push_back(members[rank]);
     }
     if (!any) break;
   }
@@ -329,19 +331,20 @@ SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options) {
   ScaleSpace space = scale_space(kernels, gray, options.contrast);
   const auto strong = static_cast<int>(space.extrema.size());
   if (strong < std::min(options.min_count, options.max_count))
-    space = scale_space(kernels, gray, kFaint * options.contrast);
+    space = scale_space(kernels, gray, kWeakContrastFactor * options.contrast);
   const std::vector<Extremum>& extrema = space.extrema;
 
   // The strongest in each region.
-  std::vector<cv::Point2f> places;
+  std::vector<cv::Point2f> positions;
   std::vector<float> responses;
   for (const Extremum& e : extrema) {
     const float scale = std::ldexp(0.5F, e.octave);
-    places.emplace_back(e.x * scale, e.y * scale);
+    positions.emplace_back(e.x * scale, e.y * scale);
     responses.push_back(e.response);
   }
-  std::vector<int> order = spread(places, responses, gray.size(), options.max_count);
-  if (strong < static_cast<int>(extrema.size())) order = strong_first(order, responses, options);
+  std::vector<int> order = select_by_cells(positions, responses, gray.size(), options.max_count);
+  if (strong < static_cast<int>(extrema.size()))
+    order = add_weak_extrema(order, responses, options);
 
   std::vector<std::vector<float>> angles(order.size());
   const auto image_of = [&](const Extremum& e) {
@@ -357,35 +360,35 @@ SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options) {
     }
   });
 
-  struct Chosen {
+  struct OrientedExtremum {
     int extremum;
     float angle;
   };
-  std::vector<Chosen> chosen;
+  std::vector<OrientedExtremum> chosen;
   for (std::size_t k = 0; k < order.size(); ++k)
     for (const float angle : angles[k])
       if (static_cast<int>(chosen.size()) < options.max_count) chosen.push_back({order[k], angle});
-  const auto key = [&](const Chosen& c) {
+  const auto key = [&](const OrientedExtremum& c) {
     const auto i = static_cast<std::size_t>(c.extremum);
-    return std::tuple(places[i].y, places[i].x, extrema[i].sigma, c.angle);
+    return std::tuple(positions[i].y, positions[i].x, extrema[i].sigma, c.angle);
   };
   std::sort(chosen.begin(), chosen.end(),
-            [&](const Chosen& a, const Chosen& b) { return key(a) < key(b); });
+            [&](const OrientedExtremum& a, const OrientedExtremum& b) { return key(a) < key(b); });
 
   features.descriptors.create(static_cast<int>(chosen.size()), kDescriptorLength, CV_8UC1);
   for_stripes(static_cast<int>(chosen.size()), kPointStripe, [&](int from, int to) {
     for (int k = from; k < to; ++k) {
-      const Chosen& c = chosen[static_cast<std::size_t>(k)];
+      const OrientedExtremum& c = chosen[static_cast<std::size_t>(k)];
       const Extremum& e = extrema[static_cast<std::size_t>(c.extremum)];
       float descriptor[kDescriptorLength];
       kernels.describe(image_of(e), e.x, e.y, e.sigma, std::cos(c.angle), std::sin(c.angle),
                        descriptor);
-      write_root(descriptor, features.descriptors.ptr(k));
+      write_root_sift(descriptor, features.descriptors.ptr(k));
     }
   });
-  for (const Chosen& c : chosen) {
+  for (const OrientedExtremum& c : chosen) {
     const auto i = static_cast<std::size_t>(c.extremum);
-    features.points.push_back(places[i]);
+    features.points.push_back(positions[i]);
     features.sizes.push_back(2 * extrema[i].sigma * std::ldexp(0.5F, extrema[i].octave));
   }
   return features;

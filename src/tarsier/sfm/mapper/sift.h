@@ -44,9 +44,10 @@ struct SiftFeatures {
 // orientations gives several features. Throws std::invalid_argument for another type.
 [[nodiscard]] SiftFeatures find_sift(const cv::Mat& gray, const SiftOptions& options);
 
-// Indices of at most `most` of these, by importance. The image is divided into 16 cells along its
-// longer side; the strongest of each cell come first, then the second of each ...
-[[nodiscard]] std::vector<int> spread(const std::vector<cv::Point2f>& points,
-                                      const std::vector<float>& responses, cv::Size size, int most);
+// Indices of at most `max_count` of these, by importance. The image is divided into 16 cells along
+// its longer side; the strongest of each cell come first, then the second of each ...
+[[nodiscard]] std::vector<int> select_by_cells(const std::vector<cv::Point2f>& points,
+                                               const std::vector<float>& responses, cv::Size size,
+                                               int max_count);
 
 }  // namespace tarsier::sfm

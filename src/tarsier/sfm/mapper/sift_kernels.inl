@@ -160,15 +160,15 @@ inline int clamped(int value, int high) { return value < 0 ? 0 : (value > high ?
 // middle) (ax, ay) + (j - middle) (-ay, ax). Outside the image its border pixels are repeated.
 template <int kSize, int kStride>
 inline void sample(const FloatPlane& image, float x, float y, float ax, float ay, float* out) {
-  constexpr float kMiddle = (kSize - 1) / 2.0F;
-  const float reach = kMiddle * ((ax < 0 ? -ax : ax) + (ay < 0 ? -ay : ay));
+  constexpr float kCenter = (kSize - 1) / 2.0F;
+  const float reach = kCenter * ((ax < 0 ? -ax : ax) + (ay < 0 ? -ay : ay));
   const bool inside = x - reach >= 0 && y - reach >= 0 &&
                       x + reach < static_cast<float>(image.width - 1) &&
                       y + reach < static_cast<float>(image.height - 1);
   for (int j = 0; j < kSize; ++j) {
-    const float v = static_cast<float>(j) - kMiddle;
-    const float start_x = x - kMiddle * ax - v * ay;
-    const float start_y = y - kMiddle * ay + v * ax;
+    const float v = static_cast<float>(j) - kCenter;
+    const float start_x = x - kCenter * ax - v * ay;
+    const float start_y = y - kCenter * ay + v * ax;
     float* const row = out + j * kStride;
     if (inside) {
       for (int i = 0; i < kSize; ++i) {

@@ -21,14 +21,16 @@ namespace {
 // other can be matched. Each further tilt costs as much again and registers no more images of
 // rendered rings.
 constexpr std::array kTilts{2.0};
-constexpr double kStep = 72 * std::numbers::pi / 180;  // of the angle, at tilt 1
-constexpr double kBlur = 0.8;
-constexpr double kMore = 3;   // times max_count, for all views together
-constexpr double kReach = 3;  // in sigmas: neighbourhood of a feature that must be inside the image
-constexpr double kSamePx = 0.5;      // px, max distance of features at one position
-constexpr double kSameSigmas = 0.1;  // .. or this times the feature's sigma
-constexpr double kCell = 4;          // px, of the grid; also an upper limit of that distance
-constexpr double kAlike = 0.95;      // cosine above which a second descriptor is dropped
+constexpr double kAngleStep = 72 * std::numbers::pi / 180;  // of the angle, at tilt 1
+constexpr double kBlurSigma = 0.8;
+constexpr double kMaxCountFactor = 3;  // times max_count, for all views together
+// in sigmas: neighbourhood of a feature that must be inside the image
+constexpr double kNeighbourhoodSigmas = 3;
+constexpr double kSameFeaturePx = 0.5;      // px, max distance of features at one position
+constexpr double kSameFeatureSigmas = 0.1;  // .. or this times the feature's sigma
+constexpr double kCellPx = 4;               // px, of the grid; also an upper limit of that distance
+// cosine above which a second descriptor is dropped
+constexpr double kMaxDescriptorSimilarity = 0.95;
 
 cv::Point2d mapped(const cv::Matx23d& map, const cv::Point2f& p) {
   const cv::Vec2d q = map * cv::Vec3d(static_cast<double>(p.x), static_cast<double>(p.y), 1);
@@ -36,30 +38,32 @@ cv::Point2d mapped(const cv::Matx23d& map, const cv::Point2f& p) {
 }
 
 // An index of points by position.
-class Places {
+class PointGrid {
  public:
-  explicit Places(cv::Size size)
-      : columns_(static_cast<int>(size.width / kCell) + 1),
-        rows_(static_cast<int>(size.height / kCell) + 1),
+  explicit PointGrid(cv::Size size)
+      : columns_(static_cast<int>(size.width / kCellPx) + 1),
+        rows_(static_cast<int>(size.height / kCellPx) + 1),
         cells_(at(columns_) * at(rows_)) {}
 
-  void add(const cv::Point2f& place, int point) {
-    cells_[at(row(static_cast<double>(place.y)) * columns_ + column(static_cast<double>(place.x)))]
-        .push_back({place, point});
+  void add(const cv::Point2f& position, int point) {
+    cells_[at(row(static_cast<double>(position.y)) * columns_ +
+              column(static_cast<double>(position.x)))]
+        .push_back({position, point});
   }
 
-  // The nearest point within `radius` <= kCell, the first of equally near ones; -1: none.
-  [[nodiscard]] int nearest(const cv::Point2d& place, double radius) const {
+  // The nearest point within `radius` <= kCellPx, the first of equally near ones; -1: none.
+  [[nodiscard]] int nearest(const cv::Point2d& position, double radius) const {
     int found = -1;
-    double least = radius * radius;
-    for (int r = row(place.y - radius); r <= row(place.y + radius); ++r) {
-      for (int c = column(place.x - radius); c <= column(place.x + radius); ++c) {
+    double min_distance = radius * radius;
+    for (int r = row(position.y - radius); r <= row(position.y + radius); ++r) {
+      for (int c = column(position.x - radius); c <= column(position.x + radius); ++c) {
         for (const Entry& entry : cells_[at(r * columns_ + c)]) {
-          const cv::Point2d apart = cv::Point2d(entry.place) - place;
-          const double distance = apart.dot(apart);
-          if (distance > least || (distance == least && found >= 0 && entry.point > found))
+          const cv::Point2d offset = cv::Point2d(entry.position) - position;
+          const double distance = offset.dot(offset);
+          if (distance > min_distance ||
+              (distance == min_distance && found >= 0 && entry.point > found))
             continue;
-          least = distance;
+          min_distance = distance;
           found = entry.point;
         }
       }
@@ -69,14 +73,14 @@ class Places {
 
  private:
   struct Entry {
-    cv::Point2f place;
+    cv::Point2f position;
     int point;
   };
   [[nodiscard]] int column(double x) const {
-    return std::clamp(static_cast<int>(x / kCell), 0, columns_ - 1);
+    return std::clamp(static_cast<int>(x / kCellPx), 0, columns_ - 1);
   }
   [[nodiscard]] int row(double y) const {
-    return std::clamp(static_cast<int>(y / kCell), 0, rows_ - 1);
+    return std::clamp(static_cast<int>(y / kCellPx), 0, rows_ - 1);
   }
   int columns_;
   int rows_;
@@ -85,11 +89,11 @@ class Places {
 
 // Whether the neighbourhood of a feature is inside the image: a circle of the view is an ellipse
 // there.
-bool is_inside(const cv::Point2d& place, double radius, const cv::Matx23d& map, cv::Size size) {
+bool is_inside(const cv::Point2d& position, double radius, const cv::Matx23d& map, cv::Size size) {
   const double x = radius * std::hypot(map(0, 0), map(0, 1));
   const double y = radius * std::hypot(map(1, 0), map(1, 1));
-  return place.x >= x && place.y >= y && place.x <= size.width - 1 - x &&
-         place.y <= size.height - 1 - y;
+  return position.x >= x && position.y >= y && position.x <= size.width - 1 - x &&
+         position.y <= size.height - 1 - y;
 }
 
 }  // namespace
@@ -97,7 +101,7 @@ bool is_inside(const cv::Point2d& place, double radius, const cv::Matx23d& map, 
 std::vector<SimulatedView> simulated_views() {
   std::vector<SimulatedView> views;
   for (const double tilt : kTilts) {
-    const double step = kStep / tilt;
+    const double step = kAngleStep / tilt;
     for (int k = 0; k * step < std::numbers::pi - 1e-9; ++k) views.push_back({tilt, k * step});
   }
   return views;
@@ -126,7 +130,7 @@ ViewImage simulate_view(const cv::Mat& gray, const SimulatedView& view) {
   ViewImage result;
   cv::Matx23d whole = turn;
   if (view.tilt > 1) {
-    const double sigma = kBlur * std::sqrt(view.tilt * view.tilt - 1);
+    const double sigma = kBlurSigma * std::sqrt(view.tilt * view.tilt - 1);
     const int width = 2 * static_cast<int>(std::ceil(3 * sigma)) + 1;
     cv::Mat blurred;
     cv::GaussianBlur(turned, blurred, {width, 1}, sigma, 1, cv::BORDER_REPLICATE);
@@ -147,13 +151,13 @@ std::vector<std::int32_t> add_simulated_views(const cv::Mat& gray, const SiftOpt
   const std::vector<SimulatedView> views = simulated_views();
   double area = 0;
   for (const SimulatedView& view : views) area += 1 / view.tilt;
-  Places places(gray.size());
+  PointGrid grid(gray.size());
   std::vector<std::vector<cv::Mat>> described(
       features.points.size());  // for the first point at each position
   for (std::size_t i = 0, first = 0; i < features.points.size(); ++i) {
     if (i == 0 || features.points[i] != features.points[first]) {
       first = i;
-      places.add(features.points[i], static_cast<int>(i));
+      grid.add(features.points[i], static_cast<int>(i));
     }
     described[first].push_back(features.descriptors.row(static_cast<int>(i)));
   }
@@ -161,32 +165,35 @@ std::vector<std::int32_t> add_simulated_views(const cv::Mat& gray, const SiftOpt
   cv::Mat further;
   std::vector<std::int32_t> owners;
   for (const SimulatedView& view : views) {
-    SiftOptions how = options;
-    how.max_count = std::max(1, cvRound(kMore * options.max_count / view.tilt / area));
-    how.min_count = cvRound(options.min_count / view.tilt);
+    SiftOptions view_options = options;
+    view_options.max_count =
+        std::max(1, cvRound(kMaxCountFactor * options.max_count / view.tilt / area));
+    view_options.min_count = cvRound(options.min_count / view.tilt);
     const ViewImage image = simulate_view(gray, view);
-    const SiftFeatures found = find_sift(image.pixels, how);
+    const SiftFeatures found = find_sift(image.pixels, view_options);
     for (std::size_t k = 0; k < found.points.size(); ++k) {
       const double sigma = static_cast<double>(found.sizes[k]) / 2;
-      const cv::Point2d place = mapped(image.image_from_view, found.points[k]);
-      if (!is_inside(place, kReach * sigma, image.image_from_view, gray.size())) continue;
+      const cv::Point2d position = mapped(image.image_from_view, found.points[k]);
+      if (!is_inside(position, kNeighbourhoodSigmas * sigma, image.image_from_view, gray.size()))
+        continue;
       // radius of a circle with the ellipse's area
-      const double wide = sigma * std::sqrt(view.tilt);
-      const double radius = std::min(kCell, std::max(kSamePx, kSameSigmas * wide));
+      const double mean_sigma = sigma * std::sqrt(view.tilt);
+      const double radius =
+          std::min(kCellPx, std::max(kSameFeaturePx, kSameFeatureSigmas * mean_sigma));
       const cv::Mat descriptor = found.descriptors.row(static_cast<int>(k));
-      const int point = places.nearest(place, radius);
+      const int point = grid.nearest(position, radius);
       if (point < 0) {
-        const cv::Point2f exact(place);
-        places.add(exact, static_cast<int>(features.points.size()));
-        features.points.push_back(exact);
-        features.sizes.push_back(static_cast<float>(2 * wide));
+        const cv::Point2f point_position(position);
+        grid.add(point_position, static_cast<int>(features.points.size()));
+        features.points.push_back(point_position);
+        features.sizes.push_back(static_cast<float>(2 * mean_sigma));
         described.push_back({descriptor});
         rows.push_back(descriptor);
         continue;
       }
       std::vector<cv::Mat>& known = described[at(point)];
       if (std::any_of(known.begin(), known.end(), [&](const cv::Mat& one) {
-            return similarity(one, 0, descriptor, 0, FeatureKind::kSift) > kAlike;
+            return similarity(one, 0, descriptor, 0, FeatureKind::kSift) > kMaxDescriptorSimilarity;
           }))
         continue;
       known.push_back(descriptor);

@@ -50,59 +50,59 @@ TiltedPlane seen_from_the_side(const cv::Mat& image, double degrees) {
   return plane;
 }
 
-struct Share {
+struct MatchQuality {
   int matches = 0;
-  int right = 0;            // within 3 px of the truth
+  int correct = 0;          // within 3 px of the truth
   double median_error = 0;  // px, of those within 3 px
 };
 
-Share matched(const cv::Mat& front, const TiltedPlane& plane, bool wide) {
+MatchQuality matched(const cv::Mat& front, const TiltedPlane& plane, bool wide) {
   FeatureOptions options;
   options.wide = wide;
   options.max_count = 1500;
   const Features a = find_features(front, options);
   const Features b = find_features(plane.image, options);
   std::vector<double> errors;
-  Share share;
+  MatchQuality quality;
   for (const Match& match : match_features(a, b, FeatureKind::kSift, {})) {
     const cv::Point2f p = a.points[static_cast<std::size_t>(match.first)];
     const cv::Point2f q = b.points[static_cast<std::size_t>(match.second)];
     const cv::Vec3d at = plane.from_front * cv::Vec3d(p.x, p.y, 1);
     const double error = std::hypot(at[0] / at[2] - q.x, at[1] / at[2] - q.y);
-    ++share.matches;
+    ++quality.matches;
     if (error <= 3) errors.push_back(error);
   }
-  share.right = static_cast<int>(errors.size());
+  quality.correct = static_cast<int>(errors.size());
   if (!errors.empty()) {
     std::sort(errors.begin(), errors.end());
-    share.median_error = errors[errors.size() / 2];
+    quality.median_error = errors[errors.size() / 2];
   }
-  return share;
+  return quality;
 }
 
-TEST(SimulatedViews, MatchAPlaneThatIsSeenUnder60Degrees) {
+TEST(SimulatedViews, MatchPlaneSeenObliquely) {
   const cv::Mat front = texture();
   for (const double degrees : {60.0, 70.0}) {
     SCOPED_TRACE(degrees);
     const TiltedPlane plane = seen_from_the_side(front, degrees);
-    const Share plain = matched(front, plane, false);
-    const Share wide = matched(front, plane, true);
-    RecordProperty("plain", plain.right);
-    RecordProperty("wide", wide.right);
-    EXPECT_GT(wide.right, 4 * plain.right);
-    EXPECT_GT(wide.right, 150);
-    EXPECT_GT(wide.right, 0.9 * wide.matches);
+    const MatchQuality plain = matched(front, plane, false);
+    const MatchQuality wide = matched(front, plane, true);
+    RecordProperty("plain", plain.correct);
+    RecordProperty("wide", wide.correct);
+    EXPECT_GT(wide.correct, 4 * plain.correct);
+    EXPECT_GT(wide.correct, 150);
+    EXPECT_GT(wide.correct, 0.9 * wide.matches);
     EXPECT_LT(wide.median_error, 0.5);
   }
 }
 
-TEST(SimulatedViews, ShowTheImageWhereTheySayTheyDo) {
-  const cv::Point2d place(131.3, 70.6);
+TEST(SimulatedViews, MapToImagePositions) {
+  const cv::Point2d position(131.3, 70.6);
   constexpr double kSigma = 6;
   cv::Mat image(160, 220, CV_8UC1);
   for (int v = 0; v < image.rows; ++v)
     for (int u = 0; u < image.cols; ++u) {
-      const cv::Point2d d = cv::Point2d(u, v) - place;
+      const cv::Point2d d = cv::Point2d(u, v) - position;
       image.at<std::uint8_t>(v, u) =
           cv::saturate_cast<std::uint8_t>(20 + 200 * std::exp(-d.dot(d) / (2 * kSigma * kSigma)));
     }
@@ -111,23 +111,23 @@ TEST(SimulatedViews, ShowTheImageWhereTheySayTheyDo) {
     const ViewImage made = simulate_view(image, view);
     // The blob's centre of gravity.
     double sum = 0;
-    cv::Point2d middle;
+    cv::Point2d center;
     for (int v = 0; v < made.pixels.rows; ++v)
       for (int u = 0; u < made.pixels.cols; ++u) {
         const double weight = std::max(0, made.pixels.at<std::uint8_t>(v, u) - 25);
         sum += weight;
-        middle += weight * cv::Point2d(u, v);
+        center += weight * cv::Point2d(u, v);
       }
-    middle /= sum;
-    const cv::Vec2d back = made.image_from_view * cv::Vec3d(middle.x, middle.y, 1);
-    EXPECT_LT(std::hypot(back[0] - place.x, back[1] - place.y), 0.1);
+    center /= sum;
+    const cv::Vec2d back = made.image_from_view * cv::Vec3d(center.x, center.y, 1);
+    EXPECT_LT(std::hypot(back[0] - position.x, back[1] - position.y), 0.1);
     EXPECT_NEAR(std::abs(made.image_from_view(0, 0) * made.image_from_view(1, 1) -
                          made.image_from_view(0, 1) * made.image_from_view(1, 0)),
                 view.tilt, 1e-9);
   }
 }
 
-TEST(SimulatedViews, LeaveThePlainFeaturesAsTheyAre) {
+TEST(SimulatedViews, KeepOrdinaryFeatures) {
   const cv::Mat image = texture();
   FeatureOptions options;
   options.max_count = 400;
@@ -152,10 +152,10 @@ TEST(SimulatedViews, LeaveThePlainFeaturesAsTheyAre) {
     EXPECT_TRUE(owner >= 0 && owner < static_cast<std::int32_t>(wide.points.size()));
 
   // Additional positions are new and inside the image.
-  std::set<std::pair<float, float>> places;
+  std::set<std::pair<float, float>> positions;
   for (std::size_t i = count; i < wide.points.size(); ++i) {
     const cv::Point2f p = wide.points[i];
-    EXPECT_TRUE(places.insert({p.x, p.y}).second);
+    EXPECT_TRUE(positions.insert({p.x, p.y}).second);
     EXPECT_TRUE(p.x >= 0 && p.y >= 0 && p.x < static_cast<float>(image.cols) &&
                 p.y < static_cast<float>(image.rows));
     for (std::size_t k = 0; k < count; ++k) EXPECT_GT(cv::norm(p - plain.points[k]), 0.49);
@@ -178,7 +178,7 @@ TEST(SimulatedViews, AreTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(cv::norm(one.descriptors, four.descriptors, cv::NORM_INF), 0);
 }
 
-TEST(SimulatedViews, OfAnEmptyWallOrATinyImageAreNothing) {
+TEST(SimulatedViews, TolerateUniformAndTinyImages) {
   FeatureOptions options;
   options.wide = true;
   EXPECT_TRUE(find_features(cv::Mat(100, 90, CV_8UC1, cv::Scalar(90)), options).points.empty());

@@ -22,7 +22,8 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinShare = 0.3;  // min share of an image's matches that agreeing pairs have
+// min share of an image's matches that agreeing pairs have
+constexpr double kMinAgreeingShare = 0.3;
 constexpr std::size_t kMinMatches = 16;
 
 // The images as a model with the start poses.
@@ -44,22 +45,25 @@ struct Support {
   [[nodiscard]] double share() const {
     return matches == 0 ? 0 : static_cast<double>(agreeing) / static_cast<double>(matches);
   }
-  [[nodiscard]] bool fits() const { return agreeing >= kMinMatches && share() >= kMinShare; }
+  [[nodiscard]] bool fits() const {
+    return agreeing >= kMinMatches && share() >= kMinAgreeingShare;
+  }
 };
 
-struct JudgedPair {
+struct CheckedPair {
   const Pair* pair = nullptr;
-  std::size_t near = 0;
+  std::size_t explained = 0;
   bool agrees = false;
 };
 
-std::vector<Support> supports(const std::vector<JudgedPair>& pairs, const std::vector<char>& fits) {
+std::vector<Support> supports(const std::vector<CheckedPair>& pairs,
+                              const std::vector<char>& fits) {
   std::vector<Support> result(fits.size());
-  for (const JudgedPair& judged : pairs) {
-    if (fits[at(judged.pair->first)] == 0 || fits[at(judged.pair->second)] == 0) continue;
-    for (const int image : {judged.pair->first, judged.pair->second}) {
-      result[at(image)].matches += judged.pair->view.inliers.size();
-      if (judged.agrees) result[at(image)].agreeing += judged.pair->view.inliers.size();
+  for (const CheckedPair& checked : pairs) {
+    if (fits[at(checked.pair->first)] == 0 || fits[at(checked.pair->second)] == 0) continue;
+    for (const int image : {checked.pair->first, checked.pair->second}) {
+      result[at(image)].matches += checked.pair->view.inliers.size();
+      if (checked.agrees) result[at(image)].agreeing += checked.pair->view.inliers.size();
     }
   }
   return result;
@@ -78,8 +82,8 @@ StartModel::StartModel(const std::string& folder, const std::vector<Input>& inpu
   }
   summary_.folder = folder;
   summary_.images = static_cast<int>(model_.images.size());
-  summary_.here = static_cast<int>(index_.size());
-  if (summary_.here < 2) {
+  summary_.in_inputs = static_cast<int>(index_.size());
+  if (summary_.in_inputs < 2) {
     const std::string names =
         model_.images.empty() || inputs.empty()
             ? ""
@@ -87,8 +91,8 @@ StartModel::StartModel(const std::string& folder, const std::vector<Input>& inpu
                           printable(inputs[0].name));
     throw InputError(folder, fmt::format("of the {} images of this model {} {} among the inputs by "
                                          "name, two or more are needed{}",
-                                         summary_.images, summary_.here,
-                                         summary_.here == 1 ? "is" : "are", names));
+                                         summary_.images, summary_.in_inputs,
+                                         summary_.in_inputs == 1 ? "is" : "are", names));
   }
   for (const auto& [name, i] : index_) {
     const geometry::Camera& camera = model_.cameras[at(model_.images[at(i)].camera)];
@@ -98,12 +102,13 @@ StartModel::StartModel(const std::string& folder, const std::vector<Input>& inpu
                                    printable(name), geometry::name_of(camera.lens)));
     }
   }
-  if (summary_.here < summary_.images) {
+  if (summary_.in_inputs < summary_.images) {
     const auto missing =
         std::find_if(model_.images.begin(), model_.images.end(),
                      [&](const Image& image) { return !index_.contains(image.name); });
     log_warning("{}: {} of {} images of this model are not among the inputs, as '{}' (left out)",
-                folder, summary_.images - summary_.here, summary_.images, printable(missing->name));
+                folder, summary_.images - summary_.in_inputs, summary_.images,
+                printable(missing->name));
   }
 }
 
@@ -129,7 +134,7 @@ std::vector<char> StartModel::set_lenses(const std::vector<Input>& inputs,
   const auto kind_of = [](const ImageFeatures& image) {
     const geometry::Camera& camera = image.lens.camera;
     return Kind(image.size.width, image.size.height, camera.fx, camera.fy, camera.distortion[0],
-                image.lens.from, image.body);
+                image.lens.source, image.body);
   };
   std::map<Kind, int> cameras;
   std::vector<int> camera_of(images.size(), -1);
@@ -141,7 +146,7 @@ std::vector<char> StartModel::set_lenses(const std::vector<Input>& inputs,
     if (!is_new && entry->second != image->camera) entry->second = -1;
   }
   for (std::size_t k = 0; k < images.size(); ++k) {
-    if (camera_of[k] < 0 && std::string_view(images[k].lens.from) != "given") {
+    if (camera_of[k] < 0 && std::string_view(images[k].lens.source) != "given") {
       const auto found = cameras.find(kind_of(images[k]));
       if (found != cameras.end()) camera_of[k] = found->second;
     }
@@ -185,19 +190,19 @@ StartCheck check_start(const StartPoses& start, const MapperInput& input,
   check.reasons.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
     check.fits[i] = start.poses[i] ? 1 : 0;
-    check.given += check.fits[i];
+    check.given_poses += check.fits[i];
   }
   const Model model = model_of(start, input);
-  std::vector<JudgedPair> pairs;
+  std::vector<CheckedPair> pairs;
   for (std::size_t k = 0; k < input.pairs.size(); ++k) {
     const Pair& pair = input.pairs[k];
     if (pair.view.inliers.empty() || is_refused[k] != 0 || check.fits[at(pair.first)] == 0 ||
         check.fits[at(pair.second)] == 0)
       continue;
     throw_if_stopped(stop);
-    const JudgedPair judged{&pair, explained_matches(model, pair, reprojection_px),
-                            agrees(model, pair)};
-    pairs.push_back(judged);
+    const CheckedPair checked{&pair, explained_matches(model, pair, reprojection_px),
+                              agrees(model, pair)};
+    pairs.push_back(checked);
   }
   int with_pairs = 0;
   for (const Support& support : supports(pairs, check.fits))
@@ -220,24 +225,25 @@ StartCheck check_start(const StartPoses& start, const MapperInput& input,
                   "pairs that agree with it",
                   support.agreeing, support.matches);
   }
-  for (const char fits : check.fits) check.kept += fits;
-  std::size_t near = 0;
-  for (const JudgedPair& judged : pairs) {
-    if (!judged.agrees || check.fits[at(judged.pair->first)] == 0 ||
-        check.fits[at(judged.pair->second)] == 0)
+  for (const char fits : check.fits) check.accepted += fits;
+  std::size_t explained = 0;
+  for (const CheckedPair& checked : pairs) {
+    if (!checked.agrees || check.fits[at(checked.pair->first)] == 0 ||
+        check.fits[at(checked.pair->second)] == 0)
       continue;
-    check.matches += judged.pair->view.inliers.size();
-    near += judged.near;
+    check.matches += checked.pair->view.inliers.size();
+    explained += checked.explained;
   }
   if (check.matches > 0)
-    check.near_share = static_cast<double>(near) / static_cast<double>(check.matches);
+    check.explained_share = static_cast<double>(explained) / static_cast<double>(check.matches);
   if (with_pairs < 2) {
-    check.refusal = fmt::format("no two of its {} images have matches that verify", check.given);
-  } else if (check.kept < 2 || 2 * check.kept < with_pairs) {
+    check.refusal =
+        fmt::format("no two of its {} images have matches that verify", check.given_poses);
+  } else if (check.accepted < 2 || 2 * check.accepted < with_pairs) {
     check.refusal = fmt::format(
         "it contradicts the matches: the poses of {} of its {} images agree with those of the "
         "others",
-        check.kept, check.given);
+        check.accepted, check.given_poses);
   }
   return check;
 }

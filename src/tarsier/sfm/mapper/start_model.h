@@ -20,7 +20,7 @@ namespace tarsier::sfm {
 struct StartSummary {
   std::string folder;
   int images = 0;      // images in the model
-  int here = 0;        // of these, among the inputs
+  int in_inputs = 0;   // of these, among the inputs
   int registered = 0;  // of these, with poses that agree with the matches; mapping began with them
   bool fixed_poses = false;
 };
@@ -62,10 +62,10 @@ class StartModel {
 struct StartCheck {
   std::vector<char> fits;            // per image: it has a pose that agrees
   std::vector<std::string> reasons;  // per image whose pose does not agree; else ""
-  int given = 0;                     // number of poses
-  int kept = 0;                      // number of poses that fit
+  int given_poses = 0;               // number of poses
+  int accepted = 0;                  // number of poses that fit
   std::size_t matches = 0;           // of agreeing pairs between images that fit
-  double near_share = 0;             // share of these that are near their epipolar lines
+  double explained_share = 0;        // share of these that are near their epipolar lines
   std::string refusal;               // why mapping cannot begin with them; or ""
 };
 

@@ -24,7 +24,7 @@ namespace {
 using testing::HasSubstr;
 
 // Cameras on an arc and their features, matched by point identity.
-class Starts : public testing::Test {
+class StartPosesTest : public testing::Test {
  protected:
   void make(double noise_px = 0.3, int images = 10) {
     truth_ = synth::make_point_problem(5, images, 400, noise_px, 0);
@@ -123,7 +123,7 @@ class Starts : public testing::Test {
   std::vector<Pair> pairs_;
 };
 
-TEST_F(Starts, GrowToAllImagesInTheFrameOfTheirPoses) {
+TEST_F(StartPosesTest, ExtendToAllImagesInTheirFrame) {
   make();
   const Reconstruction made = run(first(6));
   ASSERT_EQ(made.models.size(), 1U);
@@ -135,7 +135,7 @@ TEST_F(Starts, GrowToAllImagesInTheFrameOfTheirPoses) {
   for (const Outcome& outcome : made.outcomes) EXPECT_TRUE(outcome.registered) << outcome.reason;
 }
 
-TEST_F(Starts, ThatAreFixedStayAndOthersMove) {
+TEST_F(StartPosesTest, FixedOnesStayAndOthersMove) {
   make();
   StartPoses start = first(6);
   start.fixed = true;
@@ -158,14 +158,14 @@ TEST_F(Starts, ThatAreFixedStayAndOthersMove) {
   for (const Point& point : exact.models[0].points) EXPECT_LT(point.error, 1e-3);
 }
 
-TEST_F(Starts, AreRefinedWhereTheyAreRough) {
+TEST_F(StartPosesTest, RoughOnesAreRefined) {
   make();
   StartPoses start = first(10);
   Rng rng(3);
   for (auto& pose : start.poses) pose = moved(*pose, 0.8, 0.05, rng);
   const StartCheck checked = check(start);
-  EXPECT_EQ(checked.kept, 10);
-  EXPECT_LT(checked.near_share, 0.6);
+  EXPECT_EQ(checked.accepted, 10);
+  EXPECT_LT(checked.explained_share, 0.6);
   const Reconstruction made = run(start);
   ASSERT_EQ(made.models.size(), 1U) << made.no_model;
   EXPECT_EQ(registered(made.models[0]), 10);
@@ -177,13 +177,13 @@ TEST_F(Starts, AreRefinedWhereTheyAreRough) {
   EXPECT_LT(points, made.models[0].points.size() / 2);
 }
 
-TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
+TEST_F(StartPosesTest, WrongPoseIsRejectedAndEstimatedAgain) {
   make();
   StartPoses start = first(8);
   Rng rng(4);
   start.poses[3] = moved(*start.poses[3], 40, 2, rng);
   const StartCheck checked = check(start);
-  EXPECT_EQ(checked.kept, 7);
+  EXPECT_EQ(checked.accepted, 7);
   EXPECT_EQ(checked.fits[3], 0);
   EXPECT_THAT(checked.reasons[3], HasSubstr("contradicts its matches"));
   EXPECT_EQ(checked.refusal, "");
@@ -201,7 +201,7 @@ TEST_F(Starts, OfWhichOneIsWrongLeaveItOutAndAddItAgain) {
   EXPECT_EQ(registered(fixed.models[0]), 9);
 }
 
-TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
+TEST_F(StartPosesTest, ContradictingOnesAreRefused) {
   make();
   // Mirrored at the plane x = 0 of the world, as with the other handedness.
   StartPoses mirrored = first(8);
@@ -224,11 +224,11 @@ TEST_F(Starts, ThatContradictTheMatchesAreRefused) {
     const Reconstruction made = run(start);
     EXPECT_TRUE(made.models.empty());
     EXPECT_THAT(made.no_model, HasSubstr("the start model is refused: it contradicts the matches"));
-    EXPECT_EQ(made.start_images, check(start).kept);
+    EXPECT_EQ(made.start_images, check(start).accepted);
   }
 }
 
-TEST_F(Starts, WithoutMatchesAreRefused) {
+TEST_F(StartPosesTest, WithoutMatchesAreRefused) {
   make();
   for (Pair& pair : pairs_)
     if (pair.first < 4 && pair.second < 4) pair.view.inliers = {};
@@ -237,22 +237,22 @@ TEST_F(Starts, WithoutMatchesAreRefused) {
   EXPECT_THAT(made.no_model, HasSubstr("no two of its 4 images have matches"));
 }
 
-TEST_F(Starts, GoOnFromACheckpoint) {
+TEST_F(StartPosesTest, ResumeFromCheckpoint) {
   make();
   StartPoses start = first(6);
   start.fixed = true;
   Rng rng(4);
   start.poses[2] = moved(*start.poses[2], 40, 2, rng);
   std::vector<MapperState> states;
-  MapperHooks keep;
-  keep.keep = [&](const MapperState& state) { states.push_back(state); };
-  keep.keep_every_s = 0;
-  const Reconstruction whole = run(start, {}, keep);
+  MapperHooks saving;
+  saving.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  saving.save_interval_s = 0;
+  const Reconstruction whole = run(start, {}, saving);
   ASSERT_EQ(whole.models.size(), 1U);
   ASSERT_GT(states.size(), 5U);
   for (std::size_t k = 0; k < states.size(); k += 2) {
     MapperHooks from;
-    from.from = states[k];
+    from.resume_from = states[k];
     const Reconstruction again = run(start, {}, from);
     ASSERT_EQ(again.models.size(), 1U) << k;
     EXPECT_EQ(again.log, whole.log) << k;
@@ -266,7 +266,7 @@ TEST_F(Starts, GoOnFromACheckpoint) {
   }
 }
 
-TEST_F(Starts, KeepTheirLensWhileThatOfOthersIsRefined) {
+TEST_F(StartPosesTest, KeepTheirLensWhileOthersAreRefined) {
   make(0.2);
   cameras_.push_back(truth_.camera);
   cameras_[1].fx *= 1.05;
@@ -284,7 +284,7 @@ TEST_F(Starts, KeepTheirLensWhileThatOfOthersIsRefined) {
   EXPECT_NEAR(model.cameras[1].fx / truth_.camera.fx, 1, 0.01);
 }
 
-class StartFolders : public FolderTest {
+class StartModelTest : public FolderTest {
  protected:
   // Two cameras, four images.
   [[nodiscard]] Model model() const {
@@ -315,19 +315,19 @@ class StartFolders : public FolderTest {
     image.lens.camera.width = 640;
     image.lens.camera.height = 480;
     image.lens.camera.fx = image.lens.camera.fy = 768;
-    image.lens.from = from;
+    image.lens.source = from;
     image.body = body;
     return image;
   }
 };
 
-TEST_F(StartFolders, GiveTheirCamerasByName) {
+TEST_F(StartModelTest, AssignsCamerasByImageName) {
   write_colmap(path("model"), model());
   const std::vector<Input> inputs{{"left/0.jpg", "a"}, {"1.jpg", "b"}, {"3.jpg", "c"},
                                   {"9.jpg", "d"},      {"8.jpg", "e"}, {"7.jpg", "f"}};
   const StartModel start(path("model"), inputs);
   EXPECT_EQ(start.summary().images, 4);
-  EXPECT_EQ(start.summary().here, 3);
+  EXPECT_EQ(start.summary().in_inputs, 3);
   EXPECT_TRUE(start.has("left/0.jpg"));
   EXPECT_FALSE(start.has("2.jpg"));
   EXPECT_NO_THROW(start.check_size(inputs[0], {640, 480}));
@@ -347,7 +347,7 @@ TEST_F(StartFolders, GiveTheirCamerasByName) {
   EXPECT_EQ(images[3].lens.camera.fx, 700);
   EXPECT_EQ(images[3].body, images[0].body);
   EXPECT_EQ(images[4].lens.camera.fx, 768);
-  EXPECT_STREQ(images[5].lens.from, "guess");
+  EXPECT_STREQ(images[5].lens.source, "guess");
   const StartPoses poses = start.poses(inputs, images, {0, 0, 1, 0, 2, 3}, true, false);
   EXPECT_EQ(poses.poses[2]->translation, Eigen::Vector3d(3, 0, 0));
   EXPECT_FALSE(poses.poses[3]);
@@ -355,7 +355,7 @@ TEST_F(StartFolders, GiveTheirCamerasByName) {
   EXPECT_TRUE(start.poses(inputs, images, {0, 0, 1, 0, 2, 3}, true, true).fixed_cameras.empty());
 }
 
-TEST_F(StartFolders, ThatCannotBeGoneOnFromAreNamed) {
+TEST_F(StartModelTest, ErrorsNameUnusableFolders) {
   const auto message = [&](const std::string& folder, const std::vector<Input>& inputs) {
     try {
       const StartModel start(folder, inputs);

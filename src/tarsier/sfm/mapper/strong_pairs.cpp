@@ -15,18 +15,19 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kShares[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the strongest pair
-constexpr int kUnchecked = 2;                     // images of a model that any poses fit
-constexpr double kNearly = 0.9;  // factor of a score: parts contradict themselves less than a whole
+constexpr double kInlierRatios[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the strongest pair
+constexpr int kUncheckedImages = 2;                     // images of a model that any poses fit
+// factor of a score: parts contradict themselves less than a whole
+constexpr double kEqualScoreRatio = 0.9;
 
 // The agreement of models that contain both images of a pair.
-struct Judgement {
+struct ModelAgreement {
   bool is_supported = false;
   bool is_contradicted = false;
 };
 
-Judgement judged(const Pair& pair, const std::vector<Model>& models) {
-  Judgement result;
+ModelAgreement agreement_with(const Pair& pair, const std::vector<Model>& models) {
+  ModelAgreement result;
   for (const Model& model : models) {
     if (!model.images[at(pair.first)].registered || !model.images[at(pair.second)].registered)
       continue;
@@ -38,7 +39,7 @@ Judgement judged(const Pair& pair, const std::vector<Model>& models) {
 // Score of a model, regardless of its shape.
 double score_of(const Reconstruction& reconstruction, std::size_t m) {
   return reconstruction.trust[m] *
-         std::max(0, statistics_of(reconstruction.models[m]).registered - kUnchecked);
+         std::max(0, statistics_of(reconstruction.models[m]).registered - kUncheckedImages);
 }
 
 double score_without_shapes(const Reconstruction& reconstruction) {
@@ -50,7 +51,7 @@ double score_without_shapes(const Reconstruction& reconstruction) {
 }  // namespace
 
 std::vector<Pair> strong_pairs(const std::vector<Pair>& pairs, std::size_t images, double share) {
-  const std::vector<std::size_t> strongest = strongest_of_images(pairs, images);
+  const std::vector<std::size_t> strongest = max_inliers_of_images(pairs, images);
   std::vector<Pair> strong = pairs;
   for (Pair& pair : strong) {
     const auto inliers = static_cast<double>(pair.view.inliers.size());
@@ -64,10 +65,11 @@ std::vector<Pair> without_contradicted(const std::vector<Pair>& pairs,
                                        const std::vector<Model>& models) {
   std::set<std::size_t> missed;
   for (const Model& model : models)
-    for (const ModelShape::Missed& each : shape_of(model, pairs).missed) missed.insert(each.pair);
+    for (const ModelShape::MissedPair& each : shape_of(model, pairs).missed_pairs)
+      missed.insert(each.pair);
   std::vector<Pair> result = pairs;
   for (std::size_t k = 0; k < pairs.size(); ++k)
-    if (judged(pairs[k], models).is_contradicted && !missed.contains(k))
+    if (agreement_with(pairs[k], models).is_contradicted && !missed.contains(k))
       result[k].view.inliers = {};
   return result;
 }
@@ -76,19 +78,19 @@ std::vector<Pair> with_supported(const std::vector<Pair>& some, const std::vecto
                                  const std::vector<Model>& models) {
   std::vector<Pair> result = some;
   for (std::size_t k = 0; k < result.size(); ++k)
-    if (result[k].view.inliers.empty() && judged(pairs[k], models).is_supported)
+    if (result[k].view.inliers.empty() && agreement_with(pairs[k], models).is_supported)
       result[k] = pairs[k];
   return result;
 }
 
-void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& doubts,
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchRejection>& rejections,
                  Reconstruction& reconstruction) {
-  if (std::all_of(doubts.begin(), doubts.end(),
-                  [](const PatchDoubt& doubt) { return !doubt.patches_differ; }))
+  if (std::all_of(rejections.begin(), rejections.end(),
+                  [](const PatchRejection& rejection) { return !rejection.patches_differ; }))
     return;
   struct Count {
     int supported = 0;
-    int doubted = 0;
+    int rejected = 0;
   };
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m) {
     const Model& model = reconstruction.models[m];
@@ -100,7 +102,7 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& 
         continue;
       for (const int image : {pair.first, pair.second}) {
         ++counts[at(image)].supported;
-        if (doubts[k].patches_differ) ++counts[at(image)].doubted;
+        if (rejections[k].patches_differ) ++counts[at(image)].rejected;
       }
     }
     std::vector<double> trust(model.images.size(), 0);
@@ -110,7 +112,7 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& 
       trust[i] =
           outcome.trust * (counts[i].supported == 0
                                ? 1
-                               : 1 - static_cast<double>(counts[i].doubted) / counts[i].supported);
+                               : 1 - static_cast<double>(counts[i].rejected) / counts[i].supported);
       if (outcome.model == static_cast<int>(m)) outcome.trust = trust[i];
     }
     reconstruction.trust[m] = model_trust(model, trust);
@@ -120,13 +122,13 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& 
 double score_of(const Reconstruction& reconstruction) {
   double sum = 0;
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m)
-    sum +=
-        score_of(reconstruction, m) * (is_doubtful(reconstruction.shapes[m]) ? kDoubtfulTrust : 1);
+    sum += score_of(reconstruction, m) *
+           (is_unreliable(reconstruction.shapes[m]) ? kUnreliableTrustFactor : 1);
   return sum;
 }
 
-bool is_as_good(const Reconstruction& one, const Reconstruction& other, double nearly) {
-  const double share = one.models.size() < other.models.size() ? nearly : 1;
+bool is_as_good(const Reconstruction& one, const Reconstruction& other, double min_score_ratio) {
+  const double share = one.models.size() < other.models.size() ? min_score_ratio : 1;
   return score_of(one) >= share * score_of(other);
 }
 
@@ -147,47 +149,48 @@ Reconstruction better_of(Reconstruction first, Reconstruction second) {
 }
 
 Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
-                                      const std::vector<PatchDoubt>& doubts, std::size_t images,
-                                      const MapPairs& map) {
+                                      const std::vector<PatchRejection>& rejections,
+                                      std::size_t images, const MapPairs& map) {
   std::vector<std::string> log{
       "the models still lay different places over each other: mapped again"};
-  std::vector<Pair> left = pairs;
+  std::vector<Pair> remaining = pairs;
   for (std::size_t k = 0; k < pairs.size(); ++k)
-    if (doubts[k]) left[k].view.inliers = {};
-  std::vector<Pair> taken;
+    if (rejections[k]) remaining[k].view.inliers = {};
+  std::vector<Pair> used;
   Reconstruction best;
   double last = 0;  // score, regardless of shapes
   // Where pixels distinguish places, only few of the remaining pairs are wrong.
-  const bool is_distinguished = std::any_of(
-      doubts.begin(), doubts.end(), [](const PatchDoubt& doubt) { return doubt.patches_differ; });
-  const double nearly = is_distinguished ? kNearly : 1;
-  for (const double share : kShares) {
-    std::vector<Pair> strong = strong_pairs(left, images, share);
-    Reconstruction tried = map(strong);
+  const bool is_distinguished =
+      std::any_of(rejections.begin(), rejections.end(),
+                  [](const PatchRejection& rejection) { return rejection.patches_differ; });
+  const double min_score_ratio = is_distinguished ? kEqualScoreRatio : 1;
+  for (const double share : kInlierRatios) {
+    std::vector<Pair> strong = strong_pairs(remaining, images, share);
+    Reconstruction attempt = map(strong);
     log.push_back(
         fmt::format("from pairs of {} times the inliers of the strongest: {} models, score {:.1f}",
-                    share, tried.models.size(), score_of(tried)));
-    const double score = score_without_shapes(tried);
-    if (score < nearly * last) break;
+                    share, attempt.models.size(), score_of(attempt)));
+    const double score = score_without_shapes(attempt);
+    if (score < min_score_ratio * last) break;
     last = std::max(last, score);
-    left = without_contradicted(left, tried.models);
-    if (!is_as_good(tried, best, nearly)) continue;
-    best = std::move(tried);
-    taken = std::move(strong);
+    remaining = without_contradicted(remaining, attempt.models);
+    if (!is_as_good(attempt, best, min_score_ratio)) continue;
+    best = std::move(attempt);
+    used = std::move(strong);
   }
   std::vector<Pair> supported =
-      with_supported(taken, without_contradicted(pairs, best.models), best.models);
+      with_supported(used, without_contradicted(pairs, best.models), best.models);
   Reconstruction all = map(supported);
   if (score_of(all) >= score_of(best)) {
     best = std::move(all);
-    taken = std::move(supported);
+    used = std::move(supported);
   }
   const std::string reason = "it is weak, and models of stronger pairs do not agree with it";
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const Pair& pair = pairs[k];
-    if (pair.view.inliers.empty() || !taken[k].view.inliers.empty()) continue;
+    if (pair.view.inliers.empty() || !used[k].view.inliers.empty()) continue;
     best.refused.push_back({pair.first, pair.second, static_cast<int>(pair.view.inliers.size()),
-                            doubts[k] ? doubts[k].reason : reason});
+                            rejections[k] ? rejections[k].reason : reason});
   }
   best.log.insert(best.log.begin(), log.begin(), log.end());
   return best;

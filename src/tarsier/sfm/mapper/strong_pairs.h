@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/doubt.h"
 #include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/pair_rejection.h"
 
 #include <cstddef>
 #include <functional>
@@ -29,14 +29,14 @@ namespace tarsier::sfm {
                                                const std::vector<Model>& models);
 
 // Score of a reconstruction, to choose between two of the same images. It is the sum over all
-// models of trust times n - 2 for n images, halved for models of doubtful shape (model_shape.h).
+// models of trust times n - 2 for n images, halved for models of unreliable shape (model_shape.h).
 // Two matching images always have poses; only further images can contradict them.
 [[nodiscard]] double score_of(const Reconstruction& reconstruction);
 
 // Whether one is at least as good as the other: its score is as high, or this share of it with
 // fewer models.
 [[nodiscard]] bool is_as_good(const Reconstruction& one, const Reconstruction& other,
-                              double nearly);
+                              double min_score_ratio);
 
 // The one with the higher score; the first of equal ones. Its log reports both.
 [[nodiscard]] Reconstruction better_of(Reconstruction first, Reconstruction second);
@@ -44,7 +44,7 @@ namespace tarsier::sfm {
 // Lowers the trust of images, and so of models, by the share of pairs whose patches differ among
 // those that agree with a model. Nothing changes where only few patches could be compared, as for
 // wide baselines of a relief.
-void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchDoubt>& doubts,
+void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchRejection>& rejections,
                  Reconstruction& reconstruction);
 
 // A mapper that makes models of all images from the pairs that have inliers.
@@ -54,11 +54,12 @@ using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
 // Each time, pairs that earlier models contradict are left out. Continues while the score without
 // shapes does not fall. Where patches distinguish places, the score may fall by a tenth, and a
 // score lower by a tenth in fewer models counts as equal: parts contradict themselves less than a
-// whole. At the end, weaker pairs that agree with the best models are added. `doubts`: pairs that
-// are left out until then, with the reason, as from doubts_of_patches() (patch_evidence.h). Unused
-// pairs are in `refused`. Calls `map` up to five times and passes its exceptions on.
+// whole. At the end, weaker pairs that agree with the best models are added. `rejections`: pairs
+// that are left out until then, with the reason, as from rejections_by_patches()
+// (patch_evidence.h). Unused pairs are in `refused`. Calls `map` up to five times and passes its
+// exceptions on.
 [[nodiscard]] Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
-                                                    const std::vector<PatchDoubt>& doubts,
+                                                    const std::vector<PatchRejection>& rejections,
                                                     std::size_t images, const MapPairs& map);
 
 }  // namespace tarsier::sfm

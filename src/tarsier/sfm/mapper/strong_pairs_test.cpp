@@ -12,7 +12,7 @@
 namespace tarsier::sfm {
 namespace {
 
-const PatchDoubt kDiffer{"differ", true};
+const PatchRejection kPatchesDiffer{"differ", true};
 
 Pair pair_of(int first, int second, std::size_t inliers) {
   Pair pair;
@@ -32,7 +32,7 @@ Pair wrong_pair_of(int first, int second, std::size_t inliers, double angle) {
   return pair;
 }
 
-TEST(StrongPairs, AreThoseOfMostInliersOfEitherImage) {
+TEST(StrongPairs, HaveMostInliersOfEitherImage) {
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 79), pair_of(2, 3, 80),
                                 pair_of(0, 3, 63), pair_of(3, 4, 20)};
   const std::vector<Pair> strong = strong_pairs(pairs, 5, 0.8);
@@ -44,7 +44,7 @@ TEST(StrongPairs, AreThoseOfMostInliersOfEitherImage) {
   EXPECT_EQ(strong[4].view.inliers.size(), 20U);  // the best of image 4
 }
 
-TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
+TEST(StrongPairs, ContradictedPairsLoseTheirInliers) {
   Model model;
   model.images.resize(4);
   for (std::size_t i = 0; i < 3; ++i) {
@@ -54,10 +54,10 @@ TEST(StrongPairs, PairsThatTheModelContradictsHaveNoInliers) {
   show_points(model, {0, 0, 8}, 4);
   const Pair wrong = wrong_pair_of(0, 2, 50, CV_PI / 2);
   const std::vector<Pair> pairs{pair_of(0, 1, 50), wrong, pair_of(2, 3, 50), pair_of(1, 2, 50)};
-  const std::vector<Pair> left = without_contradicted(pairs, {model});
-  EXPECT_EQ(left[0].view.inliers.size(), 50U);
-  EXPECT_EQ(left[1].view.inliers.size(), 0U);
-  EXPECT_EQ(left[2].view.inliers.size(), 50U);  // image 3 is in no model
+  const std::vector<Pair> remaining = without_contradicted(pairs, {model});
+  EXPECT_EQ(remaining[0].view.inliers.size(), 50U);
+  EXPECT_EQ(remaining[1].view.inliers.size(), 0U);
+  EXPECT_EQ(remaining[2].view.inliers.size(), 50U);  // image 3 is in no model
   // But if the contradiction is small, it may be accumulated drift.
   const Pair missed = wrong_pair_of(0, 2, 50, 0.3);
   const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
@@ -95,14 +95,14 @@ struct FakeMapper {
   }
 };
 
-TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
+TEST(StrongPairs, WeakerPairsAreAddedWhileScoreRises) {
   const Pair wrong = wrong_pair_of(0, 4, 70, CV_PI / 2);
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 85),  pair_of(1, 4, 30)};
   FakeMapper mapper{{0.5, 0.6, 0.4, 0.6}, {}};
   const Reconstruction made =
-      map_strong_pairs_first(pairs, std::vector<PatchDoubt>(pairs.size()), 5, std::ref(mapper));
+      map_strong_pairs_first(pairs, std::vector<PatchRejection>(pairs.size()), 5, std::ref(mapper));
   using Inliers = std::vector<std::size_t>;
   ASSERT_EQ(mapper.calls.size(), 4U);
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0, 0}));
@@ -116,30 +116,30 @@ TEST(StrongPairs, WeakerOnesAreAddedAsLongAsTheScoreRises) {
   EXPECT_EQ(made.trust[0], 0.6);
 }
 
-TEST(StrongPairs, TheScoreMayFallALittleWherePatchesDistinguishPlaces) {
+TEST(StrongPairs, ScoreMayFallSlightlyWherePatchesDiffer) {
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100), pair_of(1, 3, 85),  pair_of(1, 4, 30),
                                 pair_of(0, 4, 40)};
-  const auto calls_with = [&](const std::vector<PatchDoubt>& doubts) {
+  const auto calls_with = [&](const std::vector<PatchRejection>& rejections) {
     FakeMapper mapper{{0.6, 0.57, 0.3, 0.3, 0.3}, {}};
-    (void)map_strong_pairs_first(pairs, doubts, 5, std::ref(mapper));
+    (void)map_strong_pairs_first(pairs, rejections, 5, std::ref(mapper));
     return mapper.calls.size();
   };
-  std::vector<PatchDoubt> doubts(pairs.size());
+  std::vector<PatchRejection> rejections(pairs.size());
   // The second is worse; then the pairs that agree with the best model.
-  EXPECT_EQ(calls_with(doubts), 3U);
-  doubts.back() = kDiffer;
-  EXPECT_EQ(calls_with(doubts), 4U);
+  EXPECT_EQ(calls_with(rejections), 3U);
+  rejections.back() = kPatchesDiffer;
+  EXPECT_EQ(calls_with(rejections), 4U);
 }
 
-TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
+TEST(StrongPairs, RejectedPairsAreUsedOnlyWhereModelAgrees) {
   const Pair wrong = wrong_pair_of(0, 4, 100, CV_PI / 2);
   const std::vector<Pair> pairs{
       pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
       pair_of(1, 3, 100)};
   FakeMapper mapper{{0.5, 0.4, 0.6}, {}};
-  const Reconstruction made =
-      map_strong_pairs_first(pairs, {{}, {}, {}, {}, kDiffer, kDiffer}, 5, std::ref(mapper));
+  const Reconstruction made = map_strong_pairs_first(
+      pairs, {{}, {}, {}, {}, kPatchesDiffer, kPatchesDiffer}, 5, std::ref(mapper));
   using Inliers = std::vector<std::size_t>;
   ASSERT_EQ(mapper.calls.size(), 3U);
   EXPECT_EQ(mapper.calls[0], (Inliers{100, 100, 100, 100, 0, 0}));
@@ -148,7 +148,7 @@ TEST(StrongPairs, DoubtedOnesAreTakenOnlyWhereTheModelAgrees) {
   EXPECT_EQ(made.refused[0].reason, "differ");
 }
 
-TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
+TEST(StrongPairs, TrustFallsWithAgreeingRejectedPairs) {
   FakeMapper mapper{{0.8}, {}};
   Reconstruction made = mapper({});
   made.outcomes.assign(5, {});
@@ -158,13 +158,13 @@ TEST(StrongPairs, TrustFallsWithTheDoubtedPairsThatAModelAgreesWith) {
   }
   const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
                                 pair_of(3, 4, 100)};
-  const std::vector<PatchDoubt> doubts{kDiffer, {}, {"few", false}, {}};
-  lower_trust(pairs, doubts, made);
+  const std::vector<PatchRejection> rejections{kPatchesDiffer, {}, {"few", false}, {}};
+  lower_trust(pairs, rejections, made);
   EXPECT_DOUBLE_EQ(made.trust[0], (0 + 0.5 + 3 * 1) / 5);
   EXPECT_DOUBLE_EQ(made.outcomes[1].trust, 0.5);
 }
 
-TEST(StrongPairs, AWholeIsAsGoodAsPartsOfNearlyItsScore) {
+TEST(StrongPairs, WholeModelIsAsGoodAsPartsOfSimilarScore) {
   const auto made_of = [](const std::vector<int>& sizes, double trust) {
     Reconstruction made;
     for (const int size : sizes) {
@@ -185,7 +185,7 @@ TEST(StrongPairs, AWholeIsAsGoodAsPartsOfNearlyItsScore) {
   EXPECT_FALSE(is_as_good(parts, made_of({14}, 0.51), 0.9));
 }
 
-TEST(StrongPairs, AnInterruptionGoesThroughAndTheBetterOfTwoIsKept) {
+TEST(StrongPairs, PropagatesInterruptionAndKeepsBetterModel) {
   const MapPairs interrupted = [](const std::vector<Pair>&) -> Reconstruction {
     throw Interrupted();
   };

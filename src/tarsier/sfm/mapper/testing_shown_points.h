@@ -12,15 +12,15 @@ namespace tarsier::sfm {
 
 constexpr int kShownPoints = 8;
 
-// Sets the images' features to the projections of the same eight points around `middle`, by their
+// Sets the images' features to the projections of the same eight points around `center`, by their
 // current poses.
-inline void show_points(Model& model, const Eigen::Vector3d& middle, double size) {
+inline void show_points(Model& model, const Eigen::Vector3d& center, double size) {
   model.cameras = {{.width = 640, .height = 480, .fx = 600, .fy = 600, .cx = 320, .cy = 240}};
   for (Image& image : model.images) {
     image.features.clear();
     for (int k = 0; k < kShownPoints; ++k) {
       const Eigen::Vector3d offset(0.3 * k - 1, k % 2 == 0 ? 0.9 : -1.1, 0.25 * ((3 * k) % 8) - 1);
-      const Eigen::Vector3d seen = image.pose * (middle + size * offset);
+      const Eigen::Vector3d seen = image.pose * (center + size * offset);
       image.features.emplace_back(static_cast<float>(600 * seen.x() / seen.z() + 320),
                                   static_cast<float>(600 * seen.y() / seen.z() + 240));
     }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// IncrementalMapper::extend_tracks(): tracks of the model get longer, and two that are one point are merged.
+// IncrementalMapper::extend_tracks(): tracks of the model get longer, and two that are one point
+// are merged.
 #include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/feature_grid.h"
@@ -20,9 +21,9 @@ constexpr std::size_t kFailedOfTrack = 16;  // remembered failed pairs of tracks
 constexpr std::size_t kMaxFailed = std::size_t{1} << 22;  // .. and in total
 // views of a point compared with a feature, evenly spread
 constexpr std::size_t kMaxCompared = 12;
-constexpr std::size_t kMaxRays = 64;   // for two points that may be one, evenly spread
-constexpr std::size_t kSureViews = 6;  // min views of a point whose position is reliable
-constexpr double kFarOff = 4;          // in units of reprojection_px: such points are different
+constexpr std::size_t kMaxRays = 64;          // for two points that may be one, evenly spread
+constexpr std::size_t kMinReliableViews = 6;  // min views of a point whose position is reliable
+constexpr double kMinDistinctError = 4;  // in units of reprojection_px: such points are different
 
 // Pairs of tracks that are not one point. A hash table of fixed size: an overwritten pair is tested
 // again.
@@ -34,15 +35,15 @@ class FailedMerges {
   // `size`: of both tracks. A pair that failed at another size may succeed now.
   [[nodiscard]] bool contains(int track, int other, std::size_t size) const {
     const std::uint64_t key = key_of(track, other);
-    const Pair& pair = pairs_[place_of(key)];
+    const Pair& pair = pairs_[slot_of(key)];
     return pair.key == key && (pair.size == kAnySize || pair.size == size);
   }
   void insert(int track, int other, std::size_t size) {
     const std::uint64_t key = key_of(track, other);
-    pairs_[place_of(key)] = {key, static_cast<std::uint32_t>(size)};
+    pairs_[slot_of(key)] = {key, static_cast<std::uint32_t>(size)};
   }
   // Remembers the pair for all sizes.
-  void insert_for_good(int track, int other) { insert(track, other, kAnySize); }
+  void insert_for_all_sizes(int track, int other) { insert(track, other, kAnySize); }
 
  private:
   static constexpr std::uint32_t kAnySize = 0;
@@ -54,7 +55,7 @@ class FailedMerges {
     const auto [low, high] = std::minmax(track, other);
     return static_cast<std::uint64_t>(low) << 32 | static_cast<std::uint32_t>(high);
   }
-  [[nodiscard]] std::size_t place_of(std::uint64_t key) const {
+  [[nodiscard]] std::size_t slot_of(std::uint64_t key) const {
     return static_cast<std::size_t>(key * kMix >> 20) & (pairs_.size() - 1);
   }
   static constexpr std::uint64_t kMix = 0x9e3779b97f4a7c15;  // 2^64 / golden ratio
@@ -139,8 +140,8 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     for (const auto& [track, pixel] : candidates) {
       const std::vector<Observation>& seen = model_.points[at(track)].track;
       if (seen.empty() || joined_in[at(track)] == image) continue;
-      const auto is_near = [&, place = pixel](int feature) {
-        return cv::norm(place - cv::Point2d(view.features[at(feature)])) <=
+      const auto is_near = [&, predicted = pixel](int feature) {
+        return cv::norm(predicted - cv::Point2d(view.features[at(feature)])) <=
                options_.reprojection_px;
       };
       features.clear();
@@ -168,7 +169,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
           can_join = can_join || is_near(feature);
         } else if (!failed.contains(track, other, size_of(track, other))) {
           if (shares_an_image(other)) {
-            failed.insert_for_good(track, other);
+            failed.insert_for_all_sizes(track, other);
           } else {
             can_join = true;
           }
@@ -183,8 +184,8 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
       gained += joined;
       if (joined > 0) joined_in[at(track)] = image;
       if (joined > 0 || other < 0) continue;
-      if (std::min(seen.size(), model_.points[at(other)].track.size()) >= kSureViews) {
-        failed.insert_for_good(track, other);
+      if (std::min(seen.size(), model_.points[at(other)].track.size()) >= kMinReliableViews) {
+        failed.insert_for_all_sizes(track, other);
       } else {
         failed.insert(track, other, size_of(track, other));
       }
@@ -194,34 +195,35 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
 }
 
 int IncrementalMapper::best_match(int track, int image, const std::vector<int>& features) const {
-  int best = -1;
-  double most = options_.extend_similarity;
+  int best_feature = -1;
+  double best_similarity = options_.extend_similarity;
   const std::vector<Observation>& views = model_.points[at(track)].track;
   const std::size_t stride = (views.size() + kMaxCompared - 1) / kMaxCompared;
   for (const int feature : features) {
-    double likeness = 0;
+    double max_similarity = 0;
     for (std::size_t k = 0; k < views.size(); k += stride) {
       const Observation& seen = views[k];
-      likeness = std::max(likeness, similarity(descriptors_[at(image)], feature,
-                                               descriptors_[at(seen.image)], seen.feature, kind_,
-                                               norms_[at(image)][at(feature)] *
-                                                   norms_[at(seen.image)][at(seen.feature)]));
+      max_similarity = std::max(
+          max_similarity,
+          similarity(descriptors_[at(image)], feature, descriptors_[at(seen.image)], seen.feature,
+                     kind_,
+                     norms_[at(image)][at(feature)] * norms_[at(seen.image)][at(seen.feature)]));
     }
-    if (likeness > most) {
-      most = likeness;
-      best = feature;
+    if (max_similarity > best_similarity) {
+      best_similarity = max_similarity;
+      best_feature = feature;
     }
   }
-  return best;
+  return best_feature;
 }
 
-bool IncrementalMapper::are_apart(const Point& point, const Point& other) const {
-  if (std::min(point.track.size(), other.track.size()) < kSureViews) return false;
-  const auto is_off = [&](const Observation& seen) {
-    const auto error = error_of(model_, seen, point.position);
-    return !error || *error > kFarOff * options_.reprojection_px;
+bool IncrementalMapper::are_distinct(const Point& point, const Point& other) const {
+  if (std::min(point.track.size(), other.track.size()) < kMinReliableViews) return false;
+  const auto is_outlier = [&](const Observation& seen) {
+    const auto error = reprojection_error(model_, seen, point.position);
+    return !error || *error > kMinDistinctError * options_.reprojection_px;
   };
-  return is_off(other.track.front()) || is_off(other.track.back());
+  return is_outlier(other.track.front()) || is_outlier(other.track.back());
 }
 
 int IncrementalMapper::merge(int track, const Observation& seen) {
@@ -230,7 +232,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   const int other = track_of_[at(seen.image)][at(seen.feature)];
   if (other == track) return 0;  // dropped as an outlier
   if (other < 0) {
-    const auto error = error_of(model_, seen, point.position);
+    const auto error = reprojection_error(model_, seen, point.position);
     if (!error || *error > options_.reprojection_px) return 0;
     extended_ = true;
     own.push_back(seen);
@@ -241,7 +243,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   }
   // Two tracks are one point if all their rays agree.
   std::vector<Observation>& theirs = tracks_[at(other)];
-  if (are_apart(point, model_.points[at(other)])) return 0;
+  if (are_distinct(point, model_.points[at(other)])) return 0;
   std::vector<Observation> all = point.track;
   const std::vector<Observation>& more =
       model_.points[at(other)].track.empty() ? theirs : model_.points[at(other)].track;
@@ -252,7 +254,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   for (std::size_t k = 0; k < all.size(); k += stride) rays.push_back(ray_of(all[k]));
   const auto position = triangulate(rays);
   if (!position || !std::all_of(all.begin(), all.end(), [&](const Observation& one) {
-        const auto error = error_of(model_, one, *position);
+        const auto error = reprojection_error(model_, one, *position);
         return error && *error <= options_.reprojection_px;
       }))
     return 0;

@@ -9,9 +9,9 @@
 namespace tarsier::sfm {
 namespace {
 
-class Joined {
+class TrackBuilder {
  public:
-  explicit Joined(const std::vector<int>& features) {
+  explicit TrackBuilder(const std::vector<int>& features) {
     starts_.resize(features.size() + 1, 0);
     for (std::size_t i = 0; i < features.size(); ++i)
       starts_[i + 1] = starts_[i] + static_cast<std::size_t>(features[i]);
@@ -74,7 +74,7 @@ class Joined {
 
 }  // namespace
 
-std::vector<std::size_t> strongest_of_images(const std::vector<Pair>& pairs, std::size_t images) {
+std::vector<std::size_t> max_inliers_of_images(const std::vector<Pair>& pairs, std::size_t images) {
   std::vector<std::size_t> strongest(images, 0);
   for (const Pair& pair : pairs)
     for (const int image : {pair.first, pair.second}) {
@@ -99,12 +99,12 @@ std::vector<std::vector<Observation>> make_tracks(const std::vector<const Pair*>
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return pairs[a]->view.inliers.size() > pairs[b]->view.inliers.size();
   });
-  Joined joined(features);
+  TrackBuilder builder(features);
   for (const std::size_t k : order) {
     for (const Match& match : pairs[k]->view.inliers)
-      joined.join({pairs[k]->first, match.first}, {pairs[k]->second, match.second});
+      builder.join({pairs[k]->first, match.first}, {pairs[k]->second, match.second});
   }
-  std::vector<std::vector<Observation>> tracks = joined.tracks();
+  std::vector<std::vector<Observation>> tracks = builder.tracks();
   std::sort(tracks.begin(), tracks.end(), [](const auto& a, const auto& b) {
     if (a.size() != b.size()) return a.size() > b.size();
     if (a[0].image != b[0].image) return a[0].image < b[0].image;

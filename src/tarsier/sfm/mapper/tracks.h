@@ -18,8 +18,8 @@ struct Pair {
 };
 
 // For each image, the number of inliers of its pair with most; 0 where it has no pair.
-[[nodiscard]] std::vector<std::size_t> strongest_of_images(const std::vector<Pair>& pairs,
-                                                           std::size_t images);
+[[nodiscard]] std::vector<std::size_t> max_inliers_of_images(const std::vector<Pair>& pairs,
+                                                             std::size_t images);
 
 // Joins matches to tracks: union-find over features, the most reliable pairs first. A join that
 // would put two features of one image into a track is refused, so that a wrong match costs one link

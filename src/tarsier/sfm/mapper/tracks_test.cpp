@@ -17,7 +17,7 @@ Pair pair_of(int first, int second, std::vector<Match> matches) {
   return pair;
 }
 
-TEST(MakeTracks, MatchesOfSeveralPairsBecomeOneTrack) {
+TEST(MakeTracks, MergesMatchesOfSeveralPairs) {
   const auto tracks = make_tracks(
       {pair_of(0, 1, {{0, 0}, {1, 2}}), pair_of(1, 2, {{0, 5}}), pair_of(0, 2, {{0, 5}})},
       {3, 3, 6});
@@ -26,7 +26,7 @@ TEST(MakeTracks, MatchesOfSeveralPairsBecomeOneTrack) {
   EXPECT_EQ(tracks[1], (std::vector<Observation>{{0, 1}, {1, 2}}));
 }
 
-TEST(MakeTracks, AWrongMatchCostsALinkAndNotTheTrack) {
+TEST(MakeTracks, WrongMatchDoesNotMergeTracks) {
   // The weak pair matches feature 0 of image 2 with another point of image 0.
   const auto tracks = make_tracks({pair_of(0, 1, {{0, 0}, {1, 1}, {2, 2}}),
                                    pair_of(1, 2, {{0, 0}, {1, 1}}), pair_of(0, 2, {{1, 0}})},
@@ -40,7 +40,7 @@ TEST(MakeTracks, AWrongMatchCostsALinkAndNotTheTrack) {
   EXPECT_EQ(tracks[1], (std::vector<Observation>{{0, 1}, {1, 1}, {2, 1}}));
 }
 
-TEST(MakeTracks, FeaturesThatAreNotThereAreRefused) {
+TEST(MakeTracks, RefusesUnknownFeatures) {
   EXPECT_THROW((void)make_tracks({pair_of(0, 1, {{3, 0}})}, {3, 3}), std::invalid_argument);
   EXPECT_THROW((void)make_tracks({pair_of(0, 2, {{0, 0}})}, {3, 3}), std::invalid_argument);
   EXPECT_TRUE(make_tracks(std::vector<Pair>{}, {3, 3}).empty());

@@ -22,7 +22,7 @@ cv::Point2d ray_to(const geometry::Rigid3& pose, const Eigen::Vector3d& point) {
   return {p[0] / p[2], p[1] / p[2]};
 }
 
-TEST(Triangulate, FindsThePointExactlyWithoutNoise) {
+TEST(Triangulate, IsExactWithoutNoise) {
   Rng rng(1);
   for (int trial = 0; trial < 50; ++trial) {
     const Eigen::Vector3d point(rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(4, 9));
@@ -38,7 +38,7 @@ TEST(Triangulate, FindsThePointExactlyWithoutNoise) {
   }
 }
 
-TEST(Triangulate, IsTheLeastSquaresPoint) {
+TEST(Triangulate, MinimizesSquaredError) {
   Rng rng(2);
   const Eigen::Vector3d point(0.3, -0.2, 5);
   std::vector<ObservationRay> rays;
@@ -66,7 +66,7 @@ TEST(Triangulate, IsTheLeastSquaresPoint) {
   }
 }
 
-TEST(Triangulate, WhatIsNotDeterminedIsRefused) {
+TEST(Triangulate, IsEmptyWhereUndetermined) {
   const geometry::Rigid3 pose = camera_at({0, 0, 0}, 0);
   EXPECT_FALSE(triangulate({}).has_value());
   EXPECT_FALSE(triangulate({{pose, {0.1, 0}}}).has_value());
@@ -75,7 +75,7 @@ TEST(Triangulate, WhatIsNotDeterminedIsRefused) {
   EXPECT_FALSE(triangulate({{pose, {-0.2, 0}}, {beside, {0.2, 0}}}).has_value());
 }
 
-TEST(RayAngle, IsTheAngleAtThePoint) {
+TEST(RayAngle, IsAngleAtPoint) {
   EXPECT_NEAR(ray_angle({0, 0, 1}, {0, 0, 0}, {1, 0, 1}), CV_PI / 2, 1e-12);
   EXPECT_NEAR(ray_angle({0, 0, 1}, {0, 0, 0}, {0, 0, -1}), 0, 1e-12);
 }

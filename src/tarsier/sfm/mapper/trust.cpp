@@ -12,15 +12,15 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kPoints = 50;
-constexpr double kCells = 12;
-constexpr double kShare = 0.5;
+constexpr double kFullTrustPoints = 50;
+constexpr double kFullTrustCells = 12;
+constexpr double kFullTrustShare = 0.5;
 
 }  // namespace
 
 std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,
                              const std::vector<std::uint8_t>& refused) {
-  std::vector<double> good(model.images.size(), 0);
+  std::vector<double> agreeing(model.images.size(), 0);
   std::vector<double> all(model.images.size(), 0);
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const Pair& pair = pairs[k];
@@ -28,12 +28,12 @@ std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,
         !model.images[at(pair.second)].registered) {
       continue;
     }
-    const bool is_agreed = agrees(model, pair);
-    if (refused[k] != 0 && !is_agreed) continue;
+    const bool is_agreeing = agrees(model, pair);
+    if (refused[k] != 0 && !is_agreeing) continue;
     const auto inliers = static_cast<double>(pair.view.inliers.size());
     for (const int image : {pair.first, pair.second}) {
       all[at(image)] += inliers;
-      if (is_agreed && refused[k] == 0) good[at(image)] += inliers;
+      if (is_agreeing && refused[k] == 0) agreeing[at(image)] += inliers;
     }
   }
   std::vector<double> trust(model.images.size(), 0);
@@ -42,17 +42,17 @@ std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,
     if (!image.registered || !(all[i] > 0)) continue;
     std::set<int> cells;
     double points = 0;
-    double seen_thrice = 0;
+    double multi_view_points = 0;
     for (std::size_t f = 0; f < image.points.size(); ++f) {
       if (image.points[f] < 0) continue;
       points += 1;
-      seen_thrice += model.points[at(image.points[f])].track.size() >= 3 ? 1 : 0;
+      multi_view_points += model.points[at(image.points[f])].track.size() >= 3 ? 1 : 0;
       cells.insert(image_cell(image.features[f], model.cameras[at(image.camera)]));
     }
     if (!(points > 0)) continue;
-    trust[i] = good[i] / all[i] * std::min(1.0, points / kPoints) *
-               std::min(1.0, static_cast<double>(cells.size()) / kCells) *
-               std::min(1.0, seen_thrice / points / kShare);
+    trust[i] = agreeing[i] / all[i] * std::min(1.0, points / kFullTrustPoints) *
+               std::min(1.0, static_cast<double>(cells.size()) / kFullTrustCells) *
+               std::min(1.0, multi_view_points / points / kFullTrustShare);
   }
   return trust;
 }

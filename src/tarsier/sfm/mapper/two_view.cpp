@@ -11,7 +11,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kPlaneSamples = 500;
+constexpr int kMaxHomographySamples = 500;
 
 Eigen::Vector2d normalized(const cv::Point2d& pixel, const geometry::Camera& camera) {
   return {(pixel.x - camera.cx) / camera.fx, (pixel.y - camera.cy) / camera.fy};
@@ -66,7 +66,7 @@ void set_motion(const PointPairs& inliers, const geometry::Rigid3& motion, TwoVi
 }
 
 // The inlier pairs.
-PointPairs kept(const PointPairs& pairs, const std::vector<char>& is_inlier) {
+PointPairs inlier_pairs(const PointPairs& pairs, const std::vector<char>& is_inlier) {
   PointPairs result;
   for (std::size_t i = 0; i < is_inlier.size(); ++i) {
     if (is_inlier[i] == 0) continue;
@@ -97,8 +97,8 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
                     const std::vector<float>& ratios) {
   options.check();
   TwoView result;
-  const auto least = static_cast<std::size_t>(options.min_inliers);
-  if (matches.size() < least) return result;
+  const auto min_inliers = static_cast<std::size_t>(options.min_inliers);
+  if (matches.size() < min_inliers) return result;
   std::vector<cv::Point2f> a;
   std::vector<cv::Point2f> b;
   for (const Match& match : matches) {
@@ -122,18 +122,18 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
     is_inlier = robust_fundamental(pixels, in_pixels).is_inlier;
   }
   if (std::count(is_inlier.begin(), is_inlier.end(), 1) < options.min_inliers) return result;
-  std::vector<Match> good;
+  std::vector<Match> inlier_matches;
   for (std::size_t i = 0; i < matches.size(); ++i)
-    if (is_inlier[i] != 0) good.push_back(matches[i]);
-  result.inliers = std::move(good);
-  const PointPairs inliers = kept(rays, is_inlier);
+    if (is_inlier[i] != 0) inlier_matches.push_back(matches[i]);
+  result.inliers = std::move(inlier_matches);
+  const PointPairs inliers = inlier_pairs(rays, is_inlier);
   if (!options.known_focal) {
     in_rays.threshold *= 4;  // the focal length may be inexact
     motion = robust_motion(inliers, in_rays);
   }
   in_pixels.threshold *= 2;
-  in_pixels.max_samples = kPlaneSamples;
-  result.homography_inliers = robust_homography(kept(pixels, is_inlier), in_pixels).inliers;
+  in_pixels.max_samples = kMaxHomographySamples;
+  result.homography_inliers = robust_homography(inlier_pairs(pixels, is_inlier), in_pixels).inliers;
   set_motion(inliers, motion.second_from_first, result);
   return result;
 }

@@ -102,7 +102,7 @@ nlohmann::ordered_json to_json(const Placement& placement) {
 
 std::vector<Input> with_places(std::vector<Input> inputs, const Positions& known,
                                const PipelineOptions& options, const std::stop_token& stop) {
-  const auto has_place = [](const Input& input) { return input.place.has_value(); };
+  const auto has_place = [](const Input& input) { return input.position.has_value(); };
   if (!options.database.empty() || options.flow ||
       std::any_of(inputs.begin(), inputs.end(), has_place) ||
       pair_choice(options, static_cast<int>(inputs.size())) != PairChoice::kRetrieval)
@@ -112,7 +112,7 @@ std::vector<Input> with_places(std::vector<Input> inputs, const Positions& known
   for (Input& input : inputs) {
     const auto found = places.find(input.name);
     if (found == places.end()) continue;
-    input.place = found->second;
+    input.position = found->second;
     ++count;
   }
   if (count > 0) log_info("pairs: positions of {} of {} images guide them", count, inputs.size());

@@ -297,7 +297,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   for (const Input& input : with_places(inputs, {}, given, stop)) {
     throw_if_stopped(stop);
     const std::string file = path_from(folder, input.path);
-    PlannedImage image{input.name, (fs::path(folder) / file).string(), "", input.place};
+    PlannedImage image{input.name, (fs::path(folder) / file).string(), "", input.position};
     require_utf8(image.name);
     require_utf8(file);
     try {

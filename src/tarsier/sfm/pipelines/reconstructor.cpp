@@ -64,7 +64,7 @@ void write_database(const std::string& path, const std::vector<ImageFeatures>& i
                                     c.cx,
                                     c.distortion[0]};
     const auto [entry, fresh] = cameras.emplace(key, static_cast<int>(database.cameras.size()));
-    if (fresh) database.cameras.push_back({c, std::string_view(image.lens.from) != "guess"});
+    if (fresh) database.cameras.push_back({c, std::string_view(image.lens.source) != "guess"});
     ColmapDatabase::DatabaseImage known;
     known.name = inputs[static_cast<std::size_t>(image.input)].name;
     known.camera = entry->second;

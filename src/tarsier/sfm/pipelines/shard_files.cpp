@@ -85,7 +85,7 @@ ImageFeatures get_image(PackedReader& reader) {
       image.lens.camera.lens != geometry::Lens::kPinhole) {
     throw Damaged();
   }
-  image.lens.from = *origin;
+  image.lens.source = *origin;
   image.body = reader.get_text();
   image.key = reader.get_text();
   image.turns = reader.get<std::int32_t>();
@@ -223,7 +223,7 @@ std::string write_feature_shard(const std::string& path, std::span<const ImageFe
     writer.put(static_cast<std::int32_t>(image.input));
     writer.put(std::array<std::int32_t, 2>{image.size.width, image.size.height});
     put(writer, image.lens.camera);
-    writer.put(std::string(image.lens.from));
+    writer.put(std::string(image.lens.source));
     writer.put(image.body);
     writer.put(image.key);
     writer.put(static_cast<std::int32_t>(image.turns));

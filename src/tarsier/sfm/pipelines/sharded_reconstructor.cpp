@@ -82,12 +82,12 @@ Model model_of(const PackedModel& packed, const ClusterModels& cluster, const Ma
     model.cameras[at(image.camera)] = packed.cameras[at(cluster.cameras[local])];
   }
   auto next = packed.observations.begin();
-  for (std::size_t k = 0; k < packed.places.size(); ++k) {
+  for (std::size_t k = 0; k < packed.point_indices.size(); ++k) {
     Point point;
     point.position = packed.positions[k];
     point.color = packed.colors[k];
     point.error = packed.errors[k];
-    for (int v = 0; v < packed.views[k]; ++v, ++next) {
+    for (int v = 0; v < packed.track_lengths[k]; ++v, ++next) {
       const int image = cluster.images[at(next->image)];
       if (!model.images[at(image)].registered) continue;
       point.track.push_back({image, next->feature});
@@ -134,7 +134,7 @@ class ShardedReconstructor::Readable {
 
   [[nodiscard]] int count() const { return static_cast<int>(names_.size()); }
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
-  [[nodiscard]] const KnownPlaces& places() const { return places_; }
+  [[nodiscard]] const KnownPositions& places() const { return places_; }
   [[nodiscard]] const std::vector<ShardInfo>& infos() const { return infos_; }
   [[nodiscard]] const std::string& key() const { return key_; }  // checksum of all features
   // The index of an image in the plan.
@@ -155,7 +155,7 @@ class ShardedReconstructor::Readable {
   std::vector<ShardInfo> infos_;
   std::vector<std::string> names_;
   std::vector<int> inputs_;
-  KnownPlaces places_;
+  KnownPositions places_;
   std::vector<int> first_;
   std::string key_;
 };

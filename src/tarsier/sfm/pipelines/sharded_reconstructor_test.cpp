@@ -277,11 +277,11 @@ TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
 
 TEST_F(Sharded, ThePlanKeepsWhereImagesWereTaken) {
   std::vector<Input> placed = inputs();
-  placed[0].place = Eigen::Vector3d(0.1 + 0.2, -1e6, 3);
+  placed[0].position = Eigen::Vector3d(0.1 + 0.2, -1e6, 3);
   (void)write_plan(path("work"), placed, options_, 2, progress_, {});
   const Plan read = read_plan(path("work"));
-  EXPECT_EQ(read.inputs()[0].place, placed[0].place);
-  EXPECT_FALSE(read.inputs()[1].place.has_value());
+  EXPECT_EQ(read.inputs()[0].position, placed[0].position);
+  EXPECT_FALSE(read.inputs()[1].position.has_value());
   const std::string text = contents(path("work/plan.json"));
   for (const nlohmann::json& value :
        std::vector<nlohmann::json>{{1, 2}, {1, 2, "3"}, {1, 2, nullptr}, "north"}) {

@@ -46,7 +46,7 @@ void expect_same(const Model& a, const Model& b) {
 }
 
 // COLMAP prefers binary files to text, and the poses of frames to those of images.
-TEST(ColmapBinary, FilesOfAnEarlierModelAreRemoved) {
+TEST(ColmapBinary, WritingRemovesFilesOfAnEarlierModel) {
   const TemporaryFolder folder;
   const std::vector<std::string> frames{"rigs.txt", "frames.txt", "rigs.bin", "frames.bin"};
   const auto leave = [&](const std::vector<std::string>& names) {

@@ -12,10 +12,10 @@ namespace tarsier::sfm {
 
 // Merges the tracks of several models into one list of points. Points with a feature in common
 // become one, unless two features of an image would then be in a track.
-class UnitedPoints {
+class MergedPoints {
  public:
   // `images` have the features that tracks refer to.
-  explicit UnitedPoints(const std::vector<Image>& images);
+  explicit MergedPoints(const std::vector<Image>& images);
   // `moved`: the position in the common frame; `track`: the observations to use.
   void add(const Point& point, const Eigen::Vector3d& moved, std::vector<Observation> track);
   // The points with two observations or more. Positions and colours are means weighted by
@@ -23,7 +23,7 @@ class UnitedPoints {
   [[nodiscard]] std::vector<Point> points() const;
 
  private:
-  struct United {
+  struct MergedPoint {
     std::vector<Observation> track;  // sorted by image
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     cv::Vec3d color;
@@ -31,10 +31,10 @@ class UnitedPoints {
   };
 
   [[nodiscard]] int& owner_of(const Observation& seen);
-  void take(int point, const std::vector<Observation>& track);
+  void assign(int point, const std::vector<Observation>& track);
 
   std::vector<std::vector<int>> owner_;  // for each feature: its point, or -1
-  std::vector<United> points_;
+  std::vector<MergedPoint> points_;
 };
 
 }  // namespace tarsier::sfm

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/united_points.h"
+#include "tarsier/sfm/mapper/merged_points.h"
 
 #include "tarsier/core/at.h"
 
@@ -20,7 +20,8 @@ void sort_by_image(std::vector<Observation>& track) {
 }
 
 // Whether an image shows both points, with different features.
-bool shows_another(const std::vector<Observation>& a, const std::vector<Observation>& b) {
+bool has_conflicting_features(const std::vector<Observation>& a,
+                              const std::vector<Observation>& b) {
   for (auto p = a.begin(), q = b.begin(); p != a.end() && q != b.end();) {
     if (p->image == q->image && p->feature != q->feature) return true;
     p->image < q->image ? static_cast<void>(++p) : static_cast<void>(++q);
@@ -30,11 +31,11 @@ bool shows_another(const std::vector<Observation>& a, const std::vector<Observat
 
 }  // namespace
 
-UnitedPoints::UnitedPoints(const std::vector<Image>& images) {
+MergedPoints::MergedPoints(const std::vector<Image>& images) {
   for (const Image& image : images) owner_.emplace_back(image.features.size(), -1);
 }
 
-void UnitedPoints::add(const Point& point, const Eigen::Vector3d& moved,
+void MergedPoints::add(const Point& point, const Eigen::Vector3d& moved,
                        std::vector<Observation> track) {
   std::map<int, int> views;  // for points that contain part of the track
   for (const Observation& seen : track)
@@ -47,12 +48,12 @@ void UnitedPoints::add(const Point& point, const Eigen::Vector3d& moved,
   sort_by_image(track);
   int base = -1;
   for (const auto& [count, owner] : order) {
-    if (shows_another(points_[at(owner)].track, track)) continue;
+    if (has_conflicting_features(points_[at(owner)].track, track)) continue;
     if (base < 0) {
       base = owner;
-    } else if (!shows_another(points_[at(owner)].track, points_[at(base)].track)) {
-      United& from = points_[at(owner)];
-      take(base, from.track);
+    } else if (!has_conflicting_features(points_[at(owner)].track, points_[at(base)].track)) {
+      MergedPoint& from = points_[at(owner)];
+      assign(base, from.track);
       points_[at(base)].sum += from.sum;
       points_[at(base)].color += from.color;
       points_[at(base)].weight += from.weight;
@@ -64,31 +65,31 @@ void UnitedPoints::add(const Point& point, const Eigen::Vector3d& moved,
     base = static_cast<int>(points_.size());
     points_.emplace_back();
   }
-  take(base, track);
-  United& united = points_[at(base)];
-  united.sum += weight * moved;
-  united.color += cv::Vec3d(point.color) * weight;
-  united.weight += weight;
+  assign(base, track);
+  MergedPoint& merged = points_[at(base)];
+  merged.sum += weight * moved;
+  merged.color += cv::Vec3d(point.color) * weight;
+  merged.weight += weight;
 }
 
-std::vector<Point> UnitedPoints::points() const {
+std::vector<Point> MergedPoints::points() const {
   std::vector<Point> result;
-  for (const United& united : points_) {
-    if (united.track.size() < 2) continue;
+  for (const MergedPoint& merged : points_) {
+    if (merged.track.size() < 2) continue;
     Point& point = result.emplace_back();
-    point.position = united.sum / united.weight;
+    point.position = merged.sum / merged.weight;
     for (int k = 0; k < 3; ++k)
-      point.color[k] = cv::saturate_cast<std::uint8_t>(united.color[k] / united.weight);
-    point.track = united.track;
+      point.color[k] = cv::saturate_cast<std::uint8_t>(merged.color[k] / merged.weight);
+    point.track = merged.track;
   }
   return result;
 }
 
-int& UnitedPoints::owner_of(const Observation& seen) {
+int& MergedPoints::owner_of(const Observation& seen) {
   return owner_[at(seen.image)][at(seen.feature)];
 }
 
-void UnitedPoints::take(int point, const std::vector<Observation>& track) {
+void MergedPoints::assign(int point, const std::vector<Observation>& track) {
   for (const Observation& seen : track) owner_of(seen) = point;
   std::vector<Observation>& all = points_[at(point)].track;
   all.insert(all.end(), track.begin(), track.end());
