@@ -57,7 +57,7 @@ class CameraFileTest : public FolderTest {
   }
 };
 
-TEST_F(CameraFileTest, OursComesBackToTheLastBit) {
+TEST_F(CameraFileTest, TarsierFormatRoundTripsExactly) {
   Camera camera{3072,
                 2048,
                 2759.48 + 1.0 / 3,
@@ -81,7 +81,7 @@ TEST_F(CameraFileTest, OursComesBackToTheLastBit) {
   EXPECT_EQ(read_camera_file(path("camera.yaml")).fy, camera.fy);
 }
 
-TEST_F(CameraFileTest, OursMayBeWrittenByHand) {
+TEST_F(CameraFileTest, TarsierFormatMayBeWrittenByHand) {
   const Camera camera = read(
       "\xEF\xBB\xBF# mine\r\n---\r\nmodel: pinhole # the only one\r\nfx: 1e3\r\nfy:  +1000\r\n"
       "cx: 5\r\ncy: 6\r\n\r\n...\r\n");
@@ -91,7 +91,7 @@ TEST_F(CameraFileTest, OursMayBeWrittenByHand) {
   EXPECT_FALSE(camera.is_distorted());
 }
 
-TEST_F(CameraFileTest, BadLinesOfOursAreNamed) {
+TEST_F(CameraFileTest, ErrorsInTarsierFilesNameTheLine) {
   EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx: nan")), HasSubstr("line 4: 'nan' is no finite"));
   EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx: 1e999")), HasSubstr("line 4"));
   EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx:")), HasSubstr("line 4"));
@@ -114,7 +114,7 @@ TEST_F(CameraFileTest, BadLinesOfOursAreNamed) {
   }
 }
 
-TEST_F(CameraFileTest, OpenCvsYamlAndXml) {
+TEST_F(CameraFileTest, ReadsOpenCvYamlAndXml) {
   const Camera yaml = read(kOpenCv);
   EXPECT_EQ(yaml.width, 640);
   EXPECT_EQ(yaml.height, 480);
@@ -152,7 +152,7 @@ TEST_F(CameraFileTest, OpenCvsYamlAndXml) {
   EXPECT_EQ(read("%YAML:1.0\n---\nK: [ 5, 0, 3, 0, 6, 4, 0, 0, 1 ]\n").fy, 6);
 }
 
-TEST_F(CameraFileTest, BadFilesOfOpenCvAreRefused) {
+TEST_F(CameraFileTest, InvalidOpenCvFilesAreRefused) {
   const auto changed = [&](const std::string& from, const std::string& to) {
     return refusal(with(kOpenCv, from, to));
   };
@@ -197,7 +197,7 @@ TEST_F(CameraFileTest, BadFilesOfOpenCvAreRefused) {
 }
 
 // cv::FileStorage would end the program for some of these files.
-TEST_F(CameraFileTest, DeepAndCutFilesOfOpenCvAreRefused) {
+TEST_F(CameraFileTest, NestedAndTruncatedOpenCvFilesAreRefused) {
   const auto repeated = [](const std::string& text, int times) {
     std::string result;
     for (int k = 0; k < times; ++k) result += text;
@@ -216,7 +216,7 @@ TEST_F(CameraFileTest, DeepAndCutFilesOfOpenCvAreRefused) {
     EXPECT_NE(refusal(kOpenCv.substr(0, size)), "accepted") << size;
 }
 
-TEST_F(CameraFileTest, ColmapsCamerasLoseHalfAPixel) {
+TEST_F(CameraFileTest, ColmapCamerasAreShiftedByHalfAPixel) {
   const Camera simple = read("# Camera list\n\n1 SIMPLE_PINHOLE 640 480 500 320 240\n");
   EXPECT_EQ(simple.width, 640);
   EXPECT_EQ(simple.fx, 500);
@@ -264,7 +264,7 @@ TEST_F(CameraFileTest, AMatrixIsNineNumbers) {
   EXPECT_THAT(refusal("0 0 320\n0 500 240\n0 0 1\n"), HasSubstr("not positive"));
 }
 
-TEST_F(CameraFileTest, WhatIsNoCameraIsSaidSo) {
+TEST_F(CameraFileTest, OtherFilesAreRefused) {
   EXPECT_THAT(refusal(""), HasSubstr("is empty"));
   EXPECT_THAT(refusal("# nothing\n\n"), HasSubstr("is empty"));
   EXPECT_THAT(refusal("hello\n"), HasSubstr("is no camera"));
@@ -277,7 +277,7 @@ TEST_F(CameraFileTest, WhatIsNoCameraIsSaidSo) {
 }
 
 // All three lens models through all three file formats.
-TEST_F(CameraFileTest, EveryLensComesBackFromEveryForm) {
+TEST_F(CameraFileTest, EveryLensRoundTripsInEveryFormat) {
   const std::vector<Camera> cameras{
       {640, 480, 500.1, 501.2, 320.3, 240.4, {-0.1, 0.2, 1e-3, -2e-3, 0.01}, 0.25},
       {640,
@@ -323,7 +323,7 @@ TEST_F(CameraFileTest, EveryLensComesBackFromEveryForm) {
   EXPECT_THROW(write_camera_file(path("camera.txt"), wrong), std::invalid_argument);
 }
 
-TEST_F(CameraFileTest, AFisheyeOfOpenCvIsToldByTheFileOrTheCaller) {
+TEST_F(CameraFileTest, OpenCvFisheyesAreMarkedByTheFileOrTheOptions) {
   const std::string four = with(with(kOpenCv, "rows: 5", "rows: 4"), ", 0.5 ]", " ]");
   EXPECT_EQ(read(four).lens, Lens::kPinhole);
   EXPECT_EQ(read(with(four, "image_width", "fisheye_model: 1\nimage_width")).lens, Lens::kFisheye);

@@ -76,7 +76,7 @@ TEST(FivePoint, FindsTheMotionOfExactPoints) {
   EXPECT_GE(found, 197);  // roots beyond 100 are not searched
 }
 
-TEST(FivePoint, PointsThatAreAllOneHaveNoAnswerOrAFiniteOne) {
+TEST(FivePoint, IdenticalPointsGiveNoOrFiniteMatrices) {
   std::array<Eigen::Vector2d, 5> same;
   same.fill({0.1, 0.2});
   std::array<Eigen::Matrix3d, kMaxEssentials> essentials;
@@ -100,7 +100,7 @@ TEST(SevenPoint, FindsTheMatrixOfExactPoints) {
   }
 }
 
-TEST(FourPoint, TakesFourPointsToFourOthers) {
+TEST(FourPoint, MapsFourPointsToFourOthers) {
   const std::array<Eigen::Vector2d, 4> a{{{0, 0}, {1, 0}, {1.2, 1}, {0, 1}}};
   const std::array<Eigen::Vector2d, 4> b{{{5, 5}, {9, 6}, {8, 9}, {4, 8}}};
   Eigen::Matrix3d h;
@@ -112,7 +112,7 @@ TEST(FourPoint, TakesFourPointsToFourOthers) {
   EXPECT_FALSE(four_point(a, line, h));
 }
 
-TEST(MotionsOf, OneOfTheFourIsTheMotion) {
+TEST(MotionsOf, ContainTheTrueMotion) {
   Rng rng(5);
   const TwoViews views = drawn(rng, 1);
   double nearest = 10;

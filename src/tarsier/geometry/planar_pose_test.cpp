@@ -107,7 +107,7 @@ TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {
   EXPECT_LT(ours, theirs * 1.02);
 }
 
-TEST(PlanarPose, ManyPointsOffTheCentre) {
+TEST(PlanarPose, HandlesManyPointsAwayFromTheOrigin) {
   const Camera camera = test_camera();
   std::vector<cv::Point2d> grid;
   for (int y = 0; y < 6; ++y)
@@ -118,7 +118,7 @@ TEST(PlanarPose, ManyPointsOffTheCentre) {
   EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 1e-3);
 }
 
-TEST(PlanarPose, RefinesFromThePoseBefore) {
+TEST(PlanarPose, RefinesThePreviousPose) {
   const Camera camera = test_camera();
   const Rigid3 truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.6});
   const Rigid3 before = pose_of(0.55, 1.1, 0.35, {-0.08, 0.04, 0.63});
@@ -127,7 +127,7 @@ TEST(PlanarPose, RefinesFromThePoseBefore) {
   EXPECT_LT(degrees_between(found->camera_from_plane, truth), 0.01);
 }
 
-TEST(PlanarPose, RefusesWhatHasNoPose) {
+TEST(PlanarPose, IsEmptyForDegeneratePoints) {
   const Camera camera = test_camera();
   const std::vector<cv::Point2d> line{{100, 100}, {200, 200}, {300, 300}, {400, 400}};
   EXPECT_FALSE(planar_poses(kSquare, line, camera));
@@ -160,7 +160,7 @@ TEST(Homography, RefusesPointsOnOneLine) {
   EXPECT_FALSE(homography_of(from, to));
 }
 
-TEST(PlanarPose, PixelsCountAsSurelyAsTheyAreKnown) {
+TEST(PlanarPose, PixelsAreWeightedByTheInformationMatrix) {
   const Camera camera = test_camera();
   const std::vector<cv::Point2d> plane{
       {-0.05, 0.05}, {0.05, 0.05}, {0.05, -0.05}, {-0.05, -0.05}, {0.0, 0.05}};

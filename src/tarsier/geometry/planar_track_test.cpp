@@ -117,7 +117,7 @@ TEST(PlanarTrack, MovingVideosRarelyFlip) {
   EXPECT_GT(single, 3 * flips);
 }
 
-TEST(PlanarTrack, AWrongStartIsMended) {
+TEST(PlanarTrack, CorrectsAWrongInitialPose) {
   const Camera camera = test_camera();
   const Rigid3 truth = pose_of(40, 0.4, {0, 0, 0.5});
   std::vector<cv::Point2d> pixels;
@@ -138,7 +138,7 @@ TEST(PlanarTrack, AWrongStartIsMended) {
   EXPECT_LT(angle_of(tracked->steady.rotation * truth.rotation.transpose()), 0.01);
 }
 
-TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
+TEST(PlanarTrack, SmoothsAStillObjectAndFollowsAMovingOne) {
   const auto spread = [](const Video& video, bool steady) {
     double sum = 0;
     for (std::size_t i = 50; i < video.tracked.size(); ++i) sum += video.error_deg(i, steady);
@@ -159,7 +159,7 @@ TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
   EXPECT_LT(worst, 1.1);
 }
 
-TEST(PlanarTrack, StartsAnewAfterAGap) {
+TEST(PlanarTrack, RestartsAfterAGap) {
   PlanarTrackState state;
   const Camera camera = test_camera();
   const auto seen = [&](const Rigid3& pose) {

@@ -57,7 +57,7 @@ TEST(RefinePose, FindsThePoseWithAndWithoutDamping) {
   }
 }
 
-TEST(RefinePose, NoStepsGiveTheCostOfTheStart) {
+TEST(RefinePose, ZeroStepsReturnTheInitialCost) {
   const Cloud cloud;
   Matrix3d rotation = Matrix3d::Identity();
   Vector3d translation = Vector3d::Zero();
@@ -67,7 +67,7 @@ TEST(RefinePose, NoStepsGiveTheCostOfTheStart) {
   EXPECT_EQ(rotation, Matrix3d::Identity());
 }
 
-TEST(RefinePose, TriesNoMorePosesThanAskedFor) {
+TEST(RefinePose, RespectsTheMaximumNumberOfTrials) {
   const Cloud cloud;
   int tried = -1;  // no step was tried at the start
   Matrix3d rotation = Matrix3d::Identity();

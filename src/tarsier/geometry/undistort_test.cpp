@@ -63,7 +63,7 @@ TEST(UndistortTest, LinesOfEveryLensBecomeStraight) {
   }
 }
 
-TEST(UndistortTest, AFisheyeOfHalfTheWorldKeepsItsMiddle) {
+TEST(UndistortTest, AFisheyeOf180DegreesKeepsItsCenter) {
   const Camera camera{640, 640, 204, 204, 319.5, 319.5, {}, 0, Lens::kFisheye};  // 180 degrees
   const Camera straight = undistorted_camera(camera);
   EXPECT_NEAR(straight.fx, 639 / 3.6, 1e-9);

@@ -32,7 +32,7 @@ TEST(BlockCholesky, SolvesSystemsOfAnySize) {
   }
 }
 
-TEST(BlockCholesky, RefusesWhatIsNotPositiveDefinite) {
+TEST(BlockCholesky, RefusesIndefiniteMatrices) {
   Eigen::MatrixXf a = Eigen::MatrixXf::Identity(100, 100);
   a(97, 97) = -1;
   Eigen::MatrixXf b = Eigen::MatrixXf::Ones(100, 1);

@@ -59,14 +59,14 @@ TEST(Dissection, OrdersEachVariableOnce) {
 }
 
 // In row order it would be 61 000 entries.
-TEST(Dissection, AGridFillsLittle) {
+TEST(Dissection, AGridHasLittleFill) {
   const Graph neighbours = grid(40);
   EXPECT_LT(fill(neighbours, dissection_order(neighbours, all_of(neighbours))), 28'000U);
   EXPECT_GT(fill(neighbours, all_of(neighbours)), 60'000U);
 }
 
 // No fill between the two halves of a grid whose middle row is missing.
-TEST(Dissection, WhatIsAbsentTiesNothing) {
+TEST(Dissection, VariablesThatAreNotListedConnectNothing) {
   const Graph neighbours = grid(9);
   std::vector<int> without = all_of(neighbours);
   without.erase(without.begin() + 36, without.begin() + 45);
@@ -76,7 +76,7 @@ TEST(Dissection, WhatIsAbsentTiesNothing) {
   for (std::size_t k = 0; k < 36; ++k) EXPECT_EQ(order[k] < 36, upper_first) << k;
 }
 
-TEST(Dissection, AllTiedToAllAreNotCut) {
+TEST(Dissection, ACompleteGraphIsNotSplit) {
   Graph neighbours(60);
   for (int v = 0; v < 60; ++v)
     for (int other = 0; other < 60; ++other)

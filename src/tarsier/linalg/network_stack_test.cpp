@@ -44,7 +44,7 @@ Network narrow_network(Rng& rng) {
 
 class Stack : public testing::TestWithParam<Network (*)(Rng&)> {};
 
-TEST_P(Stack, GivesWhatEachMapGivesAlone) {
+TEST_P(Stack, AgreesWithSingleMaps) {
   Rng rng(5);
   const Network network = GetParam()(rng);
   const Shape shape{2, 14, 20};

@@ -167,7 +167,7 @@ TEST(Losses, TheDerivativeOfAMapAgreesWithFiniteDifferences) {
   EXPECT_EQ(derivative[5], 0.0F);  // unknown values
 }
 
-TEST(Network, ThreadsChangeNothing) {
+TEST(Network, ResultDoesNotDependOnThreads) {
   Rng rng(6);
   const Network network = small_network(rng);
   const Shape shape{2, 150, 170};
@@ -252,7 +252,7 @@ Network stripes_network() {
   return network;
 }
 
-TEST(Train, LearnsAndRepeatsItselfForAnyNumberOfThreads) {
+TEST(Train, IsDeterministicForAnyNumberOfThreads) {
   TrainOptions options;
   options.steps = 60;
   options.batch = 16;
@@ -287,7 +287,7 @@ TEST(Train, CanBeStopped) {
                Interrupted);
 }
 
-TEST(NetworkFile, ComesBackTheSame) {
+TEST(NetworkFile, RoundTrip) {
   Rng rng(8);
   const Network network = small_network(rng);
   const Network again = network_from_json(network_to_json(network), "a.json");
@@ -316,7 +316,7 @@ TEST(NetworkFile, IsHalfAsLargeInHalfPrecision) {
   }
 }
 
-TEST(NetworkFile, RefusesWhatDoesNotFit) {
+TEST(NetworkFile, RefusesInconsistentFiles) {
   Rng rng(9);
   const nlohmann::json good = network_to_json(small_network(rng));
   const auto broken = [&](auto change) {
@@ -337,7 +337,7 @@ TEST(NetworkFile, RefusesWhatDoesNotFit) {
   broken([](nlohmann::json& layers) { layers = nlohmann::json::array(); });
 }
 
-TEST(Network, SaysWhenAMapIsTooSmall) {
+TEST(Network, RefusesAMapThatIsTooSmall) {
   Rng rng(1);
   const Network network = small_network(rng);
   Workspace workspace;

@@ -49,7 +49,7 @@ TEST(TileKernels, SubtractsAProduct) {
   }
 }
 
-TEST(TileKernels, DividesByATriangle) {
+TEST(TileKernels, SolvesATriangularSystem) {
   const std::vector<double> l = triangle();
   const std::vector<double> before = drawn(1);
   std::vector<double> a = before;
@@ -63,7 +63,7 @@ TEST(TileKernels, DividesByATriangle) {
   }
 }
 
-TEST(TileKernels, AllSetsGiveTheSameNumbers) {
+TEST(TileKernels, AllInstructionSetsAgree) {
   if (hardware_simd_level() < SimdLevel::kAvx2) GTEST_SKIP() << "this processor has no AVX2";
   const std::vector<double> baseline = after_both(*tile_kernels_baseline());
   EXPECT_EQ(after_both(*tile_kernels_avx2()), baseline);

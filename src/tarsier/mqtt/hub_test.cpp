@@ -43,7 +43,7 @@ TEST_F(HubTest, TheMarkStopsAtAGap) {
   EXPECT_EQ(log->mark("b", kBox), 0);
 }
 
-TEST_F(HubTest, WhatANodeNoLongerHasIsNotWaitedFor) {
+TEST_F(HubTest, TheMarkSkipsEventsThatTheNodeDropped) {
   const auto log = open();
   log->store({event("a", 100, 90)}, 5);
   EXPECT_EQ(log->mark("a", kBox), 89);
@@ -69,7 +69,7 @@ TEST_F(HubTest, EachNodeHasTheMarkOfItsLatestOutbox) {
   EXPECT_EQ(marks[1].second.outbox, kBox);
 }
 
-TEST_F(HubTest, AnyOrderAndAnyLossEndWithTheUnion) {
+TEST_F(HubTest, StoresEveryEventDespiteReorderingAndLoss) {
   const auto log = open();
   Rng rng(3);
   std::int64_t mark = 0;
@@ -91,7 +91,7 @@ TEST_F(HubTest, AnyOrderAndAnyLossEndWithTheUnion) {
   EXPECT_EQ(events.size(), static_cast<std::size_t>(last));
 }
 
-TEST_F(HubTest, IsADatabaseOfAServerWhereItsAddressSaysSo) {
+TEST_F(HubTest, PostgresAddressesAreRecognised) {
   EXPECT_TRUE(is_postgres("postgresql://host/events"));
   EXPECT_TRUE(is_postgres("postgres://host/events"));
   EXPECT_FALSE(is_postgres("postgresql.db"));
@@ -107,7 +107,7 @@ TEST_F(HubTest, IsADatabaseOfAServerWhereItsAddressSaysSo) {
   }
 }
 
-TEST_F(HubTest, NodesAreThoseBelowTheTopic) {
+TEST_F(HubTest, NodeNamesAreParsedFromTopics) {
   EXPECT_EQ(node_of("tarsier/gate/events", "tarsier"), "gate");
   EXPECT_EQ(node_of("a/b/gate/events", "a/b"), "gate");
   for (const char* topic : {"tarsier/gate/state", "tarsier/events", "tarsier//events",

@@ -31,7 +31,7 @@ std::vector<std::string> after(Outbox& outbox, std::int64_t number) {
 
 class OutboxTest : public FolderTest {};
 
-TEST_F(OutboxTest, NumbersAreNeverGivenAgain) {
+TEST_F(OutboxTest, NumbersAreNeverReused) {
   std::string id;
   {
     Outbox outbox(path("outbox.db"));
@@ -52,20 +52,20 @@ TEST_F(OutboxTest, NumbersAreNeverGivenAgain) {
   EXPECT_NE(Outbox(path("other.db")).id(), id);
 }
 
-TEST_F(OutboxTest, ItIsBounded) {
+TEST_F(OutboxTest, DropsTheOldestEntriesBeyondTheLimit) {
   Outbox outbox(path("outbox.db"));
   for (int k = 1; k <= 10; ++k) outbox.add("x", 3);
   EXPECT_EQ(outbox.count(), 3);
   EXPECT_EQ(outbox.first(), 8);
 }
 
-TEST_F(OutboxTest, StrangeFilesAreRefused) {
+TEST_F(OutboxTest, OtherFilesAreRefused) {
   std::ofstream(path("noise.db")) << std::string(5000, 'x');
   EXPECT_THROW(Outbox{path("noise.db")}, OutputError);
   EXPECT_THROW(Outbox{path("missing/outbox.db")}, OutputError);
 }
 
-TEST(MessageTest, WhatIsWrittenIsRead) {
+TEST(MessageTest, RoundTrip) {
   const EventMessage message{"0123456789abcdef", 7, 3, R"({"text":"1234BCD","a":[1,2]})"};
   const auto read = parse_event_message(event_message_text(message));
   ASSERT_TRUE(read);
@@ -78,7 +78,7 @@ TEST(MessageTest, WhatIsWrittenIsRead) {
   EXPECT_EQ(mark->seq, 12);
 }
 
-TEST(MessageTest, WhatIsNoneIsPassedOver) {
+TEST(MessageTest, InvalidMessagesAreIgnored) {
   const std::string id = R"("outbox":"0123456789abcdef")";
   for (const std::string& text :
        {std::string(), std::string("x"), std::string("[]"), std::string("{}"),
@@ -98,13 +98,13 @@ TEST(MessageTest, WhatIsNoneIsPassedOver) {
   EXPECT_FALSE(parse_mark(std::string(10, '[')));
 }
 
-TEST(MessageTest, EventsThatAreNoUtf8DoNotThrow) {
+TEST(MessageTest, InvalidUtf8DoesNotThrow) {
   const auto read = parse_event_message(
       "{\"outbox\":\"0123456789abcdef\",\"seq\":1,\"oldest\":1,\"event\":{\"a\":\"\xFF\"}}");
   EXPECT_TRUE(!read || !read->event.empty());
 }
 
-TEST(PublisherTest, TheOutboxHasAPlaceOfItsOwn) {
+TEST(PublisherTest, TheDefaultOutboxIsInTheStateFolder) {
   const char* kept = std::getenv("XDG_STATE_HOME");
   const std::string before = kept == nullptr ? "" : kept;
   ::setenv("XDG_STATE_HOME", "/state", 1);

@@ -25,7 +25,7 @@ Mesh folded(double angle) {
   return mesh;
 }
 
-TEST(Mesh, NormalsAreSmoothOverBluntEdgesAndSharpOverOthers) {
+TEST(Mesh, NormalsAreSmoothExceptAtCreases) {
   Mesh blunt = folded(0.5);
   add_normals(blunt, 50);
   Mesh sharp = folded(1.2);
@@ -67,7 +67,7 @@ TEST(Mesh, AppendingKeepsBothMeshes) {
   EXPECT_EQ(bounds_of(mesh).low[0], -1);
 }
 
-TEST(Mesh, TexturesGetSmallerDownToOneTexel) {
+TEST(Mesh, MipmapsEndAtOneTexel) {
   const Texture texture = make_texture(cv::Mat(3, 10, CV_8UC3, cv::Scalar(10, 20, 30)));
   ASSERT_EQ(texture.levels.size(), 4U);  // 10 x 3, 5 x 1, 2 x 1, 1 x 1
   EXPECT_EQ(texture.levels.back().size(), cv::Size(1, 1));

@@ -205,7 +205,7 @@ TEST(Render, PhongPutsTheHighlightWhereGouraudHasNoCorner) {
             3);
 }
 
-TEST(Render, BackFacesAreLeftOutWhereAsked) {
+TEST(Render, BackFacesAreCulledOnRequest) {
   const geometry::Camera camera = testing_camera();
   Scene scene = plain_scene();
   scene.items = {item_of(square(kRed), {0, 0, 5}, turned(0, CV_PI, 0))};
@@ -216,7 +216,7 @@ TEST(Render, BackFacesAreLeftOutWhereAsked) {
   EXPECT_EQ(at(drawn(scene, camera), 160, 120), kRedPixel);
 }
 
-TEST(Render, AFloorThatReachesBehindTheCameraIsCutOff) {
+TEST(Render, AFloorThatReachesBehindTheCameraIsClipped) {
   const geometry::Camera camera = testing_camera();
   Scene scene = plain_scene();
   scene.items = {item_of(square(kRed), {0, 1, 0}, turned(CV_PI / 2, 0, 0))};
@@ -230,7 +230,7 @@ TEST(Render, AFloorThatReachesBehindTheCameraIsCutOff) {
   }
 }
 
-TEST(Render, AntialiasedEdgesTakeTheirShare) {
+TEST(Render, AntialiasedEdgesAreBlendedByCoverage) {
   geometry::Camera camera = testing_camera(64, 64, 32);
   camera.cx = camera.cy = 32;
   Scene scene = plain_scene();
@@ -244,7 +244,7 @@ TEST(Render, AntialiasedEdgesTakeTheirShare) {
   EXPECT_EQ(at(image, 16, 16)[0], (255 + 3 * 100 + 2) / 4);  // its corner: a quarter
 }
 
-TEST(Render, TheShadowLiesWhereTheLightThrowsItAndDarkensOnce) {
+TEST(Render, TheShadowIsProjectedFromTheLightAndDarkensOnce) {
   const geometry::Camera camera = testing_camera();
   // A cube of edge 1 on the plane z = 0, with z towards the viewer, seen from above.
   const geometry::Rigid3 camera_from_plane{Eigen::Matrix3d{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}},
@@ -326,7 +326,7 @@ TEST(Render, IsTheSameForAnyNumberOfThreads) {
   EXPECT_GT(cv::norm(one, gray_ground(camera), cv::NORM_INF), 50);
 }
 
-TEST(Render, RefusesWhatItCannotDraw) {
+TEST(Render, RefusesInvalidScenes) {
   const geometry::Camera camera = testing_camera();
   cv::Mat image = gray_ground(camera);
   Scene scene = plain_scene();
@@ -363,7 +363,7 @@ TEST(Render, RefusesWhatItCannotDraw) {
   EXPECT_THROW(render(gray, scene, camera), std::invalid_argument);
 }
 
-TEST(Render, HugeNumbersDoNoHarm) {
+TEST(Render, HandlesHugeCoordinates) {
   const geometry::Camera camera = testing_camera();
   Rng rng(9);
   Mesh mesh;

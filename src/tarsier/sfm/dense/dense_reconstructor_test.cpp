@@ -142,7 +142,7 @@ class DenseTest : public FolderTest {
   DenseJob job_;
 };
 
-TEST_F(DenseTest, MakesDepthsAndACloudOfADrawnScene) {
+TEST_F(DenseTest, MakesDepthsAndACloudOfASyntheticScene) {
   const DenseResult result = run();
   ASSERT_EQ(result.images.size(), 4U);
   for (const DenseImage& image : result.images) {
@@ -175,7 +175,7 @@ TEST_F(DenseTest, MakesDepthsAndACloudOfADrawnScene) {
   EXPECT_GT(scores.cloud[1].f1, 0.8);
 }
 
-TEST_F(DenseTest, NormalsLookOutOfTheSurface) {
+TEST_F(DenseTest, NormalsPointOutOfTheSurface) {
   (void)run();
   const std::vector<CloudPoint> points = read_cloud(path("dense/fused.ply"));
   double along = 0;
@@ -197,7 +197,7 @@ TEST_F(DenseTest, ThreadsDoNotChangeTheFiles) {
   EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == one);
 }
 
-TEST_F(DenseTest, GoesOnWhereItWasStopped) {
+TEST_F(DenseTest, ResumesAfterAStop) {
   TARSIER_LONG_TEST();
   (void)run();
   const std::string whole = read_file(path("dense/fused.ply"), 100'000'000);
@@ -217,7 +217,7 @@ TEST_F(DenseTest, GoesOnWhereItWasStopped) {
   EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == whole);
 }
 
-TEST_F(DenseTest, OtherOptionsOrImagesAreDoneAgain) {
+TEST_F(DenseTest, OtherOptionsOrImagesAreRecomputed) {
   TARSIER_LONG_TEST();
   (void)run();
   DenseOptions other = options();
@@ -231,7 +231,7 @@ TEST_F(DenseTest, OtherOptionsOrImagesAreDoneAgain) {
   EXPECT_FALSE(result.images[0].is_from_before);
 }
 
-TEST_F(DenseTest, AnImageThatSharesNothingIsNamed) {
+TEST_F(DenseTest, AnImageWithoutSharedPointsIsReported) {
   Image& lost = job_.model.images[3];
   for (Point& point : job_.model.points)
     std::erase_if(point.track, [](const Observation& seen) { return seen.image == 3; });
@@ -258,7 +258,7 @@ TEST_F(DenseTest, AnImageThatSharesNothingIsNamed) {
   EXPECT_GT(result.points, 1000);
 }
 
-TEST_F(DenseTest, SaysWhyNothingCanBeDone) {
+TEST_F(DenseTest, ErrorsNameTheCause) {
   const DenseJob job = job_;
   job_.model.images.resize(1);
   job_.model.points.clear();
@@ -284,7 +284,7 @@ TEST_F(DenseTest, AWrongRangeOfDepthsLeavesAnEmptyCloud) {
   EXPECT_LT(result.points, 200);
 }
 
-TEST_F(DenseTest, LittleMemoryMeansSmallerMaps) {
+TEST_F(DenseTest, AMemoryLimitReducesTheMaps) {
   DenseOptions tiny = options();
   tiny.memory_gb = 0.25;
   tiny.views.views = 3;
@@ -293,7 +293,7 @@ TEST_F(DenseTest, LittleMemoryMeansSmallerMaps) {
   EXPECT_THROW(DenseReconstructor{tiny}, std::invalid_argument);
 }
 
-TEST_F(DenseTest, ChoosesViewsByAngleAndNamesDepths) {
+TEST_F(DenseTest, SelectsViewsByAngleAndEstimatesTheDepthRange) {
   ViewSelectionOptions options;
   const std::vector<ViewChoice> choices = select_views(job_.model, options);
   ASSERT_EQ(choices.size(), 4U);

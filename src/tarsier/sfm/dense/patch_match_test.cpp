@@ -112,7 +112,7 @@ TEST(PatchKernels, AgreeBetweenInstructionSets) {
   }
 }
 
-TEST(PatchKernels, CostIsNothingForTheSameAndWorstOutside) {
+TEST(PatchKernels, CostIsZeroForEqualPatchesAndMaximalOutside) {
   const DrawnScene& scene = relief();
   const cv::Mat1b& gray = scene.images[0].gray;
   const SourceLevel source = make_source(gray, scene.images[0].camera, {}, scene.images[0].camera);
@@ -139,7 +139,7 @@ TEST(PatchKernels, CostIsNothingForTheSameAndWorstOutside) {
   EXPECT_NEAR(kernels.cost(patch, flat_source.quads(), middle), 1, 0.01);
 }
 
-TEST(PatchKernels, BetweenPixelsTheSameIsPrepared) {
+TEST(PatchKernels, InterpolatedPatchesAgreeWithThoseOfPixels) {
   const DrawnScene& scene = relief();
   const cv::Mat1b& gray = scene.images[0].gray;
   const std::vector<std::uint32_t> words = gray_words(gray);
@@ -163,7 +163,7 @@ TEST(PatchKernels, BetweenPixelsTheSameIsPrepared) {
   }
 }
 
-TEST(PlaneField, NormalsComeBack) {
+TEST(PlaneField, NormalsRoundTrip) {
   const geometry::Camera camera{240, 180, 200, 210, 118, 91, {}, 0};
   const cv::Vec3f normal = cv::normalize(cv::Vec3f(0.3F, -0.4F, -0.8F));
   const Plane plane = plane_of(camera, 30, 150, 0.125F, normal);
@@ -174,7 +174,7 @@ TEST(PlaneField, NormalsComeBack) {
   EXPECT_LT(cv::norm(normal_of(camera, 50, 120, moved) - normal), 1e-5);
 }
 
-TEST(PatchMatch, FindsTheDepthsOfADrawnScene) {
+TEST(PatchMatch, FindsTheDepthsOfASyntheticScene) {
   const DrawnScene& scene = relief();
   const MatchProblem problem = scene.problem(1);
   const PlaneMap map = match_planes(problem, {});
@@ -208,7 +208,7 @@ TEST(PatchMatch, ThreadsDoNotChangeTheResult) {
   EXPECT_EQ(cv::norm(one.cost, three.cost, cv::NORM_INF), 0);
 }
 
-TEST(PatchMatch, WhatAgreesIsRight) {
+TEST(PatchMatch, ConsistentDepthsAreCorrect) {
   const DrawnScene& scene = relief();
   MatchProblem problem = scene.problem(1);
   for (std::size_t s = 0; s < problem.sources.size(); ++s) {
@@ -288,7 +288,7 @@ TEST(PatchMatch, LargerImagesShowReliefNarrowerThanAPatch) {
   EXPECT_GT(with, 0.5);
 }
 
-TEST(PatchMatch, KnownPointsHelpWhereItBegins) {
+TEST(PatchMatch, KnownPointsImproveTheInitialisation) {
   const DrawnScene& scene = relief();
   MatchProblem problem = scene.problem(2);
   const cv::Mat1f truth = scene.truth(2);
@@ -307,7 +307,7 @@ TEST(PatchMatch, KnownPointsHelpWhereItBegins) {
   EXPECT_LT(with[with.size() * 8 / 10], without[without.size() * 8 / 10]);
 }
 
-TEST(PatchMatch, RefusesWhatIsNoProblem) {
+TEST(PatchMatch, RefusesInvalidProblems) {
   MatchProblem problem = relief().problem(0);
   problem.min_depth = 0;
   EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
@@ -326,7 +326,7 @@ TEST(PatchMatch, RefusesWhatIsNoProblem) {
   EXPECT_THROW((void)match_planes(problem, {}, stop.get_token()), Interrupted);
 }
 
-TEST(DepthFilter, TakesSmallIslandsAway) {
+TEST(DepthFilter, RemovesSmallSegments) {
   DepthMap map;
   map.depth = cv::Mat1f(20, 20, 0.F);
   map.normal = cv::Mat3f(20, 20, cv::Vec3f(0, 0, -1));

@@ -49,7 +49,7 @@ class Reconstructing : public ReliefFolderTest {
   ReconstructorOptions options_;
 };
 
-TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
+TEST_F(Reconstructing, WritesAPlacedModelAndItsDerivedFiles) {
   options_.placement.alignment = Alignment::kPositions;
   options_.placement.positions_file = path("positions.csv");
   options_.turntable = options_.undistorted = options_.match_images = true;
@@ -99,7 +99,7 @@ TEST_F(Reconstructing, WithoutAFolderWritesNothing) {
   EXPECT_EQ(Reconstructor(options_).frames_folder(), "");
 }
 
-TEST_F(Reconstructing, AModelThatCannotBePlacedIsThereAsItWasMade) {
+TEST_F(Reconstructing, AModelThatCannotBePlacedIsWrittenUnchanged) {
   write_image(path("images/blank.png"), cv::Mat(180, 240, CV_8UC3, {120, 120, 120}));
   options_.placement.distance = KnownDistance{"0.png", "blank.png", 3};
   const ReconstructorResult result = run();
@@ -172,7 +172,7 @@ TEST_F(Reconstructing, AnInterruptedRunKeepsAFinishedModel) {
   EXPECT_TRUE(has("model/points3D.txt"));
 }
 
-TEST_F(Reconstructing, GoesOnFromItsCache) {
+TEST_F(Reconstructing, ResumesFromItsCache) {
   (void)run();
   const std::string images = contents(path("model/images.txt"));
   const ReconstructorResult again = run();

@@ -60,7 +60,7 @@ TEST(ColmapBinary, HasTheSameModelAsTheText) {
   EXPECT_TRUE(poses.images[0].features.empty());
 }
 
-TEST(ColmapBinary, AFileThatIsCutAnywhereIsRefused) {
+TEST(ColmapBinary, TruncatedFilesAreRefused) {
   const TemporaryFolder folder;
   Model model = synthetic_model();
   write_colmap_binary((folder / "model"), model);
@@ -79,7 +79,7 @@ TEST(ColmapBinary, AFileThatIsCutAnywhereIsRefused) {
   EXPECT_NO_THROW((void)read_colmap_binary((folder / "model")));
 }
 
-TEST(ColmapBinary, NumbersThatPromiseMoreThanThereIsAreRefused) {
+TEST(ColmapBinary, CountsBeyondTheFileSizeAreRefused) {
   const TemporaryFolder folder;
   write_colmap_binary((folder / "model"), synthetic_model());
   const auto trouble = [&](const char* name, std::size_t at, std::uint64_t number) {

@@ -69,7 +69,7 @@ class ColmapTest : public FolderTest {
   }
 };
 
-TEST_F(ColmapTest, PosesAloneAreReadFromTheSameFiles) {
+TEST_F(ColmapTest, PosesCanBeReadWithoutPoints) {
   write_colmaps_own();
   const Model whole = read_colmap(folder_);
   std::filesystem::remove(path("points3D.txt"));  // is not read
@@ -86,7 +86,7 @@ TEST_F(ColmapTest, PosesAloneAreReadFromTheSameFiles) {
   EXPECT_TRUE(poses.points.empty());
 }
 
-TEST_F(ColmapTest, AModelComesBackWithoutWhatIsNotRegistered) {
+TEST_F(ColmapTest, AModelRoundTripsWithoutUnregisteredImages) {
   const Model model = synthetic_model();
   const std::string folder = path("new/sparse");
   write_colmap(folder, model);
@@ -130,7 +130,7 @@ TEST_F(ColmapTest, AModelComesBackWithoutWhatIsNotRegistered) {
   }
 }
 
-TEST_F(ColmapTest, ImagesStayTurned) {
+TEST_F(ColmapTest, OrientationsOfImagesRoundTrip) {
   Model model = synthetic_model();
   model.images[2].turns = 3;
   model.images[3].turns = 1;
@@ -149,7 +149,7 @@ TEST_F(ColmapTest, ImagesStayTurned) {
   }
 }
 
-TEST_F(ColmapTest, TheFilesHoldWhatColmapExpects) {
+TEST_F(ColmapTest, FilesHaveColmapsFormat) {
   Model model = synthetic_model();
   model.images[0].registered = model.images[1].registered;
   model.images = {model.images[0], model.images[2], model.images[3]};
@@ -208,11 +208,11 @@ TEST_F(ColmapTest, ColmapsOwnFilesAreRead) {
   EXPECT_EQ(read_colmap(path("again")).points.size(), 2U);
 }
 
-TEST_F(ColmapTest, TheLastLineOfImagesMayBeLost) {
+TEST_F(ColmapTest, TheLastEmptyLineOfImagesMayBeMissing) {
   EXPECT_EQ(refusal("images.txt", "no-features.jpg\n\n", "no-features.jpg"), "accepted");
 }
 
-TEST_F(ColmapTest, WhatDoesNotFitIsNamedByFileAndLine) {
+TEST_F(ColmapTest, ErrorsNameFileAndLine) {
   const auto cameras = [&](const std::string& from, const std::string& to) {
     return refusal("cameras.txt", from, to);
   };
@@ -260,7 +260,7 @@ TEST_F(ColmapTest, WhatDoesNotFitIsNamedByFileAndLine) {
   EXPECT_THAT(points("\n5 0", std::string("\n\0\xFF 0", 5)), HasSubstr("the point's id"));
 }
 
-TEST_F(ColmapTest, MissingAndOddFilesAreErrorsThatNameThem) {
+TEST_F(ColmapTest, ErrorsNameMissingAndInvalidFiles) {
   const auto complaint = [&] {
     try {
       (void)read_colmap(folder_);
@@ -284,7 +284,7 @@ TEST_F(ColmapTest, MissingAndOddFilesAreErrorsThatNameThem) {
   EXPECT_THAT(complaint(), HasSubstr("images.txt: line 2: longer than"));
 }
 
-TEST_F(ColmapTest, AModelWhosePartsDoNotFitIsNotWritten) {
+TEST_F(ColmapTest, InconsistentModelsAreNotWritten) {
   const Model good = synthetic_model();
   const auto refused = [&](const auto& change) {
     Model model = good;

@@ -144,7 +144,7 @@ TEST(Exif, IsReadInBothByteOrders) {
   }
 }
 
-TEST(Exif, DropsWhatIsImpossible) {
+TEST(Exif, IgnoresImpossibleValues) {
   EXPECT_EQ(exif_of({.orientation = 9}).orientation, 1);
   EXPECT_EQ(exif_of({.focal = {49, 0}}).focal_mm, 0);
   EXPECT_EQ(exif_of({.unit = 1}).focal_plane_px_per_mm, 0);
@@ -160,7 +160,7 @@ TEST(Exif, DropsWhatIsImpossible) {
   EXPECT_FALSE(exif_of({.latitude = {0, 1}, .longitude = {0, 1}}).gps);
 }
 
-TEST(Exif, KnowsTheWaysOfCameras) {
+TEST(Exif, NormalisesCameraNamesAndSignsOfPositions) {
   EXPECT_EQ(exif_of({.model = "Panasonic X"}).camera, "Panasonic X");
   EXPECT_EQ(exif_of({.model = ""}).camera, "Panasonic");
   EXPECT_EQ(exif_of({.model = "\x01\xFFx"}).camera, "Panasonic ??x");
@@ -170,7 +170,7 @@ TEST(Exif, KnowsTheWaysOfCameras) {
   EXPECT_DOUBLE_EQ((*south.gps)[2], -1953);
 }
 
-TEST(Exif, IsAbsentFromOtherBytes) {
+TEST(Exif, IsEmptyForOtherBytes) {
   for (const std::string& bytes :
        {std::string(), std::string("\xFF\xD8"), std::string("\xFF\xD8\xFF\xD9"),
         std::string("GIF89a......"), std::string("\xFF\xD8\xFF\xE1\0\0", 6), jpeg_with(""),
@@ -184,7 +184,7 @@ TEST(Exif, IsAbsentFromOtherBytes) {
 }
 
 // A directory that refers to itself is read once as each of the three.
-TEST(Exif, EndsForCircles) {
+TEST(Exif, StopsAtCyclicDirectories) {
   TiffWriter w(true);
   w.bytes = "II";
   w.put(42, 2);
@@ -193,7 +193,7 @@ TEST(Exif, EndsForCircles) {
   EXPECT_EQ(parse_exif(jpeg_with(w.bytes)).orientation, 3);
 }
 
-TEST(Exif, ReadsWhatACutFileStillHas) {
+TEST(Exif, ReadsTruncatedFiles) {
   const std::string whole = jpeg_with(tiff_of(false));
   double known = 0;
   for (std::size_t size = 0; size <= whole.size(); ++size) {
@@ -236,7 +236,7 @@ TEST(Exif, SurvivesMutations) {
   EXPECT_GT(readable, 1000);
 }
 
-TEST(FocalPx, ComesFromVideoOrSensor) {
+TEST(FocalPx, ComesFrom35mmEquivalentOrSensorResolution) {
   Exif exif;
   EXPECT_EQ(focal_px_of(exif, {1024, 768}), 0);
   exif.focal_mm = 4.9;

@@ -97,7 +97,7 @@ class PlyTest : public FolderTest {
   const Model model_ = synthetic_model();
 };
 
-TEST_F(PlyTest, PointsHavePlacesAndColors) {
+TEST_F(PlyTest, PointsHavePositionsAndColors) {
   write_points_ply(path("points.ply"), model_);
   const std::vector<Element> elements = read_ply(contents(path("points.ply")));
   ASSERT_EQ(elements.size(), 1U);
@@ -116,7 +116,7 @@ TEST_F(PlyTest, PointsHavePlacesAndColors) {
   }
 }
 
-TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
+TEST_F(PlyTest, CamerasAreDrawnAsTheirViewingPyramids) {
   write_cameras_ply(path("cameras.ply"), model_, 0.25);
   const std::vector<Element> elements = read_ply(contents(path("cameras.ply")));
   ASSERT_EQ(elements.size(), 3U);
@@ -166,7 +166,7 @@ TEST_F(PlyTest, AnEmptyModelIsAFileWithoutVertices) {
   EXPECT_EQ(read_ply(contents(path("cameras.ply"))).size(), 3U);
 }
 
-TEST_F(PlyTest, NumbersThatAreNoneAreRefused) {
+TEST_F(PlyTest, InvalidNumbersAreRefused) {
   Model model = model_;
   model.points[3].position[0] = std::numeric_limits<double>::infinity();
   EXPECT_THROW(write_points_ply(path("points.ply"), model), std::invalid_argument);

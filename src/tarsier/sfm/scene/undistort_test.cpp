@@ -65,7 +65,7 @@ TEST(UndistortedCamera, IsTheSameWithoutDistortion) {
   EXPECT_NE(copy.data, pixels.data);
 }
 
-TEST(UndistortedCamera, RefusesWhatCannotBeUndone) {
+TEST(UndistortedCamera, RefusesDistortionThatIsNotInvertible) {
   geometry::Camera camera = barrel();
   camera.distortion = {-2, 0, 0, 0, 0};  // the radius turns inside the image
   EXPECT_THROW((void)undistorted_camera(camera), Error);
@@ -147,7 +147,7 @@ TEST(UndistortImage, MakesLinesStraightAndBordersFull) {
   }
 }
 
-TEST(UndistortImage, RefusesWhatDoesNotFit) {
+TEST(UndistortImage, RefusesInconsistentSizes) {
   const geometry::Camera from = barrel();
   const cv::Mat pixels(480, 640, CV_8UC1, cv::Scalar(7));
   EXPECT_THROW((void)undistort_image(pixels, from, from), std::invalid_argument);
@@ -180,7 +180,7 @@ class ExportTest : public FolderTest {
   int read_ = 0;
 };
 
-TEST_F(ExportTest, WritesWhatDenseToolsRead) {
+TEST_F(ExportTest, WritesTheFormatOfDenseTools) {
   run();
   EXPECT_EQ(read_, 4);
   const Model back = read_colmap(path("dense/sparse"));
@@ -212,7 +212,7 @@ TEST_F(ExportTest, WritesNothingForBadNames) {
   EXPECT_EQ(read_, 0);
 }
 
-TEST_F(ExportTest, RefusesAImageOfAnotherSize) {
+TEST_F(ExportTest, RefusesAnImageOfAnotherSize) {
   reader_ = [](const std::string&) { return cv::Mat(10, 20, CV_8UC3, cv::Scalar()); };
   EXPECT_THROW(run(), InputError);
   reader_ = [](const std::string&) { return cv::Mat(); };

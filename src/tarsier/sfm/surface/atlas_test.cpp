@@ -10,7 +10,7 @@
 namespace tarsier::sfm {
 namespace {
 
-TEST(Pack, RectanglesAreInsideAndApart) {
+TEST(Pack, RectanglesAreInsideAndDisjoint) {
   Rng rng(3);
   std::vector<cv::Size> sizes;
   int area = 0;
@@ -29,7 +29,7 @@ TEST(Pack, RectanglesAreInsideAndApart) {
   }
 }
 
-TEST(Pack, SaysWhereTheyDoNotFit) {
+TEST(Pack, ReportsThatTheyDoNotFit) {
   EXPECT_FALSE(pack({{10, 10}, {10, 10}}, 14).has_value());
   EXPECT_FALSE(pack({{20, 1}}, 14).has_value());
   EXPECT_TRUE(pack({}, 14).has_value());
@@ -54,7 +54,7 @@ TEST(LevelSeams, MakesBothSidesEqual) {
   }
 }
 
-TEST(LevelSeams, LeavesWhatHasNone) {
+TEST(LevelSeams, KeepsTexturesWithoutSeamsUnchanged) {
   SeamProblem problem;
   problem.nodes = 2;
   problem.edges = {{0, 1}};

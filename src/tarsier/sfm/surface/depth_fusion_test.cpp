@@ -50,7 +50,7 @@ std::string error_of(const std::string& folder, const VolumeOptions& options,
 
 class DepthFusionTest : public FolderTest {};
 
-TEST(CellTriangles, AgreeOnEverySideAndHaveNoDiagonalInIt) {
+TEST(CellTriangles, GiveAClosedManifoldForAnyPatternOfSigns) {
   // Any pattern of signs on a closed grid gives a surface with two faces at every edge.
   VoxelVolume volume(1);
   volume.allocate({VoxelVolume::key_of({0, 0, 0})});
@@ -82,7 +82,7 @@ TEST(CellTriangles, AgreeOnEverySideAndHaveNoDiagonalInIt) {
   }
 }
 
-TEST_F(DepthFusionTest, ASphereIsClosedAndWhereItIs) {
+TEST_F(DepthFusionTest, ASphereIsClosedAndAccurate) {
   const Eigen::Vector3d center(0.1, -0.05, 0.2);
   write_workspace(folder_, sphere_caster(center, 1), test_camera(), cameras_all_around(24, 4));
   double voxel = 0;
@@ -121,7 +121,7 @@ TEST_F(DepthFusionTest, ABoxKeepsItsEdgesWithinAVoxel) {
   EXPECT_LT(errors.back(), 2.5 * voxel);  // where three sides meet
 }
 
-TEST_F(DepthFusionTest, WhatNobodySawStaysOpen) {
+TEST_F(DepthFusionTest, UnobservedPartsStayOpen) {
   std::vector<geometry::Rigid3> above;
   for (const geometry::Rigid3& pose : cameras_all_around(30, 4))
     if (pose.center()[2] > 1) above.push_back(pose);
@@ -131,7 +131,7 @@ TEST_F(DepthFusionTest, WhatNobodySawStaysOpen) {
   EXPECT_FALSE(measures.volume.has_value());
 }
 
-TEST_F(DepthFusionTest, FreeSpaceRemovesWhatOneMapInvents) {
+TEST_F(DepthFusionTest, FreeSpaceRemovesOutliersOfASingleMap) {
   const auto poses = cameras_all_around(24, 4);
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), poses,
                   [](int i, DrawnView& view) {
@@ -148,7 +148,7 @@ TEST_F(DepthFusionTest, FreeSpaceRemovesWhatOneMapInvents) {
   EXPECT_EQ(measure_surface(mesh).parts, 1);
 }
 
-TEST_F(DepthFusionTest, EdgesBesideTheUnknownAreTrimmed) {
+TEST_F(DepthFusionTest, EdgesNextToUnknownDepthsAreTrimmed) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(24, 4),
                   [](int, DrawnView& view) {  // three pixels of background as deep as the sphere
                     cv::Mat wide;
@@ -185,7 +185,7 @@ void spoil_before_darkness(int i, DrawnView& view) {
   noise.copyTo(view.image, flat);
 }
 
-TEST_F(DepthFusionTest, BeforeADarkBackgroundNothingFloats) {
+TEST_F(DepthFusionTest, NoSurfaceFloatsInFrontOfADarkBackground) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(24, 4),
                   spoil_before_darkness);
   const auto outside = [&](int level) {
@@ -221,7 +221,7 @@ TEST(DarkBackground, IsLargeDarkAndUnknownAtTheBorder) {
   EXPECT_EQ(cv::countNonZero(dark_background(image, half, 24)), 750);
 }
 
-TEST_F(DepthFusionTest, TheNumberOfThreadsChangesNothing) {
+TEST_F(DepthFusionTest, ResultDoesNotDependOnThreads) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(80, 60, 75),
                   cameras_all_around(12, 4));
   const int before = cv::getNumThreads();
@@ -237,7 +237,7 @@ TEST_F(DepthFusionTest, TheNumberOfThreadsChangesNothing) {
   cv::setNumThreads(before);
 }
 
-TEST_F(DepthFusionTest, BrokenNumbersAreUnknown) {
+TEST_F(DepthFusionTest, InvalidDepthsAreUnknown) {
   const auto poses = cameras_all_around(12, 4);
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(80, 60, 75), poses);
   const Workspace workspace = Workspace::open(folder_);
@@ -254,7 +254,7 @@ TEST_F(DepthFusionTest, BrokenNumbersAreUnknown) {
   EXPECT_NO_THROW(extract_surface(fused.volume, 4).check());
 }
 
-TEST_F(DepthFusionTest, SaysWhatIsMissing) {
+TEST_F(DepthFusionTest, ErrorsNameWhatIsMissing) {
   const auto poses = cameras_all_around(4, 4);
   write_workspace(
       folder_, [](const auto&, const auto&) { return std::nullopt; }, test_camera(40, 30, 35),
@@ -264,7 +264,7 @@ TEST_F(DepthFusionTest, SaysWhatIsMissing) {
   EXPECT_THAT(error_of(folder_, {}), HasSubstr("run tarsier sfm dense"));
 }
 
-TEST_F(DepthFusionTest, KeepsToTheMemory) {
+TEST_F(DepthFusionTest, RespectsTheMemoryLimit) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(400, 300, 375),
                   cameras_all_around(4, 4));
   VolumeOptions options;

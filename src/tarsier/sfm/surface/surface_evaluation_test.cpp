@@ -58,7 +58,7 @@ TEST(TriangleDistance, ToInsideSidesAndCorners) {
   EXPECT_FLOAT_EQ(triangle_distance({3, 4, 0}, a, a, a), 5);               // a point
 }
 
-TEST(TriangleTree, FindsWhatLookingAtAllFacesFinds) {
+TEST(TriangleTree, AgreesWithExhaustiveSearch) {
   Rng rng(5);
   SurfaceMesh mesh;
   const auto any = [&](float size) {
@@ -127,7 +127,7 @@ class SurfaceEvaluationTest : public FolderTest {
   }
 };
 
-TEST_F(SurfaceEvaluationTest, TheTruthItselfIsExactAndComplete) {
+TEST_F(SurfaceEvaluationTest, TheGroundTruthIsExactAndComplete) {
   const SurfaceScores scores = scores_of(cameras(), sphere(1));
   EXPECT_NEAR(scores.extent, std::sqrt(12.0), 0.1);
   EXPECT_LT(scores.distance_median, 1e-5);
@@ -136,7 +136,7 @@ TEST_F(SurfaceEvaluationTest, TheTruthItselfIsExactAndComplete) {
   EXPECT_GT(scores.thresholds[0].completeness, 0.9999);
 }
 
-TEST_F(SurfaceEvaluationTest, ThresholdsDecideAboutALargerSphere) {
+TEST_F(SurfaceEvaluationTest, ALargerSphereFailsOnlyTheSmallThresholds) {
   // Too large by 0.7 % of the extent.
   const SurfaceScores scores = scores_of(cameras(), sphere(1.0242F));
   EXPECT_NEAR(scores.distance_median, 0.0242, 0.001);
@@ -154,7 +154,7 @@ TEST_F(SurfaceEvaluationTest, HalfASphereIsExactAndHalfComplete) {
   EXPECT_NEAR(scores.thresholds[0].f1, 2.0 / 3, 0.02);
 }
 
-TEST_F(SurfaceEvaluationTest, TheSurfaceIsBroughtToTheTruth) {
+TEST_F(SurfaceEvaluationTest, TheSurfaceIsAlignedToTheGroundTruth) {
   SurfaceMesh moved = sphere(1);
   for (Eigen::Vector3f& vertex : moved.vertices) vertex = 2 * vertex + Eigen::Vector3f(3, 0, 0);
   geometry::Sim3 back;
@@ -165,7 +165,7 @@ TEST_F(SurfaceEvaluationTest, TheSurfaceIsBroughtToTheTruth) {
   EXPECT_LT(scores_of(truth, moved).thresholds[2].completeness, 0.05);
 }
 
-TEST_F(SurfaceEvaluationTest, RefusesNoSurface) {
+TEST_F(SurfaceEvaluationTest, RefusesAnEmptySurface) {
   const Workspace truth = cameras();
   EXPECT_THROW((void)scores_of(truth, {}), std::invalid_argument);
   SurfaceMesh flat = sphere(1);

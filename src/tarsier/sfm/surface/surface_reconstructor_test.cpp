@@ -140,7 +140,7 @@ TEST_F(SurfaceReconstructorTest, ASmallTextureIsReducedAndATinyOneIsRefused) {
   EXPECT_THROW(options.check(), std::invalid_argument);
 }
 
-TEST_F(SurfaceReconstructorTest, WhatNoImageShowsHasTheColorsAroundIt) {
+TEST_F(SurfaceReconstructorTest, UnseenFacesHaveTheColorsOfTheirSurroundings) {
   std::vector<geometry::Rigid3> above;
   for (const geometry::Rigid3& pose : cameras_all_around(20, 4))
     if (pose.center()[2] > 0) above.push_back(pose);
@@ -190,7 +190,7 @@ TEST_F(SurfaceReconstructorTest, ScalesTheResult) {
   EXPECT_NEAR(result.measures.volume.value_or(0), truth, 0.01 * truth);
 }
 
-TEST_F(SurfaceReconstructorTest, TheNumberOfThreadsChangesNothing) {
+TEST_F(SurfaceReconstructorTest, ResultDoesNotDependOnThreads) {
   write_sphere();
   const int before = cv::getNumThreads();
   std::vector<std::string> files;
@@ -247,7 +247,7 @@ TEST_F(SurfaceReconstructorTest, FilesHoldTheSurface) {
   EXPECT_EQ(json["images"][0]["mimeType"], "image/jpeg");
 }
 
-TEST_F(SurfaceReconstructorTest, NothingIsLeftOfAFileThatCannotBeWritten) {
+TEST_F(SurfaceReconstructorTest, AFailedWriteLeavesNoFile) {
   write_sphere();
   SurfaceOptions options = small_options();
   options.texture = 0;

@@ -77,7 +77,7 @@ TEST(Render, CubeAppearsWhereThePinholePredicts) {
   }
 }
 
-TEST(Render, ViewStartsWhereTheCamerasStoodAndUpIsUp) {
+TEST(Render, TheDefaultViewIsFromTheSideOfTheCameras) {
   Model model = model_with_camera();
   add_plate(model, 0, kRed);
   ViewOptions options;
@@ -100,7 +100,7 @@ TEST(Render, ViewStartsWhereTheCamerasStoodAndUpIsUp) {
   EXPECT_GT(viewpoint_of(model, options).pose.center()[0], 0.5);
 }
 
-TEST(Render, UpIsUpOfTurnedImages) {
+TEST(Render, UpFollowsTheOrientationOfTheImages) {
   // The camera was held upright: its pixels are rotated, and down in the scene is right in them.
   Model model = model_with_camera();
   add_plate(model, 0, kRed);
@@ -129,7 +129,7 @@ TEST(Render, NearerPointsHideFartherOnes) {
   EXPECT_LT(apart(render_model(model, options).at<cv::Vec3b>(middle), kBlue), 60);
 }
 
-TEST(Render, StrayPointsDoNotChangeTheFraming) {
+TEST(Render, OutliersDoNotChangeTheFraming) {
   Model model = model_with_camera();
   for (int i = 0; i < 3000; ++i)
     add_point(model, {std::sin(0.7 * i), std::cos(1.3 * i), std::sin(2.1 * i)}, kBlue);
@@ -145,7 +145,7 @@ TEST(Render, StrayPointsDoNotChangeTheFraming) {
   EXPECT_NO_THROW((void)render_model(model, options));
 }
 
-TEST(Render, HillsBehindAStatueDoNotMakeItSmall) {
+TEST(Render, DistantBackgroundDoesNotShrinkTheSubject) {
   Model model = model_with_camera();
   for (int i = 0; i < 1000; ++i)
     add_point(model, {std::sin(0.7 * i), std::cos(1.3 * i), std::sin(2.1 * i)}, kBlue);
@@ -167,7 +167,7 @@ TEST(Render, EmptyModelIsPlainBackground) {
   EXPECT_EQ(frames, 3);
 }
 
-TEST(Render, CamerasAreDrawnOnlyWhenAskedFor) {
+TEST(Render, CamerasAreDrawnOnlyOnRequest) {
   Model model = model_with_camera();
   add_plate(model, 0, kBlue);
   ViewOptions options;
