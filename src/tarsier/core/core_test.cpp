@@ -185,7 +185,7 @@ TEST(Progress, JsonLinesContainMeasuredValues) {
     const auto progress = make_progress(ProgressStyle::kJson, file);
     progress->begin("reader", 300, "steps");
     for (const double loss : {2.5, 0.125, std::numeric_limits<double>::quiet_NaN()}) {
-      tell_measure(*progress, "loss", loss);
+      report_measure(*progress, "loss", loss);
       progress->advance(100);
     }
     progress->end();

@@ -47,9 +47,9 @@ TEST(WilsonInterval, IsSymmetricAndShrinksWithTheTrials) {
   const Interval many = wilson_interval(300, 2000);
   EXPECT_GT(many.low, few.low);
   EXPECT_LT(many.high, few.high);
-  const Interval surer = wilson_interval(3, 20, 0.99);
-  EXPECT_LT(surer.low, few.low);
-  EXPECT_GT(surer.high, few.high);
+  const Interval wider = wilson_interval(3, 20, 0.99);
+  EXPECT_LT(wider.low, few.low);
+  EXPECT_GT(wider.high, few.high);
 }
 
 TEST(WilsonInterval, OfARateIsThatOfTheCount) {

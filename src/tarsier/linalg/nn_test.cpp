@@ -150,7 +150,7 @@ TEST(Losses, TheDerivativeOfAMapAgreesWithFiniteDifferences) {
   const std::vector<float> target = {1, 1, 0, kIgnoredCell, 1, 0, 0, 0, 0.2F,
                                      0, 0, 0, -0.7F,        0, 0, 0};
   const std::vector<float> output = {0.4F, -1, -30, 2, 0.25F, 3, 3, 3, 0.1F, 3, 3, 3};
-  const MapLoss form{.values = 2, .weight = 2, .focal = 1.5F, .knee = 0.1F};
+  const MapLoss form{.values = 2, .weight = 2, .focal = 1.5F, .huber_delta = 0.1F};
   std::vector<float> derivative(output.size(), 0.0F);
   (void)map_loss(form, target, output, shape, derivative);
   for (std::size_t i = 0; i < output.size(); ++i) {

@@ -227,7 +227,7 @@ std::vector<float> TensorReader::take(const std::string& name, std::size_t dimen
     throw ModelError(path_, fmt::format("'{}' has {} numbers, not {}", name, out.size(), count));
   for (const float value : out)
     if (!std::isfinite(value)) throw ModelError(path_, fmt::format("'{}' is not finite", name));
-  ++taken_;
+  ++used_;
   return out;
 }
 

@@ -75,13 +75,13 @@ TEST_F(HubTest, StoresEveryEventDespiteReorderingAndLoss) {
   std::int64_t mark = 0;
   const std::int64_t last = 200;
   while (mark < last) {
-    std::vector<HubLog::Received> some;
+    std::vector<HubLog::Received> batch;
     for (int k = 0; k < 20; ++k) {
       const auto seq = rng.integer(static_cast<int>(mark) + 1, static_cast<int>(last));
-      some.push_back(event("a", seq, mark + 1));
+      batch.push_back(event("a", seq, mark + 1));
     }
-    some.push_back(event("a", mark + 1, mark + 1));
-    log->store(some, 5);
+    batch.push_back(event("a", mark + 1, mark + 1));
+    log->store(batch, 5);
     mark = log->mark("a", kBox);
   }
   EXPECT_EQ(log->count(), last);

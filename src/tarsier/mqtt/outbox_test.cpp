@@ -18,9 +18,9 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-constexpr std::int64_t kMany = 1000;
+constexpr std::int64_t kMaxEntries = 1000;
 
-std::vector<std::string> after(Outbox& outbox, std::int64_t number) {
+std::vector<std::string> entries_after(Outbox& outbox, std::int64_t number) {
   std::vector<std::string> found;
   outbox.read(number, [&](std::int64_t seq, const std::string& payload) {
     found.push_back(std::to_string(seq) + payload);
@@ -38,17 +38,17 @@ TEST_F(OutboxTest, NumbersAreNeverReused) {
     id = outbox.id();
     EXPECT_EQ(outbox.last(), 0);
     EXPECT_EQ(outbox.first(), 1);
-    EXPECT_EQ(outbox.add("a", kMany), 1);
-    EXPECT_EQ(outbox.add("b", kMany), 2);
-    EXPECT_THAT(after(outbox, 1), ElementsAre("2b"));
+    EXPECT_EQ(outbox.add("a", kMaxEntries), 1);
+    EXPECT_EQ(outbox.add("b", kMaxEntries), 2);
+    EXPECT_THAT(entries_after(outbox, 1), ElementsAre("2b"));
     EXPECT_EQ(outbox.forget(2), 2);
-    EXPECT_THAT(after(outbox, 0), IsEmpty());
+    EXPECT_THAT(entries_after(outbox, 0), IsEmpty());
   }
   Outbox outbox(path("outbox.db"));
   EXPECT_EQ(outbox.id(), id);
   EXPECT_EQ(outbox.last(), 2);
   EXPECT_EQ(outbox.first(), 3);
-  EXPECT_EQ(outbox.add("c", kMany), 3);
+  EXPECT_EQ(outbox.add("c", kMaxEntries), 3);
   EXPECT_NE(Outbox(path("other.db")).id(), id);
 }
 

@@ -425,8 +425,9 @@ void paint(const Plot& plot, cv::Size size, Canvas& canvas) {
   const int row = static_cast<int>(line * 0.85);
   const cv::Size box(sample + widest + 2 * mark, row * entries + mark);
   const bool at_right =
-      plot.legend == LegendPlace::kTopRight || plot.legend == LegendPlace::kBottomRight;
-  const bool at_top = plot.legend == LegendPlace::kTopRight || plot.legend == LegendPlace::kTopLeft;
+      plot.legend == LegendPosition::kTopRight || plot.legend == LegendPosition::kBottomRight;
+  const bool at_top =
+      plot.legend == LegendPosition::kTopRight || plot.legend == LegendPosition::kTopLeft;
   const cv::Point origin(at_right ? area.x + area.width - box.width - mark : area.x + mark,
                          at_top ? area.y + mark : area.y + area.height - box.height - mark);
   canvas.box({origin, box}, kPaper, {180, 180, 180});

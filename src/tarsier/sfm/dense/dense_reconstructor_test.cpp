@@ -211,8 +211,8 @@ TEST_F(DenseTest, ResumesAfterAStop) {
   }
   const auto first = fs::last_write_time(path("dense/stereo/depth_maps/0.png.geometric.bin"));
   const DenseResult result = run();
-  EXPECT_TRUE(result.images[0].is_from_before);
-  EXPECT_FALSE(result.images[3].is_from_before);
+  EXPECT_TRUE(result.images[0].is_reused);
+  EXPECT_FALSE(result.images[3].is_reused);
   EXPECT_EQ(fs::last_write_time(path("dense/stereo/depth_maps/0.png.geometric.bin")), first);
   EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == whole);
 }
@@ -223,12 +223,12 @@ TEST_F(DenseTest, OtherOptionsOrImagesAreRecomputed) {
   DenseOptions other = options();
   other.filter.max_cost = 0.3;
   DenseResult result = run(other);
-  EXPECT_FALSE(result.images[0].is_from_before);
+  EXPECT_FALSE(result.images[0].is_reused);
   result = run(other);
-  EXPECT_TRUE(result.images[0].is_from_before);
+  EXPECT_TRUE(result.images[0].is_reused);
   write_image(path("images/2.png"), scene_.render(1));
   result = run(other);
-  EXPECT_FALSE(result.images[0].is_from_before);
+  EXPECT_FALSE(result.images[0].is_reused);
 }
 
 TEST_F(DenseTest, AnImageWithoutSharedPointsIsReported) {
@@ -323,7 +323,7 @@ TEST(PointGrid, FindsTheNearestPoint) {
       best = std::min(best, static_cast<float>(cv::norm(point - from)));
     EXPECT_NEAR(grid.distance(from, 0.4F), best, 1e-5);
   }
-  EXPECT_EQ(thinned({{0, 0, 0}, {0.1F, 0, 0}, {1.5F, 0, 0}}, 1).size(), 2U);
+  EXPECT_EQ(voxel_downsampled({{0, 0, 0}, {0.1F, 0, 0}, {1.5F, 0, 0}}, 1).size(), 2U);
 }
 
 }  // namespace

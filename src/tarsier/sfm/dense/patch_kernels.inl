@@ -142,7 +142,7 @@ void prepare(const GrayImage& image, int x, int y, Patch& patch) {
   complete(gray, static_cast<float>(*middle), patch);
 }
 
-void prepare_between(const GrayQuads& image, float u, float v, float step, Patch& patch) {
+void prepare_interpolated(const GrayQuads& image, float u, float v, float step, Patch& patch) {
   const float limit_x = static_cast<float>(image.width - 1) - 1e-3F;
   const float limit_y = static_cast<float>(image.height - 1) - 1e-3F;
   float gray[kPatchSamples];
@@ -160,11 +160,11 @@ float cost(const Patch& patch, const GrayQuads& source, const float* h) {
   const float limit_x = static_cast<float>(source.width - 1) - 1e-3F;
   const float limit_y = static_cast<float>(source.height - 1) - 1e-3F;
   // The middle of the patch must be inside the image. The form !(..) also rejects NaN.
-  if (!(h[6] > 0)) return kWorstCost;
+  if (!(h[6] > 0)) return kMaxCost;
   const float scale = 1 / h[6];
   if (!(h[0] * scale >= 0 && h[0] * scale <= limit_x + 1e-3F && h[3] * scale >= 0 &&
         h[3] * scale <= limit_y + 1e-3F))
-    return kWorstCost;
+    return kMaxCost;
   Vector sum{};
   Vector squares{};
   Vector products{};
@@ -185,16 +185,16 @@ float cost(const Patch& patch, const GrayQuads& source, const float* h) {
   }
   float low = nearest[0];
   for (int i = 1; i < kLanes; ++i) low = nearest[i] < low ? nearest[i] : low;
-  if (!(low > 0)) return kWorstCost;
+  if (!(low > 0)) return kMaxCost;
   const float mean = sum_of(sum);
   const float spread = sum_of(squares) - mean * mean;
   const float variance = spread > 0 ? spread : 0;
   const float result =
       1 - sum_of(products) / root_of((patch.variance + kNoise) * (variance + kNoise));
-  return result > 0 ? (result < kWorstCost ? result : kWorstCost) : 0;
+  return result > 0 ? (result < kMaxCost ? result : kMaxCost) : 0;
 }
 
-constexpr PatchKernels kKernels{&prepare, &prepare_between, &cost};
+constexpr PatchKernels kKernels{&prepare, &prepare_interpolated, &cost};
 
 }  // namespace
 

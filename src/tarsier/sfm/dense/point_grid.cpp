@@ -79,7 +79,7 @@ float PointGrid::distance(const cv::Vec3f& from, float limit) const {
   return std::sqrt(best);
 }
 
-std::vector<cv::Vec3f> thinned(const std::vector<cv::Vec3f>& points, float cell) {
+std::vector<cv::Vec3f> voxel_downsampled(const std::vector<cv::Vec3f>& points, float cell) {
   TARSIER_REQUIRE(cell > 0 && std::isfinite(cell), "cells of {}", cell);
   std::unordered_set<std::uint64_t> taken;
   std::vector<cv::Vec3f> result;

@@ -251,7 +251,7 @@ class Reader {
       const std::int64_t id = row.integer(0);
       ColmapDatabase::DatabaseImage image;
       image.name = row.text(1);
-      if (const std::string trouble = trouble_of_name(image.name); !trouble.empty())
+      if (const std::string trouble = image_name_error(image.name); !trouble.empty())
         fail(fmt::format("image {}: {}", id, trouble));
       const auto camera = cameras_.find(row.integer(2));
       if (camera == cameras_.end()) fail(fmt::format("the camera of image {} is unknown", id));

@@ -167,8 +167,8 @@ std::vector<Input> inputs_of_database(const std::string& path) {
 
 void require_names(const std::vector<Input>& inputs) {
   for (const Input& input : inputs) {
-    if (const std::string trouble = trouble_of_name(input.name); !trouble.empty())
-      throw InputError(printable(input.path), trouble + ": rename it");
+    if (const std::string error = image_name_error(input.name); !error.empty())
+      throw InputError(printable(input.path), error + ": rename it");
   }
 }
 

@@ -370,7 +370,7 @@ Plan read_plan(const std::string& folder) {
     PlannedImage& planned = plan.images.emplace_back(
         PlannedImage{image.text("name"), image.text("file"), image.text("sha256")});
     if (image.has("place")) planned.place = place_of(image);
-    if (!trouble_of_name(planned.name).empty() || !names.insert(planned.name).second)
+    if (!image_name_error(planned.name).empty() || !names.insert(planned.name).second)
       members.fail("name");
     if (planned.path.empty() || planned.path.find('\0') != std::string::npos) members.fail("file");
     planned.path = (fs::path(folder) / planned.path).string();

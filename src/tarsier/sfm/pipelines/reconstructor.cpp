@@ -104,7 +104,7 @@ nlohmann::ordered_json to_json(const ReconstructorResult& result) {
   nlohmann::ordered_json report = report_json(result.pipeline);
   if (nlohmann::ordered_json placed = to_json(result.placement); !placed.empty())
     report["placed"] = std::move(placed);
-  if (!result.not_placed.empty()) report["not_placed"] = result.not_placed;
+  if (!result.placement_error.empty()) report["not_placed"] = result.placement_error;
   return report;
 }
 
@@ -217,7 +217,7 @@ void Reconstructor::place_largest(ReconstructorResult& result, const Surrounding
   } catch (const Interrupted&) {
     throw;
   } catch (const Error& error) {
-    result.not_placed = error.what();
+    result.placement_error = error.what();
   }
 }
 
@@ -233,7 +233,7 @@ void Reconstructor::write_models(ReconstructorResult& result, const Surroundings
   if (result.interrupted() && earlier && !earlier->partial &&
       earlier->registered >= statistics_of(models.front()).registered) {
     log_warning("interrupted: {} keeps the finished model of an earlier run", folder);
-    result.kept_earlier = true;
+    result.kept_earlier_model = true;
     return;
   }
   const auto folder_of = [&](std::size_t m) { return model_folder(folder, static_cast<int>(m)); };
@@ -245,7 +245,7 @@ void Reconstructor::write_models(ReconstructorResult& result, const Surroundings
   if (!models.empty()) remove_old_models(folder, static_cast<int>(models.size()), earlier);
   if (is_placed) {
     place_largest(result, around);
-    if (result.not_placed.empty()) write_model(folder, models[0]);
+    if (result.placement_error.empty()) write_model(folder, models[0]);
     write_report(folder, result);
   }
   for (std::size_t m = 0; m < models.size(); ++m) write_views(folder_of(m), models[m]);

@@ -40,12 +40,12 @@ struct ReconstructorOptions {
 void use_features(PipelineOptions& options, FeatureKind kind);
 
 struct ReconstructorResult {
-  PipelineResult pipeline;  // models, largest first, and the outcome of each image
-  Placement placement;      // placement of the largest model
-  std::string not_placed;   // why the requested scale or place is missing; or ""
+  PipelineResult pipeline;      // models, largest first, and the outcome of each image
+  Placement placement;          // placement of the largest model
+  std::string placement_error;  // why the requested scale or place is missing; or ""
   // The run was interrupted and wrote nothing, because the folder holds a finished model of an
   // earlier run with at least as many images.
-  bool kept_earlier = false;
+  bool kept_earlier_model = false;
 
   [[nodiscard]] const std::vector<Model>& models() const { return pipeline.reconstruction.models; }
   [[nodiscard]] bool interrupted() const { return pipeline.reconstruction.interrupted; }

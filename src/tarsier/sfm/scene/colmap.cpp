@@ -305,7 +305,7 @@ class ModelReader {
     if (found == cameras_.end()) reader.fail(fmt::format("camera {} is unknown", camera));
     image.camera = found->second;
     if (!rest.empty()) rest.remove_prefix(1);  // one blank; the name itself may begin with a blank
-    if (const std::string trouble = trouble_of_name(rest); !trouble.empty()) reader.fail(trouble);
+    if (const std::string error = image_name_error(rest); !error.empty()) reader.fail(error);
     image.name = rest;
     return image;
   }
@@ -428,8 +428,8 @@ void write_colmap(const std::string& folder, const Model& model) {
   for (const Image& image : model.images) {
     if (!image.registered) continue;
     camera_ids[static_cast<std::size_t>(image.camera)] = 1;
-    if (const std::string trouble = trouble_of_name(image.name); !trouble.empty())
-      throw OutputError((fs::path(folder) / "images.txt").string(), "an image: " + trouble);
+    if (const std::string error = image_name_error(image.name); !error.empty())
+      throw OutputError((fs::path(folder) / "images.txt").string(), "an image: " + error);
   }
   make_folder(folder);
   TextFile cameras((fs::path(folder) / "cameras.txt").string());
@@ -460,7 +460,7 @@ Model read_colmap_poses(const std::string& folder) {
   return model;
 }
 
-std::string trouble_of_name(std::string_view name) {
+std::string image_name_error(std::string_view name) {
   if (name.empty()) return "has no name";
   if (std::any_of(name.begin(), name.end(),
                   [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; })) {

@@ -35,6 +35,6 @@ void write_colmap(const std::string& folder, const Model& model);
 
 // Why an image name is invalid in a model, or "": it is empty, has control characters, or leads out
 // of the folder of images.
-[[nodiscard]] std::string trouble_of_name(std::string_view name);
+[[nodiscard]] std::string image_name_error(std::string_view name);
 
 }  // namespace tarsier::sfm

@@ -159,8 +159,8 @@ class BinaryModel {
       if (camera == cameras_.end()) reader.fail("the camera of " + what + " is unknown");
       image.camera = camera->second;
       image.name = reader.text();
-      if (const std::string trouble = trouble_of_name(image.name); !trouble.empty())
-        reader.fail(what + ": " + trouble);
+      if (const std::string error = image_name_error(image.name); !error.empty())
+        reader.fail(what + ": " + error);
       if (!names.insert(image.name).second)
         reader.fail(fmt::format("'{}' is there twice", printable(image.name)));
       if (!images_.emplace(id, static_cast<int>(k)).second) reader.fail(what + " is there twice");
@@ -241,8 +241,8 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
     if (!model.images[i].registered) continue;
     image_ids[i] = static_cast<std::uint32_t>(++images);
     camera_ids[static_cast<std::size_t>(model.images[i].camera)] = 1;
-    if (const std::string trouble = trouble_of_name(model.images[i].name); !trouble.empty())
-      throw OutputError(folder, trouble);
+    if (const std::string error = image_name_error(model.images[i].name); !error.empty())
+      throw OutputError(folder, error);
   }
   std::uint64_t cameras = 0;
   for (std::uint32_t& id : camera_ids)

@@ -82,7 +82,7 @@ TEST(ColmapBinary, TruncatedFilesAreRefused) {
 TEST(ColmapBinary, CountsBeyondTheFileSizeAreRefused) {
   const TemporaryFolder folder;
   write_colmap_binary((folder / "model"), synthetic_model());
-  const auto trouble = [&](const char* name, std::size_t at, std::uint64_t number) {
+  const auto error_of = [&](const char* name, std::size_t at, std::uint64_t number) {
     const std::string path = (folder / "model") + "/" + name;
     const std::string whole = read_file(path, 100'000'000);
     std::string changed = whole;
@@ -97,12 +97,12 @@ TEST(ColmapBinary, CountsBeyondTheFileSizeAreRefused) {
     write_file_atomically(path, whole);
     return what;
   };
-  EXPECT_THAT(trouble("cameras.bin", 0, std::uint64_t{1} << 60), HasSubstr("cut short"));
-  EXPECT_THAT(trouble("images.bin", 0, 999'999), HasSubstr("cut short"));
-  EXPECT_THAT(trouble("points3D.bin", 0, std::uint64_t{1} << 40), HasSubstr("cut short"));
-  EXPECT_THAT(trouble("cameras.bin", 8, 1 | (std::uint64_t{77} << 32)),
+  EXPECT_THAT(error_of("cameras.bin", 0, std::uint64_t{1} << 60), HasSubstr("cut short"));
+  EXPECT_THAT(error_of("images.bin", 0, 999'999), HasSubstr("cut short"));
+  EXPECT_THAT(error_of("points3D.bin", 0, std::uint64_t{1} << 40), HasSubstr("cut short"));
+  EXPECT_THAT(error_of("cameras.bin", 8, 1 | (std::uint64_t{77} << 32)),
               HasSubstr("model number 77"));
-  EXPECT_THAT(trouble("images.bin", 12, 0x7ff8000000000000U), HasSubstr("not finite"));
+  EXPECT_THAT(error_of("images.bin", 12, 0x7ff8000000000000U), HasSubstr("not finite"));
 }
 
 }  // namespace

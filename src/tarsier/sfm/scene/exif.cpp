@@ -246,10 +246,11 @@ Exif parse_exif(std::string_view jpeg_bytes) {
   const std::size_t details = directory(kExifDirectory);
   exif.focal_mm = tiff.number_in(details, kFocalLength, 0, 1e5, 0);
   exif.focal_35mm = tiff.number_in(details, kFocalLength35, 0, 1e5, 0);
-  exif.taken_px.width = static_cast<int>(tiff.number_in(details, kPixelXDimension, 1, kMaxSide, 0));
-  exif.taken_px.height =
+  exif.original_px.width =
+      static_cast<int>(tiff.number_in(details, kPixelXDimension, 1, kMaxSide, 0));
+  exif.original_px.height =
       static_cast<int>(tiff.number_in(details, kPixelYDimension, 1, kMaxSide, 0));
-  if (exif.taken_px.width == 0 || exif.taken_px.height == 0) exif.taken_px = {};
+  if (exif.original_px.width == 0 || exif.original_px.height == 0) exif.original_px = {};
   const double resolution = tiff.number_in(details, kFocalPlaneXResolution, 0, 1e9, 0);
   const int unit = static_cast<int>(tiff.number_in(details, kFocalPlaneResolutionUnit, 1, 5, 2));
   constexpr std::array<double, 6> kMmOfUnit{0, 0, 25.4, 10, 1, 1e-3};  // inch, cm, mm, um; 1: none
@@ -263,10 +264,10 @@ double focal_px_of(const Exif& exif, cv::Size size) {
   TARSIER_REQUIRE(size.width > 0 && size.height > 0, "an image of {}x{} px", size.width,
                   size.height);
   const double side = std::max(size.width, size.height);
-  const double taken = std::max(exif.taken_px.width, exif.taken_px.height);
+  const double original = std::max(exif.original_px.width, exif.original_px.height);
   double focal = exif.focal_35mm / 36 * side;
   if (!(focal > 0)) {
-    focal = exif.focal_mm * exif.focal_plane_px_per_mm * (taken > 0 ? side / taken : 1);
+    focal = exif.focal_mm * exif.focal_plane_px_per_mm * (original > 0 ? side / original : 1);
   }
   return focal >= 0.1 * side && focal <= 20 * side ? focal : 0;
 }

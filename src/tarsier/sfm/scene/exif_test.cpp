@@ -134,7 +134,7 @@ TEST(Exif, IsReadInBothByteOrders) {
     EXPECT_DOUBLE_EQ(exif.focal_mm, 4.9);
     EXPECT_EQ(exif.focal_35mm, 28);
     EXPECT_DOUBLE_EQ(exif.focal_plane_px_per_mm, 1000);
-    EXPECT_EQ(exif.taken_px, cv::Size(4000, 3000));
+    EXPECT_EQ(exif.original_px, cv::Size(4000, 3000));
     EXPECT_EQ(exif.orientation, 6);
     EXPECT_EQ(exif.camera, "Panasonic DMC-TS3");
     ASSERT_TRUE(exif.gps);
@@ -243,7 +243,7 @@ TEST(FocalPx, ComesFrom35mmEquivalentOrSensorResolution) {
   EXPECT_EQ(focal_px_of(exif, {1024, 768}), 0);
   exif.focal_plane_px_per_mm = 1000;
   EXPECT_DOUBLE_EQ(focal_px_of(exif, {4000, 3000}), 4900);
-  exif.taken_px = {4000, 3000};
+  exif.original_px = {4000, 3000};
   EXPECT_DOUBLE_EQ(focal_px_of(exif, {1000, 750}), 1225);
   EXPECT_DOUBLE_EQ(focal_px_of(exif, {750, 1000}), 1225);
   exif.focal_35mm = 28;

@@ -134,7 +134,7 @@ TEST_F(DepthFusionTest, UnobservedPartsStayOpen) {
 TEST_F(DepthFusionTest, FreeSpaceRemovesOutliersOfASingleMap) {
   const auto poses = cameras_all_around(24, 4);
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), poses,
-                  [](int i, DrawnView& view) {
+                  [](int i, RenderedView& view) {
                     if (i != 5) return;
                     view.map.depth(cv::Rect(60, 40, 30, 30)) = 2.4F;  // a plate before the sphere
                     view.map.normal(cv::Rect(60, 40, 30, 30)) = cv::Scalar(0, 0, -1);
@@ -150,7 +150,7 @@ TEST_F(DepthFusionTest, FreeSpaceRemovesOutliersOfASingleMap) {
 
 TEST_F(DepthFusionTest, EdgesNextToUnknownDepthsAreTrimmed) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(24, 4),
-                  [](int, DrawnView& view) {  // three pixels of background as deep as the sphere
+                  [](int, RenderedView& view) {  // three pixels of background as deep as the sphere
                     cv::Mat wide;
                     const cv::Mat flat = view.map.depth == 0;
                     const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, {7, 7});
@@ -172,7 +172,7 @@ TEST_F(DepthFusionTest, EdgesNextToUnknownDepthsAreTrimmed) {
 
 // In all maps, pixels of the background beside the sphere get the sphere's depth. In some, a plate
 // floats in front of the dark background. The background is black with noise.
-void spoil_before_darkness(int i, DrawnView& view) {
+void spoil_before_darkness(int i, RenderedView& view) {
   const cv::Mat flat = view.map.depth == 0;
   cv::Mat wide;
   cv::dilate(view.map.depth, wide, cv::getStructuringElement(cv::MORPH_ELLIPSE, {7, 7}));

@@ -104,7 +104,7 @@ SurfaceScores evaluate_surface(const Workspace& cameras, const SurfaceMesh& trut
   std::vector<int> seen(wanted.size(), 0);
   progress.begin("truth", cameras.count(), "images");
   for (int i = 0; i < cameras.count(); ++i) {
-    const TrueView view = true_view(cameras, i);
+    const GroundTruthView view = ground_truth_view(cameras, i);
     for (std::size_t k = 0; k < wanted.size(); ++k) {
       if (k % 4096 == 0) throw_if_stopped(stop);
       if (seen[k] < 2 && view.sees(to_eigen(wanted[k]).cast<double>())) ++seen[k];

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
@@ -211,7 +211,7 @@ SurfaceMesh mesh_of_ply(const std::string& path) {
 }  // namespace
 
 SurfaceFormat surface_format_of(const std::string& path) {
-  const std::string ending = lower_ending(path);
+  const std::string ending = lowercase_extension(path);
   if (ending == ".ply") return SurfaceFormat::kPly;
   if (ending == ".obj") return SurfaceFormat::kObj;
   if (ending == ".glb") return SurfaceFormat::kGlb;

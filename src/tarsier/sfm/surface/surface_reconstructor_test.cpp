@@ -60,7 +60,7 @@ double color_error(const SurfaceResult& result) {
 // A sphere that 12 cameras see.
 class SurfaceReconstructorTest : public FolderTest {
  protected:
-  void write_sphere(const std::function<void(int, DrawnView&)>& change = {}) {
+  void write_sphere(const std::function<void(int, RenderedView&)>& change = {}) {
     write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(12, 4),
                     change);
   }
@@ -98,7 +98,7 @@ TEST_F(SurfaceReconstructorTest, ASphereHasItsColors) {
 }
 
 TEST_F(SurfaceReconstructorTest, SeamsOfUnequalExposureAreLevelled) {
-  write_sphere([](int i, DrawnView& view) {
+  write_sphere([](int i, RenderedView& view) {
     view.image.convertTo(view.image, -1, 1, i % 2 == 0 ? 12 : -12);  // half of the images darker
   });
   SurfaceOptions options = small_options();
@@ -162,7 +162,7 @@ TEST_F(SurfaceReconstructorTest, UnseenFacesHaveTheColorsOfTheirSurroundings) {
 TEST_F(SurfaceReconstructorTest, ADarkBackgroundGivesNoColors) {
   write_sphere();
   const SurfaceMesh mesh = surface_of(folder_, small_options()).surface.mesh;
-  write_sphere([](int i, DrawnView& view) {  // only the first image contains the sphere
+  write_sphere([](int i, RenderedView& view) {  // only the first image contains the sphere
     if (i == 0) return;
     view.image.setTo(cv::Scalar::all(3));
     view.map.depth = cv::Mat(view.map.depth.size(), CV_32FC1, cv::Scalar::all(0));

@@ -82,7 +82,7 @@ Framing frame_model(const Model& model, bool with_cameras) {
     const Eigen::Matrix3d axes = image.pose.rotation.transpose();
     if (centers.empty()) first_ahead = axes.col(2);
     centers.push_back(image.pose.center());
-    down += axes * down_of(image.turns);
+    down += axes * down_direction(image.turns);
     ahead += axes.col(2);
   }
 
