@@ -68,7 +68,7 @@ TEST(Builtin, AllSixFacesOfTheCubeShowTheTextureUpright) {
     const double a = quarter * CV_PI / 2;
     const Eigen::Matrix3d turn{
         {std::cos(a), -std::sin(a), 0}, {std::sin(a), std::cos(a), 0}, {0, 0, 1}};
-    cv::Mat image = gray_ground(camera);
+    cv::Mat image = gray_background(camera);
     Scene scene = plain_scene();
     scene.items = {item_of(cube, {0, 0, 3}, front * turn)};
     scene.items[0].back_faces = false;

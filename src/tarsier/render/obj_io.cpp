@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kLargestNumber = 1e9;
+constexpr double kMaxNumber = 1e9;
 constexpr std::size_t kMaxMaterials = 10'000;
 
 // Splits a line into words.
@@ -109,7 +109,7 @@ class Reader {
     if (error != std::errc() || end != word.data() + word.size()) {
       fail(fmt::format("'{}' is no number", shown(word)));
     }
-    if (!(std::abs(value) <= kLargestNumber)) {
+    if (!(std::abs(value) <= kMaxNumber)) {
       fail(fmt::format("{} is not finite or beyond 1e9", shown(word)));
     }
     return static_cast<float>(value);

@@ -33,7 +33,7 @@ Eigen::Matrix3d turned(double x, double y, double z) {
 }
 
 cv::Mat drawn(const Scene& scene, const geometry::Camera& camera) {
-  cv::Mat image = gray_ground(camera);
+  cv::Mat image = gray_background(camera);
   render(image, scene, camera);
   return image;
 }
@@ -304,7 +304,7 @@ TEST(Render, VerticesAreDistortedAsTheCameraDistorts) {
   }
   // Far outside the view, the polynomial would fold back into the image.
   scene.items = {item_of(dot, {30, 0, 3})};
-  EXPECT_EQ(cv::norm(drawn(scene, camera), gray_ground(camera), cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(drawn(scene, camera), gray_background(camera), cv::NORM_INF), 0);
 }
 
 TEST(Render, IsTheSameForAnyNumberOfThreads) {
@@ -323,12 +323,12 @@ TEST(Render, IsTheSameForAnyNumberOfThreads) {
   const cv::Mat three = drawn(scene, camera);
   cv::setNumThreads(threads);
   EXPECT_EQ(cv::norm(one, three, cv::NORM_INF), 0);
-  EXPECT_GT(cv::norm(one, gray_ground(camera), cv::NORM_INF), 50);
+  EXPECT_GT(cv::norm(one, gray_background(camera), cv::NORM_INF), 50);
 }
 
 TEST(Render, RefusesInvalidScenes) {
   const geometry::Camera camera = testing_camera();
-  cv::Mat image = gray_ground(camera);
+  cv::Mat image = gray_background(camera);
   Scene scene = plain_scene();
   scene.items = {item_of(square(kRed), {0, 0, 5})};
   const auto refuses = [&](const Scene& bad) {

@@ -45,7 +45,7 @@ class MarkerScaleTest : public FolderTest {
 
   // Adds marker `id` with its middle at (x, y) on the table, observed by image `i`.
   void put(int i, int id, double x, double y) {
-    SeenMarker marker;
+    DetectedMarker marker;
     marker.id = id;
     constexpr double kHalf = kSide / 2;
     const Eigen::Vector2d steps[] = {
@@ -76,7 +76,7 @@ class MarkerScaleTest : public FolderTest {
 
   cv::Size size_{640, 480};
   Model model_;
-  std::array<std::vector<SeenMarker>, 3> seen_;
+  std::array<std::vector<DetectedMarker>, 3> seen_;
 };
 
 TEST_F(MarkerScaleTest, FollowsFromTheKnownSide) {

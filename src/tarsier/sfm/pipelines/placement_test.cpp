@@ -94,7 +94,8 @@ TEST(Placement, ScalesTheModelToAKnownDistance) {
 TEST(Placement, MarkersGiveTheScaleAlsoOfAnAlignedModel) {
   const Model original = synthetic_model();
   PlacementOptions options;
-  options.markers = KnownMarkers{0.05, [](const cv::Mat&) { return std::vector<SeenMarker>(); }};
+  options.markers =
+      KnownMarkers{0.05, [](const cv::Mat&) { return std::vector<DetectedMarker>(); }};
   MarkerScale measured;
   measured.scale = 0.25;
   const auto distance = [](const Model& model) {
@@ -243,12 +244,12 @@ TEST_F(Gps, PositionsAreInMetres) {
   // They guide the choice of pairs by appearance. Given positions have priority.
   PipelineOptions pipeline;
   pipeline.pairs = PairChoice::kRetrieval;
-  EXPECT_EQ(with_places(inputs, {}, pipeline, {})[1].place, found.at("1.jpg"));
-  EXPECT_FALSE(with_places(inputs, {}, pipeline, {})[3].place.has_value());
+  EXPECT_EQ(with_camera_positions(inputs, {}, pipeline, {})[1].place, found.at("1.jpg"));
+  EXPECT_FALSE(with_camera_positions(inputs, {}, pipeline, {})[3].place.has_value());
   const Eigen::Vector3d given(1, 2, 3);
-  EXPECT_EQ(with_places(inputs, {{"none.jpg", given}}, pipeline, {})[3].place, given);
+  EXPECT_EQ(with_camera_positions(inputs, {{"none.jpg", given}}, pipeline, {})[3].place, given);
   pipeline.pairs = PairChoice::kExhaustive;
-  EXPECT_FALSE(with_places(inputs, {}, pipeline, {})[1].place.has_value());
+  EXPECT_FALSE(with_camera_positions(inputs, {}, pipeline, {})[1].place.has_value());
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW((void)gps_positions(inputs, stop.get_token()), Interrupted);

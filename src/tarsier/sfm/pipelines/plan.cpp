@@ -294,7 +294,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   }
   progress.begin("plan", static_cast<std::int64_t>(inputs.size()), "images");
   OrderedJson images = OrderedJson::array();
-  for (const Input& input : with_places(inputs, {}, given, stop)) {
+  for (const Input& input : with_camera_positions(inputs, {}, given, stop)) {
     throw_if_stopped(stop);
     const std::string file = path_from(folder, input.path);
     PlannedImage image{input.name, (fs::path(folder) / file).string(), "", input.place};

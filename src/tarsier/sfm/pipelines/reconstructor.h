@@ -114,14 +114,14 @@ class Reconstructor {
  private:
   void check_inputs(const std::vector<Input>& inputs) const;
   // What placing the largest model needs besides the options.
-  struct Surroundings {
+  struct PlacementContext {
     const std::vector<Input>& inputs;
     Positions known;
     Progress& progress;
     std::stop_token stop;
   };
-  void write_models(ReconstructorResult& result, const Surroundings& around) const;
-  void place_largest(ReconstructorResult& result, const Surroundings& around) const;
+  void write_models(ReconstructorResult& result, const PlacementContext& context) const;
+  void place_largest(ReconstructorResult& result, const PlacementContext& context) const;
 
   ReconstructorOptions options_;
   Positions positions_;  // from the positions file

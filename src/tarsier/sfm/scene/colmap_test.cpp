@@ -261,7 +261,7 @@ TEST_F(ColmapTest, ErrorsNameFileAndLine) {
 }
 
 TEST_F(ColmapTest, ErrorsNameMissingAndInvalidFiles) {
-  const auto complaint = [&] {
+  const auto error_of = [&] {
     try {
       (void)read_colmap(folder_);
     } catch (const InputError& error) {
@@ -269,19 +269,19 @@ TEST_F(ColmapTest, ErrorsNameMissingAndInvalidFiles) {
     }
     return std::string("accepted");
   };
-  EXPECT_THAT(complaint(), HasSubstr("cameras.txt: no such file"));
+  EXPECT_THAT(error_of(), HasSubstr("cameras.txt: no such file"));
   write_colmaps_own();
   std::filesystem::remove(path("points3D.txt"));
-  EXPECT_THAT(complaint(), HasSubstr("points3D.txt: no such file"));
+  EXPECT_THAT(error_of(), HasSubstr("points3D.txt: no such file"));
   std::filesystem::create_directory(path("points3D.txt"));
-  EXPECT_THAT(complaint(), HasSubstr("points3D.txt: is no regular file"));
+  EXPECT_THAT(error_of(), HasSubstr("points3D.txt: is no regular file"));
   std::filesystem::remove(path("images.txt"));
   write_file_atomically(path("images.txt"), "");
   // Large files are read (a model of ten thousand images has 2 GB), endless lines are not. The file
   // is sparse and occupies no space.
   write_file_atomically(path("images.txt"), "# a comment\n");
   std::filesystem::resize_file(path("images.txt"), 3'000'000'000);
-  EXPECT_THAT(complaint(), HasSubstr("images.txt: line 2: longer than"));
+  EXPECT_THAT(error_of(), HasSubstr("images.txt: line 2: longer than"));
 }
 
 TEST_F(ColmapTest, InconsistentModelsAreNotWritten) {

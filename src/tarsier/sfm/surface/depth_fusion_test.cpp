@@ -172,7 +172,7 @@ TEST_F(DepthFusionTest, EdgesNextToUnknownDepthsAreTrimmed) {
 
 // In all maps, pixels of the background beside the sphere get the sphere's depth. In some, a plate
 // floats in front of the dark background. The background is black with noise.
-void spoil_before_darkness(int i, RenderedView& view) {
+void add_outliers_before_background(int i, RenderedView& view) {
   const cv::Mat flat = view.map.depth == 0;
   cv::Mat wide;
   cv::dilate(view.map.depth, wide, cv::getStructuringElement(cv::MORPH_ELLIPSE, {7, 7}));
@@ -187,7 +187,7 @@ void spoil_before_darkness(int i, RenderedView& view) {
 
 TEST_F(DepthFusionTest, NoSurfaceFloatsInFrontOfADarkBackground) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(24, 4),
-                  spoil_before_darkness);
+                  add_outliers_before_background);
   const auto outside = [&](int level) {
     VolumeOptions options;
     options.trim_px = 0;

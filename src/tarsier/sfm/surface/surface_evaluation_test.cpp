@@ -23,24 +23,24 @@ namespace {
 // pole).
 SurfaceMesh sphere(float radius, float from = 0, float to = 1) {
   constexpr int kRings = 60;
-  constexpr int kAround = 120;
+  constexpr int kSegments = 120;
   SurfaceMesh mesh;
   for (int i = 0; i <= kRings; ++i) {
     const float polar = std::numbers::pi_v<float> *
                         (from + (to - from) * static_cast<float>(i) / static_cast<float>(kRings));
-    for (int j = 0; j < kAround; ++j) {
-      const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(j) / kAround;
+    for (int j = 0; j < kSegments; ++j) {
+      const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(j) / kSegments;
       mesh.vertices.emplace_back(radius * std::sin(polar) * std::cos(angle),
                                  radius * std::sin(polar) * std::sin(angle),
                                  radius * std::cos(polar));
     }
   }
   for (int i = 0; i < kRings; ++i) {
-    for (int j = 0; j < kAround; ++j) {
-      const int a = i * kAround + j;
-      const int b = i * kAround + (j + 1) % kAround;
-      mesh.faces.push_back({a, a + kAround, b});
-      mesh.faces.push_back({b, a + kAround, b + kAround});
+    for (int j = 0; j < kSegments; ++j) {
+      const int a = i * kSegments + j;
+      const int b = i * kSegments + (j + 1) % kSegments;
+      mesh.faces.push_back({a, a + kSegments, b});
+      mesh.faces.push_back({b, a + kSegments, b + kSegments});
     }
   }
   return mesh;
