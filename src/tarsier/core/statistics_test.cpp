@@ -131,14 +131,14 @@ TEST(Logistic, OfFloatIsComputedInFloat) {
 }
 
 TEST(Boxes, IouAndOverlapOfSmallerDiffer) {
-  const cv::Rect2d whole(0, 0, 10, 10);
+  const cv::Rect2d outer(0, 0, 10, 10);
   const cv::Rect2d inside(2, 2, 5, 5);
-  EXPECT_DOUBLE_EQ(iou(whole, inside), 0.25);
-  EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, inside), 1);
-  EXPECT_DOUBLE_EQ(iou(whole, {5, 0, 10, 10}), 1.0 / 3);
-  EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, {5, 0, 10, 10}), 0.5);
-  EXPECT_EQ(iou(whole, {10, 0, 5, 5}), 0);                // they touch
-  EXPECT_EQ(overlap_of_smaller(whole, {2, 2, 0, 5}), 0);  // empty
+  EXPECT_DOUBLE_EQ(iou(outer, inside), 0.25);
+  EXPECT_DOUBLE_EQ(overlap_of_smaller(outer, inside), 1);
+  EXPECT_DOUBLE_EQ(iou(outer, {5, 0, 10, 10}), 1.0 / 3);
+  EXPECT_DOUBLE_EQ(overlap_of_smaller(outer, {5, 0, 10, 10}), 0.5);
+  EXPECT_EQ(iou(outer, {10, 0, 5, 5}), 0);                // they touch
+  EXPECT_EQ(overlap_of_smaller(outer, {2, 2, 0, 5}), 0);  // empty
   EXPECT_DOUBLE_EQ(iou(cv::Rect(0, 0, 10, 10), cv::Rect(5, 0, 10, 10)), 1.0 / 3);
 }
 

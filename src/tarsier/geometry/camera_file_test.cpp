@@ -34,9 +34,9 @@ const std::string kOpenCvFile =
     "avg_reprojection_error: 0.25\n";
 
 std::string replaced(std::string text, const std::string& old_text, const std::string& new_text) {
-  const std::size_t place = text.find(old_text);
-  EXPECT_NE(place, std::string::npos) << old_text;
-  return text.replace(place, old_text.size(), new_text);
+  const std::size_t position = text.find(old_text);
+  EXPECT_NE(position, std::string::npos) << old_text;
+  return text.replace(position, old_text.size(), new_text);
 }
 
 class CameraFileTest : public FolderTest {

@@ -127,7 +127,7 @@ TEST(PlanarTrack, CorrectsAWrongInitialPose) {
   auto tracked = track_plane(kSquare, pixels, camera, 0, {}, state);
   ASSERT_TRUE(tracked && tracked->other);
   // As if the first image had chosen the wrong solution.
-  state.kept = tracked->other->camera_from_plane;
+  state.measured = tracked->other->camera_from_plane;
   state.evidence = 2;
   bool is_switched = false;
   for (int i = 1; i < 6 && !is_switched; ++i) {
@@ -150,13 +150,13 @@ TEST(PlanarTrack, SmoothsAStillObjectAndFollowsAMovingOne) {
   const auto path = [](double t) { return pose_of(35, 0.4, {0.15 * std::sin(2.4 * t), 0, 0.6}); };
   const Video moving = recorded(300, 0.15, path);
   const Camera camera = test_camera();
-  double worst = 0;
+  double max_step = 0;
   for (std::size_t i = 5; i < moving.tracked.size(); ++i) {
     const auto a = camera.project(moving.truth[i].translation);
     const auto b = camera.project(moving.tracked[i].steady.translation);
-    worst = std::max(worst, cv::norm(*a - *b));
+    max_step = std::max(max_step, cv::norm(*a - *b));
   }
-  EXPECT_LT(worst, 1.1);
+  EXPECT_LT(max_step, 1.1);
 }
 
 TEST(PlanarTrack, RestartsAfterAGap) {

@@ -212,12 +212,12 @@ TEST_P(Backward, AgreesWithFiniteDifferences) {
       const auto& analytic = weights ? gradient.layers[l].weights : gradient.layers[l].bias;
       for (std::size_t k = 0; k < values.size(); k += 1 + values.size() / 9) {
         constexpr float kStep = 1e-3F;
-        const float kept = values[k];
-        values[k] = kept + kStep;
+        const float original = values[k];
+        values[k] = original + kStep;
         const double up = loss();
-        values[k] = kept - kStep;
+        values[k] = original - kStep;
         const double down = loss();
-        values[k] = kept;
+        values[k] = original;
         const double numeric = (up - down) / (2.0 * static_cast<double>(kStep));
         EXPECT_NEAR(analytic[k], numeric, 0.02 * (1 + std::abs(numeric)))
             << "layer " << l << ", parameter " << k;
@@ -301,9 +301,9 @@ TEST(NetworkFile, RoundTrip) {
 TEST(NetworkFile, IsHalfAsLargeInHalfPrecision) {
   Rng rng(8);
   Network network = small_network(rng);
-  const Network whole = network;
+  const Network original_network = network;
   round_to_half(network);
-  EXPECT_NE(network.layers[0].weights, whole.layers[0].weights);
+  EXPECT_NE(network.layers[0].weights, original_network.layers[0].weights);
   const nlohmann::json written = network_to_json(network, Precision::kHalf);
   EXPECT_LT(10 * written.dump().size(), 6 * network_to_json(network).dump().size());
   const Network again = network_from_json(written, "a.json");
@@ -311,8 +311,8 @@ TEST(NetworkFile, IsHalfAsLargeInHalfPrecision) {
     EXPECT_EQ(again.layers[l].weights, network.layers[l].weights);
     EXPECT_EQ(again.layers[l].bias, network.layers[l].bias);
     for (std::size_t i = 0; i < network.layers[l].weights.size(); ++i)
-      EXPECT_NEAR(network.layers[l].weights[i], whole.layers[l].weights[i],
-                  1e-7 + std::abs(whole.layers[l].weights[i]) / 2048);
+      EXPECT_NEAR(network.layers[l].weights[i], original_network.layers[l].weights[i],
+                  1e-7 + std::abs(original_network.layers[l].weights[i]) / 2048);
   }
 }
 

@@ -98,8 +98,8 @@ TEST(Separable, StagesRunInOrder) {
   const std::vector<float> input = random_numbers(rng, shape.size());
   SeparableWorkspace workspace;
   const std::vector<float> between = run(first, input.data(), shape, workspace);
-  const std::vector<float> apart = run(second, between.data(), first.output(shape), workspace);
-  EXPECT_EQ(run(both, input.data(), shape, workspace), apart);
+  const std::vector<float> separate = run(second, between.data(), first.output(shape), workspace);
+  EXPECT_EQ(run(both, input.data(), shape, workspace), separate);
   EXPECT_EQ(both.output(shape), (Shape{2, 5, 6}));
   EXPECT_GT(both.cost(shape), 0);
 }

@@ -105,8 +105,8 @@ TEST(MessageTest, InvalidUtf8DoesNotThrow) {
 }
 
 TEST(PublisherTest, TheDefaultOutboxIsInTheStateFolder) {
-  const char* kept = std::getenv("XDG_STATE_HOME");
-  const std::string before = kept == nullptr ? "" : kept;
+  const char* old_value = std::getenv("XDG_STATE_HOME");
+  const std::string before = old_value == nullptr ? "" : old_value;
   ::setenv("XDG_STATE_HOME", "/state", 1);
   EXPECT_EQ(default_outbox("tarsier/gate-1"), "/state/tarsier/outbox-tarsier-gate-1.db");
   if (before.empty()) {

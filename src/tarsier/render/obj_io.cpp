@@ -259,12 +259,12 @@ class Reader {
     }
     std::error_code error;
     const fs::path base = fs::weakly_canonical(folder_.empty() ? fs::path(".") : folder_, error);
-    const fs::path whole = error ? fs::path() : fs::weakly_canonical(base / given, error);
-    const fs::path inside = whole.lexically_relative(base);
-    if (error || inside.empty() || *inside.begin() == "..") {
+    const fs::path absolute = error ? fs::path() : fs::weakly_canonical(base / given, error);
+    const fs::path relative = absolute.lexically_relative(base);
+    if (error || relative.empty() || *relative.begin() == "..") {
       fail(fmt::format("'{}' is outside the folder of the OBJ file", shown(name)));
     }
-    return fs::is_regular_file(whole, error) ? whole.string() : std::string();
+    return fs::is_regular_file(absolute, error) ? absolute.string() : std::string();
   }
 
   void read_library(const std::string& name) {

@@ -63,20 +63,20 @@ Projected between(const Projected& a, const Projected& b, double t) {
 // Sutherland and Hodgman 1974: clips to the part where `inside` (linear in the points) is >= 0.
 template <typename Point, typename Inside>
 void cut(Polygon<Point>& polygon, const Inside& inside) {
-  Polygon<Point> kept;
+  Polygon<Point> clipped;
   for (int i = 0; i < polygon.count; ++i) {
     const Point& from = polygon[i];
     const Point& to = polygon[(i + 1) % polygon.count];
     const double a = inside(from);
     const double b = inside(to);
-    if (a >= 0) kept.add(from);
+    if (a >= 0) clipped.add(from);
     if ((a >= 0) != (b >= 0)) {
       // Clipped in the same direction from both sides, so that neighbouring triangles get the same
       // point.
-      kept.add(a >= 0 ? between(from, to, a / (a - b)) : between(to, from, b / (b - a)));
+      clipped.add(a >= 0 ? between(from, to, a / (a - b)) : between(to, from, b / (b - a)));
     }
   }
-  polygon = kept;
+  polygon = clipped;
 }
 
 double light_of(const Light& light, const Eigen::Vector3d& to_light,

@@ -93,10 +93,10 @@ class MatCanvas final : public Canvas {
     cv::Mat label(size, CV_8UC3, kPaper);
     put_text(label, text, {0, 0}, style);
     cv::rotate(label, label, cv::ROTATE_90_COUNTERCLOCKWISE);
-    const cv::Rect place(pixel.x - label.cols / 2, pixel.y - label.rows / 2, label.cols,
-                         label.rows);
-    const cv::Rect seen = place & cv::Rect({0, 0}, image_.size());
-    if (!seen.empty()) label(seen - place.tl()).copyTo(image_(seen));
+    const cv::Rect target(pixel.x - label.cols / 2, pixel.y - label.rows / 2, label.cols,
+                          label.rows);
+    const cv::Rect visible = target & cv::Rect({0, 0}, image_.size());
+    if (!visible.empty()) label(visible - target.tl()).copyTo(image_(visible));
   }
   void clip(const cv::Rect& box) override {
     view_ = image_(box);

@@ -80,7 +80,7 @@ cv::Size fitted(cv::Size image, cv::Size cell) {
           std::clamp(static_cast<int>(std::lround(image.height * scale)), 1, cell.height)};
 }
 
-void place(const cv::Mat& image, cv::Mat cell) {
+void draw_fitted(const cv::Mat& image, cv::Mat cell) {
   const cv::Mat color = to_bgr(image);
   const cv::Size size = fitted(color.size(), cell.size());
   cv::Mat scaled;
@@ -97,7 +97,7 @@ cv::Mat letterbox(const cv::Mat& image, cv::Size size, const cv::Scalar& backgro
   TARSIER_REQUIRE(size.width >= 1 && size.height >= 1, "size {}x{} px", size.width, size.height);
   TARSIER_REQUIRE(!image.empty(), "the image is empty");
   cv::Mat result(size, CV_8UC3, background);
-  place(image, result);
+  draw_fitted(image, result);
   return result;
 }
 
@@ -138,7 +138,7 @@ cv::Mat tile(std::span<const cv::Mat> images, std::span<const std::string> names
     cv::Mat part = result(cell & cv::Rect({0, 0}, size));
     if (part.empty()) continue;
     const auto index = static_cast<std::size_t>(i);
-    if (!images[index].empty()) place(images[index], part);
+    if (!images[index].empty()) draw_fitted(images[index], part);
     TextStyle style;
     style.height_px = std::clamp(part.rows / 22.0, 7.0, 24.0);
     style.backing = Backing::kBox;

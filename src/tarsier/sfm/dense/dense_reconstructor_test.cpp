@@ -200,7 +200,7 @@ TEST_F(DenseTest, ThreadsDoNotChangeTheFiles) {
 TEST_F(DenseTest, ResumesAfterAStop) {
   TARSIER_LONG_TEST();
   (void)run();
-  const std::string whole = read_file(path("dense/fused.ply"), 100'000'000);
+  const std::string uninterrupted = read_file(path("dense/fused.ply"), 100'000'000);
   fs::remove_all(job_.folder);
   for (const char* stage : {"match", "compare"}) {
     StopAfter progress(stage, 2);
@@ -214,7 +214,7 @@ TEST_F(DenseTest, ResumesAfterAStop) {
   EXPECT_TRUE(result.images[0].is_reused);
   EXPECT_FALSE(result.images[3].is_reused);
   EXPECT_EQ(fs::last_write_time(path("dense/stereo/depth_maps/0.png.geometric.bin")), first);
-  EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == whole);
+  EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == uninterrupted);
 }
 
 TEST_F(DenseTest, OtherOptionsOrImagesAreRecomputed) {
@@ -239,17 +239,17 @@ TEST_F(DenseTest, AnImageWithoutSharedPointsIsReported) {
   lost.points.clear();
   // Tracks of a single image do not count.
   Model& model = job_.model;
-  std::vector<Point> kept;
-  std::vector<int> place(model.points.size(), -1);
+  std::vector<Point> remaining;
+  std::vector<int> new_index(model.points.size(), -1);
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     if (model.points[p].track.size() < 2) continue;
-    place[p] = static_cast<int>(kept.size());
-    kept.push_back(model.points[p]);
+    new_index[p] = static_cast<int>(remaining.size());
+    remaining.push_back(model.points[p]);
   }
-  model.points = kept;
+  model.points = remaining;
   for (Image& image : model.images)
     for (int& point : image.points)
-      if (point >= 0) point = place[static_cast<std::size_t>(point)];
+      if (point >= 0) point = new_index[static_cast<std::size_t>(point)];
   const DenseResult result = run();
   EXPECT_THAT(result.images[3].reason, HasSubstr("no point of the model"));
   EXPECT_EQ(result.images[0].reason, "");

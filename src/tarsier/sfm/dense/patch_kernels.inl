@@ -104,11 +104,11 @@ inline Vector clamped(Vector x, float limit) {
 }
 
 // Computes weights, products and variance from the grey levels of the samples and of the middle.
-void complete(const float* gray, float middle, Patch& patch) {
+void finish_patch(const float* gray, float center, Patch& patch) {
   float total = 0;
   float mean = 0;
   for (int i = 0; i < kPatchSamples; ++i) {
-    const float difference = gray[i] > middle ? gray[i] - middle : middle - gray[i];
+    const float difference = gray[i] > center ? gray[i] - center : center - gray[i];
     patch.weight[i] = kOffsets.spatial[i] * kOffsets.tonal[static_cast<int>(difference + 0.5F)];
     total += patch.weight[i];
     mean += patch.weight[i] * gray[i];
@@ -127,7 +127,7 @@ void complete(const float* gray, float middle, Patch& patch) {
 
 void prepare(const GrayImage& image, int x, int y, Patch& patch) {
   float gray[kPatchSamples];
-  const std::uint8_t* middle = image.data + y * image.step + x;
+  const std::uint8_t* center = image.data + y * image.step + x;
   const bool is_inside = x >= kPatchRadius && y >= kPatchRadius && x + kPatchRadius < image.width &&
                          y + kPatchRadius < image.height;
   for (int i = 0; i < kPatchSamples; ++i) {
@@ -137,9 +137,9 @@ void prepare(const GrayImage& image, int x, int y, Patch& patch) {
       sx = (x + sx < 0 ? 0 : x + sx >= image.width ? image.width - 1 : x + sx) - x;
       sy = (y + sy < 0 ? 0 : y + sy >= image.height ? image.height - 1 : y + sy) - y;
     }
-    gray[i] = static_cast<float>(middle[sy * image.step + sx]);
+    gray[i] = static_cast<float>(center[sy * image.step + sx]);
   }
-  complete(gray, static_cast<float>(*middle), patch);
+  finish_patch(gray, static_cast<float>(*center), patch);
 }
 
 void prepare_interpolated(const GrayQuads& image, float u, float v, float step, Patch& patch) {
@@ -151,9 +151,9 @@ void prepare_interpolated(const GrayQuads& image, float u, float v, float step, 
                                  clamped(v + step * load(kOffsets.y + i), limit_y));
     std::memcpy(gray + i, &value, sizeof value);
   }
-  const Vector middle =
+  const Vector center =
       between(image, clamped(Vector{} + u, limit_x), clamped(Vector{} + v, limit_y));
-  complete(gray, middle[0], patch);
+  finish_patch(gray, center[0], patch);
 }
 
 float cost(const Patch& patch, const GrayQuads& source, const float* h) {

@@ -135,8 +135,8 @@ TEST(PatchKernels, CostIsZeroForEqualPatchesAndMaximalOutside) {
   const SourceLevel flat_source =
       make_source(flat, {64, 64, 60, 60, 32, 32, {}, 0}, {}, {64, 64, 60, 60, 32, 32, {}, 0});
   kernels.prepare({flat.ptr(), 64, 64, 64}, 30, 30, patch);
-  const float middle[9] = {30, 1, 0, 30, 0, 1, 1, 0, 0};
-  EXPECT_NEAR(kernels.cost(patch, flat_source.quads(), middle), 1, 0.01);
+  const float identity_at_center[9] = {30, 1, 0, 30, 0, 1, 1, 0, 0};
+  EXPECT_NEAR(kernels.cost(patch, flat_source.quads(), identity_at_center), 1, 0.01);
 }
 
 TEST(PatchKernels, InterpolatedPatchesAgreeWithThoseOfPixels) {
@@ -217,12 +217,12 @@ TEST(PatchMatch, ConsistentDepthsAreCorrect) {
     problem.sources[s].depth = match_planes(scene.problem(index), {}).depth;
   }
   const PlaneMap map = refine_planes(problem, match_planes(problem, {}), {});
-  const DepthMap kept = filtered(problem, map, {});
-  const std::vector<float> errors = errors_of(kept.depth, scene.truth(1));
+  const DepthMap filtered_map = filtered(problem, map, {});
+  const std::vector<float> errors = errors_of(filtered_map.depth, scene.truth(1));
   EXPECT_GT(errors.size(), map.depth.total() * 6 / 10);
   EXPECT_LT(errors[errors.size() / 2], 0.001F);
   EXPECT_LT(errors[errors.size() * 9 / 10], 0.01F);
-  EXPECT_EQ(cv::countNonZero(kept.confidence > 0), static_cast<int>(errors.size()));
+  EXPECT_EQ(cv::countNonZero(filtered_map.confidence > 0), static_cast<int>(errors.size()));
 }
 
 // A wall of upright bars, every second bar farther away, seen from the left, the middle and the

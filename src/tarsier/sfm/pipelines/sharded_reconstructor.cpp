@@ -553,8 +553,8 @@ void ShardedReconstructor::load_cluster(MatchedImages& matched, const ReadableIm
                                         const std::vector<ImagePair>& pairs,
                                         const std::vector<ShardInfo>& matches,
                                         const std::stop_token& stop) const {
-  std::vector<int> place(at(readable.count()), -1);
-  for (std::size_t k = 0; k < images.size(); ++k) place[at(images[k])] = static_cast<int>(k);
+  std::vector<int> index_of(at(readable.count()), -1);
+  for (std::size_t k = 0; k < images.size(); ++k) index_of[at(images[k])] = static_cast<int>(k);
   matched.images.resize(images.size());
   for (std::size_t s = 0; s < readable.infos().size(); ++s) {
     throw_if_stopped(stop);
@@ -564,16 +564,16 @@ void ShardedReconstructor::load_cluster(MatchedImages& matched, const ReadableIm
     if (begin == images.end() || *begin >= last) continue;
     std::vector<ImageFeatures> loaded = load_features(readable.infos()[s]);
     for (auto image = begin; image != images.end() && *image < last; ++image) {
-      ImageFeatures& taken = matched.images[at(place[at(*image)])];
-      taken = std::move(loaded[at(*image - first)]);
-      taken.input = place[at(*image)];
+      ImageFeatures& features = matched.images[at(index_of[at(*image)])];
+      features = std::move(loaded[at(*image - first)]);
+      features.input = index_of[at(*image)];
     }
   }
   for (const ShardInfo& info : matches) {
     throw_if_stopped(stop);
     for (Pair& pair : load_matches(info, pairs)) {
-      pair.first = place[at(pair.first)];
-      pair.second = place[at(pair.second)];
+      pair.first = index_of[at(pair.first)];
+      pair.second = index_of[at(pair.second)];
       if (pair.first < 0 || pair.second < 0) continue;
       check_matches(pair, matched.images[at(pair.first)].features.points.size(),
                     matched.images[at(pair.second)].features.points.size(),

@@ -92,10 +92,10 @@ class Sharded : public ReliefFolderTest {
       EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
     }
   }
-  void change_byte(const std::string& file, std::size_t place) {
+  void change_byte(const std::string& file, std::size_t offset) {
     std::string bytes = contents(file);
-    ASSERT_LT(place, bytes.size());
-    bytes[place] = static_cast<char>(bytes[place] ^ 1);
+    ASSERT_LT(offset, bytes.size());
+    bytes[offset] = static_cast<char>(bytes[offset] ^ 1);
     write_file_atomically(file, bytes);
   }
 
@@ -381,9 +381,9 @@ TEST_F(Sharded, ModelsOfFoldersAreMerged) {
   EXPECT_LT(statistics_of(result.models()[0]).reprojection_px, 0.6);
   EXPECT_TRUE(fs::exists(path("merged/points.ply")));
   // With few common images the parts stay apart, and the report says why.
-  const ReconstructorResult apart = merge_models({path("a"), path("c")}, options, progress_, {});
-  EXPECT_EQ(apart.models().size(), 2U);
-  const nlohmann::ordered_json report = to_json(apart);
+  const ReconstructorResult merged = merge_models({path("a"), path("c")}, options, progress_, {});
+  EXPECT_EQ(merged.models().size(), 2U);
+  const nlohmann::ordered_json report = to_json(merged);
   EXPECT_EQ(report["joins"][0]["joined"], false);
   EXPECT_EQ(report["joins"][0]["reason"], "1 image in common, 3 are needed");
   EXPECT_FALSE(report["images"][0].contains("trust"));

@@ -70,9 +70,9 @@ class BinaryReader {
     return value;
   }
   // Reads the number of following items, of at least `bytes` each. It must fit into the file.
-  std::uint64_t count(std::uint64_t most, std::uint64_t bytes, const std::string& what) {
+  std::uint64_t count(std::uint64_t max_count, std::uint64_t bytes, const std::string& what) {
     const auto value = next<std::uint64_t>();
-    if (value > most || value > left_ / bytes)
+    if (value > max_count || value > left_ / bytes)
       fail(fmt::format("{} {}: the file is cut short, or is no such file", value, what));
     return value;
   }
@@ -232,7 +232,7 @@ class BinaryModel {
 void write_colmap_binary(const std::string& folder, const Model& model) {
   check_model(model);
   make_folder(folder);
-  const fs::path place = folder;
+  const fs::path directory = folder;
   // Ids from 1, for what the registered images need.
   std::vector<std::uint32_t> camera_ids(model.cameras.size(), 0);
   std::vector<std::uint32_t> image_ids(model.images.size(), 0);
@@ -248,7 +248,7 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
   for (std::uint32_t& id : camera_ids)
     if (id != 0) id = static_cast<std::uint32_t>(++cameras);
 
-  BinaryWriter camera_file((place / "cameras.bin").string());
+  BinaryWriter camera_file((directory / "cameras.bin").string());
   camera_file.add(cameras);
   for (std::size_t c = 0; c < model.cameras.size(); ++c) {
     if (camera_ids[c] == 0) continue;
@@ -260,7 +260,7 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
     for (const double value : numbers.parameters) camera_file.add(value);
   }
 
-  BinaryWriter image_file((place / "images.bin").string());
+  BinaryWriter image_file((directory / "images.bin").string());
   image_file.add(images);
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     const Image& image = model.images[i];
@@ -280,7 +280,7 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
     }
   }
 
-  BinaryWriter point_file((place / "points3D.bin").string());
+  BinaryWriter point_file((directory / "points3D.bin").string());
   point_file.add(static_cast<std::uint64_t>(model.points.size()));
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];

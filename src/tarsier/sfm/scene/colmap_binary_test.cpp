@@ -66,15 +66,15 @@ TEST(ColmapBinary, TruncatedFilesAreRefused) {
   write_colmap_binary((folder / "model"), model);
   for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
     const std::string path = (folder / "model") + "/" + name;
-    const std::string whole = read_file(path, 100'000'000);
+    const std::string complete = read_file(path, 100'000'000);
     for (const double share : {0.0, 0.001, 0.3, 0.77, 0.9999}) {
-      const auto length = static_cast<std::size_t>(share * static_cast<double>(whole.size()));
-      write_file_atomically(path, whole.substr(0, length));
+      const auto length = static_cast<std::size_t>(share * static_cast<double>(complete.size()));
+      write_file_atomically(path, complete.substr(0, length));
       EXPECT_THROW((void)read_colmap_binary((folder / "model")), InputError) << name << share;
     }
-    write_file_atomically(path, whole + "x");
+    write_file_atomically(path, complete + "x");
     EXPECT_THROW((void)read_colmap_binary((folder / "model")), InputError) << name;
-    write_file_atomically(path, whole);
+    write_file_atomically(path, complete);
   }
   EXPECT_NO_THROW((void)read_colmap_binary((folder / "model")));
 }
@@ -84,8 +84,8 @@ TEST(ColmapBinary, CountsBeyondTheFileSizeAreRefused) {
   write_colmap_binary((folder / "model"), synthetic_model());
   const auto error_of = [&](const char* name, std::size_t at, std::uint64_t number) {
     const std::string path = (folder / "model") + "/" + name;
-    const std::string whole = read_file(path, 100'000'000);
-    std::string changed = whole;
+    const std::string complete = read_file(path, 100'000'000);
+    std::string changed = complete;
     std::memcpy(changed.data() + at, &number, sizeof number);
     write_file_atomically(path, changed);
     std::string what = "read";
@@ -94,7 +94,7 @@ TEST(ColmapBinary, CountsBeyondTheFileSizeAreRefused) {
     } catch (const InputError& error) {
       what = error.what();
     }
-    write_file_atomically(path, whole);
+    write_file_atomically(path, complete);
     return what;
   };
   EXPECT_THAT(error_of("cameras.bin", 0, std::uint64_t{1} << 60), HasSubstr("cut short"));

@@ -55,9 +55,9 @@ class ColmapTest : public FolderTest {
                       const std::string& new_text) {
     write_colmaps_own();
     std::string text = contents(path(file));
-    const std::size_t place = text.find(old_text);
-    EXPECT_NE(place, std::string::npos) << old_text;
-    text.replace(place, old_text.size(), new_text);
+    const std::size_t position = text.find(old_text);
+    EXPECT_NE(position, std::string::npos) << old_text;
+    text.replace(position, old_text.size(), new_text);
     write_file_atomically(path(file), text);
     try {
       (void)read_colmap(folder_);
@@ -71,16 +71,16 @@ class ColmapTest : public FolderTest {
 
 TEST_F(ColmapTest, PosesCanBeReadWithoutPoints) {
   write_colmaps_own();
-  const Model whole = read_colmap(folder_);
+  const Model complete = read_colmap(folder_);
   std::filesystem::remove(path("points3D.txt"));  // is not read
   const Model poses = read_colmap_poses(folder_);
   ASSERT_EQ(poses.images.size(), 3U);
   for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_EQ(poses.images[i].name, whole.images[i].name);
+    EXPECT_EQ(poses.images[i].name, complete.images[i].name);
     EXPECT_TRUE(poses.images[i].registered);
-    EXPECT_EQ(poses.images[i].pose.rotation, whole.images[i].pose.rotation);
-    EXPECT_EQ(poses.images[i].pose.translation, whole.images[i].pose.translation);
-    EXPECT_EQ(poses.images[i].camera, whole.images[i].camera);
+    EXPECT_EQ(poses.images[i].pose.rotation, complete.images[i].pose.rotation);
+    EXPECT_EQ(poses.images[i].pose.translation, complete.images[i].pose.translation);
+    EXPECT_EQ(poses.images[i].camera, complete.images[i].camera);
     EXPECT_TRUE(poses.images[i].features.empty());
   }
   EXPECT_TRUE(poses.points.empty());

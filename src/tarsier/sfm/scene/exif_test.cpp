@@ -194,11 +194,12 @@ TEST(Exif, StopsAtCyclicDirectories) {
 }
 
 TEST(Exif, ReadsTruncatedFiles) {
-  const std::string whole = jpeg_with(tiff_of(false));
+  const std::string complete = jpeg_with(tiff_of(false));
   double known = 0;
-  for (std::size_t size = 0; size <= whole.size(); ++size) {
+  for (std::size_t size = 0; size <= complete.size(); ++size) {
     // A separate copy, so that a sanitizer detects every access outside.
-    const std::vector<char> part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    const std::vector<char> part(complete.begin(),
+                                 complete.begin() + static_cast<std::ptrdiff_t>(size));
     const Exif exif = parse_exif({part.data(), part.size()});
     EXPECT_GE(exif.focal_35mm, known);
     known = exif.focal_35mm;

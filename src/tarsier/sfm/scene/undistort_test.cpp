@@ -107,9 +107,9 @@ cv::Mat distorted_grid(const geometry::Camera& from, const geometry::Camera& to,
   cv::Mat pixels(from.height, from.width, CV_8UC1);
   for (int v = 0; v < from.height; ++v) {
     for (int u = 0; u < from.width; ++u) {
-      const cv::Point2d place = to.pixel_of(*from.normalized_of(cv::Point2d(u, v)));
-      const double dx = std::abs(std::remainder(place.x, spacing));
-      const double dy = std::abs(std::remainder(place.y, spacing));
+      const cv::Point2d pixel = to.pixel_of(*from.normalized_of(cv::Point2d(u, v)));
+      const double dx = std::abs(std::remainder(pixel.x, spacing));
+      const double dy = std::abs(std::remainder(pixel.y, spacing));
       const double dark = std::exp(-std::min(dx, dy) * std::min(dx, dy) / (2 * 1.5 * 1.5));
       pixels.at<unsigned char>(v, u) = static_cast<unsigned char>(std::lround(255 - 200 * dark));
     }

@@ -18,14 +18,14 @@ TEST(Pack, RectanglesAreInsideAndDisjoint) {
     sizes.emplace_back(rng.integer(1, 40), rng.integer(1, 40));
     area += sizes.back().area();
   }
-  const auto places = pack(sizes, 256);
-  ASSERT_TRUE(places.has_value());
-  cv::Mat1b taken(256, 256, static_cast<unsigned char>(0));
+  const auto corners = pack(sizes, 256);
+  ASSERT_TRUE(corners.has_value());
+  cv::Mat1b covered(256, 256, static_cast<unsigned char>(0));
   for (std::size_t i = 0; i < sizes.size(); ++i) {
-    const cv::Rect place((*places)[i], sizes[i]);
-    ASSERT_EQ(place & cv::Rect(0, 0, 256, 256), place);
-    EXPECT_EQ(cv::countNonZero(taken(place)), 0);
-    taken(place) = 1;
+    const cv::Rect rect((*corners)[i], sizes[i]);
+    ASSERT_EQ(rect & cv::Rect(0, 0, 256, 256), rect);
+    EXPECT_EQ(cv::countNonZero(covered(rect)), 0);
+    covered(rect) = 1;
   }
 }
 

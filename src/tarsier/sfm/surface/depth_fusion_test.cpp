@@ -95,11 +95,11 @@ TEST_F(DepthFusionTest, ASphereIsClosedAndAccurate) {
   const double truth = 4.0 / 3 * std::numbers::pi;
   EXPECT_NEAR(measures.volume.value_or(0), truth, 0.01 * truth);
   EXPECT_NEAR(measures.area, 4 * std::numbers::pi, 0.02 * 4 * std::numbers::pi);
-  double worst = 0;
+  double max_error = 0;
   for (const Eigen::Vector3f& v : mesh.vertices)
-    worst = std::max(worst, std::abs((v.cast<double>() - center).norm() - 1));
-  EXPECT_LT(worst, 0.5 * voxel);
-  EXPECT_LT(worst, 0.25 * voxel);
+    max_error = std::max(max_error, std::abs((v.cast<double>() - center).norm() - 1));
+  EXPECT_LT(max_error, 0.5 * voxel);
+  EXPECT_LT(max_error, 0.25 * voxel);
 }
 
 TEST_F(DepthFusionTest, ABoxKeepsItsEdgesWithinAVoxel) {

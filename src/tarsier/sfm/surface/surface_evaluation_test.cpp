@@ -68,8 +68,8 @@ TEST(TriangleTree, AgreesWithExhaustiveSearch) {
     return Eigen::Vector3f(size * x, size * y, size * z);
   };
   for (int f = 0; f < 500; ++f) {
-    const Eigen::Vector3f middle = any(3);
-    for (int k = 0; k < 3; ++k) mesh.vertices.emplace_back(middle + any(f % 50 == 0 ? 3.F : 0.2F));
+    const Eigen::Vector3f center = any(3);
+    for (int k = 0; k < 3; ++k) mesh.vertices.emplace_back(center + any(f % 50 == 0 ? 3.F : 0.2F));
     mesh.faces.push_back({3 * f, 3 * f + 1, 3 * f + 2});
   }
   const TriangleTree tree(mesh);

@@ -139,10 +139,11 @@ class PlyRecords {
 
 void read_vertices(PlyRecords& records, const PlyElement& element, const std::string& path,
                    SurfaceMesh& mesh) {
-  const PlyProperty* const place[] = {element.find("x"), element.find("y"), element.find("z")};
+  const PlyProperty* const coordinates[] = {element.find("x"), element.find("y"),
+                                            element.find("z")};
   const PlyProperty* const color[] = {element.find("blue"), element.find("green"),
                                       element.find("red")};
-  if (std::count(std::begin(place), std::end(place), nullptr) > 0)
+  if (std::count(std::begin(coordinates), std::end(coordinates), nullptr) > 0)
     throw InputError(path, "has no vertices with x, y and z");
   const bool is_colored = std::count(std::begin(color), std::end(color), nullptr) == 0;
   std::vector<char> record(element.bytes);
@@ -152,7 +153,7 @@ void read_vertices(PlyRecords& records, const PlyElement& element, const std::st
       return property->type.read(record.data() + property->offset);
     };
     Eigen::Vector3f vertex;
-    for (int k = 0; k < 3; ++k) vertex[k] = static_cast<float>(number(place[k]));
+    for (int k = 0; k < 3; ++k) vertex[k] = static_cast<float>(number(coordinates[k]));
     if (!vertex.allFinite())
       throw InputError(path, fmt::format("vertex {} has numbers that are not finite", i));
     mesh.vertices.push_back(vertex);

@@ -90,8 +90,8 @@ TEST_F(SurfaceFiles, ErrorsNameTheFault) {
     write_file_atomically(path("bad.ply"), content);
     return error_of_reading(path("bad.ply"));
   };
-  const std::string whole = other_layout();
-  EXPECT_THAT(error_with(whole.substr(0, whole.size() - 1)), HasSubstr("cut short"));
+  const std::string complete = other_layout();
+  EXPECT_THAT(error_with(complete.substr(0, complete.size() - 1)), HasSubstr("cut short"));
   EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x04", 4))),
               HasSubstr("vertex 4 of 4"));
   EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x01", 4))), HasSubstr("no faces"));

@@ -107,24 +107,24 @@ TEST_F(SurfaceReconstructorTest, SeamsOfUnequalExposureAreLevelled) {
     const SurfaceResult result = surface_of(folder_, options);
     // The difference between neighbouring faces; it is small without seams.
     const std::vector<Face> neighbors = face_neighbors(result.surface.mesh);
-    double worst = 0;
+    double max_step = 0;
     int large = 0;
     for (std::size_t f = 0; f < neighbors.size(); ++f) {
       for (const int other : neighbors[f]) {
         const double step = cv::norm(
             texture_color(*result.surface.texture, f),
             texture_color(*result.surface.texture, static_cast<std::size_t>(other)), cv::NORM_INF);
-        worst = std::max(worst, step);
+        max_step = std::max(max_step, step);
         if (step > 16) ++large;
       }
     }
-    return std::pair(worst, large);
+    return std::pair(max_step, large);
   };
-  const auto [worst_before, large_before] = steps_of(false);
-  const auto [worst_after, large_after] = steps_of(true);
+  const auto [max_step_before, large_before] = steps_of(false);
+  const auto [max_step_after, large_after] = steps_of(true);
   EXPECT_GT(large_before, 100);
   EXPECT_LT(large_after, large_before / 20);
-  EXPECT_GT(worst_before, 20);
+  EXPECT_GT(max_step_before, 20);
 }
 
 TEST_F(SurfaceReconstructorTest, ASmallTextureIsReducedAndATinyOneIsRefused) {

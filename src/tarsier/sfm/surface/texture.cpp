@@ -203,17 +203,17 @@ class Painter {
       progress_.advance();
       if (charts_of_view_[at(view)].empty()) continue;
       const cv::Mat image = job_.workspace.read_image(view);
-      const cv::Rect whole({0, 0}, image.size());
+      const cv::Rect bounds({0, 0}, image.size());
       cv::Mat blurred;
       cv::blur(image, blurred, {3, 3});
       for (const int number : charts_of_view_[at(view)]) {
         const Chart& chart = charts_[at(number)];
-        const cv::Rect inside = chart.source & whole;
-        if (inside.empty()) continue;
+        const cv::Rect visible = chart.source & bounds;
+        if (visible.empty()) continue;
         cv::Mat source;
-        cv::copyMakeBorder(image(inside), source, inside.y - chart.source.y,
-                           chart.source.br().y - inside.br().y, inside.x - chart.source.x,
-                           chart.source.br().x - inside.br().x,
+        cv::copyMakeBorder(image(visible), source, visible.y - chart.source.y,
+                           chart.source.br().y - visible.br().y, visible.x - chart.source.x,
+                           chart.source.br().x - visible.br().x,
                            cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
         cv::Mat target = result_.image(chart.target);
         cv::resize(source, target, target.size(), 0, 0, cv::INTER_AREA);

@@ -44,7 +44,7 @@ float distance_to(const cv::Vec4f& plane, const Eigen::Vector3f& at) {
 
 // Mean distance, world units, to the planes of the four pixels around (u, v), weighted by proximity
 // and their weights. Only planes that agree with that of the nearest pixel are used: normals within
-// 45 degrees, so that edges are not averaged, and distances within `most`.
+// 45 degrees, so that edges are not averaged, and distances within `max_difference`.
 float mean_distance(const TangentMap& map, const Eigen::Vector3f& at, float u, float v,
                     const cv::Vec4f& nearest_plane, float nearest, float max_difference) {
   const auto left = static_cast<int>(std::floor(u));

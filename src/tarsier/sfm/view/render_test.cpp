@@ -43,7 +43,7 @@ void add_plate(Model& model, double z, const cv::Vec3b& color) {
     for (int x = -20; x <= 20; ++x) add_point(model, {0.05 * x, 0.05 * y, z}, color);
 }
 
-double apart(const cv::Vec3b& a, const cv::Vec3b& b) {
+double color_distance(const cv::Vec3b& a, const cv::Vec3b& b) {
   return cv::norm(cv::Vec3d(a) - cv::Vec3d(b));
 }
 
@@ -72,7 +72,7 @@ TEST(Render, CubeAppearsWhereThePinholePredicts) {
       const cv::Point at(static_cast<int>(std::lround(pixel->x)),
                          static_cast<int>(std::lround(pixel->y)));
       ASSERT_TRUE(cv::Rect({}, image.size()).contains(at)) << at << " yaw " << yaw;
-      EXPECT_LT(apart(image.at<cv::Vec3b>(at), point.color), 110) << at << " yaw " << yaw;
+      EXPECT_LT(color_distance(image.at<cv::Vec3b>(at), point.color), 110) << at << " yaw " << yaw;
     }
   }
 }
@@ -123,10 +123,10 @@ TEST(Render, NearerPointsHideFartherOnes) {
   options.pitch_deg = 0;
   options.point_px = 10;
   options.cameras = false;
-  const cv::Point middle(options.size.width / 2, options.size.height / 2);
-  EXPECT_LT(apart(render_model(model, options).at<cv::Vec3b>(middle), kRed), 60);
+  const cv::Point center(options.size.width / 2, options.size.height / 2);
+  EXPECT_LT(color_distance(render_model(model, options).at<cv::Vec3b>(center), kRed), 60);
   options.yaw_deg = 180;
-  EXPECT_LT(apart(render_model(model, options).at<cv::Vec3b>(middle), kBlue), 60);
+  EXPECT_LT(color_distance(render_model(model, options).at<cv::Vec3b>(center), kBlue), 60);
 }
 
 TEST(Render, OutliersDoNotChangeTheFraming) {

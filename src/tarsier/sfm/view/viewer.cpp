@@ -172,7 +172,7 @@ std::string clipping_panel() {
 }
 
 std::string viewer(const Model& model, const std::string& title, const ViewerLayers& layers,
-                   int max_points, bool whole) {
+                   int max_points, bool is_page) {
   TARSIER_REQUIRE(max_points >= 1, "{}", max_points);
   check(layers);
   const Frame frame{frame_model(model)};
@@ -228,18 +228,18 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
 
   std::string page;
   const std::string label = escaped_markup(title);
-  if (whole) {
+  if (is_page) {
     page +=
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>";
     page += label;
     page += "</title>\n<style>body{margin:0}</style></head><body>\n";
   }
-  page += whole ? "<div class=\"tv\">" : "<div class=\"tv tv-part\">";
+  page += is_page ? "<div class=\"tv\">" : "<div class=\"tv tv-part\">";
   page += "<style>";
   page += kViewerCss;
   // After the general rule for the height of a view.
-  if (whole) page += "body>.tv{height:100vh;min-height:0}\n";
+  if (is_page) page += "body>.tv{height:100vh;min-height:0}\n";
   page += "</style>\n<canvas tabindex=\"0\" aria-label=\"" + label + "\"></canvas>\n";
   page += "<svg class=\"tv-over\" aria-hidden=\"true\"></svg>\n";
   page += "<div class=\"tv-cams\"><div class=\"tv-bar\">";
@@ -266,7 +266,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
   page += "</script>\n<script>";
   page += kViewerJs;
   page += "</script></div>\n";
-  if (whole) page += "</body></html>\n";
+  if (is_page) page += "</body></html>\n";
   return page;
 }
 
