@@ -157,7 +157,7 @@ TEST_F(ArchiveTest, LongTextsComeBackInTheirPlaces) {
   EXPECT_EQ(parse_json(R"({"a": ")" + data + R"(", "a": ")" + other + R"("})", "x")["a"], other);
 }
 
-TEST_F(ArchiveTest, TroubleBehindLongTextsIsFoundWhereItIs) {
+TEST_F(ArchiveTest, ErrorsAfterLongTextsHaveTheRightPosition) {
   const std::string data(3000, 'A');
   const std::string start = "{\"type\": \"test\", \"data\": \"" + data + "\"";
   EXPECT_THAT(refusal(start), HasSubstr("ends too early"));

@@ -131,13 +131,13 @@ class ChainSource final : public FrameSource {
   ChainSource(std::vector<Part> parts, bool sequence)
       : parts_(std::move(parts)), sequence_(sequence) {}
 
-  std::optional<Frame> next(std::chrono::milliseconds patience,
+  std::optional<Frame> next(std::chrono::milliseconds timeout,
                             const std::stop_token& stop) override {
     while (at_ < parts_.size() && !stop.stop_requested()) {
       std::optional<Frame> frame;
       try {
         if (!current_) current_ = parts_[at_].open();
-        frame = current_->next(patience, stop);
+        frame = current_->next(timeout, stop);
       } catch (const InputError& error) {
         if (current_ && current_->is_live()) throw;
         if (!current_ || current_->skipped().empty()) {  // else each image was reported
@@ -219,8 +219,8 @@ std::unique_ptr<FrameSource> open_camera(const std::string& text, const SourceOp
   const std::string path = number ? fmt::format("/dev/video{}", *number) : text;
   const std::string label = number ? fmt::format("camera {}", *number) : text;
   if (!options.wait) {
-    if (const std::string trouble = camera_trouble(path); !trouble.empty()) {
-      throw InputError(label, trouble);
+    if (const std::string error = camera_error(path); !error.empty()) {
+      throw InputError(label, error);
     }
   }
   const ChildCommand command = camera_command(path, label, options);

@@ -131,7 +131,7 @@ TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
     EXPECT_EQ(good.body, "abc") << piece;
     const Parsed bad = parse(many + real, piece);
     EXPECT_EQ(bad.parser.state(), State::kBroken) << piece;
-    EXPECT_EQ(bad.parser.trouble(), "sends interim answers without end");
+    EXPECT_EQ(bad.parser.error_message(), "sends interim answers without end");
     EXPECT_EQ(bad.body, "") << piece;
   }
 }

@@ -276,10 +276,10 @@ TEST_F(TlsTest, TheTunnelPassesOnWhatIsNoRedirect) {
     return got;
   };
   EXPECT_EQ(ask(), answer);
-  EXPECT_EQ(tunnel.trouble(), "");
+  EXPECT_EQ(tunnel.error_message(), "");
   reply = "RTSP/1.0 302 Moved\r\nLocation: rtsp://127.0.0.1/\r\n\r\n";
   EXPECT_EQ(ask(), "");
-  EXPECT_THAT(tunnel.trouble(), HasSubstr("redirects"));
+  EXPECT_THAT(tunnel.error_message(), HasSubstr("redirects"));
 }
 
 }  // namespace
