@@ -62,7 +62,7 @@ TEST(ViewerParser, PiecesOfAnySizeGiveTheNewestRecord) {
   }
 }
 
-TEST(ViewerParser, ALengthOfNothingOrTooMuchEndsIt) {
+TEST(ViewerParser, ZeroAndExcessiveLengthsEndIt) {
   for (const std::size_t bad :
        {std::size_t{0}, ViewerParser::kMaxBytes + 1, std::size_t{0xffffffff}}) {
     ViewerParser parser;
@@ -78,7 +78,7 @@ TEST(ViewerParser, ALengthOfNothingOrTooMuchEndsIt) {
   EXPECT_LE(parser.held_bytes(), 4096U) << "a length alone takes no memory";
 }
 
-TEST(ViewerImage, OnlyWholeJpegsWillDo) {
+TEST(ViewerImage, OnlyCompleteJpegsAreAccepted) {
   const Bytes good = jpeg(80);
   EXPECT_EQ(viewer_image_error(good), "");
   EXPECT_NE(viewer_image_error(Bytes(good.begin(), good.begin() + 100)), "");
@@ -133,7 +133,7 @@ class ViewerSourceTest : public ::testing::Test {
   std::unique_ptr<FrameSource> source_;
 };
 
-TEST_F(ViewerSourceTest, TheNewestCountsAndASilentOneIsStaleUntilItSpeaks) {
+TEST_F(ViewerSourceTest, ReturnsTheNewestImageAndTurnsStaleInSilence) {
   EXPECT_TRUE(source_->is_live());
   send(record(jpeg(40)));
   EXPECT_NEAR(value_of_next(), 40, 2);
@@ -149,7 +149,7 @@ TEST_F(ViewerSourceTest, TheNewestCountsAndASilentOneIsStaleUntilItSpeaks) {
   EXPECT_EQ(source_->status().reopened, 0) << "there is nothing to open again";
 }
 
-TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
+TEST_F(ViewerSourceTest, InvalidRecordsAreSkipped) {
   const Bytes good = jpeg(50);
   send(record({'n', 'o'}));
   send(record(Bytes(good.begin(), good.end() - 60)));
@@ -177,7 +177,7 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
 }
 
-TEST_F(ViewerSourceTest, ItsEndIsTheEndOfTheSource) {
+TEST_F(ViewerSourceTest, EndOfInputEndsTheSource) {
   send(record(jpeg(50)));
   EXPECT_NEAR(value_of_next(), 50, 2);
   hang_up();
@@ -203,7 +203,7 @@ TEST_F(ViewerSourceTest, AnEndBeforeTheFirstImageIsABadInput) {
   EXPECT_THROW(value_of_next(), InputError);
 }
 
-TEST_F(ViewerSourceTest, AStopWakesIt) {
+TEST_F(ViewerSourceTest, AStopWakesTheReader) {
   std::stop_source stop;
   std::thread other([&] {
     std::this_thread::sleep_for(milliseconds(20));
