@@ -342,10 +342,10 @@ class PipeWindow final : public Window {
   // --- in ---
 
   // Waits until there is input, or space for the pending record.
-  void wait(milliseconds patience) {
+  void wait(milliseconds timeout) {
     std::array<pollfd, 2> items{
         {{ends_.in, POLLIN, 0}, {ends_.out, static_cast<short>(has_something() ? POLLOUT : 0), 0}}};
-    if (::poll(items.data(), items.size(), static_cast<int>(patience.count())) <= 0) return;
+    if (::poll(items.data(), items.size(), static_cast<int>(timeout.count())) <= 0) return;
     if ((items[1].revents & (POLLERR | POLLNVAL)) != 0) closed_ = true;
     if ((items[1].revents & POLLOUT) != 0) advance();
   }

@@ -83,7 +83,7 @@ void CalibrateSession::calibrate_now() {
   std::optional<geometry::Camera> start;
   if (found() != nullptr) start = found()->camera;
   result_ = calibrator_.calibrate(state_, start);
-  straightener_.reset();
+  undistorter_.reset();
   if (found() == nullptr) straight_ = false;
 }
 
@@ -114,11 +114,11 @@ std::string CalibrateSession::advice() const {
 void CalibrateSession::draw(cv::Mat& image) {
   if (straight_ && found() != nullptr && frame().size() == state_.size) {
     try {
-      if (!straightener_) {
+      if (!undistorter_) {
         const geometry::Camera& from = found()->camera;
-        straightener_.emplace(from, geometry::undistorted_camera(from));
+        undistorter_.emplace(from, geometry::undistorted_camera(from));
       }
-      image = (*straightener_)(frame());
+      image = (*undistorter_)(frame());
     } catch (const Error&) {  // a distortion that cannot be inverted at the border
       straight_ = false;
       verdict_ = "cannot be straightened";

@@ -56,7 +56,7 @@ class CalibrateSession final : public FrameSession {
   planar::CalibratorState state_;
   std::optional<planar::CalibrationResult> result_;
   std::string verdict_ = "no board";
-  std::optional<geometry::Straightener> straightener_;  // of the latest calibration
+  std::optional<geometry::Undistorter> undistorter_;  // of the latest calibration
   int flash_ = 0;  // remaining frames that show that a view was accepted
   bool straight_ = false;
   bool shows_coverage_ = true;

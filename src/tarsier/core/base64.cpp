@@ -50,21 +50,21 @@ bool from_base64(std::string_view text, std::span<std::uint8_t> bytes) {
   const auto value = [&](std::size_t i) {
     return int{kTable[static_cast<unsigned char>(text[i])]};
   };
-  const std::size_t whole = bytes.size() / 3;
+  const std::size_t full_groups = bytes.size() / 3;
   int invalid = 0;  // negative after an invalid letter
-  for (std::size_t i = 0; i < whole; ++i) {
+  for (std::size_t i = 0; i < full_groups; ++i) {
     const int a = value(4 * i), b = value(4 * i + 1), c = value(4 * i + 2), d = value(4 * i + 3);
     invalid |= a | b | c | d;
     bytes[3 * i] = static_cast<std::uint8_t>(a << 2 | b >> 4);
     bytes[3 * i + 1] = static_cast<std::uint8_t>(b << 4 | c >> 2);
     bytes[3 * i + 2] = static_cast<std::uint8_t>(c << 6 | d);
   }
-  if (const std::size_t left = bytes.size() % 3; left > 0) {
-    const int a = value(4 * whole), b = value(4 * whole + 1);
-    const int c = left == 2 ? value(4 * whole + 2) : 0;
+  if (const std::size_t rest = bytes.size() % 3; rest > 0) {
+    const int a = value(4 * full_groups), b = value(4 * full_groups + 1);
+    const int c = rest == 2 ? value(4 * full_groups + 2) : 0;
     invalid |= a | b | c;
-    bytes[3 * whole] = static_cast<std::uint8_t>(a << 2 | b >> 4);
-    if (left == 2) bytes[3 * whole + 1] = static_cast<std::uint8_t>(b << 4 | c >> 2);
+    bytes[3 * full_groups] = static_cast<std::uint8_t>(a << 2 | b >> 4);
+    if (rest == 2) bytes[3 * full_groups + 1] = static_cast<std::uint8_t>(b << 4 | c >> 2);
   }
   return invalid >= 0;
 }

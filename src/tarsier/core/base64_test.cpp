@@ -12,7 +12,7 @@ std::string decoded(std::string_view text) {
 }
 
 // The test vectors of RFC 4648, section 10.
-TEST(Base64, AgreesWithTheStandard) {
+TEST(Base64, MatchesTheExamplesOfRfc4648) {
   for (const auto& [bytes, text] : {std::pair{"", ""},
                                     {"f", "Zg=="},
                                     {"fo", "Zm8="},
@@ -25,7 +25,7 @@ TEST(Base64, AgreesWithTheStandard) {
   }
 }
 
-TEST(Base64, AllBytesComeBack) {
+TEST(Base64, RoundTripsAllBytes) {
   std::vector<std::uint8_t> bytes;
   for (int i = 0; i < 1000; ++i) {
     EXPECT_EQ(base64_size(to_base64(bytes)), bytes.size());
@@ -35,7 +35,7 @@ TEST(Base64, AllBytesComeBack) {
   EXPECT_EQ(to_base64(std::vector<std::uint8_t>{0xFB, 0xEF, 0xFF}), "++//");
 }
 
-TEST(Base64, RefusesWhatIsNone) {
+TEST(Base64, RefusesInvalidText) {
   for (const char* text : {"A", "AA", "AAA", "AAAAA", "=", "====", "A===", "=AAA", "A=AA", "AA=A",
                            "AA*A", "AA-_", "AAA ", "AA\n=", "AA==AAAA", "AAA=AAAA",
                            "\xC3\xA4"
@@ -44,7 +44,7 @@ TEST(Base64, RefusesWhatIsNone) {
   }
 }
 
-TEST(Base64, RefusesAnotherSize) {
+TEST(Base64, RefusesOutputOfAnotherSize) {
   std::vector<std::uint8_t> bytes(2);
   EXPECT_TRUE(from_base64("Zm8=", bytes));
   EXPECT_FALSE(from_base64("Zm9v", bytes));

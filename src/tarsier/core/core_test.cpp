@@ -42,7 +42,7 @@ TEST(Rng, SameSeedGivesTheSameNumbersEverywhere) {
   EXPECT_EQ(first[0], 1546998764402558742U);  // pinned: results must not change between versions
 }
 
-TEST(Length, HasAUnit) {
+TEST(Length, ParsesUnits) {
   EXPECT_DOUBLE_EQ(parse_length("25mm", "--square"), 0.025);
   EXPECT_DOUBLE_EQ(parse_length("2.5cm", "--square"), 0.025);
   EXPECT_DOUBLE_EQ(parse_length("0.5m", "--square"), 0.5);
@@ -69,7 +69,7 @@ TEST(Rng, IntegersCoverTheClosedRangeEvenly) {
   EXPECT_THROW(rng.integer(3, 2), std::invalid_argument);
 }
 
-TEST(Rng, NormalHasMeanAndDeviationAskedFor) {
+TEST(Rng, NormalHasTheRequestedMeanAndDeviation) {
   Rng rng(5);
   double sum = 0;
   double squares = 0;
@@ -84,7 +84,7 @@ TEST(Rng, NormalHasMeanAndDeviationAskedFor) {
   EXPECT_NEAR(std::sqrt(squares / kCount - mean * mean), 2, 0.03);
 }
 
-TEST(Errors, HaveAKindAndNameThePath) {
+TEST(Errors, HaveAKindAndAPath) {
   try {
     throw ModelError("plate.svm", "cut short");
   } catch (const Error& error) {
@@ -93,7 +93,7 @@ TEST(Errors, HaveAKindAndNameThePath) {
   }
 }
 
-TEST(Errors, OfAMissingEntrySayOfWhatKindItIs) {
+TEST(Errors, MissingEntryErrorNamesTheKindOfEntry) {
   const MissingEntryError error("people.db", "face", "there is no face 7");
   EXPECT_EQ(error.entry(), "face");
   EXPECT_EQ(error.kind(), ErrorKind::kInput);
@@ -116,7 +116,7 @@ TEST(Log, ControlCharactersCannotReachTheTerminal) {
   EXPECT_THROW((void)parse_log_level("loud"), std::invalid_argument);
 }
 
-TEST(Timers, ReportLastAverageLeastAndMost) {
+TEST(Timers, ReportLastAverageMinAndMax) {
   Timers timers;
   timers.add("median", 2);
   timers.add("median", 6);
@@ -140,7 +140,7 @@ TEST(Timers, AScopeAddsOneRun) {
   EXPECT_EQ(timers.stats()[0].runs, 1);
 }
 
-TEST(MatInfo, TellsSizeTypeAndRangePerChannel) {
+TEST(MatInfo, ReportsSizeTypeAndRangePerChannel) {
   cv::Mat image(2, 3, CV_8UC3, cv::Scalar(10, 20, 30));
   image.at<cv::Vec3b>(1, 2) = {0, 255, 31};
   EXPECT_EQ(mat_info(image, "frame"), "frame: 3x2 CV_8UC3, min (0 20 30), max (10 255 31)");
@@ -179,13 +179,13 @@ TEST(Progress, JsonLinesEndWithTheTotal) {
   EXPECT_THAT(text, HasSubstr("\"done\":4,\"total\":4"));
 }
 
-TEST(Progress, JsonLinesTellWhatIsMeasured) {
+TEST(Progress, JsonLinesContainMeasuredValues) {
   std::FILE* file = std::tmpfile();
   {
     const auto progress = make_progress(ProgressStyle::kJson, file);
     progress->begin("reader", 300, "steps");
     for (const double loss : {2.5, 0.125, std::numeric_limits<double>::quiet_NaN()}) {
-      tell_measure(*progress, "loss", loss);
+      report_measure(*progress, "loss", loss);
       progress->advance(100);
     }
     progress->end();
@@ -214,12 +214,12 @@ TEST(Stop, SleepEndsAtOnceWhenStopped) {
   EXPECT_THROW(throw_if_stopped(source.get_token()), Interrupted);
 }
 
-TEST(Markup, CannotBecomeTagsOrAttributes) {
+TEST(Markup, EscapesTagsAndAttributes) {
   EXPECT_EQ(escaped_markup("<a href='x' title=\"y\">&\x01\x1b\n\u00e9"),
             "&lt;a href=&#39;x&#39; title=&quot;y&quot;&gt;&amp;\n\u00e9");
 }
 
-TEST(Words, ALineIsCutIntoItsWords) {
+TEST(Words, ALineIsSplitIntoWords) {
   std::string_view text = " \tf 1,5\r\n\nlast";
   std::string_view line = next_line(text);
   EXPECT_EQ(next_word(line), "f");

@@ -11,9 +11,9 @@ namespace {
 
 SimdLevel level_from_environment() {
   const SimdLevel best = hardware_simd_level();
-  const char* wanted = std::getenv("TARSIER_SIMD");
-  if (wanted == nullptr) return best;
-  const std::string_view name(wanted);
+  const char* requested = std::getenv("TARSIER_SIMD");
+  if (requested == nullptr) return best;
+  const std::string_view name(requested);
   if (name == "baseline") return SimdLevel::kBaseline;
   if (name == "sse4.1") return std::min(best, SimdLevel::kSse41);
   if (name == "avx2") return std::min(best, SimdLevel::kAvx2);

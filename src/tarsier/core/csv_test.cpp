@@ -6,14 +6,14 @@
 namespace tarsier {
 namespace {
 
-TEST(Csv, LinesComeBack) {
+TEST(Csv, LinesRoundTrip) {
   const std::vector<std::string> fields = {"a.jpg", "x,y", "say \"hi\"", "", "-5", "tab\there"};
   const std::string line = csv_line(fields);
   EXPECT_EQ(line, "a.jpg,\"x,y\",\"say \"\"hi\"\"\",,-5,\"tab\there\"\n");
   EXPECT_EQ(csv_fields(line.substr(0, line.size() - 1)), fields);
 }
 
-TEST(Csv, FieldsAreQuotedWhereTheyMustBe) {
+TEST(Csv, QuotesFieldsThatNeedIt) {
   EXPECT_EQ(csv_field("plain name.png"), "plain name.png");
   EXPECT_EQ(csv_field(""), "");
   EXPECT_EQ(csv_field("a,b"), "\"a,b\"");
@@ -27,7 +27,7 @@ TEST(Csv, LineBreaksBecomeSpaces) {
   EXPECT_EQ(csv_field("a,\r\nb"), "\"a,  b\"");
 }
 
-TEST(Csv, TextsThatSpreadsheetsWouldRunAreNoFormulas) {
+TEST(Csv, EscapesSpreadsheetFormulas) {
   for (const char* text : {"=cmd()", "+1+1", "-1-1", "@SUM(1)", "=", "-.jpg", "--5"}) {
     EXPECT_EQ(csv_field(text), std::string("'") + text);
   }
@@ -37,7 +37,7 @@ TEST(Csv, TextsThatSpreadsheetsWouldRunAreNoFormulas) {
   EXPECT_EQ(csv_field("=A1,B1"), "\"'=A1,B1\"");
 }
 
-TEST(Csv, RefusesQuotesThatDoNotClose) {
+TEST(Csv, RefusesUnclosedQuotes) {
   EXPECT_FALSE(csv_fields("a\"b,c").has_value());
   EXPECT_FALSE(csv_fields("\"a\"b,c").has_value());
   EXPECT_FALSE(csv_fields("a,\"b").has_value());

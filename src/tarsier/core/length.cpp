@@ -12,7 +12,7 @@
 namespace tarsier {
 
 double parse_length(std::string_view text, std::string_view what) {
-  constexpr double kMost = 1000;  // m
+  constexpr double kMaxLength_m = 1000;  // m
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   const std::string_view unit =
@@ -22,11 +22,11 @@ double parse_length(std::string_view text, std::string_view what) {
   if (unit == "cm") factor = 1e-2;
   if (unit == "mm") factor = 1e-3;
   const double length = value * factor;
-  if (error != std::errc{} || !(length > 0 && length <= kMost)) {
+  if (error != std::errc{} || !(length > 0 && length <= kMaxLength_m)) {
     throw UsageError(
         fmt::format("{} '{}': a length such as 25mm, 2.5cm or 0.025m is expected (more than 0, up "
                     "to {} m)",
-                    what, printable(std::string(text.substr(0, 60))), kMost));
+                    what, printable(std::string(text.substr(0, 60))), kMaxLength_m));
   }
   return length;
 }

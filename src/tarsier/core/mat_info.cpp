@@ -31,8 +31,8 @@ std::string mat_info(const cv::Mat& mat, std::string_view name) {
   std::string high;
   int nans = 0;
   for (int c = 0; c < channels; ++c) {
-    double least = std::numeric_limits<double>::infinity();
-    double most = -least;
+    double min_value = std::numeric_limits<double>::infinity();
+    double max_value = -min_value;
     for (int y = 0; y < values.rows; ++y) {
       const auto* row = values.ptr<double>(y);
       for (int x = c; x < values.cols; x += channels) {
@@ -40,12 +40,12 @@ std::string mat_info(const cv::Mat& mat, std::string_view name) {
           ++nans;
           continue;
         }
-        least = std::min(least, row[x]);
-        most = std::max(most, row[x]);
+        min_value = std::min(min_value, row[x]);
+        max_value = std::max(max_value, row[x]);
       }
     }
-    low += fmt::format("{}{:g}", c > 0 ? " " : "", least);
-    high += fmt::format("{}{:g}", c > 0 ? " " : "", most);
+    low += fmt::format("{}{:g}", c > 0 ? " " : "", min_value);
+    high += fmt::format("{}{:g}", c > 0 ? " " : "", max_value);
   }
   std::string text =
       fmt::format("{}x{} {}, min ({}), max ({})", mat.cols, mat.rows, type_name(mat), low, high);

@@ -17,7 +17,7 @@ class MeasuredProgress : public Progress {
 };
 
 // Passes the value to `progress` if that is a MeasuredProgress; else does nothing.
-inline void tell_measure(Progress& progress, std::string_view name, double value) {
+inline void report_measure(Progress& progress, std::string_view name, double value) {
   if (auto* measured = dynamic_cast<MeasuredProgress*>(&progress)) measured->measure(name, value);
 }
 

@@ -11,7 +11,7 @@ enum class Fruit { kApple, kPear, kPlum };
 constexpr NameTable<Fruit, 2> kFruits{"fruit",
                                       {{{Fruit::kApple, "apple"}, {Fruit::kPear, "pear"}}}};
 
-TEST(NameTable, NamesAndValuesGoBothWays) {
+TEST(NameTable, NamesAndValuesRoundTrip) {
   for (const Fruit fruit : {Fruit::kApple, Fruit::kPear})
     EXPECT_EQ(kFruits.parse(kFruits.name(fruit)), fruit);
   EXPECT_EQ(kFruits.name(Fruit::kPlum), "") << "a value without a name";

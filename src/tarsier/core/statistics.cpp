@@ -15,8 +15,8 @@ double two_sided_quantile(double confidence) {
   double low = 0;
   double high = 40;
   for (int i = 0; i < 100; ++i) {
-    const double middle = (low + high) / 2;
-    (std::erfc(middle / std::numbers::sqrt2) > 1 - confidence ? low : high) = middle;
+    const double center = (low + high) / 2;
+    (std::erfc(center / std::numbers::sqrt2) > 1 - confidence ? low : high) = center;
   }
   return (low + high) / 2;
 }
@@ -26,10 +26,10 @@ double two_sided_quantile(double confidence) {
 double quantile(std::span<const double> sorted, double share) {
   (void)detail::checked_share(share);
   if (sorted.empty()) return 0;
-  const double place = share * static_cast<double>(sorted.size() - 1);
-  const auto low = static_cast<std::size_t>(place);
+  const double position = share * static_cast<double>(sorted.size() - 1);
+  const auto low = static_cast<std::size_t>(position);
   const std::size_t high = std::min(low + 1, sorted.size() - 1);
-  return sorted[low] + (place - static_cast<double>(low)) * (sorted[high] - sorted[low]);
+  return sorted[low] + (position - static_cast<double>(low)) * (sorted[high] - sorted[low]);
 }
 
 Interval wilson_interval(long successes, long trials, double confidence) {
@@ -47,12 +47,12 @@ Interval wilson_interval_of_rate(double rate, double trials, double confidence) 
   if (trials == 0) return {0, 1};
   const double z = two_sided_quantile(confidence);
   const double share = z * z / trials;
-  const double middle = (rate + share / 2) / (1 + share);
+  const double center = (rate + share / 2) / (1 + share);
   const double half =
       z * std::sqrt(rate * (1 - rate) / trials + share / (4 * trials)) / (1 + share);
   // Exact at the ends, where rounding would leave a small error.
-  return {rate == 0 ? 0 : std::max(0.0, middle - half),
-          rate == 1 ? 1 : std::min(1.0, middle + half)};
+  return {rate == 0 ? 0 : std::max(0.0, center - half),
+          rate == 1 ? 1 : std::min(1.0, center + half)};
 }
 
 double log_odds(double p, double margin) {

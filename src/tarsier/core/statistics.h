@@ -22,8 +22,8 @@ namespace detail {
   return share;
 }
 [[nodiscard]] inline std::size_t upper_rank(double share, std::size_t count) {
-  const double place = checked_share(share) * static_cast<double>(count);
-  return std::min(static_cast<std::size_t>(place), count - 1);
+  const double position = checked_share(share) * static_cast<double>(count);
+  return std::min(static_cast<std::size_t>(position), count - 1);
 }
 [[nodiscard]] inline std::size_t lower_rank(double share, std::size_t count) {
   return static_cast<std::size_t>(checked_share(share) * static_cast<double>(count - 1));
@@ -35,9 +35,9 @@ namespace detail {
 
 template <class T>
 [[nodiscard]] T value_at_rank(std::vector<T>& values, std::size_t rank) {
-  const auto place = values.begin() + static_cast<std::ptrdiff_t>(rank);
-  std::nth_element(values.begin(), place, values.end());
-  return *place;
+  const auto position = values.begin() + static_cast<std::ptrdiff_t>(rank);
+  std::nth_element(values.begin(), position, values.end());
+  return *position;
 }
 }  // namespace detail
 

@@ -15,7 +15,7 @@
 namespace tarsier {
 namespace {
 
-TEST(LogOdds, AreZeroAtAHalfAndBounded) {
+TEST(LogOdds, AreZeroAtOneHalfAndBounded) {
   EXPECT_EQ(log_odds(0.5), 0);
   EXPECT_NEAR(log_odds(0.9), std::log(9), 1e-12);
   EXPECT_NEAR(log_odds(0.2), -log_odds(0.8), 1e-12);
@@ -23,7 +23,7 @@ TEST(LogOdds, AreZeroAtAHalfAndBounded) {
   EXPECT_NEAR(log_odds(0, 0.01), -std::log(99), 1e-9);
 }
 
-TEST(WilsonInterval, AgreesWithValuesByHand) {
+TEST(WilsonInterval, MatchesValuesComputedByHand) {
   // z = 1.959964, z^2 = 3.841459.
   const Interval all = wilson_interval(10, 10);
   EXPECT_NEAR(all.low, 1 / (1 + 0.3841459), 1e-6);
@@ -47,9 +47,9 @@ TEST(WilsonInterval, IsSymmetricAndShrinksWithTheTrials) {
   const Interval many = wilson_interval(300, 2000);
   EXPECT_GT(many.low, few.low);
   EXPECT_LT(many.high, few.high);
-  const Interval surer = wilson_interval(3, 20, 0.99);
-  EXPECT_LT(surer.low, few.low);
-  EXPECT_GT(surer.high, few.high);
+  const Interval wider = wilson_interval(3, 20, 0.99);
+  EXPECT_LT(wider.low, few.low);
+  EXPECT_GT(wider.high, few.high);
 }
 
 TEST(WilsonInterval, OfARateIsThatOfTheCount) {
@@ -59,7 +59,7 @@ TEST(WilsonInterval, OfARateIsThatOfTheCount) {
   EXPECT_DOUBLE_EQ(counted.high, rated.high);
 }
 
-TEST(WilsonInterval, NothingTriedSaysNothingAndNonsenseIsRefused) {
+TEST(WilsonInterval, IsZeroToOneWithoutTrialsAndRefusesInvalidCounts) {
   EXPECT_EQ(wilson_interval(0, 0).low, 0);
   EXPECT_EQ(wilson_interval(0, 0).high, 1);
   EXPECT_THROW((void)wilson_interval(-1, 5), std::invalid_argument);
@@ -81,7 +81,7 @@ TEST(Quantiles, InterpolateBetweenNeighbours) {
   EXPECT_EQ(upper_median({}), 0);
 }
 
-TEST(Quantiles, ThatAreOneOfTheValues) {
+TEST(Quantiles, NearestRankReturnsOneOfTheValues) {
   const std::vector<double> even = {16, 4, 2, 8};
   const auto of = [&even](double (*rule)(std::vector<double>&, double), double share) {
     std::vector<double> values = even;
@@ -104,7 +104,7 @@ TEST(Quantiles, ThatAreOneOfTheValues) {
   }
 }
 
-TEST(Quantiles, OfOtherTypesOfNumbers) {
+TEST(Quantiles, AcceptFloatsAndIntegers) {
   const std::vector<float> values = {9, 1, 5, 2};
   EXPECT_EQ(upper_median(values), 5.0F);
   EXPECT_EQ(values, (std::vector<float>{9, 1, 5, 2}));  // a copy was sorted
@@ -130,19 +130,19 @@ TEST(Logistic, OfFloatIsComputedInFloat) {
   EXPECT_EQ(logistic(-200.0F), 0.0F);
 }
 
-TEST(Boxes, TheTwoOverlapsDiffer) {
-  const cv::Rect2d whole(0, 0, 10, 10);
+TEST(Boxes, IouAndOverlapOfSmallerDiffer) {
+  const cv::Rect2d outer(0, 0, 10, 10);
   const cv::Rect2d inside(2, 2, 5, 5);
-  EXPECT_DOUBLE_EQ(iou(whole, inside), 0.25);
-  EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, inside), 1);
-  EXPECT_DOUBLE_EQ(iou(whole, {5, 0, 10, 10}), 1.0 / 3);
-  EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, {5, 0, 10, 10}), 0.5);
-  EXPECT_EQ(iou(whole, {10, 0, 5, 5}), 0);                // they touch
-  EXPECT_EQ(overlap_of_smaller(whole, {2, 2, 0, 5}), 0);  // empty
+  EXPECT_DOUBLE_EQ(iou(outer, inside), 0.25);
+  EXPECT_DOUBLE_EQ(overlap_of_smaller(outer, inside), 1);
+  EXPECT_DOUBLE_EQ(iou(outer, {5, 0, 10, 10}), 1.0 / 3);
+  EXPECT_DOUBLE_EQ(overlap_of_smaller(outer, {5, 0, 10, 10}), 0.5);
+  EXPECT_EQ(iou(outer, {10, 0, 5, 5}), 0);                // they touch
+  EXPECT_EQ(overlap_of_smaller(outer, {2, 2, 0, 5}), 0);  // empty
   EXPECT_DOUBLE_EQ(iou(cv::Rect(0, 0, 10, 10), cv::Rect(5, 0, 10, 10)), 1.0 / 3);
 }
 
-TEST(Boxes, OverlapOfNothingIsNone) {
+TEST(Boxes, OverlapOfEmptyBoxesIsZero) {
   const cv::Rect2d empty(3, 3, 0, 0);
   EXPECT_EQ(iou(empty, empty), 0);
   EXPECT_EQ(overlap_of_smaller(empty, empty), 0);
@@ -153,7 +153,7 @@ TEST(Boxes, OverlapOfNothingIsNone) {
   EXPECT_EQ(overlap_of_smaller(cv::Rect2d(0, 0, 10, 10), endless), 1);
 }
 
-TEST(Boxes, OfFloatAreComparedInFloat) {
+TEST(Boxes, FloatBoxesAreComparedInFloat) {
   const cv::Rect2f a(0, 0, 10, 10);
   const cv::Rect2f b(5, 0, 10, 10);
   static_assert(std::is_same_v<decltype(iou(a, b)), float>);

@@ -14,7 +14,7 @@
 namespace tarsier {
 namespace {
 
-std::atomic<int> ends_at_once = 0;
+std::atomic<int> immediate_ends = 0;
 std::atomic<int> first_signal = 0;
 
 void wait_for_signals(std::stop_source source, sigset_t signals) {
@@ -22,7 +22,7 @@ void wait_for_signals(std::stop_source source, sigset_t signals) {
   while (sigwait(&signals, &signal_number) == 0) {
     int none = 0;
     first_signal.compare_exchange_strong(none, signal_number);
-    if (ends_at_once > 0 || !source.request_stop()) _exit(128 + SIGINT);  // as shells do
+    if (immediate_ends > 0 || !source.request_stop()) _exit(128 + SIGINT);  // as shells do
   }
 }
 
@@ -46,9 +46,9 @@ std::stop_token stop_on_signals() {
 
 int stop_signal() { return first_signal; }
 
-EndOnSignals::EndOnSignals() { ++ends_at_once; }
+EndOnSignals::EndOnSignals() { ++immediate_ends; }
 
-EndOnSignals::~EndOnSignals() { --ends_at_once; }
+EndOnSignals::~EndOnSignals() { --immediate_ends; }
 
 void throw_if_stopped(const std::stop_token& stop) {
   if (stop.stop_requested()) throw Interrupted();

@@ -10,7 +10,7 @@ namespace tarsier::geometry {
 namespace {
 
 constexpr std::array<std::string_view, 3> kNames{"pinhole", "rational", "fisheye"};
-constexpr std::array<std::size_t, 3> kCounts{5, 8, 4};
+constexpr std::array<std::size_t, 3> kCoefficientCounts{5, 8, 4};
 constexpr int kMaxDegree = 6;
 
 struct Distorted {
@@ -22,12 +22,12 @@ Distorted distort(const std::array<double, 8>& k, const cv::Point2d& p) {
   const double x = p.x;
   const double y = p.y;
   const double r2 = x * x + y * y;
-  const double above = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
-  const double below = 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
-  const double radial = above / below;
-  const double above_slope = k[0] + r2 * (2 * k[1] + r2 * 3 * k[4]);  // with respect to r2
-  const double below_slope = k[5] + r2 * (2 * k[6] + r2 * 3 * k[7]);
-  const double slope = (above_slope - radial * below_slope) / below;
+  const double numerator = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
+  const double denominator = 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
+  const double radial = numerator / denominator;
+  const double numerator_slope = k[0] + r2 * (2 * k[1] + r2 * 3 * k[4]);  // with respect to r2
+  const double denominator_slope = k[5] + r2 * (2 * k[6] + r2 * 3 * k[7]);
+  const double slope = (numerator_slope - radial * denominator_slope) / denominator;
   const double p1 = k[2];
   const double p2 = k[3];
   Distorted result;
@@ -86,75 +86,75 @@ bool is_positive_up_to(const Polynomial& polynomial, double end) {
 
 // Whether the distorted radius grows from the centre up to the squared radius `end`. Beyond a
 // turning point the equation has solutions too, but they are not physical.
-bool grows_up_to(const std::array<double, 8>& k, double end) {
-  const std::array<double, 4> above{1, k[0], k[1], k[4]};
-  const std::array<double, 4> below{1, k[5], k[6], k[7]};
+bool radius_grows_up_to(const std::array<double, 8>& k, double end) {
+  const std::array<double, 4> numerator{1, k[0], k[1], k[4]};
+  const std::array<double, 4> denominator{1, k[5], k[6], k[7]};
   const bool is_rational = k[5] != 0 || k[6] != 0 || k[7] != 0;
   // d/dr (r N / D) = ((N + 2 s N') D - 2 s N D') / D^2, s = r^2
   Polynomial slope;
   if (!is_rational) {
     slope.degree = 3;
-    for (std::size_t i = 0; i < 4; ++i) slope.c[i] = static_cast<double>(2 * i + 1) * above[i];
+    for (std::size_t i = 0; i < 4; ++i) slope.c[i] = static_cast<double>(2 * i + 1) * numerator[i];
     return is_positive_up_to(slope, end);
   }
   Polynomial pole;
   pole.degree = 3;
-  std::copy(below.begin(), below.end(), pole.c.begin());
+  std::copy(denominator.begin(), denominator.end(), pole.c.begin());
   slope.degree = 6;
   for (std::size_t i = 0; i < 4; ++i) {
     for (std::size_t j = 0; j < 4; ++j) {
-      slope.c[i + j] +=
-          (1 + 2 * static_cast<double>(i) - 2 * static_cast<double>(j)) * above[i] * below[j];
+      slope.c[i + j] += (1 + 2 * static_cast<double>(i) - 2 * static_cast<double>(j)) *
+                        numerator[i] * denominator[j];
     }
   }
   return is_positive_up_to(pole, end) && is_positive_up_to(slope, end);
 }
 
 // For a fisheye: the distorted angle and its derivative.
-struct Bent {
+struct DistortedAngle {
   double value;
   double slope;
 };
 
-Bent bend(const std::array<double, 8>& k, double angle) {
+DistortedAngle distort_angle(const std::array<double, 8>& k, double angle) {
   const double s = angle * angle;
   return {angle * (1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))),
           1 + s * (3 * k[0] + s * (5 * k[1] + s * (7 * k[2] + s * 9 * k[3])))};
 }
 
-bool bends_up_to(const std::array<double, 8>& k, double angle) {
+bool angle_grows_up_to(const std::array<double, 8>& k, double angle) {
   const Polynomial slope{{1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3], 0, 0}, 4};
   return is_positive_up_to(slope, angle * angle);
 }
 
-cv::Point2d fisheye_of(const std::array<double, 8>& k, const cv::Point2d& p) {
+cv::Point2d distort_fisheye(const std::array<double, 8>& k, const cv::Point2d& p) {
   const double r = cv::norm(p);
   if (r < 1e-12) return p;
-  return p * (bend(k, std::atan(r)).value / r);
+  return p * (distort_angle(k, std::atan(r)).value / r);
 }
 
-std::optional<cv::Point2d> fisheye_inverse(const std::array<double, 8>& k,
-                                           const cv::Point2d& wanted) {
-  const double target = cv::norm(wanted);
-  if (target < 1e-12) return wanted;
+std::optional<cv::Point2d> undistort_fisheye(const std::array<double, 8>& k,
+                                             const cv::Point2d& distorted) {
+  const double target = cv::norm(distorted);
+  if (target < 1e-12) return distorted;
   // The growing part is monotone: bisection keeps Newton's steps inside it.
   double low = 0;
   double high = CV_PI / 2;
   double angle = std::min(target, 0.9 * high);
   for (int iteration = 0; iteration < 200; ++iteration) {
-    const Bent here = bend(k, angle);
+    const DistortedAngle here = distort_angle(k, angle);
     const double error = here.value - target;
     if (std::abs(error) <= 4e-16 * (1 + target)) break;
     // Beyond the turning point the value falls: that is too far, too.
-    (error > 0 || !bends_up_to(k, angle) ? high : low) = angle;
+    (error > 0 || !angle_grows_up_to(k, angle) ? high : low) = angle;
     double next = angle - error / here.slope;
     if (!(next > low && next < high)) next = 0.5 * (low + high);
     if (next == angle) break;
     angle = next;
   }
-  const bool is_found = std::abs(bend(k, angle).value - target) <= 1e-12 * (1 + target);
-  if (!is_found || !bends_up_to(k, angle) || angle >= CV_PI / 2 - 1e-9) return std::nullopt;
-  return wanted * (std::tan(angle) / target);
+  const bool is_found = std::abs(distort_angle(k, angle).value - target) <= 1e-12 * (1 + target);
+  if (!is_found || !angle_grows_up_to(k, angle) || angle >= CV_PI / 2 - 1e-9) return std::nullopt;
+  return distorted * (std::tan(angle) / target);
 }
 
 }  // namespace
@@ -168,7 +168,7 @@ std::optional<Lens> lens_named(std::string_view name) {
 }
 
 std::span<const double> Camera::coefficients() const {
-  return {distortion.data(), kCounts[static_cast<std::size_t>(lens)]};
+  return {distortion.data(), kCoefficientCounts[static_cast<std::size_t>(lens)]};
 }
 
 void Camera::check() const {
@@ -185,7 +185,7 @@ void Camera::check() const {
 cv::Point2d Camera::pixel_of(const cv::Point2d& normalized) const {
   cv::Point2d p = normalized;
   if (lens == Lens::kFisheye) {
-    p = fisheye_of(distortion, normalized);
+    p = distort_fisheye(distortion, normalized);
   } else if (is_distorted()) {
     p = distort(distortion, normalized).point;
   }
@@ -193,27 +193,27 @@ cv::Point2d Camera::pixel_of(const cv::Point2d& normalized) const {
 }
 
 std::optional<cv::Point2d> Camera::normalized_of(const cv::Point2d& pixel) const {
-  const cv::Point2d wanted((pixel.x - cx) / fx, (pixel.y - cy) / fy);
-  if (!std::isfinite(wanted.x) || !std::isfinite(wanted.y)) return std::nullopt;
-  if (lens == Lens::kFisheye) return fisheye_inverse(distortion, wanted);
-  if (!is_distorted()) return wanted;
+  const cv::Point2d distorted((pixel.x - cx) / fx, (pixel.y - cy) / fy);
+  if (!std::isfinite(distorted.x) || !std::isfinite(distorted.y)) return std::nullopt;
+  if (lens == Lens::kFisheye) return undistort_fisheye(distortion, distorted);
+  if (!is_distorted()) return distorted;
 
-  const double scale = 1 + cv::norm(wanted);
-  cv::Point2d found = wanted;
+  const double scale = 1 + cv::norm(distorted);
+  cv::Point2d found = distorted;
   Distorted here = distort(distortion, found);
-  double error = cv::norm(here.point - wanted);
+  double error = cv::norm(here.point - distorted);
   for (int iteration = 0; iteration < 100 && error > 4e-16 * scale; ++iteration) {
     const cv::Matx22d& d = here.derivative;
     const double determinant = d(0, 0) * d(1, 1) - d(0, 1) * d(1, 0);
-    const cv::Point2d off = here.point - wanted;
-    cv::Point2d step((d(1, 1) * off.x - d(0, 1) * off.y) / determinant,
-                     (d(0, 0) * off.y - d(1, 0) * off.x) / determinant);
+    const cv::Point2d residual = here.point - distorted;
+    cv::Point2d step((d(1, 1) * residual.x - d(0, 1) * residual.y) / determinant,
+                     (d(0, 0) * residual.y - d(1, 0) * residual.x) / determinant);
     if (!std::isfinite(step.x) || !std::isfinite(step.y)) return std::nullopt;
     // Halves a step that increases the error.
     bool better = false;
     for (int halving = 0; halving < 30 && !better; ++halving) {
       const Distorted next = distort(distortion, found - step);
-      const double next_error = cv::norm(next.point - wanted);
+      const double next_error = cv::norm(next.point - distorted);
       better = next_error < error;
       if (better) {
         found -= step;
@@ -226,7 +226,7 @@ std::optional<cv::Point2d> Camera::normalized_of(const cv::Point2d& pixel) const
   }
   const cv::Matx22d& d = here.derivative;
   const bool is_regular = d(0, 0) + d(1, 1) > 0 && d(0, 0) * d(1, 1) - d(0, 1) * d(1, 0) > 0;
-  if (!(error <= 1e-12 * scale) || !is_regular || !grows_up_to(distortion, found.dot(found)))
+  if (!(error <= 1e-12 * scale) || !is_regular || !radius_grows_up_to(distortion, found.dot(found)))
     return std::nullopt;
   return found;
 }
@@ -236,15 +236,15 @@ std::optional<cv::Point2d> Camera::project(const Eigen::Vector3d& in_camera) con
   return pixel_of({in_camera[0] / in_camera[2], in_camera[1] / in_camera[2]});
 }
 
-double Camera::largest_radius(double most) const {
-  TARSIER_REQUIRE(most > 0 && std::isfinite(most), "radius {}", most);
+double Camera::largest_radius(double max_radius) const {
+  TARSIER_REQUIRE(max_radius > 0 && std::isfinite(max_radius), "radius {}", max_radius);
   const auto grows = [&](double radius) {
-    if (lens == Lens::kFisheye) return bends_up_to(distortion, std::atan(radius));
-    return !is_distorted() || grows_up_to(distortion, radius * radius);
+    if (lens == Lens::kFisheye) return angle_grows_up_to(distortion, std::atan(radius));
+    return !is_distorted() || radius_grows_up_to(distortion, radius * radius);
   };
-  if (grows(most)) return most;
+  if (grows(max_radius)) return max_radius;
   double low = 0;
-  double high = most;
+  double high = max_radius;
   for (int halving = 0; halving < 60; ++halving) {
     const double middle = 0.5 * (low + high);
     (grows(middle) ? low : high) = middle;

@@ -68,8 +68,8 @@ struct Camera {
   [[nodiscard]] std::optional<cv::Point2d> project(const Eigen::Vector3d& in_camera) const;
 
   // The normalised radius up to which the radial part increases and is therefore invertible, at
-  // most `most` (> 0). Beyond it the model folds the image back.
-  [[nodiscard]] double largest_radius(double most) const;
+  // most `max_radius` (> 0). Beyond it the model folds the image back.
+  [[nodiscard]] double largest_radius(double max_radius) const;
 };
 
 }  // namespace tarsier::geometry

@@ -29,9 +29,9 @@ namespace {
 constexpr std::int64_t kMaxFileBytes = 1'000'000;
 
 // The fault of a camera whose size may be unknown; empty if there is none.
-std::string trouble_of(const Camera& camera) {
-  const auto bad_side = [](int side) { return side < 0 || side > kMaxCameraSide; };
-  if (bad_side(camera.width) || bad_side(camera.height) ||
+std::string camera_error(const Camera& camera) {
+  const auto is_invalid_side = [](int side) { return side < 0 || side > kMaxCameraSide; };
+  if (is_invalid_side(camera.width) || is_invalid_side(camera.height) ||
       (camera.width == 0) != (camera.height == 0)) {
     return fmt::format("the size {}x{} px is none", camera.width, camera.height);
   }
@@ -195,13 +195,13 @@ std::vector<double> numbers_in(const StoredEntry& entry, std::string_view what,
   const auto data = entry.parts.find("data");
   const bool is_matrix = data != entry.parts.end();
   const std::string& text = is_matrix ? data->second : entry.text;
-  constexpr std::string_view kBetween = " \t\r\n,[]";
+  constexpr std::string_view kSeparators = " \t\r\n,[]";
   std::vector<double> numbers;
-  for (std::size_t start = text.find_first_not_of(kBetween); start != std::string::npos;) {
-    const std::size_t end = std::min(text.find_first_of(kBetween, start), text.size());
+  for (std::size_t start = text.find_first_not_of(kSeparators); start != std::string::npos;) {
+    const std::size_t end = std::min(text.find_first_of(kSeparators, start), text.size());
     numbers.push_back(number_in(std::string_view(text).substr(start, end - start),
                                 fmt::format("a number of {}", what), path));
-    start = text.find_first_not_of(kBetween, end);
+    start = text.find_first_not_of(kSeparators, end);
   }
   if (is_matrix) {
     double size = 1;
@@ -224,21 +224,21 @@ void set_opencv_distortion(Camera& camera, const StoredEntry& entry, const std::
     throw InputError(path, fmt::format("the distortion has {} numbers, not {}", k.size(),
                                        is_fisheye ? "4" : "4, 5 or 8"));
   }
-  const std::size_t most = is_fisheye ? 4 : 8;
-  for (std::size_t i = most; i < k.size(); ++i) {
+  const std::size_t max_count = is_fisheye ? 4 : 8;
+  for (std::size_t i = max_count; i < k.size(); ++i) {
     if (k[i] != 0) {
       throw InputError(path, is_fisheye ? "has more than the four numbers k1 k2 k3 k4 of a fisheye"
                                         : "has more than the eight distortion numbers k1 k2 p1 p2 "
                                           "k3 k4 k5 k6");
     }
   }
-  k.resize(most);
+  k.resize(max_count);
   std::copy(k.begin(), k.end(), camera.distortion.begin());
   const auto& d = camera.distortion;
   if (!is_fisheye && (d[5] != 0 || d[6] != 0 || d[7] != 0)) camera.lens = Lens::kRational;
 }
 
-bool says_fisheye(const StoredEntries& entries, const std::string& path) {
+bool is_marked_fisheye(const StoredEntries& entries, const std::string& path) {
   if (const StoredEntry* flag = first_of(entries, {"fisheye_model"}))
     return number_in(flag->text, "fisheye_model", path) != 0;
   const StoredEntry* name = first_of(entries, {"distortion_model"});
@@ -254,7 +254,7 @@ Camera read_opencv(std::string_view text, const std::string& path,
   if (matrix == nullptr)
     throw InputError(path, "has none of camera_matrix, Camera_Matrix, cameraMatrix, K");
   Camera camera = camera_of_matrix(numbers_in(*matrix, "the camera matrix", path), path);
-  if (options.opencv_is_fisheye || says_fisheye(entries, path)) camera.lens = Lens::kFisheye;
+  if (options.opencv_is_fisheye || is_marked_fisheye(entries, path)) camera.lens = Lens::kFisheye;
   if (const StoredEntry* distortion = first_of(
           entries,
           {"distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs"})) {
@@ -399,14 +399,13 @@ Camera read_camera_file(const std::string& path, const CameraFileOptions& option
   if (text.find('\0') != std::string::npos) throw InputError(path, "is no text");
   if (text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);
   const Camera camera = read_any(text, path, options);
-  if (const std::string trouble = trouble_of(camera); !trouble.empty())
-    throw InputError(path, trouble);
+  if (const std::string error = camera_error(camera); !error.empty()) throw InputError(path, error);
   return camera;
 }
 
 void write_camera_file(const std::string& path, const Camera& camera, CameraFormat format) {
-  const std::string trouble = trouble_of(camera);
-  TARSIER_REQUIRE(trouble.empty(), "{}", trouble);
+  const std::string error = camera_error(camera);
+  TARSIER_REQUIRE(error.empty(), "{}", error);
   write_file_atomically(path, format == CameraFormat::kOpencv   ? opencv_text(camera)
                               : format == CameraFormat::kColmap ? colmap_text(camera)
                                                                 : own_text(camera));
@@ -443,8 +442,8 @@ Camera parse_camera(const std::string& text) {
   camera.cy = numbers[3];
   std::copy(numbers.begin() + 4, numbers.end(), camera.distortion.begin());
   if (numbers.size() == 12) camera.lens = Lens::kRational;
-  if (const std::string trouble = trouble_of(camera); !trouble.empty())
-    throw UsageError(fmt::format("camera '{}': {}", printable(text), trouble));
+  if (const std::string error = camera_error(camera); !error.empty())
+    throw UsageError(fmt::format("camera '{}': {}", printable(text), error));
   return camera;
 }
 

@@ -22,10 +22,10 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-const std::string kOwn =
+const std::string kTarsierFile =
     "model: pinhole\nwidth: 640\nheight: 480\nfx: 500\nfy: 501\ncx: 320\ncy: 240\n"
     "distortion: [0.1, 0, 0, 0, 0]\nrms: 0.5\n";
-const std::string kOpenCv =
+const std::string kOpenCvFile =
     "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\n"
     "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
     "   data: [ 500., 0., 320., 0., 501., 240., 0., 0., 1. ]\n"
@@ -33,10 +33,10 @@ const std::string kOpenCv =
     "   data: [ 0.1, 0.2, 0.3, 0.4, 0.5 ]\n"
     "avg_reprojection_error: 0.25\n";
 
-std::string with(std::string text, const std::string& old_text, const std::string& new_text) {
-  const std::size_t place = text.find(old_text);
-  EXPECT_NE(place, std::string::npos) << old_text;
-  return text.replace(place, old_text.size(), new_text);
+std::string replaced(std::string text, const std::string& old_text, const std::string& new_text) {
+  const std::size_t position = text.find(old_text);
+  EXPECT_NE(position, std::string::npos) << old_text;
+  return text.replace(position, old_text.size(), new_text);
 }
 
 class CameraFileTest : public FolderTest {
@@ -57,7 +57,7 @@ class CameraFileTest : public FolderTest {
   }
 };
 
-TEST_F(CameraFileTest, OursComesBackToTheLastBit) {
+TEST_F(CameraFileTest, TarsierFormatRoundTripsExactly) {
   Camera camera{3072,
                 2048,
                 2759.48 + 1.0 / 3,
@@ -81,7 +81,7 @@ TEST_F(CameraFileTest, OursComesBackToTheLastBit) {
   EXPECT_EQ(read_camera_file(path("camera.yaml")).fy, camera.fy);
 }
 
-TEST_F(CameraFileTest, OursMayBeWrittenByHand) {
+TEST_F(CameraFileTest, TarsierFormatMayBeWrittenByHand) {
   const Camera camera = read(
       "\xEF\xBB\xBF# mine\r\n---\r\nmodel: pinhole # the only one\r\nfx: 1e3\r\nfy:  +1000\r\n"
       "cx: 5\r\ncy: 6\r\n\r\n...\r\n");
@@ -91,31 +91,34 @@ TEST_F(CameraFileTest, OursMayBeWrittenByHand) {
   EXPECT_FALSE(camera.is_distorted());
 }
 
-TEST_F(CameraFileTest, BadLinesOfOursAreNamed) {
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx: nan")), HasSubstr("line 4: 'nan' is no finite"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx: 1e999")), HasSubstr("line 4"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx:")), HasSubstr("line 4"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx: -500")), HasSubstr("not positive"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx: 0")), HasSubstr("not positive"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fx")), HasSubstr("line 4: 'key: value'"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500\n", "")), HasSubstr("'fx:' is missing"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fy: 500")), HasSubstr("line 5: a second 'fy:'"));
-  EXPECT_THAT(refusal(with(kOwn, "fx: 500", "f\x1bx: 500")),
+TEST_F(CameraFileTest, ErrorsInTarsierFilesNameTheLine) {
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx: nan")),
+              HasSubstr("line 4: 'nan' is no finite"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx: 1e999")), HasSubstr("line 4"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx:")), HasSubstr("line 4"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx: -500")), HasSubstr("not positive"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx: 0")), HasSubstr("not positive"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx")), HasSubstr("line 4: 'key: value'"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500\n", "")), HasSubstr("'fx:' is missing"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fy: 500")),
+              HasSubstr("line 5: a second 'fy:'"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "f\x1bx: 500")),
               AllOf(HasSubstr("\\x1b"), HasSubstr("none of model")));
-  EXPECT_THAT(refusal(with(kOwn, "pinhole", "fischaug")), HasSubstr("'fischaug'"));
-  EXPECT_THAT(refusal(with(kOwn, "pinhole", "fisheye")),
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "pinhole", "fischaug")), HasSubstr("'fischaug'"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "pinhole", "fisheye")),
               HasSubstr("line 8: distortion: 5 numbers, a fisheye lens has 4"));
-  EXPECT_THAT(refusal(with(kOwn, "640", "1e3")), HasSubstr("line 2: '1e3' is no size"));
-  EXPECT_THAT(refusal(with(kOwn, "640", "99999999999")), HasSubstr("is no size"));
-  EXPECT_THAT(refusal(with(kOwn, "640", "0")), HasSubstr("0x480"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "1e3")), HasSubstr("line 2: '1e3' is no size"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "99999999999")), HasSubstr("is no size"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "0")), HasSubstr("0x480"));
   for (const char* list : {"[]", "[0, 0, 0, 0]", "[0, 0, 0, 0, 0, 0]", "0", "[", "]", "[0 0 0 0 0]",
                            "[0, 0, inf, 0, 0]", "[,,,,]"}) {
-    EXPECT_THAT(refusal(with(kOwn, "[0.1, 0, 0, 0, 0]", list)), HasSubstr("line 8")) << list;
+    EXPECT_THAT(refusal(replaced(kTarsierFile, "[0.1, 0, 0, 0, 0]", list)), HasSubstr("line 8"))
+        << list;
   }
 }
 
-TEST_F(CameraFileTest, OpenCvsYamlAndXml) {
-  const Camera yaml = read(kOpenCv);
+TEST_F(CameraFileTest, ReadsOpenCvYamlAndXml) {
+  const Camera yaml = read(kOpenCvFile);
   EXPECT_EQ(yaml.width, 640);
   EXPECT_EQ(yaml.height, 480);
   EXPECT_EQ(yaml.fx, 500);
@@ -152,9 +155,9 @@ TEST_F(CameraFileTest, OpenCvsYamlAndXml) {
   EXPECT_EQ(read("%YAML:1.0\n---\nK: [ 5, 0, 3, 0, 6, 4, 0, 0, 1 ]\n").fy, 6);
 }
 
-TEST_F(CameraFileTest, BadFilesOfOpenCvAreRefused) {
+TEST_F(CameraFileTest, InvalidOpenCvFilesAreRefused) {
   const auto changed = [&](const std::string& from, const std::string& to) {
-    return refusal(with(kOpenCv, from, to));
+    return refusal(replaced(kOpenCvFile, from, to));
   };
   EXPECT_THAT(changed("camera_matrix", "camera_matrox"), HasSubstr("has none of camera_matrix"));
   EXPECT_THAT(changed("500.", ".Nan"), HasSubstr("no finite number"));
@@ -197,7 +200,7 @@ TEST_F(CameraFileTest, BadFilesOfOpenCvAreRefused) {
 }
 
 // cv::FileStorage would end the program for some of these files.
-TEST_F(CameraFileTest, DeepAndCutFilesOfOpenCvAreRefused) {
+TEST_F(CameraFileTest, NestedAndTruncatedOpenCvFilesAreRefused) {
   const auto repeated = [](const std::string& text, int times) {
     std::string result;
     for (int k = 0; k < times; ++k) result += text;
@@ -212,11 +215,11 @@ TEST_F(CameraFileTest, DeepAndCutFilesOfOpenCvAreRefused) {
         xml + repeated("<a/>", 200'000), xml + "<a>" + repeated("<_>", 300'000)}) {
     EXPECT_NE(refusal(text), "accepted") << text.substr(0, 60);
   }
-  for (std::size_t size = 0; size < kOpenCv.find("1. ]"); size += 3)
-    EXPECT_NE(refusal(kOpenCv.substr(0, size)), "accepted") << size;
+  for (std::size_t size = 0; size < kOpenCvFile.find("1. ]"); size += 3)
+    EXPECT_NE(refusal(kOpenCvFile.substr(0, size)), "accepted") << size;
 }
 
-TEST_F(CameraFileTest, ColmapsCamerasLoseHalfAPixel) {
+TEST_F(CameraFileTest, ColmapCamerasAreShiftedByHalfAPixel) {
   const Camera simple = read("# Camera list\n\n1 SIMPLE_PINHOLE 640 480 500 320 240\n");
   EXPECT_EQ(simple.width, 640);
   EXPECT_EQ(simple.fx, 500);
@@ -264,20 +267,20 @@ TEST_F(CameraFileTest, AMatrixIsNineNumbers) {
   EXPECT_THAT(refusal("0 0 320\n0 500 240\n0 0 1\n"), HasSubstr("not positive"));
 }
 
-TEST_F(CameraFileTest, WhatIsNoCameraIsSaidSo) {
+TEST_F(CameraFileTest, OtherFilesAreRefused) {
   EXPECT_THAT(refusal(""), HasSubstr("is empty"));
   EXPECT_THAT(refusal("# nothing\n\n"), HasSubstr("is empty"));
   EXPECT_THAT(refusal("hello\n"), HasSubstr("is no camera"));
   EXPECT_THAT(refusal("{\"K\": [1]}\n"), HasSubstr("is no camera"));
   EXPECT_THAT(refusal("\xFF\xD8\xFF\xE0 JFIF"), HasSubstr("is no camera"));
-  EXPECT_THAT(refusal(kOwn + std::string(1, '\0')), HasSubstr("is no text"));
+  EXPECT_THAT(refusal(kTarsierFile + std::string(1, '\0')), HasSubstr("is no text"));
   EXPECT_THAT(refusal(std::string(1'000'001, ' ')), HasSubstr("larger than"));
   EXPECT_THROW((void)read_camera_file(path("missing")), InputError);
   EXPECT_THROW((void)read_camera_file(folder_), InputError);
 }
 
 // All three lens models through all three file formats.
-TEST_F(CameraFileTest, EveryLensComesBackFromEveryForm) {
+TEST_F(CameraFileTest, EveryLensRoundTripsInEveryFormat) {
   const std::vector<Camera> cameras{
       {640, 480, 500.1, 501.2, 320.3, 240.4, {-0.1, 0.2, 1e-3, -2e-3, 0.01}, 0.25},
       {640,
@@ -323,12 +326,14 @@ TEST_F(CameraFileTest, EveryLensComesBackFromEveryForm) {
   EXPECT_THROW(write_camera_file(path("camera.txt"), wrong), std::invalid_argument);
 }
 
-TEST_F(CameraFileTest, AFisheyeOfOpenCvIsToldByTheFileOrTheCaller) {
-  const std::string four = with(with(kOpenCv, "rows: 5", "rows: 4"), ", 0.5 ]", " ]");
+TEST_F(CameraFileTest, OpenCvFisheyesAreMarkedByTheFileOrTheOptions) {
+  const std::string four = replaced(replaced(kOpenCvFile, "rows: 5", "rows: 4"), ", 0.5 ]", " ]");
   EXPECT_EQ(read(four).lens, Lens::kPinhole);
-  EXPECT_EQ(read(with(four, "image_width", "fisheye_model: 1\nimage_width")).lens, Lens::kFisheye);
-  EXPECT_EQ(read(with(four, "image_width", "fisheye_model: 0\nimage_width")).lens, Lens::kPinhole);
-  EXPECT_EQ(read(with(four, "image_width", "distortion_model: equidistant\nimage_width")).lens,
+  EXPECT_EQ(read(replaced(four, "image_width", "fisheye_model: 1\nimage_width")).lens,
+            Lens::kFisheye);
+  EXPECT_EQ(read(replaced(four, "image_width", "fisheye_model: 0\nimage_width")).lens,
+            Lens::kPinhole);
+  EXPECT_EQ(read(replaced(four, "image_width", "distortion_model: equidistant\nimage_width")).lens,
             Lens::kFisheye);
   (void)read(four);
   EXPECT_EQ(read_camera_file(path("camera.txt"), {true}).lens, Lens::kFisheye);

@@ -60,7 +60,7 @@ TEST(CameraTest, RationalAndFisheyeProjectAsOpenCvDoes) {
   }
 }
 
-TEST(CameraTest, WhatIsBehindIsNotSeen) {
+TEST(CameraTest, PointsBehindTheCameraAreNotProjected) {
   const Camera camera = phone();
   EXPECT_FALSE(camera.project({0, 0, -1}));
   EXPECT_FALSE(camera.project({0, 0, 0}));
@@ -68,7 +68,7 @@ TEST(CameraTest, WhatIsBehindIsNotSeen) {
   EXPECT_EQ(camera.project({0, 0, 2}), cv::Point2d(321, 238.5));
 }
 
-TEST(CameraTest, EveryPixelComesBack) {
+TEST(CameraTest, PixelsRoundTrip) {
   std::vector<Camera> cameras(7, phone());
   cameras[0].distortion = {};
   cameras[2].distortion = {0.4, 0.2, -3e-3, 2e-3, 0.1};  // pincushion
@@ -90,7 +90,7 @@ TEST(CameraTest, EveryPixelComesBack) {
   }
 }
 
-TEST(CameraTest, TheInverseIsExactUpToWhereTheDistortionTurns) {
+TEST(CameraTest, TheInverseIsExactUpToTheTurningPoint) {
   Camera camera{640, 480, 500, 500, 320, 240, {-0.3, 0, 0, 0, 0}, 0};
   // r (1 - 0.3 r2) grows up to r = sqrt(1 / 0.9) and is 0.7027 there.
   const double turn = std::sqrt(1 / 0.9);
@@ -119,7 +119,7 @@ TEST(CameraTest, TheInverseIsExactUpToWhereTheDistortionTurns) {
   EXPECT_FALSE(camera.normalized_of({std::numeric_limits<double>::quiet_NaN(), 0}));
 }
 
-TEST(CameraTest, AFisheyeSeesNoNinetyDegrees) {
+TEST(CameraTest, AFisheyeRefusesRaysAtNinetyDegrees) {
   Camera camera{640, 480, 200, 200, 320, 240, {}, 0, Lens::kFisheye};
   EXPECT_TRUE(camera.normalized_of({320 + 200 * 1.57, 240}));
   EXPECT_FALSE(camera.normalized_of({320 + 200 * 1.58, 240}));
@@ -130,7 +130,7 @@ TEST(CameraTest, AFisheyeSeesNoNinetyDegrees) {
   EXPECT_TRUE(camera.normalized_of({320 + 200 * 0.70, 240}));
 }
 
-TEST(CameraTest, TheLargestRadiusIsWhereTheDistortionTurns) {
+TEST(CameraTest, TheLargestRadiusIsTheTurningPoint) {
   Camera camera = phone();
   camera.distortion = {};
   EXPECT_EQ(camera.largest_radius(20), 20);

@@ -74,19 +74,19 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
     }
     *side = static_cast<int>(*value);
   }
-  for (const char place : model->parameters) {
+  for (const char symbol : model->parameters) {
     const std::string_view word = next_word(rest);
     const auto value = to_number(word);
     if (!value) {
       throw fail(fmt::format("'{}' is no number; {} has {} parameters", printable(word),
                              model->name, model->parameters.size()));
     }
-    if (place == 'f' || place == 'x') camera.fx = *value;
-    if (place == 'f' || place == 'y') camera.fy = *value;
-    if (place == 'u') camera.cx = *value - kColmapOffset;
-    if (place == 'v') camera.cy = *value - kColmapOffset;
-    if (place >= '0' && place <= '7')
-      camera.distortion[static_cast<std::size_t>(place - '0')] = *value;
+    if (symbol == 'f' || symbol == 'x') camera.fx = *value;
+    if (symbol == 'f' || symbol == 'y') camera.fy = *value;
+    if (symbol == 'u') camera.cx = *value - kColmapOffset;
+    if (symbol == 'v') camera.cy = *value - kColmapOffset;
+    if (symbol >= '0' && symbol <= '7')
+      camera.distortion[static_cast<std::size_t>(symbol - '0')] = *value;
   }
   if (!trimmed(rest).empty())
     throw fail(fmt::format("{} has {} parameters", model->name, model->parameters.size()));

@@ -15,7 +15,7 @@ namespace tarsier::geometry {
 namespace {
 
 constexpr int kMaxDegree = 10;
-constexpr double kFarRoot = 100;
+constexpr double kMaxRoot = 100;
 
 // --- polynomials in x, y, z of degree 1, 2 and 3, as rows of coefficients ---
 
@@ -49,29 +49,29 @@ constexpr std::array<Monomial, 20> kCubic{{{3, 0, 0}, {0, 3, 0}, {2, 1, 0}, {1, 
 
 // Index of the product of two monomials.
 template <std::size_t N, std::size_t M, std::size_t K>
-constexpr auto product_places(const std::array<Monomial, N>& a, const std::array<Monomial, M>& b,
-                              const std::array<Monomial, K>& product) {
-  std::array<std::array<int, M>, N> places{};
+constexpr auto product_indices(const std::array<Monomial, N>& a, const std::array<Monomial, M>& b,
+                               const std::array<Monomial, K>& product) {
+  std::array<std::array<int, M>, N> indices{};
   for (std::size_t i = 0; i < N; ++i)
     for (std::size_t j = 0; j < M; ++j)
       for (std::size_t k = 0; k < K; ++k)
-        if (product[k] == a[i] + b[j]) places[i][j] = static_cast<int>(k);
-  return places;
+        if (product[k] == a[i] + b[j]) indices[i][j] = static_cast<int>(k);
+  return indices;
 }
-constexpr auto kLinearPlaces = product_places(kLinear, kLinear, kQuadratic);
-constexpr auto kQuadraticPlaces = product_places(kQuadratic, kLinear, kCubic);
+constexpr auto kLinearProducts = product_indices(kLinear, kLinear, kQuadratic);
+constexpr auto kQuadraticProducts = product_indices(kQuadratic, kLinear, kCubic);
 
 // sum += factor a b
 void add_product(Quadratic& sum, const Linear& a, const Linear& b, double factor = 1) {
   for (int i = 0; i < 4; ++i)
     for (int j = 0; j < 4; ++j)
-      sum[kLinearPlaces[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)]] +=
+      sum[kLinearProducts[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)]] +=
           factor * a[i] * b[j];
 }
 void add_product(Cubic& sum, const Quadratic& a, const Linear& b) {
   for (int i = 0; i < 10; ++i)
     for (int j = 0; j < 4; ++j)
-      sum[kQuadraticPlaces[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)]] +=
+      sum[kQuadraticProducts[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)]] +=
           a[i] * b[j];
 }
 
@@ -161,18 +161,18 @@ Equations constraints(const std::array<std::array<Linear, 3>, 3>& e) {
 // are expressed by the others. False if the equations do not determine them.
 bool eliminate(Equations& equations) {
   for (int i = 0; i < 10; ++i) {
-    const auto place = static_cast<std::size_t>(i);
-    std::size_t pivot = place;
-    for (std::size_t r = place + 1; r < 10; ++r)
+    const auto row = static_cast<std::size_t>(i);
+    std::size_t pivot = row;
+    for (std::size_t r = row + 1; r < 10; ++r)
       if (std::abs(equations[r][i]) > std::abs(equations[pivot][i])) pivot = r;
-    std::swap(equations[place], equations[pivot]);
-    const double divisor = equations[place][i];
+    std::swap(equations[row], equations[pivot]);
+    const double divisor = equations[row][i];
     if (divisor == 0 || !std::isfinite(divisor)) return false;
-    for (int c = i; c < 20; ++c) equations[place][c] /= divisor;
+    for (int c = i; c < 20; ++c) equations[row][c] /= divisor;
     for (std::size_t r = 0; r < 10; ++r) {
       const double factor = equations[r][i];
-      if (r == place || factor == 0) continue;
-      for (int c = i; c < 20; ++c) equations[r][c] -= factor * equations[place][c];
+      if (r == row || factor == 0) continue;
+      for (int c = i; c < 20; ++c) equations[r][c] -= factor * equations[row][c];
     }
   }
   return true;
@@ -251,14 +251,14 @@ class SturmChain {
         rest.c[static_cast<std::size_t>(k + shift)] -= factor * by.c[static_cast<std::size_t>(k)];
     }
     rest.degree = by.degree - 1;
-    double most = 0;
+    double max_coefficient = 0;
     for (int k = 0; k <= rest.degree; ++k)
-      most = std::max(most, std::abs(rest.c[static_cast<std::size_t>(k)]));
-    if (!(most > 0) || !std::isfinite(most)) return false;
+      max_coefficient = std::max(max_coefficient, std::abs(rest.c[static_cast<std::size_t>(k)]));
+    if (!(max_coefficient > 0) || !std::isfinite(max_coefficient)) return false;
     while (rest.degree > 0 &&
-           std::abs(rest.c[static_cast<std::size_t>(rest.degree)]) < 1e-14 * most)
+           std::abs(rest.c[static_cast<std::size_t>(rest.degree)]) < 1e-14 * max_coefficient)
       --rest.degree;
-    for (int k = 0; k <= rest.degree; ++k) rest.c[static_cast<std::size_t>(k)] /= -most;
+    for (int k = 0; k <= rest.degree; ++k) rest.c[static_cast<std::size_t>(k)] /= -max_coefficient;
     chain_[static_cast<std::size_t>(length_++)] = rest;
     return true;
   }
@@ -299,8 +299,8 @@ double refined_root(const SturmChain& chain, double low, double high) {
   return root;
 }
 
-int isolate(const SturmChain& chain, double low, int at_low, double high, int at_high, int depth,
-            std::span<double> roots) {
+int isolate_roots(const SturmChain& chain, double low, int at_low, double high, int at_high,
+                  int depth, std::span<double> roots) {
   const int count = at_low - at_high;
   if (count <= 0 || roots.empty()) return 0;
   if (count == 1 || depth == 0) {
@@ -309,9 +309,9 @@ int isolate(const SturmChain& chain, double low, int at_low, double high, int at
   }
   const double middle = 0.5 * (low + high);
   const int at_middle = chain.changes(middle);
-  const int left = isolate(chain, low, at_low, middle, at_middle, depth - 1, roots);
-  return left + isolate(chain, middle, at_middle, high, at_high, depth - 1,
-                        roots.subspan(static_cast<std::size_t>(left)));
+  const int left = isolate_roots(chain, low, at_low, middle, at_middle, depth - 1, roots);
+  return left + isolate_roots(chain, middle, at_middle, high, at_high, depth - 1,
+                              roots.subspan(static_cast<std::size_t>(left)));
 }
 
 }  // namespace
@@ -322,15 +322,15 @@ int real_roots(std::span<const double> coefficients, double low, double high,
                       roots.size() + 1 >= coefficients.size(),
                   "a polynomial of {} coefficients", coefficients.size());
   Polynomial p;
-  double most = 0;
-  for (const double c : coefficients) most = std::max(most, std::abs(c));
-  if (!(most > 0) || !std::isfinite(most)) return 0;
-  for (std::size_t k = 0; k < coefficients.size(); ++k) p.c[k] = coefficients[k] / most;
+  double max_coefficient = 0;
+  for (const double c : coefficients) max_coefficient = std::max(max_coefficient, std::abs(c));
+  if (!(max_coefficient > 0) || !std::isfinite(max_coefficient)) return 0;
+  for (std::size_t k = 0; k < coefficients.size(); ++k) p.c[k] = coefficients[k] / max_coefficient;
   p.degree = static_cast<int>(coefficients.size()) - 1;
   while (p.degree > 0 && std::abs(p.c[static_cast<std::size_t>(p.degree)]) < 1e-14) --p.degree;
   if (p.degree == 0) return 0;
   const SturmChain chain(p);
-  return isolate(chain, low, chain.changes(low), high, chain.changes(high), 50, roots);
+  return isolate_roots(chain, low, chain.changes(low), high, chain.changes(high), 50, roots);
 }
 
 int five_point(const std::array<Eigen::Vector2d, 5>& first,
@@ -349,37 +349,37 @@ int five_point(const std::array<Eigen::Vector2d, 5>& first,
 
   // Rows 4 to 9 are x2z, x2, y2z, y2, xyz, xy. Subtracting z times the second from the first, and
   // so on, gives three equations in x, y, 1 with polynomials in z.
-  std::array<std::array<double, 4>, 3> of_x;
-  std::array<std::array<double, 4>, 3> of_y;
-  std::array<std::array<double, 5>, 3> of_1;
+  std::array<std::array<double, 4>, 3> x_terms;
+  std::array<std::array<double, 4>, 3> y_terms;
+  std::array<std::array<double, 5>, 3> constant_terms;
   for (int k = 0; k < 3; ++k) {
     const auto s = static_cast<std::size_t>(k);
     const double* const u = equations[4 + 2 * s].data() + 10;
     const double* const v = equations[5 + 2 * s].data() + 10;
-    of_x[s] = {u[2], u[1] - v[2], u[0] - v[1], -v[0]};
-    of_y[s] = {u[5], u[4] - v[5], u[3] - v[4], -v[3]};
-    of_1[s] = {u[9], u[8] - v[9], u[7] - v[8], u[6] - v[7], -v[6]};
+    x_terms[s] = {u[2], u[1] - v[2], u[0] - v[1], -v[0]};
+    y_terms[s] = {u[5], u[4] - v[5], u[3] - v[4], -v[3]};
+    constant_terms[s] = {u[9], u[8] - v[9], u[7] - v[8], u[6] - v[7], -v[6]};
   }
   std::array<double, 11> determinant{};
   for (std::size_t k = 0; k < 3; ++k) {
     const std::size_t l = (k + 1) % 3;
     const std::size_t m = (k + 2) % 3;
-    const auto lm = product(of_x[l], of_y[m]);
-    const auto ml = product(of_x[m], of_y[l]);
+    const auto lm = product(x_terms[l], y_terms[m]);
+    const auto ml = product(x_terms[m], y_terms[l]);
     std::array<double, 7> minor{};
     for (std::size_t i = 0; i < 7; ++i) minor[i] = lm[i] - ml[i];
-    const auto term = product(minor, of_1[k]);
+    const auto term = product(minor, constant_terms[k]);
     for (std::size_t i = 0; i < 11; ++i) determinant[i] += term[i];
   }
   std::array<double, kMaxDegree> roots{};
-  const int count = real_roots(determinant, -kFarRoot, kFarRoot, roots);
+  const int count = real_roots(determinant, -kMaxRoot, kMaxRoot, roots);
   int found = 0;
   for (int r = 0; r < count; ++r) {
     const double z = roots[static_cast<std::size_t>(r)];
     Eigen::Matrix3d b;
     for (int k = 0; k < 3; ++k) {
       const auto s = static_cast<std::size_t>(k);
-      b.row(k) << value_at(of_x[s], z), value_at(of_y[s], z), value_at(of_1[s], z);
+      b.row(k) << value_at(x_terms[s], z), value_at(y_terms[s], z), value_at(constant_terms[s], z);
     }
     // (x, y, 1) is orthogonal to two rows: the longest of the three cross products is the most
     // accurate.
@@ -424,12 +424,13 @@ int seven_point(const std::array<Eigen::Vector2d, 7>& first,
   // determined.
   const std::array<double, 4> reversed{cubic[3], cubic[2], cubic[1], cubic[0]};
   int count = 0;
-  for (const bool is_near : {true, false}) {
+  for (const bool is_small_root : {true, false}) {
     std::array<double, 3> roots{};
-    const int found = real_roots(is_near ? cubic : reversed, -1, 1, roots);
+    const int found = real_roots(is_small_root ? cubic : reversed, -1, 1, roots);
     for (int r = 0; r < found && count < kMaxFundamentals; ++r) {
       const double root = roots[static_cast<std::size_t>(r)];
-      const Eigen::Matrix3d sum = (is_near ? root : 1.0) * f + (is_near ? 1.0 : root) * g;
+      const Eigen::Matrix3d sum =
+          (is_small_root ? root : 1.0) * f + (is_small_root ? 1.0 : root) * g;
       fundamentals[static_cast<std::size_t>(count++)] = sum / sum.norm();
     }
   }
@@ -472,10 +473,10 @@ std::array<Rigid3, 4> motions_of(const Eigen::Matrix3d& essential) {
   Eigen::Matrix3d v = svd.matrixV();
   if (u.determinant() < 0) u.col(2) *= -1;
   if (v.determinant() < 0) v.col(2) *= -1;
-  Eigen::Matrix3d quarter;
-  quarter << 0, -1, 0, 1, 0, 0, 0, 0, 1;
-  const Eigen::Matrix3d one = u * quarter * v.transpose();
-  const Eigen::Matrix3d other = u * quarter.transpose() * v.transpose();
+  Eigen::Matrix3d quarter_turn;
+  quarter_turn << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  const Eigen::Matrix3d one = u * quarter_turn * v.transpose();
+  const Eigen::Matrix3d other = u * quarter_turn.transpose() * v.transpose();
   const Eigen::Vector3d t = u.col(2);
   return {Rigid3{one, t}, Rigid3{one, -t}, Rigid3{other, t}, Rigid3{other, -t}};
 }

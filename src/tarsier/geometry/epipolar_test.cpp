@@ -20,7 +20,7 @@ struct TwoViews {
   std::vector<Eigen::Vector2d> second;
 };
 
-TwoViews drawn(Rng& rng, int count) {
+TwoViews random_views(Rng& rng, int count) {
   TwoViews views;
   Eigen::Vector3d turn;
   for (int k = 0; k < 3; ++k) turn[k] = rng.uniform(-0.5, 0.5);
@@ -46,7 +46,7 @@ std::array<Eigen::Vector2d, N> first_of(const std::vector<Eigen::Vector2d>& all)
   return result;
 }
 
-double away(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
+double matrix_distance(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
   const Eigen::Matrix3d x = a / a.norm();
   const Eigen::Matrix3d y = b / b.norm();
   return std::min((x - y).norm(), (x + y).norm());
@@ -56,7 +56,7 @@ TEST(FivePoint, FindsTheMotionOfExactPoints) {
   Rng rng(3);
   int found = 0;
   for (int round = 0; round < 200; ++round) {
-    const TwoViews views = drawn(rng, 5);
+    const TwoViews views = random_views(rng, 5);
     std::array<Eigen::Matrix3d, kMaxEssentials> essentials;
     const auto a = first_of<5>(views.first);
     const auto b = first_of<5>(views.second);
@@ -64,7 +64,7 @@ TEST(FivePoint, FindsTheMotionOfExactPoints) {
     double nearest = 1;
     for (int k = 0; k < count; ++k) {
       const Eigen::Matrix3d& e = essentials[static_cast<std::size_t>(k)];
-      nearest = std::min(nearest, away(e, essential_of(views.motion)));
+      nearest = std::min(nearest, matrix_distance(e, essential_of(views.motion)));
       // Every solution is an essential matrix that fits the points.
       EXPECT_LT(std::abs(e.determinant()), 1e-6);
       EXPECT_LT((2 * e * e.transpose() * e - (e * e.transpose()).trace() * e).norm(), 1e-5);
@@ -76,7 +76,7 @@ TEST(FivePoint, FindsTheMotionOfExactPoints) {
   EXPECT_GE(found, 197);  // roots beyond 100 are not searched
 }
 
-TEST(FivePoint, PointsThatAreAllOneHaveNoAnswerOrAFiniteOne) {
+TEST(FivePoint, IdenticalPointsGiveNoOrFiniteMatrices) {
   std::array<Eigen::Vector2d, 5> same;
   same.fill({0.1, 0.2});
   std::array<Eigen::Matrix3d, kMaxEssentials> essentials;
@@ -89,18 +89,18 @@ TEST(FivePoint, PointsThatAreAllOneHaveNoAnswerOrAFiniteOne) {
 TEST(SevenPoint, FindsTheMatrixOfExactPoints) {
   Rng rng(4);
   for (int round = 0; round < 100; ++round) {
-    const TwoViews views = drawn(rng, 7);
+    const TwoViews views = random_views(rng, 7);
     std::array<Eigen::Matrix3d, kMaxFundamentals> found;
     const int count = seven_point(first_of<7>(views.first), first_of<7>(views.second), found);
     double nearest = 1;
     for (int k = 0; k < count; ++k)
-      nearest =
-          std::min(nearest, away(found[static_cast<std::size_t>(k)], essential_of(views.motion)));
+      nearest = std::min(
+          nearest, matrix_distance(found[static_cast<std::size_t>(k)], essential_of(views.motion)));
     EXPECT_LT(nearest, 1e-6) << round;
   }
 }
 
-TEST(FourPoint, TakesFourPointsToFourOthers) {
+TEST(FourPoint, MapsFourPointsToFourOthers) {
   const std::array<Eigen::Vector2d, 4> a{{{0, 0}, {1, 0}, {1.2, 1}, {0, 1}}};
   const std::array<Eigen::Vector2d, 4> b{{{5, 5}, {9, 6}, {8, 9}, {4, 8}}};
   Eigen::Matrix3d h;
@@ -112,9 +112,9 @@ TEST(FourPoint, TakesFourPointsToFourOthers) {
   EXPECT_FALSE(four_point(a, line, h));
 }
 
-TEST(MotionsOf, OneOfTheFourIsTheMotion) {
+TEST(MotionsOf, ContainTheTrueMotion) {
   Rng rng(5);
-  const TwoViews views = drawn(rng, 1);
+  const TwoViews views = random_views(rng, 1);
   double nearest = 10;
   for (const Rigid3& motion : motions_of(-3 * essential_of(views.motion))) {
     EXPECT_TRUE(is_rotation(motion.rotation));

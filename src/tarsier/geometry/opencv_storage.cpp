@@ -46,18 +46,18 @@ class YamlParser {
     const std::string_view value = has_key ? trimmed(content.substr(colon + 1)) : content;
     if (indent == 0) {
       if (!has_key) fail("'name: value' of OpenCV is expected");
-      const auto [place, is_new] = entries_.try_emplace(key);
+      const auto [iterator, is_new] = entries_.try_emplace(key);
       if (!is_new) fail(fmt::format("a second '{}'", printable(key)));
-      entry_ = &place->second;
+      entry_ = &iterator->second;
       part_indent_ = 0;
       return start(entry_->text, value);
     }
     if (entry_ == nullptr) fail("'name: value' of OpenCV is expected");
     if (part_indent_ == 0) part_indent_ = indent;
     if (!has_key || indent != part_indent_) return;  // of a list, a long text, or a deeper level
-    const auto [place, is_new] = entry_->parts.try_emplace(key);
+    const auto [iterator, is_new] = entry_->parts.try_emplace(key);
     if (!is_new) fail(fmt::format("a second '{}'", printable(key)));
-    start(place->second, value);
+    start(iterator->second, value);
   }
 
   // A list may continue over many lines.
@@ -107,9 +107,9 @@ class XmlParser {
   [[noreturn]] void fail(const std::string& reason) const { throw InputError(path_, reason); }
 
   void skip_behind(std::string_view end, std::string_view& text) const {
-    const std::size_t place = text.find(end);
-    if (place == std::string_view::npos) fail(fmt::format("is cut short: '{}' is missing", end));
-    text.remove_prefix(place + end.size());
+    const std::size_t position = text.find(end);
+    if (position == std::string_view::npos) fail(fmt::format("is cut short: '{}' is missing", end));
+    text.remove_prefix(position + end.size());
   }
 
   void parse_tag(std::string_view& text) {
@@ -149,14 +149,14 @@ class XmlParser {
     if (depth == 0 && name != "opencv_storage") fail("is XML, but not of OpenCV");
     bool is_new = true;
     if (depth == 1) {
-      const auto [place, inserted] = entries_.try_emplace(name);
+      const auto [iterator, inserted] = entries_.try_emplace(name);
       is_new = inserted;
-      entry_ = &place->second;
+      entry_ = &iterator->second;
       target_ = &entry_->text;
     } else if (depth == 2 && name != "_") {  // "_" is an element of a list
-      const auto [place, inserted] = entry_->parts.try_emplace(name);
+      const auto [iterator, inserted] = entry_->parts.try_emplace(name);
       is_new = inserted;
-      target_ = &place->second;
+      target_ = &iterator->second;
     }
     if (!is_new) fail(fmt::format("a second <{}>", printable(name.substr(0, 60))));
     names_.push_back(name);

@@ -76,11 +76,11 @@ std::optional<Eigen::Matrix3d> homography(std::span<const cv::Point2d> from,
   const auto a = conditioning_of(from);
   const auto b = conditioning_of(to);
   if (!a || !b) return std::nullopt;
-  const auto middle = conditioned_homography(from, to, *a, *b);
-  if (!middle) return std::nullopt;
+  const auto normalized_h = conditioned_homography(from, to, *a, *b);
+  if (!normalized_h) return std::nullopt;
   // Points on lines are mapped to points on lines: then the map is singular.
-  if (!(std::abs(middle->determinant()) > 1e-9)) return std::nullopt;
-  Eigen::Matrix3d h = b->matrix().inverse() * *middle * a->matrix();
+  if (!(std::abs(normalized_h->determinant()) > 1e-9)) return std::nullopt;
+  Eigen::Matrix3d h = b->matrix().inverse() * *normalized_h * a->matrix();
   h /= h.norm() * (h(2, 2) < 0 ? -1 : 1);
   return h;
 }
@@ -164,9 +164,10 @@ std::array<Eigen::Matrix3d, 2> rotations_of(const Eigen::Matrix3d& h) {
   // works, but compiles an SVD for opposite directions, which do not occur.)
   const Eigen::Vector3d ray = Eigen::Vector3d(p.x(), p.y(), 1).normalized();
   const double twice = std::sqrt(2 * (1 + ray.z()));  // twice the cosine of half the angle
-  const Eigen::Matrix3d sight =
+  const Eigen::Matrix3d axis_to_ray =
       Eigen::Quaterniond(twice / 2, -ray.y() / twice, ray.x() / twice, 0).toRotationMatrix();
-  const Eigen::Matrix2d b = sight.topLeftCorner<2, 2>() - p * sight.bottomLeftCorner<1, 2>();
+  const Eigen::Matrix2d b =
+      axis_to_ray.topLeftCorner<2, 2>() - p * axis_to_ray.bottomLeftCorner<1, 2>();
   const Eigen::Matrix2d a = b.inverse() * jacobian;
   const double gamma = (std::hypot(a(0, 0) + a(1, 1), a(0, 1) - a(1, 0)) +
                         std::hypot(a(0, 0) - a(1, 1), a(0, 1) + a(1, 0))) /
@@ -182,7 +183,7 @@ std::array<Eigen::Matrix3d, 2> rotations_of(const Eigen::Matrix3d& h) {
     r.topLeftCorner<2, 2>() = upper;
     r.bottomLeftCorner<1, 2>() = (k == 0 ? lower : Eigen::Vector2d(-lower)).transpose();
     r.col(2) = r.col(0).cross(r.col(1));
-    rotations[static_cast<std::size_t>(k)] = sight * r;
+    rotations[static_cast<std::size_t>(k)] = axis_to_ray * r;
   }
   return rotations;
 }
@@ -212,13 +213,14 @@ PoseEquations linearized(const Problem& problem, const Pose& pose) {
     const Eigen::Vector3d turned = pose.rotation.col(0) * p.x() + pose.rotation.col(1) * p.y();
     const Eigen::Vector3d x = turned + pose.translation;
     const double inverse = 1 / x.z();
-    Eigen::Matrix<double, 2, 3> by_point;
-    by_point << problem.fx * inverse, 0, -problem.fx * x.x() * inverse * inverse, 0,
+    Eigen::Matrix<double, 2, 3> pixel_by_point;
+    pixel_by_point << problem.fx * inverse, 0, -problem.fx * x.x() * inverse * inverse, 0,
         problem.fy * inverse, -problem.fy * x.y() * inverse * inverse;
-    Eigen::Matrix3d by_turn;  // -[turned]x
-    by_turn << 0, turned.z(), -turned.y(), -turned.z(), 0, turned.x(), turned.y(), -turned.x(), 0;
+    Eigen::Matrix3d point_by_rotation;  // -[turned]x
+    point_by_rotation << 0, turned.z(), -turned.y(), -turned.z(), 0, turned.x(), turned.y(),
+        -turned.x(), 0;
     const auto at = static_cast<Eigen::Index>(2 * i);
-    jacobian.middleRows<2>(at) << by_point * by_turn, by_point;
+    jacobian.middleRows<2>(at) << pixel_by_point * point_by_rotation, pixel_by_point;
     error[at] = problem.fx * (x.x() * inverse - problem.rays[i].x());
     error[at + 1] = problem.fy * (x.y() * inverse - problem.rays[i].y());
   }
@@ -247,7 +249,7 @@ void refine(const Problem& problem, int iterations, Pose& pose) {
   pose.cost = refine_pose(pose.rotation, pose.translation, cost, equations, how).cost;
 }
 
-PlanarPose published(const Problem& problem, const Pose& pose) {
+PlanarPose to_planar_pose(const Problem& problem, const Pose& pose) {
   PlanarPose result;
   result.camera_from_plane = {pose.rotation,
                               pose.translation - pose.rotation.leftCols<2>() * problem.center};
@@ -261,7 +263,7 @@ PlanarPose published(const Problem& problem, const Pose& pose) {
   return result;
 }
 
-bool are_the_same(const Pose& a, const Pose& b) {
+bool are_equal(const Pose& a, const Pose& b) {
   const double trace = (a.rotation.transpose() * b.rotation).trace();
   return trace > 3 - 1e-6;  // a twentieth of a degree
 }
@@ -312,9 +314,9 @@ std::optional<PlanarPoses> planar_poses(std::span<const cv::Point2d> on_plane,
   if (poses[1].cost < poses[0].cost) std::swap(poses[0], poses[1]);
   if (!std::isfinite(poses[0].cost)) return std::nullopt;
   PlanarPoses result;
-  result.best = published(*problem, poses[0]);
-  if (std::isfinite(poses[1].cost) && !are_the_same(poses[0], poses[1]))
-    result.other = published(*problem, poses[1]);
+  result.best = to_planar_pose(*problem, poses[0]);
+  if (std::isfinite(poses[1].cost) && !are_equal(poses[0], poses[1]))
+    result.other = to_planar_pose(*problem, poses[1]);
   return result;
 }
 
@@ -329,7 +331,7 @@ std::optional<PlanarPose> refine_planar_pose(const Rigid3& start,
   Pose pose{start.rotation, start.translation + start.rotation.leftCols<2>() * problem->center};
   refine(*problem, options.iterations, pose);
   if (!std::isfinite(pose.cost)) return std::nullopt;
-  return published(*problem, pose);
+  return to_planar_pose(*problem, pose);
 }
 
 }  // namespace tarsier::geometry

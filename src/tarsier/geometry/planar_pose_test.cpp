@@ -36,8 +36,8 @@ Rigid3 pose_of(double tilt, double about, double roll, const Eigen::Vector3d& tr
   return {turned * rolled * facing, translation};
 }
 
-std::vector<cv::Point2d> seen(const Camera& camera, const Rigid3& pose,
-                              const std::vector<cv::Point2d>& points) {
+std::vector<cv::Point2d> projected(const Camera& camera, const Rigid3& pose,
+                                   const std::vector<cv::Point2d>& points) {
   std::vector<cv::Point2d> pixels;
   for (const cv::Point2d& p : points)
     pixels.push_back(camera.project(pose * Eigen::Vector3d(p.x, p.y, 0)).value());
@@ -56,7 +56,7 @@ TEST(PlanarPose, RecoversExactlyWithoutNoise) {
     const Rigid3 truth =
         pose_of(rng.uniform(0.0, 1.1), rng.uniform(0.0, 6.28), rng.uniform(0.0, 6.28),
                 {rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), rng.uniform(0.3, 1.0)});
-    const auto found = planar_poses(kSquare, seen(camera, truth, kSquare), camera);
+    const auto found = planar_poses(kSquare, projected(camera, truth, kSquare), camera);
     ASSERT_TRUE(found) << i;
     EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 0.01) << i;
     EXPECT_LT((found->best.camera_from_plane.translation - truth.translation).norm(), 1e-5);
@@ -68,7 +68,7 @@ TEST(PlanarPose, BothSolutionsOfASmallTiltedSquareAreGiven) {
   const Camera camera = test_camera();
   // 18 px wide: nearly no perspective.
   const Rigid3 truth = pose_of(0.6, 0.3, 0.2, {0.02, 0.01, 2.0});
-  const auto found = planar_poses(kSquare, seen(camera, truth, kSquare), camera);
+  const auto found = planar_poses(kSquare, projected(camera, truth, kSquare), camera);
   ASSERT_TRUE(found);
   ASSERT_TRUE(found->other);
   EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 0.1);
@@ -82,14 +82,14 @@ TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {
   Rng rng(2);
   std::vector<cv::Point3d> object;
   for (const cv::Point2d& p : kSquare) object.emplace_back(p.x, p.y, 0);
-  double ours = 0;
-  double theirs = 0;
+  double our_error = 0;
+  double opencv_error = 0;
   int flips = 0;
   const int trials = 300;
   for (int i = 0; i < trials; ++i) {
     const Rigid3 truth = pose_of(rng.uniform(0.3, 1.0), rng.uniform(0.0, 6.28),
                                  rng.uniform(0.0, 6.28), {0.02, -0.03, rng.uniform(0.3, 0.6)});
-    std::vector<cv::Point2d> pixels = seen(camera, truth, kSquare);
+    std::vector<cv::Point2d> pixels = projected(camera, truth, kSquare);
     for (cv::Point2d& p : pixels) p += cv::Point2d(rng.normal(0, 0.1), rng.normal(0, 0.1));
     const auto found = planar_poses(kSquare, pixels, camera);
     ASSERT_TRUE(found);
@@ -99,41 +99,41 @@ TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {
     std::vector<cv::Mat> tvecs;
     cv::solvePnPGeneric(object, pixels, camera.matrix(), cv::noArray(), rvecs, tvecs, false,
                         cv::SOLVEPNP_IPPE_SQUARE);
-    const Rigid3 peer{rotation_by(to_eigen(cv::Vec3d(rvecs[0])))};
-    ours += std::min(error, 15.0);
-    theirs += std::min(degrees_between(peer, truth), 15.0);
+    const Rigid3 opencv_pose{rotation_by(to_eigen(cv::Vec3d(rvecs[0])))};
+    our_error += std::min(error, 15.0);
+    opencv_error += std::min(degrees_between(opencv_pose, truth), 15.0);
   }
   EXPECT_LE(flips, 1);
-  EXPECT_LT(ours, theirs * 1.02);
+  EXPECT_LT(our_error, opencv_error * 1.02);
 }
 
-TEST(PlanarPose, ManyPointsOffTheCentre) {
+TEST(PlanarPose, HandlesManyPointsAwayFromTheOrigin) {
   const Camera camera = test_camera();
   std::vector<cv::Point2d> grid;
   for (int y = 0; y < 6; ++y)
     for (int x = 0; x < 9; ++x) grid.emplace_back(0.1 + 0.02 * x, -0.3 + 0.02 * y);
   const Rigid3 truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.9});
-  const auto found = planar_poses(grid, seen(camera, truth, grid), camera);
+  const auto found = planar_poses(grid, projected(camera, truth, grid), camera);
   ASSERT_TRUE(found);
   EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 1e-3);
 }
 
-TEST(PlanarPose, RefinesFromThePoseBefore) {
+TEST(PlanarPose, RefinesThePreviousPose) {
   const Camera camera = test_camera();
   const Rigid3 truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.6});
   const Rigid3 before = pose_of(0.55, 1.1, 0.35, {-0.08, 0.04, 0.63});
-  const auto found = refine_planar_pose(before, kSquare, seen(camera, truth, kSquare), camera);
+  const auto found = refine_planar_pose(before, kSquare, projected(camera, truth, kSquare), camera);
   ASSERT_TRUE(found);
   EXPECT_LT(degrees_between(found->camera_from_plane, truth), 0.01);
 }
 
-TEST(PlanarPose, RefusesWhatHasNoPose) {
+TEST(PlanarPose, IsEmptyForDegeneratePoints) {
   const Camera camera = test_camera();
   const std::vector<cv::Point2d> line{{100, 100}, {200, 200}, {300, 300}, {400, 400}};
   EXPECT_FALSE(planar_poses(kSquare, line, camera));
   const std::vector<cv::Point2d> point(4, {100, 100});
   EXPECT_FALSE(planar_poses(kSquare, point, camera));
-  std::vector<cv::Point2d> broken = seen(camera, pose_of(0.2, 0, 0, {0, 0, 1}), kSquare);
+  std::vector<cv::Point2d> broken = projected(camera, pose_of(0.2, 0, 0, {0, 0, 1}), kSquare);
   broken[2].x = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(planar_poses(kSquare, broken, camera));
   EXPECT_FALSE(planar_poses(std::span(kSquare).first(3), std::span(line).first(3), camera));
@@ -160,7 +160,7 @@ TEST(Homography, RefusesPointsOnOneLine) {
   EXPECT_FALSE(homography_of(from, to));
 }
 
-TEST(PlanarPose, PixelsCountAsSurelyAsTheyAreKnown) {
+TEST(PlanarPose, PixelsAreWeightedByTheInformationMatrix) {
   const Camera camera = test_camera();
   const std::vector<cv::Point2d> plane{
       {-0.05, 0.05}, {0.05, 0.05}, {0.05, -0.05}, {-0.05, -0.05}, {0.0, 0.05}};

@@ -12,15 +12,15 @@ namespace tarsier::geometry {
 namespace {
 
 // Maximum contribution of one frame to the log odds: a single bad image proves little.
-constexpr double kMaxOfOneFrame = 3;
+constexpr double kMaxFrameEvidence = 3;
 // Poses with a smaller rotation between them count as equal.
-constexpr double kSame = 2 * CV_PI / 180;
+constexpr double kMinPoseDifference_rad = 2 * CV_PI / 180;
 
 double angle_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
   return angle_of(a * b.transpose());
 }
 
-double low_pass_share(double cutoff_hz, double seconds) {
+double low_pass_weight(double cutoff_hz, double seconds) {
   const double r = 2 * CV_PI * cutoff_hz * seconds;
   return r / (1 + r);
 }
@@ -39,12 +39,12 @@ double extent_of(std::span<const cv::Point2d> pixels) {
 double evidence_of(const PlanarPose& first, const PlanarPose& second, std::size_t points,
                    double noise) {
   const double difference = second.rms_px * second.rms_px - first.rms_px * first.rms_px;
-  return std::clamp(static_cast<double>(points) * difference / (2 * noise * noise), -kMaxOfOneFrame,
-                    kMaxOfOneFrame);
+  return std::clamp(static_cast<double>(points) * difference / (2 * noise * noise),
+                    -kMaxFrameEvidence, kMaxFrameEvidence);
 }
 
-double farthest_px(const Rigid3& pose, std::span<const cv::Point2d> on_plane,
-                   std::span<const cv::Point2d> pixels, const Camera& camera) {
+double max_error_px(const Rigid3& pose, std::span<const cv::Point2d> on_plane,
+                    std::span<const cv::Point2d> pixels, const Camera& camera) {
   double farthest = 0;
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     const auto at = camera.project(pose * Eigen::Vector3d(on_plane[i].x, on_plane[i].y, 0));
@@ -59,7 +59,7 @@ Rigid3 between(const Rigid3& a, const Rigid3& b, double part) {
           a.translation + part * (b.translation - a.translation)};
 }
 
-// `first` continues the kept pose.
+// `first` continues the last measured pose.
 struct Choice {
   PlanarPose first;
   std::optional<PlanarPose> second;
@@ -70,10 +70,10 @@ Choice assigned(const PlanarPoses& poses, const PlanarTrackState& state) {
   Choice choice{poses.best, poses.other};
   if (!poses.other) return choice;
   // Predicts the rotation slightly smaller than the last one, because a part of that is noise.
-  const Eigen::Matrix3d on = interpolate(Eigen::Matrix3d::Identity(), state.turn, 0.7);
-  const Eigen::Matrix3d kept = on * state.kept.rotation;
-  const double best = angle_between(poses.best.camera_from_plane.rotation, kept);
-  const double other = angle_between(poses.other->camera_from_plane.rotation, kept);
+  const Eigen::Matrix3d predicted_turn = interpolate(Eigen::Matrix3d::Identity(), state.turn, 0.7);
+  const Eigen::Matrix3d predicted = predicted_turn * state.measured.rotation;
+  const double best = angle_between(poses.best.camera_from_plane.rotation, predicted);
+  const double other = angle_between(poses.other->camera_from_plane.rotation, predicted);
   if (other < best) std::swap(choice.first, *choice.second);
   return choice;
 }
@@ -81,25 +81,25 @@ Choice assigned(const PlanarPoses& poses, const PlanarTrackState& state) {
 void smooth(std::span<const cv::Point2d> on_plane, std::span<const cv::Point2d> pixels,
             const Camera& camera, double seconds, const PlanarTrackOptions& options,
             const Rigid3& measured, PlanarTrackState& state) {
-  const double of_speed = low_pass_share(options.speed_cutoff_hz, seconds);
+  const double speed_weight = low_pass_weight(options.speed_cutoff_hz, seconds);
   double fastest = 0;
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     const cv::Point2d now = (pixels[i] - state.pixels[i]) * (1 / seconds);
-    state.speed[i] += of_speed * (now - state.speed[i]);
+    state.speed[i] += speed_weight * (now - state.speed[i]);
     fastest = std::max(fastest, cv::norm(state.speed[i]));
   }
-  const double part = low_pass_share(
+  const double part = low_pass_weight(
       options.cutoff_hz + options.beta * std::max(0.0, fastest - options.still_px_s), seconds);
   state.steady = between(state.steady, measured, part);
   // Half-way in pose is nearly half-way in pixels, so two iterations satisfy the limit.
   for (int i = 0; i < 2; ++i) {
-    const double away = farthest_px(state.steady, on_plane, pixels, camera);
-    if (away <= options.leash_px) break;
+    const double error = max_error_px(state.steady, on_plane, pixels, camera);
+    if (error <= options.leash_px) break;
     // The measured pose has its own distance, which the limit cannot reduce.
-    const double own = farthest_px(measured, on_plane, pixels, camera);
-    const double slack = std::max(options.leash_px - own, 0.1 * options.leash_px);
-    const double to_go = std::isfinite(away) ? 1 - std::min(1.0, slack / away) : 1;
-    state.steady = between(state.steady, measured, to_go);
+    const double measured_error = max_error_px(measured, on_plane, pixels, camera);
+    const double allowance = std::max(options.leash_px - measured_error, 0.1 * options.leash_px);
+    const double part_to_measured = std::isfinite(error) ? 1 - std::min(1.0, allowance / error) : 1;
+    state.steady = between(state.steady, measured, part_to_measured);
   }
 }
 
@@ -130,7 +130,7 @@ std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
           -options.max_evidence, options.max_evidence);
       // Where the two poses meet they are indistinguishable, so the odds restart.
       if (angle_between(choice.first.camera_from_plane.rotation,
-                        choice.second->camera_from_plane.rotation) < kSame)
+                        choice.second->camera_from_plane.rotation) < kMinPoseDifference_rad)
         state.evidence = 0;
       if (state.evidence < -options.switch_evidence) {
         std::swap(choice.first, *choice.second);
@@ -142,7 +142,7 @@ std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
     }
     // Rotations are noisy near frontal: half of each is new.
     const Eigen::Matrix3d turn =
-        choice.first.camera_from_plane.rotation * state.kept.rotation.transpose();
+        choice.first.camera_from_plane.rotation * state.measured.rotation.transpose();
     state.turn =
         tracked.is_switched ? Eigen::Matrix3d::Identity() : interpolate(state.turn, turn, 0.5);
   }
@@ -157,7 +157,7 @@ std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
   }
   state.is_started = true;
   state.time = time;
-  state.kept = measured;
+  state.measured = measured;
   state.other.reset();
   if (choice.second) state.other = choice.second->camera_from_plane.rotation;
   state.pixels.assign(pixels.begin(), pixels.end());

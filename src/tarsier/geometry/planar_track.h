@@ -50,10 +50,10 @@ struct PlanarTrackOptions {
 // State between frames.
 struct PlanarTrackState {
   bool is_started = false;
-  double time = 0;                                     // s
-  Rigid3 kept;                                         // the last measured pose
-  std::optional<Eigen::Matrix3d> other;                // rotation of the other pose
-  double evidence = 0;                                 // log odds of `kept` against the other pose
+  double time = 0;                       // s
+  Rigid3 measured;                       // the last measured pose
+  std::optional<Eigen::Matrix3d> other;  // rotation of the other pose
+  double evidence = 0;                   // log odds of `measured` against the other pose
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // rotation from the last frame to this one
   Rigid3 steady;
   std::vector<cv::Point2d> pixels;

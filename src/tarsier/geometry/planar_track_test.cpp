@@ -117,7 +117,7 @@ TEST(PlanarTrack, MovingVideosRarelyFlip) {
   EXPECT_GT(single, 3 * flips);
 }
 
-TEST(PlanarTrack, AWrongStartIsMended) {
+TEST(PlanarTrack, CorrectsAWrongInitialPose) {
   const Camera camera = test_camera();
   const Rigid3 truth = pose_of(40, 0.4, {0, 0, 0.5});
   std::vector<cv::Point2d> pixels;
@@ -127,7 +127,7 @@ TEST(PlanarTrack, AWrongStartIsMended) {
   auto tracked = track_plane(kSquare, pixels, camera, 0, {}, state);
   ASSERT_TRUE(tracked && tracked->other);
   // As if the first image had chosen the wrong solution.
-  state.kept = tracked->other->camera_from_plane;
+  state.measured = tracked->other->camera_from_plane;
   state.evidence = 2;
   bool is_switched = false;
   for (int i = 1; i < 6 && !is_switched; ++i) {
@@ -138,7 +138,7 @@ TEST(PlanarTrack, AWrongStartIsMended) {
   EXPECT_LT(angle_of(tracked->steady.rotation * truth.rotation.transpose()), 0.01);
 }
 
-TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
+TEST(PlanarTrack, SmoothsAStillObjectAndFollowsAMovingOne) {
   const auto spread = [](const Video& video, bool steady) {
     double sum = 0;
     for (std::size_t i = 50; i < video.tracked.size(); ++i) sum += video.error_deg(i, steady);
@@ -150,16 +150,16 @@ TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
   const auto path = [](double t) { return pose_of(35, 0.4, {0.15 * std::sin(2.4 * t), 0, 0.6}); };
   const Video moving = recorded(300, 0.15, path);
   const Camera camera = test_camera();
-  double worst = 0;
+  double max_step = 0;
   for (std::size_t i = 5; i < moving.tracked.size(); ++i) {
     const auto a = camera.project(moving.truth[i].translation);
     const auto b = camera.project(moving.tracked[i].steady.translation);
-    worst = std::max(worst, cv::norm(*a - *b));
+    max_step = std::max(max_step, cv::norm(*a - *b));
   }
-  EXPECT_LT(worst, 1.1);
+  EXPECT_LT(max_step, 1.1);
 }
 
-TEST(PlanarTrack, StartsAnewAfterAGap) {
+TEST(PlanarTrack, RestartsAfterAGap) {
   PlanarTrackState state;
   const Camera camera = test_camera();
   const auto seen = [&](const Rigid3& pose) {

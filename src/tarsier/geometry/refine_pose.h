@@ -39,9 +39,9 @@ struct RefinedPose {
 template <class Cost, class Equations>
 RefinedPose refine_pose(Eigen::Matrix3d& rotation, Eigen::Vector3d& translation, const Cost& cost,
                         const Equations& equations, const RefinePoseOptions& options) {
-  constexpr int kAttempts = 6;        // tried steps per linearisation
-  constexpr double kDamped = 1e-4;    // first damping after a failed step
-  constexpr double kUndamped = 1e-6;  // smaller damping is set to 0
+  constexpr int kAttempts = 6;            // tried steps per linearisation
+  constexpr double kFirstDamping = 1e-4;  // first damping after a failed step
+  constexpr double kMinDamping = 1e-6;    // smaller damping is set to 0
   RefinedPose result;
   result.cost = cost(rotation, translation);
   double damping = options.damping;
@@ -57,10 +57,11 @@ RefinedPose refine_pose(Eigen::Matrix3d& rotation, Eigen::Vector3d& translation,
       const linalg::Cholesky factor(damped);  // reads the lower triangle
       if (factor.ok()) {
         const Eigen::Matrix<double, 6, 1> update = factor.solve(-at.gradient);
-        const Eigen::Vector3d spin = update.template head<3>();
-        const double angle = spin.norm();
+        const Eigen::Vector3d rotation_update = update.template head<3>();
+        const double angle = rotation_update.norm();
         Eigen::Matrix3d turned = rotation;
-        if (angle > 0) turned = Eigen::AngleAxisd(angle, spin / angle).toRotationMatrix() * turned;
+        if (angle > 0)
+          turned = Eigen::AngleAxisd(angle, rotation_update / angle).toRotationMatrix() * turned;
         const Eigen::Vector3d shifted = translation + update.template tail<3>();
         const double next = cost(turned, shifted);
         if (next <= result.cost) {
@@ -70,11 +71,11 @@ RefinedPose refine_pose(Eigen::Matrix3d& rotation, Eigen::Vector3d& translation,
           translation = shifted;
           better = true;
           damping *= 0.1;
-          if (damping < kUndamped) damping = 0;
+          if (damping < kMinDamping) damping = 0;
           break;
         }
       }
-      damping = std::max(kDamped, 10 * damping);
+      damping = std::max(kFirstDamping, 10 * damping);
     }
     if (!better || gain <= options.tolerance * result.cost) {
       result.converged = true;

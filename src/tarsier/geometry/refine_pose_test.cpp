@@ -57,7 +57,7 @@ TEST(RefinePose, FindsThePoseWithAndWithoutDamping) {
   }
 }
 
-TEST(RefinePose, NoStepsGiveTheCostOfTheStart) {
+TEST(RefinePose, ZeroStepsReturnTheInitialCost) {
   const Cloud cloud;
   Matrix3d rotation = Matrix3d::Identity();
   Vector3d translation = Vector3d::Zero();
@@ -67,18 +67,18 @@ TEST(RefinePose, NoStepsGiveTheCostOfTheStart) {
   EXPECT_EQ(rotation, Matrix3d::Identity());
 }
 
-TEST(RefinePose, TriesNoMorePosesThanAskedFor) {
+TEST(RefinePose, RespectsTheMaximumNumberOfTrials) {
   const Cloud cloud;
   int tried = -1;  // no step was tried at the start
   Matrix3d rotation = Matrix3d::Identity();
   Vector3d translation = Vector3d::Zero();
-  const auto never_better = [&](const Matrix3d& r, const Vector3d& t) {
+  const auto finite_only_at_start = [&](const Matrix3d& r, const Vector3d& t) {
     return ++tried > 0 ? std::numeric_limits<double>::infinity() : cloud.cost(r, t);
   };
   const auto equations = [&](const Matrix3d& r, const Vector3d& t) {
     return cloud.equations(r, t);
   };
-  (void)refine_pose(rotation, translation, never_better, equations,
+  (void)refine_pose(rotation, translation, finite_only_at_start, equations,
                     {.max_steps = 9, .max_trials = 4});
   EXPECT_EQ(tried, 4);
   EXPECT_EQ(rotation, Matrix3d::Identity());

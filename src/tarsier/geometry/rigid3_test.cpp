@@ -61,7 +61,7 @@ TEST(Rigid3Test, ColumnsMoveAsPoints) {
   for (int i = 0; i < 4; ++i) EXPECT_LT((moved.col(i) - a * points.col(i)).norm(), 1e-15);
 }
 
-TEST(Rigid3Test, CheckRefusesWhatIsNoMotion) {
+TEST(Rigid3Test, CheckRefusesInvalidMotions) {
   Rigid3 motion;
   EXPECT_NO_THROW(motion.check());
   motion.rotation(0, 0) = -1;  // a reflection
@@ -91,7 +91,7 @@ TEST(Rotation, AQuaternionTurnsByTheRightHandRule) {
   EXPECT_LT((rotation_by({0, 0, kPi / 2}) - r).norm(), 1e-15);
 }
 
-TEST(Rotation, QuaternionsComeBackAlsoFromHalfTurns) {
+TEST(Rotation, QuaternionsRoundTripAlsoForHalfTurns) {
   Rng rng(1);
   for (int k = 0; k < 2000; ++k) {
     Vector4d q(rng.normal(), rng.normal(), rng.normal(), rng.normal());
@@ -117,7 +117,7 @@ TEST(Rotation, TheAngleIsExactFromNoneToAHalfTurn) {
   EXPECT_NEAR(angle_of(rotation_by({-0.5, 0, 0})), 0.5, 1e-15);
 }
 
-TEST(Rotation, RotationVectorsComeBack) {
+TEST(Rotation, RotationVectorsRoundTrip) {
   const Vector3d axis = Vector3d(0.3, -0.5, 0.8).normalized();
   for (const double angle : {0.0, 1e-9, 1e-4, 0.7, 3.1})
     EXPECT_LT((rotation_vector(rotation_by(angle * axis)) - angle * axis).norm(), 1e-14) << angle;
@@ -145,7 +145,7 @@ TEST(Rotation, InterpolatesAtEvenSpeedAlongTheShorterWay) {
   EXPECT_NEAR(angle_of(interpolate(a, far, 0.5) * a.transpose()), kPi - 3, 1e-14);
 }
 
-TEST(Rotation, TheNearestOneIsBetterThanItsNeighbours) {
+TEST(Rotation, NearestRotationIsALocalOptimum) {
   Rng rng(6);
   for (int k = 0; k < 50; ++k) {
     Matrix3d m;
@@ -160,7 +160,7 @@ TEST(Rotation, TheNearestOneIsBetterThanItsNeighbours) {
   }
 }
 
-TEST(Rotation, NoRotationIsACallersMistake) {
+TEST(Rotation, InvalidRotationsThrow) {
   EXPECT_THROW((void)rotation_of({0, 0, 0, 0}), std::invalid_argument);
   EXPECT_THROW((void)rotation_of({NAN, 0, 0, 0}), std::invalid_argument);
   EXPECT_THROW((void)quaternion_of(NAN * Matrix3d::Identity()), std::invalid_argument);

@@ -24,7 +24,7 @@ TEST(ScaledCamera, SeesTheSameThroughAnImageOfHalfTheSize) {
   EXPECT_EQ(scaled_camera(camera, {640, 360})->fx, camera.fx);
 }
 
-TEST(GuessedCamera, LooksAtTheMiddle) {
+TEST(GuessedCamera, HasItsPrincipalPointAtTheCenter) {
   const Camera camera = guessed_camera({480, 640});
   camera.check();
   EXPECT_EQ(camera.fx, 640);

@@ -11,13 +11,13 @@
 namespace tarsier::geometry {
 namespace {
 
-constexpr double kMinFlatness = 1e-6;  // second extent of the points / first extent
+constexpr double kMinExtentRatio = 1e-6;  // second extent of the points / first extent
 
 // Whether a covariance has at least two directions of extent. Extents are the roots of its singular
 // values.
-bool is_spread(const Eigen::Matrix3d& covariance) {
+bool has_rank_two(const Eigen::Matrix3d& covariance) {
   const Eigen::VectorXd w = linalg::left_svd(covariance).values;
-  return w[0] > 0 && std::isfinite(w[0]) && w[1] > kMinFlatness * kMinFlatness * w[0];
+  return w[0] > 0 && std::isfinite(w[0]) && w[1] > kMinExtentRatio * kMinExtentRatio * w[0];
 }
 
 }  // namespace
@@ -41,13 +41,15 @@ std::optional<Sim3> similarity_between(const PointsRef& from, const PointsRef& t
   const Eigen::Vector3d mean_to = to.rowwise().mean();
   const Eigen::Matrix3Xd a = from.colwise() - mean_from;
   const Eigen::Matrix3Xd b = to.colwise() - mean_to;
-  const Eigen::Matrix3d own = a * a.transpose() / count;
-  const Eigen::Matrix3d other = b * b.transpose() / count;
-  const Eigen::Matrix3d both = b * a.transpose() / count;
-  if (!is_spread(own) || !is_spread(other) || !is_spread(both)) return std::nullopt;
+  const Eigen::Matrix3d from_covariance = a * a.transpose() / count;
+  const Eigen::Matrix3d to_covariance = b * b.transpose() / count;
+  const Eigen::Matrix3d cross_covariance = b * a.transpose() / count;
+  if (!has_rank_two(from_covariance) || !has_rank_two(to_covariance) ||
+      !has_rank_two(cross_covariance))
+    return std::nullopt;
   Sim3 result;
-  result.rotation = nearest_rotation(both);
-  result.scale = (result.rotation.transpose() * both).trace() / own.trace();
+  result.rotation = nearest_rotation(cross_covariance);
+  result.scale = (result.rotation.transpose() * cross_covariance).trace() / from_covariance.trace();
   if (!(result.scale > 0) || !std::isfinite(result.scale)) return std::nullopt;
   result.translation = mean_to - result.scale * (result.rotation * mean_from);
   return result;

@@ -78,7 +78,7 @@ TEST(Sim3Test, IsFoundFromPoints) {
 }
 
 // The min of the sum of squares: no neighbouring similarity has a lower sum.
-TEST(Sim3Test, IsTheBestOneUnderNoise) {
+TEST(Sim3Test, IsOptimalUnderNoise) {
   Rng rng(4);
   const Matrix3Xd from = cloud(rng, 12);
   const Matrix3Xd to = moved(random_similarity(rng), from) + 0.1 * cloud(rng, 12);
@@ -101,7 +101,7 @@ TEST(Sim3Test, IsTheBestOneUnderNoise) {
   }
 }
 
-TEST(Sim3Test, WhatDeterminesNoneHasNone) {
+TEST(Sim3Test, DegeneratePointsHaveNoSimilarity) {
   Rng rng(5);
   Matrix3Xd line(3, 5);
   for (int i = 0; i < 5; ++i) line.col(i) = i * Vector3d(1, 2, 3);
@@ -113,7 +113,7 @@ TEST(Sim3Test, WhatDeterminesNoneHasNone) {
   EXPECT_THROW((void)similarity_between(NAN * line, spread), std::invalid_argument);
 }
 
-TEST(Sim3Test, CheckRefusesWhatIsNoSimilarity) {
+TEST(Sim3Test, CheckRefusesInvalidSimilarities) {
   EXPECT_NO_THROW(Sim3{}.check());
   EXPECT_THROW((Sim3{.scale = 0}.check()), std::invalid_argument);
   EXPECT_THROW((Sim3{.scale = INFINITY}.check()), std::invalid_argument);

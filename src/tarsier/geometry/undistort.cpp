@@ -14,14 +14,15 @@
 namespace tarsier::geometry {
 namespace {
 
-constexpr int kMaxPlaces = 1000;  // points on each side of an image
-constexpr double kWidest = 1.8;   // tangent of the angle to which a fisheye is limited
+constexpr int kMaxBorderSamples = 1000;     // points on each side of an image
+constexpr double kMaxFisheyeTangent = 1.8;  // tangent of the angle to which a fisheye is limited
 
-cv::Point2d ray_of_border(const Camera& camera, double x, double y) {
+cv::Point2d border_ray(const Camera& camera, double x, double y) {
   const auto point = camera.normalized_of({x, y});
   if (camera.lens == Lens::kFisheye) {
     const cv::Point2d ray = point.value_or(cv::Point2d(x - camera.cx, y - camera.cy) * 1e6);
-    return {std::clamp(ray.x, -kWidest, kWidest), std::clamp(ray.y, -kWidest, kWidest)};
+    return {std::clamp(ray.x, -kMaxFisheyeTangent, kMaxFisheyeTangent),
+            std::clamp(ray.y, -kMaxFisheyeTangent, kMaxFisheyeTangent)};
   }
   if (!point) {
     throw Error(ErrorKind::kInput,
@@ -43,17 +44,17 @@ Camera undistorted_camera(const Camera& camera) {
   double top = left;
   double right = -left;
   double bottom = -left;
-  const int columns = std::min(camera.width, kMaxPlaces);
+  const int columns = std::min(camera.width, kMaxBorderSamples);
   for (int k = 0; k < columns; ++k) {
     const double x = columns > 1 ? right_px * k / (columns - 1) : 0;
-    top = std::max(top, ray_of_border(camera, x, 0).y);
-    bottom = std::min(bottom, ray_of_border(camera, x, bottom_px).y);
+    top = std::max(top, border_ray(camera, x, 0).y);
+    bottom = std::min(bottom, border_ray(camera, x, bottom_px).y);
   }
-  const int rows = std::min(camera.height, kMaxPlaces);
+  const int rows = std::min(camera.height, kMaxBorderSamples);
   for (int k = 0; k < rows; ++k) {
     const double y = rows > 1 ? bottom_px * k / (rows - 1) : 0;
-    left = std::max(left, ray_of_border(camera, 0, y).x);
-    right = std::min(right, ray_of_border(camera, right_px, y).x);
+    left = std::max(left, border_ray(camera, 0, y).x);
+    right = std::min(right, border_ray(camera, right_px, y).x);
   }
   if (!(right > left && bottom > top)) {
     throw Error(ErrorKind::kInput,
@@ -72,7 +73,7 @@ Camera undistorted_camera(const Camera& camera) {
   return result;
 }
 
-Straightener::Straightener(const Camera& from, const Camera& to) : from_(from.width, from.height) {
+Undistorter::Undistorter(const Camera& from, const Camera& to) : from_(from.width, from.height) {
   from.check();
   to.check();
   TARSIER_REQUIRE(!to.is_distorted(), "k1 {}", to.distortion[0]);
@@ -92,7 +93,7 @@ Straightener::Straightener(const Camera& from, const Camera& to) : from_(from.wi
   }
 }
 
-cv::Mat Straightener::operator()(const cv::Mat& image) const {
+cv::Mat Undistorter::operator()(const cv::Mat& image) const {
   TARSIER_REQUIRE(image.dims == 2 && image.size() == from_,
                   "an image of {}x{} px of a camera of {}x{} px", image.cols, image.rows,
                   from_.width, from_.height);
@@ -103,7 +104,7 @@ cv::Mat Straightener::operator()(const cv::Mat& image) const {
 }
 
 cv::Mat undistort_image(const cv::Mat& image, const Camera& from, const Camera& to) {
-  return Straightener(from, to)(image);
+  return Undistorter(from, to)(image);
 }
 
 }  // namespace tarsier::geometry

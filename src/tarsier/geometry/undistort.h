@@ -24,10 +24,10 @@ namespace tarsier::geometry {
 [[nodiscard]] cv::Mat undistort_image(const cv::Mat& image, const Camera& from, const Camera& to);
 
 // The same for many images of one camera: the map is computed once.
-class Straightener {
+class Undistorter {
  public:
   // Throws the same exceptions as undistort_image().
-  Straightener(const Camera& from, const Camera& to);
+  Undistorter(const Camera& from, const Camera& to);
   [[nodiscard]] cv::Mat operator()(const cv::Mat& image) const;
 
  private:

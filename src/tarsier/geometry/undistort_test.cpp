@@ -15,16 +15,16 @@ cv::Mat line_through(const Camera& camera) {
   for (int v = 0; v < image.rows; ++v) {
     for (int u = 0; u < image.cols; ++u) {
       const auto ray = camera.normalized_of(cv::Point2d(u, v));
-      const double off = ray ? std::abs(ray->y - 0.2 - 0.1 * ray->x) : 1;
-      image.at<uchar>(v, u) = off < 0.02 ? 0 : 255;
+      const double distance = ray ? std::abs(ray->y - 0.2 - 0.1 * ray->x) : 1;
+      image.at<uchar>(v, u) = distance < 0.02 ? 0 : 255;
     }
   }
   return image;
 }
 
 // Largest distance between the line's middle and the ideal line, px.
-double bend_of_line(const cv::Mat& image, const Camera& camera) {
-  double worst = 0;
+double max_line_error_px(const cv::Mat& image, const Camera& camera) {
+  double max_error = 0;
   for (int u = 0; u < image.cols; u += 7) {
     double sum = 0;
     double weight = 0;
@@ -36,9 +36,9 @@ double bend_of_line(const cv::Mat& image, const Camera& camera) {
     const double x = (u - camera.cx) / camera.fx;
     const double expected = camera.fy * (0.2 + 0.1 * x) + camera.cy;
     if (expected > 12 && expected < image.rows - 12)
-      worst = std::max(worst, std::abs(sum / weight - expected));
+      max_error = std::max(max_error, std::abs(sum / weight - expected));
   }
-  return worst;
+  return max_error;
 }
 
 TEST(UndistortTest, LinesOfEveryLensBecomeStraight) {
@@ -56,14 +56,14 @@ TEST(UndistortTest, LinesOfEveryLensBecomeStraight) {
     const Camera straight = undistorted_camera(camera);
     EXPECT_FALSE(straight.is_distorted());
     EXPECT_NO_THROW(straight.check());
-    const cv::Mat bent = line_through(camera);
-    const cv::Mat image = undistort_image(bent, camera, straight);
-    EXPECT_LT(bend_of_line(image, straight), 1.0) << name_of(camera.lens);
-    EXPECT_GT(bend_of_line(bent, straight), 3.0) << name_of(camera.lens);
+    const cv::Mat distorted = line_through(camera);
+    const cv::Mat image = undistort_image(distorted, camera, straight);
+    EXPECT_LT(max_line_error_px(image, straight), 1.0) << name_of(camera.lens);
+    EXPECT_GT(max_line_error_px(distorted, straight), 3.0) << name_of(camera.lens);
   }
 }
 
-TEST(UndistortTest, AFisheyeOfHalfTheWorldKeepsItsMiddle) {
+TEST(UndistortTest, AFisheyeOf180DegreesKeepsItsCenter) {
   const Camera camera{640, 640, 204, 204, 319.5, 319.5, {}, 0, Lens::kFisheye};  // 180 degrees
   const Camera straight = undistorted_camera(camera);
   EXPECT_NEAR(straight.fx, 639 / 3.6, 1e-9);

@@ -21,18 +21,18 @@ TEST(BlockCholesky, SolvesSystemsOfAnySize) {
     const Eigen::MatrixXf half = random_matrix(2 * n, n, 7);
     const Eigen::MatrixXf a =
         half.transpose() * half + Eigen::MatrixXf::Identity(n, n) * static_cast<float>(n);
-    const Eigen::MatrixXf wanted = random_matrix(n, k, 8);
-    Eigen::MatrixXf x = a * wanted;
+    const Eigen::MatrixXf expected = random_matrix(n, k, 8);
+    Eigen::MatrixXf x = a * expected;
     Eigen::MatrixXf lower = a;
     lower.triangularView<Eigen::StrictlyUpper>().setConstant(1e9F);  // is not read
     ASSERT_TRUE(solve_positive_definite(lower, x)) << n;
-    EXPECT_LT((x - wanted).cwiseAbs().maxCoeff(), 2e-5F) << n << " " << k;
+    EXPECT_LT((x - expected).cwiseAbs().maxCoeff(), 2e-5F) << n << " " << k;
     const Eigen::MatrixXf l = lower.triangularView<Eigen::Lower>();
     EXPECT_LT((l * l.transpose() - a).cwiseAbs().maxCoeff(), 1e-5F * a.cwiseAbs().maxCoeff()) << n;
   }
 }
 
-TEST(BlockCholesky, RefusesWhatIsNotPositiveDefinite) {
+TEST(BlockCholesky, RefusesIndefiniteMatrices) {
   Eigen::MatrixXf a = Eigen::MatrixXf::Identity(100, 100);
   a(97, 97) = -1;
   Eigen::MatrixXf b = Eigen::MatrixXf::Ones(100, 1);

@@ -25,7 +25,7 @@ MatrixXd positive(Eigen::Index n, std::uint64_t seed) {
   return a * a.transpose() + MatrixXd::Identity(n, n);
 }
 
-TEST(Decompositions, SystemsAreSolvedWithOneRightSideAndWithSeveral) {
+TEST(Decompositions, SolvesOneAndSeveralRightHandSides) {
   const MatrixXd a = positive(9, 1);
   const MatrixXd general = drawn(9, 9, 2);
   for (const int columns : {1, 4}) {
@@ -47,7 +47,7 @@ TEST(Decompositions, OnlyTheLowerTriangleIsRead) {
   EXPECT_LT((symmetric_eigen(half).values - symmetric_eigen(a).values).norm(), 1e-10);
 }
 
-TEST(Decompositions, CholeskyTellsAMatrixThatIsNotPositiveDefinite) {
+TEST(Decompositions, CholeskyDetectsIndefiniteMatrices) {
   const MatrixXd a = positive(5, 6);
   const Cholesky factor(a);
   ASSERT_TRUE(factor.ok());

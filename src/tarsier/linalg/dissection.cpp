@@ -11,10 +11,10 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr std::size_t kSmall = 16;  // parts of at most this many variables are not cut
-constexpr double kMinHalf = 0.2;    // minimum share of a half
+constexpr std::size_t kMaxUnsplitSize = 16;  // parts of at most this many variables are not cut
+constexpr double kMinHalfShare = 0.2;        // minimum share of a half
 // Cost of unequal halves, in separators, when they differ by the whole part.
-constexpr double kUneven = 2;
+constexpr double kImbalanceCost = 2;
 constexpr int kOrdered = -1;
 
 class Dissection {
@@ -95,14 +95,16 @@ class Dissection {
   [[nodiscard]] int separating_level() const {
     const auto all = static_cast<double>(sequence_.size());
     int best = -1;
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t level = 1; sequence_.size() > kSmall && level + 1 < begins_.size(); ++level) {
+    double min_cost = std::numeric_limits<double>::infinity();
+    for (std::size_t level = 1; sequence_.size() > kMaxUnsplitSize && level + 1 < begins_.size();
+         ++level) {
       const auto before = static_cast<double>(begins_[level]);
       const auto after = all - static_cast<double>(begins_[level + 1]);
-      if (std::min(before, after) < kMinHalf * all) continue;
-      const double cost = (all - before - after) * (1 + kUneven * std::abs(before - after) / all);
-      if (cost >= least) continue;
-      least = cost;
+      if (std::min(before, after) < kMinHalfShare * all) continue;
+      const double cost =
+          (all - before - after) * (1 + kImbalanceCost * std::abs(before - after) / all);
+      if (cost >= min_cost) continue;
+      min_cost = cost;
       best = static_cast<int>(level);
     }
     return best;

@@ -15,13 +15,13 @@ using Graph = std::vector<std::vector<int>>;
 
 Graph grid(int side) {
   Graph neighbours(static_cast<std::size_t>(side * side));
-  const auto tie = [&](int one, int other) {
+  const auto connect = [&](int one, int other) {
     neighbours[static_cast<std::size_t>(one)].push_back(other);
     neighbours[static_cast<std::size_t>(other)].push_back(one);
   };
   for (int v = 0; v < side * side; ++v) {
-    if (v % side + 1 < side) tie(v, v + 1);
-    if (v + side < side * side) tie(v, v + side);
+    if (v % side + 1 < side) connect(v, v + 1);
+    if (v + side < side * side) connect(v, v + side);
   }
   return neighbours;
 }
@@ -34,14 +34,14 @@ std::vector<int> all_of(const Graph& neighbours) {
 
 // Number of entries of the factor below its diagonal.
 std::size_t fill(const Graph& neighbours, const std::vector<int>& order) {
-  std::vector<std::size_t> place(neighbours.size());
-  for (std::size_t k = 0; k < order.size(); ++k) place[static_cast<std::size_t>(order[k])] = k;
+  std::vector<std::size_t> position(neighbours.size());
+  for (std::size_t k = 0; k < order.size(); ++k) position[static_cast<std::size_t>(order[k])] = k;
   std::vector<std::set<std::size_t>> below(order.size());
   std::size_t sum = 0;
   for (std::size_t k = 0; k < order.size(); ++k) {
     for (const int other : neighbours[static_cast<std::size_t>(order[k])])
-      if (place[static_cast<std::size_t>(other)] > k)
-        below[k].insert(place[static_cast<std::size_t>(other)]);
+      if (position[static_cast<std::size_t>(other)] > k)
+        below[k].insert(position[static_cast<std::size_t>(other)]);
     sum += below[k].size();
     if (!below[k].empty())
       below[*below[k].begin()].insert(std::next(below[k].begin()), below[k].end());
@@ -59,14 +59,14 @@ TEST(Dissection, OrdersEachVariableOnce) {
 }
 
 // In row order it would be 61 000 entries.
-TEST(Dissection, AGridFillsLittle) {
+TEST(Dissection, AGridHasLittleFill) {
   const Graph neighbours = grid(40);
   EXPECT_LT(fill(neighbours, dissection_order(neighbours, all_of(neighbours))), 28'000U);
   EXPECT_GT(fill(neighbours, all_of(neighbours)), 60'000U);
 }
 
 // No fill between the two halves of a grid whose middle row is missing.
-TEST(Dissection, WhatIsAbsentTiesNothing) {
+TEST(Dissection, VariablesThatAreNotListedConnectNothing) {
   const Graph neighbours = grid(9);
   std::vector<int> without = all_of(neighbours);
   without.erase(without.begin() + 36, without.begin() + 45);
@@ -76,7 +76,7 @@ TEST(Dissection, WhatIsAbsentTiesNothing) {
   for (std::size_t k = 0; k < 36; ++k) EXPECT_EQ(order[k] < 36, upper_first) << k;
 }
 
-TEST(Dissection, AllTiedToAllAreNotCut) {
+TEST(Dissection, ACompleteGraphIsNotSplit) {
   Graph neighbours(60);
   for (int v = 0; v < 60; ++v)
     for (int other = 0; other < 60; ++other)

@@ -14,10 +14,10 @@ double logistic_loss(float logit, float label, float& derivative) {
   return label > 0.5F ? -std::log(std::max(p, 1e-9)) : -std::log(std::max(1 - p, 1e-9));
 }
 
-double huber(float error, float knee, float& derivative) {
+double huber(float error, float delta, float& derivative) {
   const float size = std::abs(error);
-  derivative = std::clamp(error / knee, -1.0F, 1.0F);
-  return static_cast<double>(size < knee ? error * error / (2 * knee) : size - knee / 2);
+  derivative = std::clamp(error / delta, -1.0F, 1.0F);
+  return static_cast<double>(size < delta ? error * error / (2 * delta) : size - delta / 2);
 }
 
 double map_loss(const MapLoss& form, const std::vector<float>& target,
@@ -40,7 +40,7 @@ double map_loss(const MapLoss& form, const std::vector<float>& target,
     for (std::size_t k = 1; k <= static_cast<std::size_t>(form.values); ++k) {
       float d = 0;
       const float error = output[k * plane + i] - target[(1 + k) * plane + i];
-      loss += static_cast<double>(share) * huber(error, form.knee, d);
+      loss += static_cast<double>(share) * huber(error, form.huber_delta, d);
       derivative[k * plane + i] = share * d;
     }
   }

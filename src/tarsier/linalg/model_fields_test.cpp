@@ -79,7 +79,7 @@ Table example() {
 
 Table read_table(const json& value) { return read_checked<Table>(value, "table.json", list_table); }
 
-TEST(ModelFields, WhatIsWrittenIsRead) {
+TEST(ModelFields, RoundTrip) {
   Table table = example();
   table.spare = Leg{3};
   table.serial = 17;
@@ -100,7 +100,7 @@ TEST(ModelFields, WhatIsWrittenIsRead) {
   EXPECT_EQ(read.serial, 17);
 }
 
-TEST(ModelFields, TheFileIsThatOfTheArchive) {
+TEST(ModelFields, JsonHasTheDocumentedFormat) {
   const Table table = example();
   const json value = written(table, list_table);
   EXPECT_EQ(value["wood"], "oak");
@@ -126,7 +126,7 @@ TEST(ModelFields, AnEmptyMatrixHasTheStatedSize) {
   EXPECT_EQ(read_table(value).modes.rows(), 6);
 }
 
-TEST(ModelFields, NameWhatDoesNotFit) {
+TEST(ModelFields, ErrorsNameTheInvalidField) {
   const json good = written(example(), list_table);
   const auto refusal = [&](const char* name, const json& value) -> std::string {
     json bad = good;

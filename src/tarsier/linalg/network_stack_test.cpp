@@ -44,12 +44,12 @@ Network narrow_network(Rng& rng) {
 
 class Stack : public testing::TestWithParam<Network (*)(Rng&)> {};
 
-TEST_P(Stack, GivesWhatEachMapGivesAlone) {
+TEST_P(Stack, AgreesWithSingleMaps) {
   Rng rng(5);
   const Network network = GetParam()(rng);
   const Shape shape{2, 14, 20};
   StackWorkspace stacked;
-  Workspace alone;
+  Workspace single_workspace;
   const std::size_t pixels = 14 * 20;
   for (const int count : {7, 1, 30}) {  // smaller and larger than the previous one
     const auto maps = static_cast<std::size_t>(count);
@@ -64,7 +64,7 @@ TEST_P(Stack, GivesWhatEachMapGivesAlone) {
         const auto from = input.begin() + static_cast<std::ptrdiff_t>((c * maps + i) * pixels);
         one.insert(one.end(), from, from + static_cast<std::ptrdiff_t>(pixels));
       }
-      const std::vector<float>& expected = run(network, one.data(), shape, alone);
+      const std::vector<float>& expected = run(network, one.data(), shape, single_workspace);
       for (std::size_t k = 0; k < expected.size(); ++k) {
         ASSERT_EQ(result[((k / plane) * maps + i) * plane + k % plane], expected[k])
             << "map " << i << " of " << count << ", number " << k;

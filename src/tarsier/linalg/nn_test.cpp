@@ -150,7 +150,7 @@ TEST(Losses, TheDerivativeOfAMapAgreesWithFiniteDifferences) {
   const std::vector<float> target = {1, 1, 0, kIgnoredCell, 1, 0, 0, 0, 0.2F,
                                      0, 0, 0, -0.7F,        0, 0, 0};
   const std::vector<float> output = {0.4F, -1, -30, 2, 0.25F, 3, 3, 3, 0.1F, 3, 3, 3};
-  const MapLoss form{.values = 2, .weight = 2, .focal = 1.5F, .knee = 0.1F};
+  const MapLoss form{.values = 2, .weight = 2, .focal = 1.5F, .huber_delta = 0.1F};
   std::vector<float> derivative(output.size(), 0.0F);
   (void)map_loss(form, target, output, shape, derivative);
   for (std::size_t i = 0; i < output.size(); ++i) {
@@ -167,7 +167,7 @@ TEST(Losses, TheDerivativeOfAMapAgreesWithFiniteDifferences) {
   EXPECT_EQ(derivative[5], 0.0F);  // unknown values
 }
 
-TEST(Network, ThreadsChangeNothing) {
+TEST(Network, ResultDoesNotDependOnThreads) {
   Rng rng(6);
   const Network network = small_network(rng);
   const Shape shape{2, 150, 170};
@@ -212,12 +212,12 @@ TEST_P(Backward, AgreesWithFiniteDifferences) {
       const auto& analytic = weights ? gradient.layers[l].weights : gradient.layers[l].bias;
       for (std::size_t k = 0; k < values.size(); k += 1 + values.size() / 9) {
         constexpr float kStep = 1e-3F;
-        const float kept = values[k];
-        values[k] = kept + kStep;
+        const float original = values[k];
+        values[k] = original + kStep;
         const double up = loss();
-        values[k] = kept - kStep;
+        values[k] = original - kStep;
         const double down = loss();
-        values[k] = kept;
+        values[k] = original;
         const double numeric = (up - down) / (2.0 * static_cast<double>(kStep));
         EXPECT_NEAR(analytic[k], numeric, 0.02 * (1 + std::abs(numeric)))
             << "layer " << l << ", parameter " << k;
@@ -252,7 +252,7 @@ Network stripes_network() {
   return network;
 }
 
-TEST(Train, LearnsAndRepeatsItselfForAnyNumberOfThreads) {
+TEST(Train, IsDeterministicForAnyNumberOfThreads) {
   TrainOptions options;
   options.steps = 60;
   options.batch = 16;
@@ -287,7 +287,7 @@ TEST(Train, CanBeStopped) {
                Interrupted);
 }
 
-TEST(NetworkFile, ComesBackTheSame) {
+TEST(NetworkFile, RoundTrip) {
   Rng rng(8);
   const Network network = small_network(rng);
   const Network again = network_from_json(network_to_json(network), "a.json");
@@ -301,9 +301,9 @@ TEST(NetworkFile, ComesBackTheSame) {
 TEST(NetworkFile, IsHalfAsLargeInHalfPrecision) {
   Rng rng(8);
   Network network = small_network(rng);
-  const Network whole = network;
+  const Network original_network = network;
   round_to_half(network);
-  EXPECT_NE(network.layers[0].weights, whole.layers[0].weights);
+  EXPECT_NE(network.layers[0].weights, original_network.layers[0].weights);
   const nlohmann::json written = network_to_json(network, Precision::kHalf);
   EXPECT_LT(10 * written.dump().size(), 6 * network_to_json(network).dump().size());
   const Network again = network_from_json(written, "a.json");
@@ -311,12 +311,12 @@ TEST(NetworkFile, IsHalfAsLargeInHalfPrecision) {
     EXPECT_EQ(again.layers[l].weights, network.layers[l].weights);
     EXPECT_EQ(again.layers[l].bias, network.layers[l].bias);
     for (std::size_t i = 0; i < network.layers[l].weights.size(); ++i)
-      EXPECT_NEAR(network.layers[l].weights[i], whole.layers[l].weights[i],
-                  1e-7 + std::abs(whole.layers[l].weights[i]) / 2048);
+      EXPECT_NEAR(network.layers[l].weights[i], original_network.layers[l].weights[i],
+                  1e-7 + std::abs(original_network.layers[l].weights[i]) / 2048);
   }
 }
 
-TEST(NetworkFile, RefusesWhatDoesNotFit) {
+TEST(NetworkFile, RefusesInconsistentFiles) {
   Rng rng(9);
   const nlohmann::json good = network_to_json(small_network(rng));
   const auto broken = [&](auto change) {
@@ -337,7 +337,7 @@ TEST(NetworkFile, RefusesWhatDoesNotFit) {
   broken([](nlohmann::json& layers) { layers = nlohmann::json::array(); });
 }
 
-TEST(Network, SaysWhenAMapIsTooSmall) {
+TEST(Network, RefusesAMapThatIsTooSmall) {
   Rng rng(1);
   const Network network = small_network(rng);
   Workspace workspace;

@@ -38,13 +38,13 @@ void take_maximum(const float* input, const Shape& from, const Shape& to, float*
 }
 
 // Shape of the shortcut of a block with stride 2, with the channels of the block's output.
-Shape halved(const Shape& from, int channels) {
+Shape mean_shortcut_shape(const Shape& from, int channels) {
   return {channels, from.height / 2, from.width / 2};
 }
 
 // output = max(0, means of 2 x 2 of `input` + `inner`), see ResidualBlock.
-void add_halved(const float* input, const Shape& from, const std::vector<float>& inner,
-                const Shape& inside, const Shape& to, std::vector<float>& output) {
+void add_mean_shortcut(const float* input, const Shape& from, const std::vector<float>& inner,
+                       const Shape& inside, const Shape& to, std::vector<float>& output) {
   output.resize(to.size());
   float* out = output.data();
   for (int c = 0; c < to.channels; ++c) {
@@ -72,9 +72,9 @@ void add_halved(const float* input, const Shape& from, const std::vector<float>&
 
 void check_convolution(const Layer& layer) {
   TARSIER_REQUIRE(layer.kind == Layer::Kind::kConvolution, "a maximum in place of a convolution");
-  Network alone;
-  alone.layers = {layer};
-  alone.check();
+  Network single_layer;
+  single_layer.layers = {layer};
+  single_layer.check();
 }
 
 }  // namespace
@@ -87,7 +87,7 @@ Shape ResidualBlock::output(const Shape& input) const {
                     input.width);
     return input;
   }
-  const Shape out = halved(input, inside.channels);
+  const Shape out = mean_shortcut_shape(input, inside.channels);
   TARSIER_REQUIRE(inside.channels >= input.channels, "{} channels become {}", input.channels,
                   inside.channels);
   TARSIER_REQUIRE(out.height >= 1 && out.width >= 1 && inside.height <= out.height &&
@@ -155,7 +155,7 @@ const std::vector<float>& run(const ResidualNetwork& network, const float* input
       for (std::size_t i = 0; i < w.map.size(); ++i)
         w.map[i] = std::max(0.0F, w.map[i] + w.outer[i]);
     } else {
-      add_halved(w.map.data(), at, w.outer, block.second.output(inner), to, w.next);
+      add_mean_shortcut(w.map.data(), at, w.outer, block.second.output(inner), to, w.next);
       std::swap(w.map, w.next);
     }
     at = to;

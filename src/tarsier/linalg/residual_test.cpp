@@ -113,7 +113,7 @@ std::vector<float> noise(const Shape& shape, Rng& rng) {
   return values;
 }
 
-TEST(Residual, IsWhatPlainLoopsMake) {
+TEST(Residual, AgreesWithPlainLoops) {
   Rng rng(5);
   const ResidualNetwork network = random_network(rng);
   ResidualWorkspace workspace;
@@ -148,7 +148,7 @@ TEST(Residual, ABlockIsItsShortcutWhereItsConvolutionsAreZero) {
   EXPECT_EQ(run(network, input.data(), shape, workspace), with);
 }
 
-TEST(Residual, AWorkspaceThatWasUsedForAnotherMapChangesNothing) {
+TEST(Residual, AReusedWorkspaceDoesNotChangeTheResult) {
   Rng rng(7);
   const ResidualNetwork network = random_network(rng);
   const Shape small{3, 95, 95};
@@ -171,7 +171,7 @@ TEST(Residual, CountsItsMultiplications) {
                    21.0 * 21 * 4 * 147 + 2 * 10.0 * 10 * 4 * 36 + 4 * 10);
 }
 
-TEST(Residual, RefusesWhatDoesNotFitTogether) {
+TEST(Residual, RefusesInconsistentBlocks) {
   Rng rng(9);
   const ResidualNetwork good = random_network(rng);
   ResidualWorkspace workspace;

@@ -16,16 +16,16 @@ constexpr int kTaps = 9;
 // Adds weight[-1..1] times the neighbours of each of `width` pixels to `out`.
 void add_row(const float* in, const float* weight, int width, float* out) {
   const float left = weight[0];
-  const float middle = weight[1];
+  const float center = weight[1];
   const float right = weight[2];
   if (width == 1) {
-    out[0] += middle * in[0];
+    out[0] += center * in[0];
     return;
   }
-  out[0] += middle * in[0] + right * in[1];
+  out[0] += center * in[0] + right * in[1];
   for (int x = 1; x + 1 < width; ++x)
-    out[x] += left * in[x - 1] + middle * in[x] + right * in[x + 1];
-  out[width - 1] += left * in[width - 2] + middle * in[width - 1];
+    out[x] += left * in[x - 1] + center * in[x] + right * in[x + 1];
+  out[width - 1] += left * in[width - 2] + center * in[width - 1];
 }
 
 void convolve_depthwise(const std::vector<float>& weights, const float* input, const Shape& shape,
@@ -93,9 +93,9 @@ void SeparableNetwork::check() const {
     TARSIER_REQUIRE(
         stage.mix.kind == Layer::Kind::kConvolution && !stage.mix.relu && stage.mix.stride == 1,
         "a stage mixes by a convolution of stride {}", stage.mix.stride);
-    Network alone;
-    alone.layers = {stage.mix};
-    alone.check();
+    Network single_layer;
+    single_layer.layers = {stage.mix};
+    single_layer.check();
     TARSIER_REQUIRE(stage.mix.in == channels, "{} channels for a stage of {}", channels,
                     stage.mix.in);
     TARSIER_REQUIRE(stage.depthwise.empty() ||

@@ -68,7 +68,7 @@ std::vector<double> defined(const SeparableStage& stage, const std::vector<float
   return out;
 }
 
-TEST(Separable, IsItsDefinitionForAllShapes) {
+TEST(Separable, AgreesWithItsDefinitionForAllShapes) {
   Rng rng(1);
   SeparableWorkspace workspace;
   for (const Shape shape : {Shape{3, 7, 9}, Shape{5, 1, 6}, Shape{2, 6, 1}, Shape{4, 12, 40}}) {
@@ -86,7 +86,7 @@ TEST(Separable, IsItsDefinitionForAllShapes) {
   }
 }
 
-TEST(Separable, StagesFollowEachOther) {
+TEST(Separable, StagesRunInOrder) {
   Rng rng(2);
   const Shape shape{3, 9, 11};
   SeparableNetwork both;
@@ -98,13 +98,13 @@ TEST(Separable, StagesFollowEachOther) {
   const std::vector<float> input = random_numbers(rng, shape.size());
   SeparableWorkspace workspace;
   const std::vector<float> between = run(first, input.data(), shape, workspace);
-  const std::vector<float> apart = run(second, between.data(), first.output(shape), workspace);
-  EXPECT_EQ(run(both, input.data(), shape, workspace), apart);
+  const std::vector<float> separate = run(second, between.data(), first.output(shape), workspace);
+  EXPECT_EQ(run(both, input.data(), shape, workspace), separate);
   EXPECT_EQ(both.output(shape), (Shape{2, 5, 6}));
   EXPECT_GT(both.cost(shape), 0);
 }
 
-TEST(Separable, RefusesWhatDoesNotFit) {
+TEST(Separable, RefusesInconsistentStages) {
   Rng rng(3);
   const auto broken = [&](auto change) {
     SeparableNetwork network;

@@ -12,12 +12,12 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr double kManyOperations = 1e7;  // with fewer, tiles are not considered
-constexpr double kTileGain = 6;  // tile operations that take the time of one element operation
+constexpr double kMinTileOperations = 1e7;  // with fewer, tiles are not considered
+constexpr double kTileSpeedup = 6;  // tile operations that take the time of one element operation
 // Solutions per factorization, in operations, from which it is costly.
-constexpr double kManySolutions = 200;
+constexpr double kMinCostlySolutions = 200;
 
-class ByElements : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
+class ElementCholesky : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
  public:
   // Multiplications of a factorization if each element is a block of `block` rows and columns.
   [[nodiscard]] double operations(double block = 1) const {
@@ -78,16 +78,16 @@ Eigen::VectorXd product_of(const BlockPattern& pattern, const double* values,
 
 // Uses elements or tiles; the other one is empty.
 struct SparseCholesky::Factor {
-  std::optional<ByElements> elements;
+  std::optional<ElementCholesky> elements;
   std::optional<TileCholesky> tiles;
   BlockPattern pattern;                // if it was given
   Eigen::SparseMatrix<double> matrix;  // likewise; the upper triangle
 
   // Whether tiles are faster than `operations` operations on elements.
-  bool takes_tiles(double operations, BlockPattern given) {
+  bool try_tiles(double operations, BlockPattern given) {
     tiles.emplace();
     tiles->analyze(std::move(given));
-    if (tiles->operations() < kTileGain * operations) return true;
+    if (tiles->operations() < kTileSpeedup * operations) return true;
     tiles.reset();
     return false;
   }
@@ -137,18 +137,18 @@ void SparseCholesky::analyze(const Eigen::SparseMatrix<double>& a) {
   factor_->elements.emplace();
   factor_->elements->analyzePattern(a);
   const double operations = factor_->elements->operations();
-  if (operations < kManyOperations) return;
-  if (factor_->takes_tiles(operations, pattern_of(a))) factor_->elements.reset();
+  if (operations < kMinTileOperations) return;
+  if (factor_->try_tiles(operations, pattern_of(a))) factor_->elements.reset();
 }
 
 void SparseCholesky::analyze(const BlockPattern& pattern) {
   factor_ = std::make_unique<Factor>();
   factor_->pattern = pattern;
-  ByElements blocks;
+  ElementCholesky blocks;
   blocks.analyzePattern(graph_of(pattern));
   const double operations =
       blocks.operations(static_cast<double>(pattern.size()) / std::max(1, pattern.variables()));
-  if (operations >= kManyOperations) (void)factor_->takes_tiles(operations, pattern);
+  if (operations >= kMinTileOperations) (void)factor_->try_tiles(operations, pattern);
 }
 
 bool SparseCholesky::factorize(const Eigen::SparseMatrix<double>& a) {
@@ -181,7 +181,7 @@ Eigen::VectorXd SparseCholesky::solve(const Eigen::VectorXd& b) const {
 
 bool SparseCholesky::is_costly() const {
   return factor_->tiles &&
-         factor_->tiles->operations() >= kManySolutions * factor_->tiles->solve_operations();
+         factor_->tiles->operations() >= kMinCostlySolutions * factor_->tiles->solve_operations();
 }
 
 std::optional<Eigen::VectorXd> SparseCholesky::solve_near(const std::vector<double>& values,

@@ -20,7 +20,7 @@ Eigen::SparseMatrix<double> chain(int n, double diagonal) {
   return result;
 }
 
-TEST(SparseCholesky, SolvesAgainWithOtherNumbersInTheSamePlaces) {
+TEST(SparseCholesky, SolvesOtherValuesOfTheSamePattern) {
   constexpr int kSize = 200;
   SparseCholesky cholesky;
   cholesky.analyze(chain(kSize, 2));
@@ -33,7 +33,7 @@ TEST(SparseCholesky, SolvesAgainWithOtherNumbersInTheSamePlaces) {
   }
 }
 
-TEST(SparseCholesky, FindsAMatrixThatIsNotPositiveDefinite) {
+TEST(SparseCholesky, DetectsIndefiniteMatrices) {
   SparseCholesky cholesky;
   cholesky.analyze(chain(20, 1));
   EXPECT_FALSE(cholesky.factorize(chain(20, 1)));
@@ -42,7 +42,7 @@ TEST(SparseCholesky, FindsAMatrixThatIsNotPositiveDefinite) {
 
 // Two variables of two numbers and one of three, each connected to the next. The factor is thin, so
 // it is computed element by element.
-TEST(SparseCholesky, TakesAMatrixByBlocks) {
+TEST(SparseCholesky, AcceptsABlockPattern) {
   const BlockPattern pattern{{0, 2, 4, 7}, {{0, 0}, {0, 1}, {1, 1}, {1, 2}, {2, 2}}};
   const std::vector<double> values{4,  9,  1,  5, .1, .2, .3, .4, 6, 9, 1, 7, .5, .6,
                                    .7, .8, .9, 1, 8,  9,  9,  1,  8, 9, 2, 1, 8};
@@ -116,7 +116,7 @@ TEST(SparseCholesky, FullMatricesAreCostlyAndSmallOnesAreNot) {
 }
 
 // A nearly full factor, computed by tiles, and then the factor of a chain, by the same object.
-TEST(SparseCholesky, TakesFullAndThinOnesInTurn) {
+TEST(SparseCholesky, AlternatesDenseAndSparseMatrices) {
   constexpr int kSize = 900;
   std::vector<Eigen::Triplet<double>> numbers;
   for (int c = 0; c < kSize; ++c)

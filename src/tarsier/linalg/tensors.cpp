@@ -37,10 +37,10 @@ json parsed_manifest(const std::string& path) {
 }
 
 const json& list_member(const json& object, const char* name, const std::string& path,
-                        std::size_t most) {
+                        std::size_t max_count) {
   const json& list = member(object, name, path);
-  if (!list.is_array() || list.empty() || list.size() > most)
-    throw ModelError(path, fmt::format("'{}' is not a list of 1 to {}", name, most));
+  if (!list.is_array() || list.empty() || list.size() > max_count)
+    throw ModelError(path, fmt::format("'{}' is not a list of 1 to {}", name, max_count));
   return list;
 }
 
@@ -227,7 +227,7 @@ std::vector<float> TensorReader::take(const std::string& name, std::size_t dimen
     throw ModelError(path_, fmt::format("'{}' has {} numbers, not {}", name, out.size(), count));
   for (const float value : out)
     if (!std::isfinite(value)) throw ModelError(path_, fmt::format("'{}' is not finite", name));
-  ++taken_;
+  ++used_;
   return out;
 }
 

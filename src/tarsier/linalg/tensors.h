@@ -47,13 +47,13 @@ class TensorReader {
   // A tensor with one dimension of this length.
   [[nodiscard]] std::vector<float> take_vector(const std::string& name, int length);
   [[nodiscard]] bool has(const std::string& name) const { return by_name_.contains(name); }
-  [[nodiscard]] bool all_taken() const { return taken_ == by_name_.size(); }
+  [[nodiscard]] bool all_used() const { return used_ == by_name_.size(); }
   [[nodiscard]] const std::string& path() const { return path_; }
 
  private:
   std::string path_;
   std::map<std::string, const NamedTensor*> by_name_;
-  std::size_t taken_ = 0;
+  std::size_t used_ = 0;
 };
 
 }  // namespace tarsier::linalg

@@ -21,7 +21,7 @@ namespace {
 
 // A variable with more than this multiple of the usual number of neighbours is a hub; the value
 // with fewer operations is used.
-constexpr std::array<std::size_t, 2> kManyTimes{4, 2};
+constexpr std::array<std::size_t, 2> kHubDegreeFactors{4, 2};
 
 using Eigen::Index;
 using Eigen::SparseMatrix;
@@ -67,15 +67,16 @@ struct Order {
 
 // The reverse Cuthill-McKee order. Variables with blocks to nearly all others, like a lens, are
 // hubs: they would make all others neighbours.
-Order narrow_order(const std::vector<std::vector<int>>& neighbours, std::size_t many_times) {
+Order cuthill_mckee_order(const std::vector<std::vector<int>>& neighbours,
+                          std::size_t degree_factor) {
   std::vector<std::size_t> degrees;
-  for (const std::vector<int>& of_one : neighbours) degrees.push_back(of_one.size());
-  const auto middle = degrees.begin() + static_cast<std::ptrdiff_t>(degrees.size() / 2);
-  std::nth_element(degrees.begin(), middle, degrees.end());
+  for (const std::vector<int>& adjacent : neighbours) degrees.push_back(adjacent.size());
+  const auto median = degrees.begin() + static_cast<std::ptrdiff_t>(degrees.size() / 2);
+  std::nth_element(degrees.begin(), median, degrees.end());
   std::vector<char> done(neighbours.size(), 0);
   std::vector<int> last;
   for (std::size_t i = 0; i < neighbours.size(); ++i) {
-    if (neighbours[i].size() <= many_times * *middle) continue;
+    if (neighbours[i].size() <= degree_factor * *median) continue;
     done[i] = 1;
     last.push_back(static_cast<int>(i));
   }
@@ -100,7 +101,7 @@ void TileCholesky::analyze(BlockPattern pattern) {
   std::vector<int> best;
   double min_operations = 0;
   bool is_last = false;  // whether `best` was analysed last
-  const auto look_at = [&](std::vector<int> variables, const std::vector<int>& hubs) {
+  const auto try_order = [&](std::vector<int> variables, const std::vector<int>& hubs) {
     variables.insert(variables.end(), hubs.begin(), hubs.end());
     analyze_in_order(variables);
     is_last = best.empty() || operations() < min_operations;
@@ -109,12 +110,12 @@ void TileCholesky::analyze(BlockPattern pattern) {
     best = std::move(variables);
   };
   std::size_t hubs = 0;
-  for (const std::size_t many_times : kManyTimes) {
-    const Order narrow = narrow_order(neighbours, many_times);
-    if (many_times != kManyTimes.front() && narrow.hubs.size() == hubs) continue;
+  for (const std::size_t degree_factor : kHubDegreeFactors) {
+    const Order narrow = cuthill_mckee_order(neighbours, degree_factor);
+    if (degree_factor != kHubDegreeFactors.front() && narrow.hubs.size() == hubs) continue;
     hubs = narrow.hubs.size();
-    look_at(narrow.variables, narrow.hubs);
-    look_at(dissection_order(neighbours, narrow.variables), narrow.hubs);
+    try_order(narrow.variables, narrow.hubs);
+    try_order(dissection_order(neighbours, narrow.variables), narrow.hubs);
   }
   if (!is_last) analyze_in_order(best);
 }
@@ -125,14 +126,14 @@ void TileCholesky::analyze_in_order(const std::vector<int>& variables) {
   for (const auto& [row, column] : pattern_.blocks) {
     for (int r = pattern_.first_of(row); r < pattern_.first_of(row + 1); ++r) {
       for (int c = pattern_.first_of(column); c < pattern_.first_of(column + 1); ++c) {
-        const int first = std::min(place_[at(r)], place_[at(c)]) / kTileSize;
-        const int second = std::max(place_[at(r)], place_[at(c)]) / kTileSize;
+        const int first = std::min(position_[at(r)], position_[at(c)]) / kTileSize;
+        const int second = std::max(position_[at(r)], position_[at(c)]) / kTileSize;
         if (first != second && (below[at(first)].empty() || below[at(first)].back() != second))
           below[at(first)].push_back(second);
       }
     }
   }
-  find_fill(std::move(below));
+  factorize_symbolically(std::move(below));
 }
 
 // Cuts the rows into tiles and sorts the tiles into the elimination order.
@@ -165,18 +166,18 @@ void TileCholesky::order_tiles(const std::vector<int>& variables) {
   Eigen::AMDOrdering<int>()(graph, elimination);
   columns_.assign(at(tiles), {});
   padded_ = {};
-  place_.assign(at(size), 0);
+  position_.assign(at(size), 0);
   for (int t = 0; t < tiles; ++t) {
     const int first = elimination.indices()[t] * kTileSize;
     for (int k = first; k < std::min(first + kTileSize, size); ++k)
-      place_[at(order[at(k)])] = t * kTileSize + k - first;
+      position_[at(order[at(k)])] = t * kTileSize + k - first;
     if (first + kTileSize > size) padded_ = {t, size - first};
   }
 }
 
 // The nonzero tiles of L: all tiles below a column's first one also appear in the column of that
 // tile.
-void TileCholesky::find_fill(std::vector<std::vector<int>> below) {
+void TileCholesky::factorize_symbolically(std::vector<std::vector<int>> below) {
   for (std::size_t t = 0; t < columns_.size(); ++t) {
     std::vector<int>& tiles = below[t];
     std::sort(tiles.begin(), tiles.end());
@@ -204,7 +205,7 @@ double TileCholesky::operations() const {
 }
 
 double TileCholesky::solve_operations() const {
-  return 2.0 * static_cast<double>(tile_count_) * static_cast<double>(kTileNumbers);
+  return 2.0 * static_cast<double>(tile_count_) * static_cast<double>(kTileElements);
 }
 
 int TileCholesky::tile_at(int row, int column) const {
@@ -216,7 +217,7 @@ int TileCholesky::tile_at(int row, int column) const {
 }
 
 void TileCholesky::fill(const double* values) {
-  tiles_.create(tile_count_, static_cast<int>(kTileNumbers), CV_64F);
+  tiles_.create(tile_count_, static_cast<int>(kTileElements), CV_64F);
   tiles_.setTo(0);
   int last_row = -1;
   int last_column = -1;
@@ -228,7 +229,7 @@ void TileCholesky::fill(const double* values) {
       const int limit = row == column ? c - pattern_.first_of(column) + 1 : rows;
       for (int k = 0; k < limit; ++k) {
         const auto [first, second] =
-            std::minmax(place_[at(pattern_.first_of(row) + k)], place_[at(c)]);
+            std::minmax(position_[at(pattern_.first_of(row) + k)], position_[at(c)]);
         if (first / kTileSize != last_column || second / kTileSize != last_row) {
           last_column = first / kTileSize;
           last_row = second / kTileSize;
@@ -243,7 +244,7 @@ void TileCholesky::fill(const double* values) {
 }
 
 // Subtracts the contributions of earlier columns from a tile.
-void TileCholesky::subtract_earlier(int row, int column) {
+void TileCholesky::subtract_earlier_columns(int row, int column) {
   const TileKernels& kernels = tile_kernels();
   double* tile = numbers(tile_at(row, column));
   for (const int source : columns_[at(column)].from) {
@@ -269,13 +270,13 @@ bool TileCholesky::factorize(const double* values) {
   for (int t = 0; t < static_cast<int>(columns_.size()); ++t) {
     const Column& column = columns_[at(t)];
     double* diagonal = numbers(column.first);
-    subtract_earlier(t, t);
+    subtract_earlier_columns(t, t);
     if (!factorize_diagonal(diagonal)) return false;
     cv::parallel_for_(cv::Range(0, static_cast<int>(column.below.size())),
                       [&](const cv::Range& range) {
                         for (int k = range.start; k < range.end; ++k) {
-                          subtract_earlier(column.below[at(k)], t);
-                          kernels.divide(diagonal, numbers(column.first + 1 + k));
+                          subtract_earlier_columns(column.below[at(k)], t);
+                          kernels.solve_triangular(diagonal, numbers(column.first + 1 + k));
                         }
                       });
   }
@@ -286,7 +287,7 @@ VectorXd TileCholesky::solve(const VectorXd& b) const {
   using Segment = Eigen::Matrix<double, kTileSize, 1>;
   using Strip = Eigen::Map<const Eigen::Matrix<double, kStrip, kTileSize>>;
   VectorXd x = VectorXd::Zero(static_cast<Index>(columns_.size()) * kTileSize);
-  for (Index i = 0; i < b.size(); ++i) x[place_[static_cast<std::size_t>(i)]] = b[i];
+  for (Index i = 0; i < b.size(); ++i) x[position_[static_cast<std::size_t>(i)]] = b[i];
   for (std::size_t t = 0; t < columns_.size(); ++t) {
     const Column& column = columns_[t];
     auto own = x.segment<kTileSize>(static_cast<Index>(t) * kTileSize);
@@ -322,7 +323,7 @@ VectorXd TileCholesky::solve(const VectorXd& b) const {
     x.segment<kTileSize>(static_cast<Index>(t) * kTileSize) = own;
   }
   VectorXd result(b.size());
-  for (Index i = 0; i < b.size(); ++i) result[i] = x[place_[static_cast<std::size_t>(i)]];
+  for (Index i = 0; i < b.size(); ++i) result[i] = x[position_[static_cast<std::size_t>(i)]];
   return result;
 }
 

@@ -68,17 +68,17 @@ class TileCholesky {
   // Computes the tiles and their fill for this order of the variables.
   void analyze_in_order(const std::vector<int>& variables);
   void order_tiles(const std::vector<int>& variables);
-  void find_fill(std::vector<std::vector<int>> below);
+  void factorize_symbolically(std::vector<std::vector<int>> below);
   void fill(const double* values);
   // Index in tiles_ of a tile of a column; -1 if it is empty.
   [[nodiscard]] int tile_at(int row, int column) const;
   [[nodiscard]] double* numbers(int tile) { return tiles_.ptr<double>(tile); }
   [[nodiscard]] const double* numbers(int tile) const { return tiles_.ptr<double>(tile); }
-  void subtract_earlier(int row, int column);
+  void subtract_earlier_columns(int row, int column);
   [[nodiscard]] static bool factorize_diagonal(double* tile);
 
   BlockPattern pattern_;
-  std::vector<int> place_;  // position of each row in the elimination order
+  std::vector<int> position_;  // position of each row in the elimination order
   std::vector<Column> columns_;
   Padded padded_;
   int tile_count_ = 0;

@@ -62,7 +62,7 @@ Eigen::MatrixXd full(const Eigen::SparseMatrix<double>& upper) {
   return Eigen::MatrixXd(upper).selfadjointView<Eigen::Upper>();
 }
 
-TEST(TileCholesky, SolvesAsADenseOneDoes) {
+TEST(TileCholesky, AgreesWithDenseCholesky) {
   for (const auto& [size, reach] : {std::pair(5, 1), std::pair(300, 4), std::pair(611, 60)}) {
     const Eigen::SparseMatrix<double> a = ring(size, reach, 3);
     const Blocks blocks = blocks_of(a);
@@ -76,7 +76,7 @@ TEST(TileCholesky, SolvesAsADenseOneDoes) {
   }
 }
 
-TEST(TileCholesky, OtherNumbersAtTheSamePlaces) {
+TEST(TileCholesky, SolvesOtherValuesOfTheSamePattern) {
   TileCholesky factor;
   factor.analyze(blocks_of(ring(400, 30, 3)).pattern);
   for (const std::uint64_t seed : {4U, 5U}) {
@@ -87,7 +87,7 @@ TEST(TileCholesky, OtherNumbersAtTheSamePlaces) {
   }
 }
 
-TEST(TileCholesky, WhatIsNotPositiveDefiniteIsRefused) {
+TEST(TileCholesky, RefusesIndefiniteMatrices) {
   Eigen::SparseMatrix<double> a = ring(300, 20, 3);
   TileCholesky factor;
   factor.analyze(blocks_of(a).pattern);
@@ -99,7 +99,7 @@ TEST(TileCholesky, WhatIsNotPositiveDefiniteIsRefused) {
 }
 
 // A ring costs as much as a band matrix, not as a full matrix.
-TEST(TileCholesky, LeavesOutWhatIsEmpty) {
+TEST(TileCholesky, SkipsEmptyTiles) {
   TileCholesky factor;
   factor.analyze(blocks_of(ring(4800, 48, 3)).pattern);
   EXPECT_LT(factor.operations(), 0.05 * 4800.0 * 4800.0 * 4800.0 / 6);
@@ -176,7 +176,7 @@ TEST(TileCholesky, SolvesBlocksOfPosesAndALens) {
   EXPECT_LT((full(blocks) * factor.solve(b) - b).norm(), 1e-12 * b.norm());
 }
 
-TEST(TileCholesky, ThreadsGiveTheSameNumbers) {
+TEST(TileCholesky, ResultDoesNotDependOnThreads) {
   const Blocks blocks = poses_and_lens(150, 60);
   const Eigen::VectorXd b = Eigen::VectorXd::LinSpaced(blocks.pattern.size(), -1, 2);
   const auto solution = [&](int threads) {

@@ -8,7 +8,7 @@ namespace tarsier::linalg {
 
 constexpr int kTileSize = 48;  // rows and columns: eight cameras
 constexpr int kStrip = 8;      // rows
-constexpr std::size_t kTileNumbers = std::size_t{kTileSize} * kTileSize;
+constexpr std::size_t kTileElements = std::size_t{kTileSize} * kTileSize;
 
 // In memory, a tile is a sequence of strips of 8 rows; each strip is column-major.
 constexpr std::size_t in_tile(int row, int column) {
@@ -20,7 +20,7 @@ struct TileKernels {
   // c -= a b^T
   void (*subtract_product)(const double* a, const double* b, double* c);
   // a = a L^-T; L is the lower triangle of `l`
-  void (*divide)(const double* l, double* a);
+  void (*solve_triangular)(const double* l, double* a);
 };
 
 // The fastest kernels of this processor.

@@ -13,31 +13,31 @@
 namespace tarsier::linalg {
 namespace {
 
-std::vector<double> drawn(std::uint64_t seed) {
+std::vector<double> random_tile(std::uint64_t seed) {
   Rng rng(seed);
-  std::vector<double> tile(kTileNumbers);
+  std::vector<double> tile(kTileElements);
   std::generate(tile.begin(), tile.end(), [&] { return rng.normal(); });
   return tile;
 }
 
 // A lower triangle with a small inverse.
 std::vector<double> triangle() {
-  std::vector<double> tile = drawn(4);
+  std::vector<double> tile = random_tile(4);
   for (int k = 0; k < kTileSize; ++k) tile[in_tile(k, k)] = 12 + k;
   return tile;
 }
 
-std::vector<double> after_both(const TileKernels& kernels) {
-  std::vector<double> tile = drawn(1);
-  kernels.subtract_product(drawn(2).data(), drawn(3).data(), tile.data());
-  kernels.divide(triangle().data(), tile.data());
+std::vector<double> subtract_and_solve(const TileKernels& kernels) {
+  std::vector<double> tile = random_tile(1);
+  kernels.subtract_product(random_tile(2).data(), random_tile(3).data(), tile.data());
+  kernels.solve_triangular(triangle().data(), tile.data());
   return tile;
 }
 
 TEST(TileKernels, SubtractsAProduct) {
-  const std::vector<double> a = drawn(2);
-  const std::vector<double> b = drawn(3);
-  const std::vector<double> before = drawn(1);
+  const std::vector<double> a = random_tile(2);
+  const std::vector<double> b = random_tile(3);
+  const std::vector<double> before = random_tile(1);
   std::vector<double> c = before;
   tile_kernels_baseline()->subtract_product(a.data(), b.data(), c.data());
   for (int row = 0; row < kTileSize; ++row) {
@@ -49,11 +49,11 @@ TEST(TileKernels, SubtractsAProduct) {
   }
 }
 
-TEST(TileKernels, DividesByATriangle) {
+TEST(TileKernels, SolvesATriangularSystem) {
   const std::vector<double> l = triangle();
-  const std::vector<double> before = drawn(1);
+  const std::vector<double> before = random_tile(1);
   std::vector<double> a = before;
-  tile_kernels_baseline()->divide(l.data(), a.data());
+  tile_kernels_baseline()->solve_triangular(l.data(), a.data());
   for (int row = 0; row < kTileSize; ++row) {
     for (int column = 0; column < kTileSize; ++column) {
       double sum = 0;
@@ -63,12 +63,12 @@ TEST(TileKernels, DividesByATriangle) {
   }
 }
 
-TEST(TileKernels, AllSetsGiveTheSameNumbers) {
+TEST(TileKernels, AllInstructionSetsAgree) {
   if (hardware_simd_level() < SimdLevel::kAvx2) GTEST_SKIP() << "this processor has no AVX2";
-  const std::vector<double> baseline = after_both(*tile_kernels_baseline());
-  EXPECT_EQ(after_both(*tile_kernels_avx2()), baseline);
+  const std::vector<double> baseline = subtract_and_solve(*tile_kernels_baseline());
+  EXPECT_EQ(subtract_and_solve(*tile_kernels_avx2()), baseline);
   if (hardware_simd_level() >= SimdLevel::kAvx512) {
-    EXPECT_EQ(after_both(*tile_kernels_avx512()), baseline);
+    EXPECT_EQ(subtract_and_solve(*tile_kernels_avx512()), baseline);
   }
 }
 

@@ -21,8 +21,9 @@
 namespace tarsier::linalg {
 namespace {
 
-constexpr int kChunk = 1024;    // number of pixels whose patches are laid out together
-constexpr int kLongDots = 512;  // from this length on, dot products are faster than a transposition
+constexpr int kChunk = 1024;  // number of pixels whose patches are laid out together
+constexpr int kMinDotLength =
+    512;  // from this length on, dot products are faster than a transposition
 
 void backward_maximum(const Layer& layer, const float* input, Shape from, Shape to,
                       const float* output_gradient, std::vector<float>& input_gradient) {
@@ -50,24 +51,24 @@ void backward_maximum(const Layer& layer, const float* input, Shape from, Shape 
   }
 }
 
-// rows x columns -> columns x `wide`, in blocks that fit into the L1 cache.
-void transpose(const float* from, int rows, int columns, int wide, std::vector<float>& to) {
+// rows x columns -> columns x `padded_depth`, in blocks that fit into the L1 cache.
+void transpose(const float* from, int rows, int columns, int padded_depth, std::vector<float>& to) {
   constexpr int kBlock = 16;
-  to.resize(static_cast<std::size_t>(columns) * static_cast<std::size_t>(wide));
+  to.resize(static_cast<std::size_t>(columns) * static_cast<std::size_t>(padded_depth));
   for (int r = 0; r < rows; r += kBlock) {
     for (int c = 0; c < columns; c += kBlock) {
       const int last_row = std::min(r + kBlock, rows);
       const int last_column = std::min(c + kBlock, columns);
       for (int j = c; j < last_column; ++j)
         for (int i = r; i < last_row; ++i)
-          to[static_cast<std::size_t>(j) * static_cast<std::size_t>(wide) +
+          to[static_cast<std::size_t>(j) * static_cast<std::size_t>(padded_depth) +
              static_cast<std::size_t>(i)] = from[static_cast<std::ptrdiff_t>(i) * columns + j];
     }
   }
 }
 
 void weight_gradient(const Layer& layer, const Padded& source, Shape to, const float* derivative,
-                     Gradient::OfLayer& gradient, BackwardWorkspace& workspace) {
+                     Gradient::LayerGradient& gradient, BackwardWorkspace& workspace) {
   const int pixels = to.height * to.width;
   const GemmKernels& kernels = gemm_kernels();
   const auto depth = static_cast<std::size_t>(layer.depth());
@@ -80,26 +81,26 @@ void weight_gradient(const Layer& layer, const Padded& source, Shape to, const f
     }
   }
   // dW = derivative x patches^T, with the patches laid out by pixel for the same product.
-  const int wide = (layer.depth() + kPanel - 1) / kPanel * kPanel;
+  const int padded_depth = (layer.depth() + kPanel - 1) / kPanel * kPanel;
   workspace.product.resize(static_cast<std::size_t>(layer.out) * kPanel);
   for (int begin = 0; begin < pixels && pixels > 1; begin += kChunk) {
     const int count = std::min(kChunk, pixels - begin);
     workspace.columns.resize(depth * static_cast<std::size_t>(count));
     gather(layer, source, to, begin, count, count, workspace.columns.data());
-    if (count >= kLongDots) {
+    if (count >= kMinDotLength) {
       kernels.dots(layer.out, layer.depth(), count, derivative + begin, pixels,
                    workspace.columns.data(), count, gradient.weights.data(), layer.depth());
       continue;
     }
-    transpose(workspace.columns.data(), layer.depth(), count, wide, workspace.panel);
+    transpose(workspace.columns.data(), layer.depth(), count, padded_depth, workspace.panel);
     for (int first = 0; first < layer.depth(); first += kPanel) {
       kernels.panel(layer.out, count, derivative + begin, pixels, 1, workspace.panel.data() + first,
-                    wide, workspace.product.data());
+                    padded_depth, workspace.product.data());
       const int valid = std::min(kPanel, layer.depth() - first);
       for (int o = 0; o < layer.out; ++o) {
         float* row = gradient.weights.data() + static_cast<std::size_t>(o) * depth + first;
-        const float* more = workspace.product.data() + o * kPanel;
-        for (int k = 0; k < valid; ++k) row[k] += more[k];
+        const float* product = workspace.product.data() + o * kPanel;
+        for (int k = 0; k < valid; ++k) row[k] += product[k];
       }
     }
   }
@@ -200,32 +201,32 @@ struct Adam {
 
   void step(Network& network, Gradient& gradient, double rate, double decay, double scale,
             int number) {
-    constexpr float kMeanMemory = 0.9F;
-    constexpr float kSquareMemory = 0.99F;
-    const float unbias_mean =
-        1.0F / (1.0F - static_cast<float>(std::pow(static_cast<double>(kMeanMemory), number)));
-    const float unbias_square =
-        1.0F / (1.0F - static_cast<float>(std::pow(static_cast<double>(kSquareMemory), number)));
+    constexpr float kBeta1 = 0.9F;
+    constexpr float kBeta2 = 0.99F;
+    const float mean_correction =
+        1.0F / (1.0F - static_cast<float>(std::pow(static_cast<double>(kBeta1), number)));
+    const float square_correction =
+        1.0F / (1.0F - static_cast<float>(std::pow(static_cast<double>(kBeta2), number)));
     for_parameters(network, [&](std::size_t layer, bool weights, std::vector<float>& values) {
       const std::vector<float>& g = part(gradient, layer, weights);
       std::vector<float>& m = part(mean, layer, weights);
       std::vector<float>& v = part(square, layer, weights);
-      const float keep = weights ? 1.0F - static_cast<float>(rate * decay) : 1.0F;
+      const float decay_factor = weights ? 1.0F - static_cast<float>(rate * decay) : 1.0F;
       for (std::size_t k = 0; k < values.size(); ++k) {
         const float slope = g[k] * static_cast<float>(scale);
-        m[k] = kMeanMemory * m[k] + (1 - kMeanMemory) * slope;
-        v[k] = kSquareMemory * v[k] + (1 - kSquareMemory) * slope * slope;
-        values[k] = keep * values[k] - static_cast<float>(rate) * m[k] * unbias_mean /
-                                           (std::sqrt(v[k] * unbias_square) + 1e-8F);
+        m[k] = kBeta1 * m[k] + (1 - kBeta1) * slope;
+        v[k] = kBeta2 * v[k] + (1 - kBeta2) * slope * slope;
+        values[k] = decay_factor * values[k] - static_cast<float>(rate) * m[k] * mean_correction /
+                                                   (std::sqrt(v[k] * square_correction) + 1e-8F);
       }
     });
   }
 };
 
 double rate_at(const TrainOptions& options, int step) {
-  const double warm = std::max(1.0, options.warm_up * options.steps);
-  if (step < warm) return options.rate * (step + 1) / warm;
-  const double t = (step - warm) / std::max(1.0, options.steps - warm);
+  const double warm_up_steps = std::max(1.0, options.warm_up * options.steps);
+  if (step < warm_up_steps) return options.rate * (step + 1) / warm_up_steps;
+  const double t = (step - warm_up_steps) / std::max(1.0, options.steps - warm_up_steps);
   return options.rate * 0.5 * (1 + std::cos(std::numbers::pi * t));
 }
 
@@ -286,7 +287,7 @@ void train(Network& network, const TrainOptions& options, const MakeExample& mak
   const Rng base(options.seed);
   const int share = options.batch / kShards;
   double reported = 0;
-  int since = 0;
+  int steps_since_report = 0;
   const auto work = [&](int number, int step) {
     Shard& shard = shards[static_cast<std::size_t>(number)];
     try {
@@ -331,11 +332,11 @@ void train(Network& network, const TrainOptions& options, const MakeExample& mak
       blend(averaged.layers[i].weights, network.layers[i].weights);
       blend(averaged.layers[i].bias, network.layers[i].bias);
     }
-    ++since;
-    if (report && (since == 100 || step + 1 == options.steps)) {
-      report(step + 1, reported / (static_cast<double>(since) * options.batch));
+    ++steps_since_report;
+    if (report && (steps_since_report == 100 || step + 1 == options.steps)) {
+      report(step + 1, reported / (static_cast<double>(steps_since_report) * options.batch));
       reported = 0;
-      since = 0;
+      steps_since_report = 0;
     }
   }
   network = averaged;
@@ -349,7 +350,7 @@ void train(Network& network, const TrainOptions& options, std::string_view stage
       network, options, make, loss,
       [&](int step, double mean) {
         log_debug("{}: step {} of {}, loss {:.4f}", stage, step, options.steps, mean);
-        tell_measure(progress, "loss", mean);
+        report_measure(progress, "loss", mean);
         progress.advance(step - done);
         done = step;
       },

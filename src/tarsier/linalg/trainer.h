@@ -15,11 +15,11 @@ namespace tarsier::linalg {
 
 // Gradient of a loss with respect to every parameter, in the layout of the network.
 struct Gradient {
-  struct OfLayer {
+  struct LayerGradient {
     std::vector<float> weights;
     std::vector<float> bias;
   };
-  std::vector<OfLayer> layers;
+  std::vector<LayerGradient> layers;
 };
 
 [[nodiscard]] Gradient zero_gradient(const Network& network);

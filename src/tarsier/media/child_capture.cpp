@@ -90,10 +90,10 @@ class ChildBackend final : public LiveBackend {
       : command_(std::move(command)), detail_(command_.detail) {}
   ~ChildBackend() override { end_child(); }
 
-  std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override;
-  LiveRead read(milliseconds patience, const std::stop_token& stop) override;
-  bool reachable(milliseconds patience, const std::stop_token& stop) override {
-    return command_.reachable && command_.reachable(patience, stop);
+  std::optional<LiveFailure> open(milliseconds timeout, const std::stop_token& stop) override;
+  LiveRead read(milliseconds timeout, const std::stop_token& stop) override;
+  bool reachable(milliseconds timeout, const std::stop_token& stop) override {
+    return command_.reachable && command_.reachable(timeout, stop);
   }
   [[nodiscard]] std::string detail() const override { return detail_; }
   [[nodiscard]] double fps() const override { return records_.fps(); }
@@ -243,11 +243,11 @@ void ChildBackend::drain_messages() {
   }
 }
 
-LiveRead ChildBackend::read(milliseconds patience, const std::stop_token& stop) {
+LiveRead ChildBackend::read(milliseconds timeout, const std::stop_token& stop) {
   LiveRead result;
   if (stop.stop_requested()) return result;
   pollfd items[2] = {{output_.get(), POLLIN, 0}, {messages_.get(), POLLIN, 0}};
-  const Clock::time_point deadline = Clock::now() + patience;
+  const Clock::time_point deadline = Clock::now() + timeout;
   while (true) {
     const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now());
     const auto slice = std::clamp(left, milliseconds(0), milliseconds(50));
@@ -367,9 +367,9 @@ ChildCommand camera_command(const std::string& path, const std::string& label,
   command.detail = label;
   command.startup_s = kCameraStartup_s;
   command.check = [path]() -> std::optional<LiveFailure> {
-    std::string trouble = camera_trouble(path);
-    if (trouble.empty()) return std::nullopt;
-    return LiveFailure{.reason = std::move(trouble), .definite = true, .unreachable = true};
+    std::string error = camera_error(path);
+    if (error.empty()) return std::nullopt;
+    return LiveFailure{.reason = std::move(error), .definite = true, .unreachable = true};
   };
   command.reachable = [path](milliseconds, const std::stop_token&) { return can_open(path); };
   return command;
@@ -397,9 +397,9 @@ ChildCommand ffmpeg_command(const std::string& url, const SourceOptions& options
   command.detail = scheme + " stream";
   command.is_network = true;
   command.startup_s = kCameraStartup_s;
-  command.reachable = [parts](milliseconds patience, const std::stop_token& stop) {
+  command.reachable = [parts](milliseconds timeout, const std::stop_token& stop) {
     LiveFailure failure;
-    return connect_tcp(parts.host, parts.port, patience, stop, failure).is_open();
+    return connect_tcp(parts.host, parts.port, timeout, stop, failure).is_open();
   };
   return command;
 }

@@ -2,7 +2,7 @@
 #include "tarsier/media/frame_sink.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
@@ -71,7 +71,7 @@ class ImageSink final : public FrameSink {
           path_ + ": is one image, and a second has come: name a folder instead (ending in '/')");
     }
     // A device or pipe has no extension that could name a format.
-    const std::string ending = is_image_path(path_) ? lower_ending(path_) : ".png";
+    const std::string ending = is_image_path(path_) ? lowercase_extension(path_) : ".png";
     const std::vector<std::uint8_t> bytes =
         encode_image(ending, image, path_, options_.jpeg_quality);
     write_file_atomically(path_, std::span<const std::uint8_t>(bytes));
@@ -188,7 +188,7 @@ int first_free_segment(const std::string& path) {
 class VideoSink final : public FrameSink {
  public:
   VideoSink(std::string path, const SinkOptions& options)
-      : path_(std::move(path)), ending_(lower_ending(path_)), options_(options) {
+      : path_(std::move(path)), ending_(lowercase_extension(path_)), options_(options) {
     if (options_.segment_s > 0) {
       segment_ = first_free_segment(path_);
       segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));
@@ -325,7 +325,7 @@ SinkKind classify_sink(const std::string& text) {
   std::error_code error;
   const fs::file_status status = fs::status(text, error);
   if (fs::is_directory(status)) return SinkKind::kFolder;
-  const std::string ending = lower_ending(text);
+  const std::string ending = lowercase_extension(text);
   if (is_image_path(text)) return SinkKind::kImage;
   if (is_video_ending(ending)) return SinkKind::kVideo;
   if (fs::exists(status) && !fs::is_regular_file(status))

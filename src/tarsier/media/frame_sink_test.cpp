@@ -68,7 +68,7 @@ TEST_F(FrameSinkTest, TextsAreClassified) {
     EXPECT_THROW((void)classify_sink(bad), UsageError) << bad;
 }
 
-TEST_F(FrameSinkTest, NoneTakesEverything) {
+TEST_F(FrameSinkTest, NoneDiscardsEverything) {
   const auto sink = open_sink("none");
   EXPECT_EQ(sink->write(filled(4, 4, 1), moment(0)), "");
   sink->finish();
@@ -86,7 +86,7 @@ TEST_F(FrameSinkTest, OneImageGoesToAFile) {
   EXPECT_THROW((void)open_sink(path("b.png"), many), UsageError);
 }
 
-TEST_F(FrameSinkTest, UnwritableTargetsAreFoundBeforeTheWork) {
+TEST_F(FrameSinkTest, UnwritableTargetsAreDetectedAtTheStart) {
   EXPECT_THROW((void)open_sink(path("none/a.png")), OutputError);
   EXPECT_THROW((void)open_sink(path("none/a.mp4")), OutputError);
   std::ofstream(path("file")) << "x";
@@ -100,7 +100,7 @@ TEST_F(FrameSinkTest, AFullDeviceIsAnOutputError) {
   EXPECT_THROW((void)sink->write(filled(5, 4, 77), still("x.jpg")), OutputError);
 }
 
-TEST_F(FrameSinkTest, FolderKeepsNamesAndEndings) {
+TEST_F(FrameSinkTest, FolderKeepsNamesAndExtensions) {
   const auto sink = open_sink(path("new/out"));
   EXPECT_EQ(sink->write(filled(4, 4, 1), still("/a/cat.jpg")), path("new/out/cat.jpg"));
   EXPECT_EQ(sink->write(filled(4, 4, 2), still("/b/cat.jpg")), path("new/out/cat-2.jpg"));
@@ -114,7 +114,7 @@ TEST_F(FrameSinkTest, FolderKeepsNamesAndEndings) {
   EXPECT_NEAR(read_image(path("new/out/cat-2.jpg")).at<cv::Vec3b>(1, 1)[0], 2, 1);
 }
 
-TEST_F(FrameSinkTest, FolderTakesAnEnding) {
+TEST_F(FrameSinkTest, FolderAcceptsAnExtension) {
   SinkOptions options;
   options.folder_extension = ".webp";
   const auto sink = open_sink(path("out/"), options);
@@ -134,7 +134,7 @@ TEST_F(FrameSinkTest, SourcesAreNotReplaced) {
 
 class VideoSinkTest : public FrameSinkTest, public testing::WithParamInterface<const char*> {};
 
-TEST_P(VideoSinkTest, ComesBackWithAllItsFrames) {
+TEST_P(VideoSinkTest, AllFramesRoundTrip) {
   const std::string file = path(std::string("v:1") + GetParam());
   SinkOptions options;
   options.fps = 12.5;
@@ -179,7 +179,7 @@ TEST_P(VideoSinkTest, FramesOfAnotherSizeAreFitted) {
   EXPECT_GT(frame.at<cv::Vec3b>(24, 32)[1], 200);
 }
 
-TEST_P(VideoSinkTest, UnfinishedLeavesNothing) {
+TEST_P(VideoSinkTest, AnUnfinishedVideoLeavesNoFile) {
   const std::string file = path(std::string("v") + GetParam());
   std::ofstream(file) << "old";
   {
@@ -193,7 +193,7 @@ TEST_P(VideoSinkTest, UnfinishedLeavesNothing) {
   EXPECT_EQ(files(), 1U);
 }
 
-TEST_P(VideoSinkTest, AFullDiskIsNoticedAndTheOldFileKept) {
+TEST_P(VideoSinkTest, AFullDiskIsReportedAndKeepsTheOldFile) {
   const std::string file = path(std::string("v") + GetParam());
   std::ofstream(file) << "old";
   struct ::rlimit before {};
@@ -309,7 +309,7 @@ TEST_P(RecordingTest, PlaysAfterAKillAtAnyMoment) {
   EXPECT_GT(last, 400);
 }
 
-TEST_P(RecordingTest, GetsItsNameAtTheEndAndPlaysWhole) {
+TEST_P(RecordingTest, IsRenamedAtTheEndAndPlaysCompletely) {
   const std::string file = path(std::string("v") + GetParam());
   SinkOptions options;
   options.recording = true;
@@ -339,7 +339,7 @@ TEST_P(RecordingTest, IsKeptWhenItCannotBeFinished) {
 INSTANTIATE_TEST_SUITE_P(Containers, RecordingTest, testing::Values(".mp4", ".avi", ".mkv"),
                          [](const auto& suite) { return std::string(suite.param + 1); });
 
-TEST_F(FrameSinkTest, SegmentsAreFilesOfTheirOwnAndNumbersGoOn) {
+TEST_F(FrameSinkTest, SegmentsAreSeparateFilesWithContinuousNumbers) {
   SinkOptions options;
   options.fps = 10;
   options.segment_s = 2;

@@ -96,9 +96,9 @@ HttpUrl parse_url(std::string_view text, std::string_view scheme, std::uint16_t 
   return url;
 }
 
-void HttpResponseParser::break_off(std::string trouble) {
+void HttpResponseParser::break_off(std::string error_message) {
   state_ = State::kBroken;
-  trouble_ = std::move(trouble);
+  error_message_ = std::move(error_message);
 }
 
 void HttpResponseParser::feed(std::span<const std::uint8_t> bytes,

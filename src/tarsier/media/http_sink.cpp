@@ -126,10 +126,10 @@ class HttpSink final : public FrameSink {
   // The newest image that is newer than `last`, encoded; null if none came in time or the sink
   // closes.
   std::shared_ptr<const Bytes> wait_for_image(std::int64_t& last,
-                                              std::chrono::milliseconds patience) {
+                                              std::chrono::milliseconds timeout) {
     std::unique_lock lock(mutex_);
     const auto is_new = [&] { return closing_ || (newest_ != nullptr && newest_->number > last); };
-    if (!changed_.wait_for(lock, patience, is_new) || newest_ == nullptr || newest_->number <= last)
+    if (!changed_.wait_for(lock, timeout, is_new) || newest_ == nullptr || newest_->number <= last)
       return nullptr;
     Image* const slot = newest_;
     const std::int64_t number = slot->number;

@@ -37,7 +37,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
 
-constexpr int kPatienceMs = 300'000;  // only reached if something hangs
+constexpr int kTimeout_ms = 300'000;  // only reached if something hangs
 
 int port_of(const FrameSink& sink) {
   const std::string text = sink.description();
@@ -85,7 +85,7 @@ class Client {
   // Reads more bytes into buffer(); false at the end of the stream.
   bool more() {
     ::pollfd ready{fd_, POLLIN, 0};
-    if (::poll(&ready, 1, kPatienceMs) != 1) throw std::runtime_error("nothing came");
+    if (::poll(&ready, 1, kTimeout_ms) != 1) throw std::runtime_error("nothing came");
     std::array<char, 65536> chunk;
     const ssize_t got = ::recv(fd_, chunk.data(), chunk.size(), 0);
     if (got <= 0) return false;
@@ -193,7 +193,7 @@ nlohmann::json health(int port) { return nlohmann::json::parse(ask(port, "/healt
 
 // Polls until `done`; the time limit of the test ends an endless wait.
 void wait_until(const std::function<bool()>& done) {
-  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(kPatienceMs);
+  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(kTimeout_ms);
   while (!done()) {
     ASSERT_LT(std::chrono::steady_clock::now(), end) << "never happened";
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -313,7 +313,7 @@ TEST(HttpSink, SnapshotIsTheNewestImage) {
   }
 }
 
-TEST(HttpSink, HealthTellsFramesViewersAndAge) {
+TEST(HttpSink, HealthReportsFramesViewersAndAge) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   EXPECT_TRUE(health(port)["seconds_since_frame"].is_null());
@@ -388,7 +388,7 @@ TEST(HttpSink, OnlyGetAndHeadOfKnownPaths) {
   wait_until([&] { return health(port)["viewers"] == 0; });
 }
 
-TEST(HttpSink, OneNeighbourDoesNotShutTheOthersOut) {
+TEST(HttpSink, IdleConnectionsDoNotBlockOthers) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   std::vector<std::unique_ptr<Client>> idle;  // more than the max number of all viewers
@@ -407,7 +407,7 @@ TEST(HttpSink, OneNeighbourDoesNotShutTheOthersOut) {
   }
 }
 
-TEST(HttpSink, GarbageAndOversizedRequestsDoNoHarm) {
+TEST(HttpSink, HandlesInvalidAndOversizedRequests) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   for (const std::string& text :
@@ -423,7 +423,7 @@ TEST(HttpSink, GarbageAndOversizedRequestsDoNoHarm) {
   EXPECT_EQ(ask(port, "/healthz").status, 200);
 }
 
-TEST(HttpSink, ATokenIsNeededWhereThereIsOne) {
+TEST(HttpSink, RequiresTheTokenIfThereIsOne) {
   SinkOptions options;
   options.token = "0123456789abcdef-secret";
   const auto sink = open_local(options);
@@ -478,7 +478,7 @@ TEST(HttpSink, OtherInterfacesNeedListenAllAndAToken) {
   EXPECT_EQ(ask(port_of(*sink), "/healthz", "Host: pi.local:8080\r\n").status, 401);
 }
 
-TEST(HttpSink, AddressesThatMakeNoSenseAreUsageErrors) {
+TEST(HttpSink, InvalidAddressesAreUsageErrors) {
   for (const char* url :
        {"http://", "http://127.0.0.1:99999/", "http://127.0.0.1:x/", "http://user@127.0.0.1/",
         "http://example.com:8080/", "http://[::1/", "http://[zz]:80/", "http://127.0.0.1:8080/path",
@@ -499,7 +499,7 @@ TEST(HttpSink, ATakenPortIsAnOutputError) {
   }
 }
 
-TEST(HttpSink, MoreViewersThanAllowedAreTurnedAway) {
+TEST(HttpSink, ViewersBeyondTheLimitAreRefused) {
   SinkOptions options;
   options.max_viewers = 2;
   const auto sink = open_local(options);

@@ -78,11 +78,11 @@ class HttpBackend final : public LiveBackend {
   [[nodiscard]] bool is_for_ffmpeg() const { return for_ffmpeg_; }
   [[nodiscard]] std::string address() const;
 
-  std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override {
-    patience_ = patience;
+  std::optional<LiveFailure> open(milliseconds timeout, const std::stop_token& stop) override {
+    timeout_ = timeout;
     if (!socket_.is_open()) {
       LiveFailure failure;
-      socket_ = connect_tcp(place_.url.host, place_.url.port, patience, stop, failure);
+      socket_ = connect_tcp(place_.url.host, place_.url.port, timeout, stop, failure);
       if (!socket_.is_open()) return failure;
     }
     ask();
@@ -90,15 +90,15 @@ class HttpBackend final : public LiveBackend {
   }
 
   // The connection is kept: a server that accepts only one client must not lose it to a probe.
-  bool reachable(milliseconds patience, const std::stop_token& stop) override {
+  bool reachable(milliseconds timeout, const std::stop_token& stop) override {
     LiveFailure failure;
     if (!socket_.is_open()) {
-      socket_ = connect_tcp(place_.url.host, place_.url.port, patience, stop, failure);
+      socket_ = connect_tcp(place_.url.host, place_.url.port, timeout, stop, failure);
     }
     return socket_.is_open();
   }
 
-  LiveRead read(milliseconds patience, const std::stop_token& stop) override;
+  LiveRead read(milliseconds timeout, const std::stop_token& stop) override;
 
   [[nodiscard]] std::string detail() const override { return detail_; }
   [[nodiscard]] double fps() const override { return 0; }
@@ -122,7 +122,7 @@ class HttpBackend final : public LiveBackend {
   const Place given_;  // only this server gets the password
   const StreamSecurity security_;
   const Clock::duration snapshot_period_;
-  milliseconds patience_{3000};
+  milliseconds timeout_{3000};
   TcpSocket socket_;
   std::shared_ptr<const TlsTrust> trust_;
   std::optional<TlsStream> tls_;  // of socket_
@@ -290,13 +290,13 @@ std::optional<LiveFailure> HttpBackend::follow(const std::string& location,
   }
   LiveFailure failure;
   tls_.reset();
-  socket_ = connect_tcp(place_.url.host, place_.url.port, patience_, stop, failure);
+  socket_ = connect_tcp(place_.url.host, place_.url.port, timeout_, stop, failure);
   if (!socket_.is_open()) return failure;
   ask();
   return std::nullopt;
 }
 
-LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
+LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
   using State = HttpResponseParser::State;
   LiveRead result;
   const auto end_with = [&result](LiveFailure failure) {
@@ -304,7 +304,7 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
     result.failure = std::move(failure);
     return result;
   };
-  const Clock::time_point deadline = Clock::now() + patience;
+  const Clock::time_point deadline = Clock::now() + timeout;
   do {
     if (!socket_.is_open()) {  // between two snapshots
       const Clock::time_point now = Clock::now();
@@ -316,14 +316,14 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
       }
       next_snapshot_ = now + snapshot_period_;
       LiveFailure failure;
-      socket_ = connect_tcp(place_.url.host, place_.url.port, patience_, stop, failure);
+      socket_ = connect_tcp(place_.url.host, place_.url.port, timeout_, stop, failure);
       if (!socket_.is_open()) return end_with(std::move(failure));
       ask();
     }
     if (tls_ && !tls_->is_ready()) {
       const TlsStream::Step step = tls_->handshake();
       if (step == TlsStream::Step::kFailed) {
-        return end_with({.reason = tls_->trouble(), .definite = tls_->is_definite()});
+        return end_with({.reason = tls_->error_message(), .definite = tls_->is_definite()});
       }
       if (step == TlsStream::Step::kAgain) {
         if (!wait_for(socket_.get(), tls_->poll_events(), deadline, stop)) break;
@@ -344,7 +344,7 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
     if (!receive(closed)) return end_with({.reason = "the connection broke"});
     if (response_.state() == State::kBroken) {
       return end_with(
-          {.reason = fmt::format("the server {}", response_.trouble()), .definite = true});
+          {.reason = fmt::format("the server {}", response_.error_message()), .definite = true});
     }
     if (response_.state() != State::kHeader && !judged_) {
       if (auto failure = judge_header(stop)) return end_with(std::move(*failure));
@@ -382,14 +382,14 @@ class HttpsBackend final : public LiveBackend {
   HttpsBackend(const std::string& url, const SourceOptions& options)
       : options_(options), http_(std::make_unique<HttpBackend>(url, options)) {}
 
-  std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override {
-    return current().open(patience, stop);
+  std::optional<LiveFailure> open(milliseconds timeout, const std::stop_token& stop) override {
+    return current().open(timeout, stop);
   }
-  bool reachable(milliseconds patience, const std::stop_token& stop) override {
-    return current().reachable(patience, stop);
+  bool reachable(milliseconds timeout, const std::stop_token& stop) override {
+    return current().reachable(timeout, stop);
   }
-  LiveRead read(milliseconds patience, const std::stop_token& stop) override {
-    LiveRead read = current().read(patience, stop);
+  LiveRead read(milliseconds timeout, const std::stop_token& stop) override {
+    LiveRead read = current().read(timeout, stop);
     if (child_ || read.kind != LiveRead::Kind::kEnded || !http_->is_for_ffmpeg()) return read;
     try {
       child_ = make_child_backend(ffmpeg_command(http_->address(), options_));
@@ -398,7 +398,7 @@ class HttpsBackend final : public LiveBackend {
       return read;
     }
     http_.reset();  // close the connection first: a small camera may accept only one
-    if (auto failure = child_->open(patience, stop)) {
+    if (auto failure = child_->open(timeout, stop)) {
       read.failure = std::move(*failure);
       return read;
     }

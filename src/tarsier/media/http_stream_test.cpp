@@ -21,7 +21,7 @@ std::span<const std::uint8_t> bytes_of(std::string_view text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-TEST(Url, IsTakenApart) {
+TEST(Url, IsParsed) {
   const HttpUrl url = parse_url("HTTP://me:p%40ss:w@[::1]:8081/a/b?c=d#e", "http", 80);
   EXPECT_EQ(url.host, "::1");
   EXPECT_EQ(url.port, 8081);
@@ -36,7 +36,7 @@ TEST(Url, IsTakenApart) {
   EXPECT_EQ(plain.host_header(), "camera.local");
 }
 
-TEST(Url, BadOnesAreRefusedWithoutTheirPassword) {
+TEST(Url, InvalidUrlsAreRefusedWithoutTheirPassword) {
   for (const char* text :
        {"http://", "http:///x", "http://h:0/", "http://h:99999/", "http://h:x/", "http://h/a b",
         "http://[::1/", "http://h/\r\nX: y", "ftp://h/", "http:/h"}) {
@@ -65,7 +65,7 @@ Parsed parse(const std::string& text, std::size_t piece) {
   return result;
 }
 
-TEST(HttpResponse, BodyComesOutWhateverTheCodingAndTheSplits) {
+TEST(HttpResponse, BodyIsDecodedForEveryCodingAndSplit) {
   using State = HttpResponseParser::State;
   for (const std::size_t piece :
        {std::size_t{1}, std::size_t{2}, std::size_t{7}, std::size_t{1000}}) {
@@ -90,7 +90,7 @@ TEST(HttpResponse, BodyComesOutWhateverTheCodingAndTheSplits) {
   }
 }
 
-TEST(HttpResponse, NonsenseIsBrokenAndBounded) {
+TEST(HttpResponse, InvalidAnswersAreBrokenAndBounded) {
   using State = HttpResponseParser::State;
   EXPECT_EQ(parse("SSH-2.0-OpenSSH_9.2\r\n", 5).parser.state(), State::kBroken);
   EXPECT_EQ(parse("HTTP/1.1 abc\r\n\r\n", 5).parser.state(), State::kBroken);
@@ -131,7 +131,7 @@ TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
     EXPECT_EQ(good.body, "abc") << piece;
     const Parsed bad = parse(many + real, piece);
     EXPECT_EQ(bad.parser.state(), State::kBroken) << piece;
-    EXPECT_EQ(bad.parser.trouble(), "sends interim answers without end");
+    EXPECT_EQ(bad.parser.error_message(), "sends interim answers without end");
     EXPECT_EQ(bad.body, "") << piece;
   }
 }
@@ -185,7 +185,7 @@ TEST(HttpStream, ReadsMultipartPlainAndChunked) {
   }
 }
 
-TEST(HttpStream, PasswordGoesToItsOwnHostOnly) {
+TEST(HttpStream, PasswordIsSentOnlyToItsHost) {
   HttpServer other;
   HttpServer server([&other](const std::string& request) {
     if (request.starts_with("GET /moved")) return HttpServer::mjpeg();
@@ -218,7 +218,7 @@ TEST(HttpStream, RedirectsHaveLimits) {
   }
 }
 
-TEST(HttpStream, SaysWhyAServerIsNoCamera) {
+TEST(HttpStream, ErrorsNameWhyAServerIsNoCamera) {
   const auto reason = [](const std::string& answer) {
     HttpServer server([answer](const std::string&) {
       return HttpServer::Reply{answer, false, false};
@@ -237,7 +237,7 @@ TEST(HttpStream, SaysWhyAServerIsNoCamera) {
             "the server ended the stream");
 }
 
-TEST(HttpStream, NothingThereIsDefinite) {
+TEST(HttpStream, AMissingServerIsADefiniteFailure) {
   std::uint16_t port = 0;
   {
     const HttpServer gone;
@@ -249,7 +249,7 @@ TEST(HttpStream, NothingThereIsDefinite) {
   EXPECT_NE(outcome.failure.reason.find("connection refused"), std::string::npos);
 }
 
-TEST(HttpStream, ASnapshotIsAskedForAgainAndAgain) {
+TEST(HttpStream, SnapshotsArePolled) {
   std::atomic<int> number{1};
   HttpServer server([&number](const std::string&) {
     const std::string jpeg = testing::jpeg_of(number++);

@@ -95,7 +95,7 @@ TEST(ImageCodec, EncodesAsOpenCv) {
   }
 }
 
-TEST(ImageCodec, LeavesTheRestToOpenCv) {
+TEST(ImageCodec, LeavesOtherFormatsToOpenCv) {
   const cv::Mat color = noisy(CV_8UC3);
   cv::Mat alpha;
   cv::cvtColor(color, alpha, cv::COLOR_BGR2BGRA);
@@ -127,7 +127,7 @@ TEST(ImageCodec, LeavesTurnedImagesToOpenCv) {
 }
 
 // Many cameras send JPEGs like this one. They must not be decoded twice.
-TEST(ImageCodec, TakesAJpegWithBytesToSpare) {
+TEST(ImageCodec, AcceptsAJpegWithTrailingBytes) {
   Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
   const cv::Mat plain = decoded(bytes, false);
   bytes.insert(bytes.end() - 2, 6, 0x55);
@@ -137,7 +137,7 @@ TEST(ImageCodec, TakesAJpegWithBytesToSpare) {
   EXPECT_TRUE(same(image, cv::imdecode(bytes, cv::IMREAD_COLOR)));
 }
 
-TEST(ImageCodec, BrokenPixelsAreNotTaken) {
+TEST(ImageCodec, BrokenPixelsAreRefused) {
   for (const char* ending : {".jpg", ".png"}) {
     const Data whole = by_opencv(ending, noisy(CV_8UC3));
     const auto header = probe_image(whole);

@@ -2,7 +2,7 @@
 #include "tarsier/media/image_file.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
@@ -132,7 +132,7 @@ cv::Mat read_stored_gray_image(const std::string& path, const ImageLimits& limit
 bool is_image_path(std::string_view path) {
   constexpr std::array<std::string_view, 7> kEndings{".png", ".jpg", ".jpeg", ".webp",
                                                      ".bmp", ".ppm", ".pgm"};
-  return std::find(kEndings.begin(), kEndings.end(), lower_ending(path)) != kEndings.end();
+  return std::find(kEndings.begin(), kEndings.end(), lowercase_extension(path)) != kEndings.end();
 }
 
 std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& image,
@@ -141,7 +141,7 @@ std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& i
                   image.rows, name);
   TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
                   jpeg_quality);
-  const std::string kind = lower_ending(fmt::format("x{}", ending));
+  const std::string kind = lowercase_extension(fmt::format("x{}", ending));
   if (!is_image_path("x" + kind)) {
     throw UsageError(
         name + ": unknown ending for an image: .png, .jpg, .webp, .bmp, .ppm and .pgm are written");
@@ -187,7 +187,7 @@ std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& i
 
 void write_image(const std::string& path, const cv::Mat& image, int jpeg_quality) {
   const std::vector<std::uint8_t> bytes =
-      encode_image(lower_ending(path), image, path, jpeg_quality);
+      encode_image(lowercase_extension(path), image, path, jpeg_quality);
   write_file_atomically(path, std::span<const std::uint8_t>(bytes));
 }
 

@@ -50,7 +50,7 @@ class LiveSource final : public FrameSource {
         detail_("connecting"),
         supervisor_([this](const std::stop_token& stop) { supervise(stop); }) {}
 
-  std::optional<Frame> next(milliseconds patience, const std::stop_token& stop) override;
+  std::optional<Frame> next(milliseconds timeout, const std::stop_token& stop) override;
 
   [[nodiscard]] bool ended() const override {
     const std::lock_guard lock(mutex_);
@@ -70,7 +70,7 @@ class LiveSource final : public FrameSource {
   void supervise(const std::stop_token& stop);
   LiveFailure follow(const std::stop_token& stop);
   bool wait_to_reopen(const LiveFailure& failure, const std::stop_token& stop);
-  bool silent_one_woke_up(milliseconds patience, const std::stop_token& stop);
+  bool silent_one_woke_up(milliseconds timeout, const std::stop_token& stop);
   void deliver(LiveRead&& read);
   void enter(SourceState state, std::string detail);
   bool out_of_time(const std::string& reason);
@@ -118,8 +118,8 @@ class LiveSource final : public FrameSource {
   std::jthread supervisor_;  // last: stops before the members that it uses are destroyed
 };
 
-std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_token& stop) {
-  const Clock::time_point deadline = Clock::now() + patience;
+std::optional<Frame> LiveSource::next(milliseconds timeout, const std::stop_token& stop) {
+  const Clock::time_point deadline = Clock::now() + timeout;
   std::unique_lock lock(mutex_);
   while (true) {
     wake_.wait_until(lock, stop, deadline, [this] { return slot_.has_value() || gave_up_; });
@@ -141,11 +141,11 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
       return frame;
     }
     lock.unlock();
-    std::string trouble;
+    std::string error_message;
     try {
       frame.image = decode_image(image.encoded, label_);
     } catch (const InputError& error) {
-      trouble = error.what();
+      error_message = error.what();
     }
     lock.lock();
     decode_fails_ = frame.image.empty();
@@ -159,9 +159,9 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
     const Clock::time_point now = Clock::now();
     if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {
       warned_ = now;
-      log_warning("{}; it is skipped", trouble);
+      log_warning("{}; it is skipped", error_message);
     } else {
-      log_debug("{}", trouble);
+      log_debug("{}", error_message);
     }
   }
 }
@@ -238,8 +238,8 @@ bool LiveSource::out_of_time(const std::string& reason) {
 }
 
 // Reads the older connection. If it sends again it becomes the current one, and true is returned.
-bool LiveSource::silent_one_woke_up(milliseconds patience, const std::stop_token& stop) {
-  LiveRead read = silent_->read(patience, stop);
+bool LiveSource::silent_one_woke_up(milliseconds timeout, const std::stop_token& stop) {
+  LiveRead read = silent_->read(timeout, stop);
   if (read.kind == LiveRead::Kind::kEnded) {
     silent_.reset();
   } else if (read.kind == LiveRead::Kind::kFrame) {
@@ -351,8 +351,8 @@ void LiveSource::supervise(const std::stop_token& stop) {
       if (!is_open) {
         enter(SourceState::kConnecting, last_reason_.empty() ? "connecting" : last_reason_);
         const double open_s = std::min(timing_.open_attempt_s, options_.connect_timeout_s);
-        const auto patience = milliseconds(static_cast<int>(1000 * open_s) + 1);
-        if (auto refused = current_->open(patience, stop)) {
+        const auto timeout = milliseconds(static_cast<int>(1000 * open_s) + 1);
+        if (auto refused = current_->open(timeout, stop)) {
           failure = std::move(*refused);
         } else {
           is_open = true;

@@ -48,14 +48,14 @@ class LiveBackend {
  public:
   virtual ~LiveBackend() = default;
 
-  // Starts to open; read() waits for the answer of the other side. Takes at most `patience`.
-  virtual std::optional<LiveFailure> open(std::chrono::milliseconds patience,
+  // Starts to open; read() waits for the answer of the other side. Takes at most `timeout`.
+  virtual std::optional<LiveFailure> open(std::chrono::milliseconds timeout,
                                           const std::stop_token& stop) = 0;
-  // Waits at most `patience` for a frame. Reads everything that arrived and returns the newest
+  // Waits at most `timeout` for a frame. Reads everything that arrived and returns the newest
   // frame.
-  virtual LiveRead read(std::chrono::milliseconds patience, const std::stop_token& stop) = 0;
-  // Before open(): whether something would answer now. Cheap; takes at most `patience`.
-  virtual bool reachable(std::chrono::milliseconds patience, const std::stop_token& stop) = 0;
+  virtual LiveRead read(std::chrono::milliseconds timeout, const std::stop_token& stop) = 0;
+  // Before open(): whether something would answer now. Cheap; takes at most `timeout`.
+  virtual bool reachable(std::chrono::milliseconds timeout, const std::stop_token& stop) = 0;
 
   [[nodiscard]] virtual std::string detail() const = 0;  // what was opened, one line
   [[nodiscard]] virtual double fps() const = 0;          // 0: unknown

@@ -55,17 +55,17 @@ std::unique_ptr<FrameSource> http_source(const HttpServer& server,
 }
 
 // Long enough for any machine; only a failing test waits this long.
-constexpr seconds kPatience{300};
+constexpr seconds kTimeout{300};
 
 Frame next_frame(FrameSource& source) {
-  auto frame = source.next(kPatience, {});
+  auto frame = source.next(kTimeout, {});
   if (!frame) throw std::runtime_error("no frame in time: " + source.status().detail);
   return *frame;
 }
 
 // Waits for a condition and takes no frames.
 bool eventually(const std::function<bool()>& condition) {
-  const auto end = Clock::now() + kPatience;
+  const auto end = Clock::now() + kTimeout;
   while (Clock::now() < end) {
     if (condition()) return true;
     std::this_thread::sleep_for(milliseconds(5));
@@ -181,7 +181,7 @@ TEST_F(LiveSourceTest, AServerForOneClientSurvivesALongFreeze) {
   EXPECT_EQ(server.connections(), 1);
 }
 
-TEST_F(LiveSourceTest, ComesBackAfterTheServerVanishedWhateverTheBackOff) {
+TEST_F(LiveSourceTest, ReconnectsToAReturningServerDespiteALongBackOff) {
   HttpServer server;
   LiveTiming timing = quick_timing();
   timing.backoff_s = 3600;  // only the probe can end this wait
@@ -204,7 +204,7 @@ TEST_F(LiveSourceTest, ComesBackAfterTheServerVanishedWhateverTheBackOff) {
   EXPECT_GE(source->status().reopened, 1);
 }
 
-TEST_F(LiveSourceTest, GarbageIsAStallAndIsOvercome) {
+TEST_F(LiveSourceTest, RecoversFromGarbage) {
   HttpServer server;
   const auto source = http_source(server);
   next_frame(*source);
@@ -217,7 +217,7 @@ TEST_F(LiveSourceTest, GarbageIsAStallAndIsOvercome) {
   ASSERT_TRUE(reaches(*source, SourceState::kLive));
 }
 
-TEST_F(LiveSourceTest, HangingUpIsNoticedAtOnceAndReopened) {
+TEST_F(LiveSourceTest, AClosedConnectionIsReopenedAtOnce) {
   HttpServer server;
   const int before = open_descriptors();
   {
@@ -242,13 +242,13 @@ TEST_F(LiveSourceTest, TheFrameSizeMayChange) {
   }
 }
 
-TEST_F(LiveSourceTest, WithoutServerNextThrowsAtOnceUnlessToldToWait) {
+TEST_F(LiveSourceTest, WithoutServerNextThrowsAtOnceUnlessWaitingIsRequested) {
   HttpServer server;
   server.stop();
   {
     const auto source = http_source(server);
-    EXPECT_THROW((void)source->next(kPatience, {}), InputError);
-    EXPECT_THROW((void)source->next(kPatience, {}), InputError);
+    EXPECT_THROW((void)source->next(kTimeout, {}), InputError);
+    EXPECT_THROW((void)source->next(kTimeout, {}), InputError);
   }
   SourceOptions options = quick_options();
   options.wait = true;
@@ -266,7 +266,7 @@ TEST_F(LiveSourceTest, ASilentServerIsGivenUpAfterTheConnectTimeout) {
   options.connect_timeout_s = 0.3;
   const auto source = http_source(server, options);
   try {
-    (void)source->next(kPatience, {});
+    (void)source->next(kTimeout, {});
     FAIL();
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("no image within 0.3 s"), std::string::npos)
@@ -283,7 +283,7 @@ TEST_F(LiveSourceTest, ALostSourceIsReportedAfterGiveUp) {
   server.stop();
   EXPECT_THROW(
       {
-        while (true) (void)source->next(kPatience, {});
+        while (true) (void)source->next(kTimeout, {});
       },
       SourceLostError);
   EXPECT_TRUE(source->ended());
@@ -344,7 +344,7 @@ std::string text_record(CaptureRecord::Kind kind, const std::string& text) {
   return std::string(reinterpret_cast<const char*>(&record), sizeof record) + text;
 }
 
-TEST_F(LiveSourceTest, AFrozenChildIsKilledAndStartedAnew) {
+TEST_F(LiveSourceTest, AFrozenChildIsRestarted) {
   const std::string frames =
       write("frames", text_record(CaptureRecord::Kind::kInfo, "64x48 TEST 30 fps") +
                           record_of(cv::Mat(48, 64, CV_8UC3, cv::Scalar(8, 16, 24)), 3));
@@ -378,13 +378,13 @@ TEST_F(LiveSourceTest, AChildMaySendJpegs) {
   EXPECT_EQ(testing::number_of(next_frame(*source).image), 9);
 }
 
-TEST_F(LiveSourceTest, AChildsErrorIsTheUsersError) {
+TEST_F(LiveSourceTest, ErrorsOfAChildAreReported) {
   const std::string error =
       write("error", text_record(CaptureRecord::Kind::kError, "cannot be opened, sorry"));
   const auto reason = [&](const std::string& script, ChildCommand::Format format) -> std::string {
     const auto source = child_source(shell(script, format));
     try {
-      (void)source->next(kPatience, {});
+      (void)source->next(kTimeout, {});
     } catch (const InputError& failure) {
       return failure.what();
     }
@@ -400,10 +400,10 @@ TEST_F(LiveSourceTest, AChildsErrorIsTheUsersError) {
             std::string::npos);
   ChildCommand missing;
   missing.arguments = {"/nowhere/program"};
-  EXPECT_THROW((void)child_source(missing)->next(kPatience, {}), InputError);
+  EXPECT_THROW((void)child_source(missing)->next(kTimeout, {}), InputError);
 }
 
-TEST_F(LiveSourceTest, AChattyChildNeitherBlocksNorGrows) {
+TEST_F(LiveSourceTest, LongOutputOfAChildOnStderrDoesNotBlock) {
   const std::string jpeg = write("jpeg", testing::jpeg_of(4));
   const auto source =
       child_source(shell("head -c 3000000 /dev/zero >&2; cat '" + jpeg + "'; sleep 1000",
@@ -441,7 +441,7 @@ TEST_F(LiveSourceTest, ChildrenGetNoDescriptorsNoBlockedSignalsAndNoInput) {
       << descriptors;  // sh may keep its own
 }
 
-TEST(CaptureParserTest, TrustsNothing) {
+TEST(CaptureParserTest, RefusesInvalidRecords) {
   const std::string good = record_of(cv::Mat(3, 2, CV_8UC3, cv::Scalar(1, 2, 3)));
   const auto feed = [](const std::string& bytes, std::size_t piece) {
     CaptureParser parser;
@@ -502,18 +502,18 @@ TEST_F(LiveSourceTest, TheCaptureProgramReadsANetworkStream) {
   EXPECT_EQ(source->status().detail.substr(0, 5), "64x48");
 }
 
-TEST_F(LiveSourceTest, TheCaptureProgramSaysWhatIsWrong) {
+TEST_F(LiveSourceTest, TheCaptureProgramReportsErrors) {
   SourceOptions options = quick_options();
   options.capture_program = capture_program();
   options.stall_s = 20;  // also covers the start of the program, which is slow in an emulator
   HttpServer server;
   server.stop();
   EXPECT_THROW(
-      (void)child_source(ffmpeg_command(server.url(), options), options)->next(kPatience, {}),
+      (void)child_source(ffmpeg_command(server.url(), options), options)->next(kTimeout, {}),
       InputError);
   try {
     (void)child_source(camera_command("/dev/video99", "camera 99", options), options)
-        ->next(kPatience, {});
+        ->next(kTimeout, {});
     FAIL();
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("no such device (/dev/video99)"), std::string::npos);

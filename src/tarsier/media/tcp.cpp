@@ -122,9 +122,9 @@ void TcpSocket::close() {
   if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
 }
 
-TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds patience,
+TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds timeout,
                       const std::stop_token& stop, LiveFailure& failure) {
-  const Clock::time_point deadline = Clock::now() + patience;
+  const Clock::time_point deadline = Clock::now() + timeout;
   failure = {};
   const Resolved resolved = resolve(host, port, deadline, stop);
   if (resolved.addresses.empty()) {

@@ -31,7 +31,7 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kBuffer = 64U << 10U;
 constexpr std::size_t kMaxConnections = 8;
-constexpr milliseconds kConnectPatience{8000};
+constexpr milliseconds kConnectTimeout{8000};
 constexpr int kPoll_ms = 100;  // maximum duration of a poll() before the stop token is checked
 
 // Detects the status line of a redirect in a server's answer, in pieces of any size.
@@ -70,7 +70,7 @@ struct Link {
 std::string pump(Link& link) {
   if (!link.tls->is_ready()) {
     const TlsStream::Step step = link.tls->handshake();
-    if (step == TlsStream::Step::kFailed) return link.tls->trouble();
+    if (step == TlsStream::Step::kFailed) return link.tls->error_message();
     if (step == TlsStream::Step::kAgain) return {};
   }
   std::array<std::uint8_t, 16384> buffer;
@@ -128,7 +128,7 @@ struct TlsTunnel::Impl {
   void take_one(std::list<Link>& links, const std::stop_token& stop);
   void note(std::string text) {
     const std::lock_guard lock(mutex);
-    trouble = std::move(text);
+    error_message = std::move(text);
   }
 
   const std::string host;
@@ -137,7 +137,7 @@ struct TlsTunnel::Impl {
   TcpSocket listener;
   std::uint16_t port = 0;
   std::mutex mutex;
-  std::string trouble;
+  std::string error_message;
 };
 
 void TlsTunnel::Impl::listen() {
@@ -160,7 +160,7 @@ void TlsTunnel::Impl::take_one(std::list<Link>& links, const std::stop_token& st
   TcpSocket plain(::accept4(listener.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
   if (!plain.is_open()) return;
   LiveFailure failure;
-  TcpSocket far = connect_tcp(host, far_port, kConnectPatience, stop, failure);
+  TcpSocket far = connect_tcp(host, far_port, kConnectTimeout, stop, failure);
   if (!far.is_open()) {
     note(failure.reason);
     return;
@@ -212,9 +212,9 @@ TlsTunnel::~TlsTunnel() = default;
 
 std::uint16_t TlsTunnel::port() const { return impl_->port; }
 
-std::string TlsTunnel::trouble() const {
+std::string TlsTunnel::error_message() const {
   const std::lock_guard lock(impl_->mutex);
-  return impl_->trouble;
+  return impl_->error_message;
 }
 
 }  // namespace tarsier

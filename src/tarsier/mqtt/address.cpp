@@ -68,28 +68,28 @@ Address parsed(std::string_view text, std::string_view topic) {
     throw UsageError("expected mqtt://HOST[:PORT]/TOPIC, or mqtts:// for TLS");
   }
   const std::size_t slash = text.find('/');
-  std::string_view place = text.substr(0, slash);
+  std::string_view authority = text.substr(0, slash);
   address.topic = slash == std::string_view::npos || slash + 1 == text.size()
                       ? std::string(topic)
                       : std::string(text.substr(slash + 1));
-  if (const std::size_t at = place.rfind('@'); at != std::string_view::npos) {
-    const std::string_view login = place.substr(0, at);
+  if (const std::size_t at = authority.rfind('@'); at != std::string_view::npos) {
+    const std::string_view login = authority.substr(0, at);
     const std::size_t colon = login.find(':');
     address.user = decoded(login.substr(0, colon));
     if (colon != std::string_view::npos) address.password = decoded(login.substr(colon + 1));
-    place.remove_prefix(at + 1);
+    authority.remove_prefix(at + 1);
   }
   address.port = address.tls ? 8883 : 1883;
   std::string_view port;
-  if (place.starts_with('[')) {
-    const std::size_t end = place.find(']');
+  if (authority.starts_with('[')) {
+    const std::size_t end = authority.find(']');
     if (end == std::string_view::npos) throw UsageError("a ']' is missing");
-    address.host = place.substr(1, end - 1);
-    port = place.substr(end + 1);
+    address.host = authority.substr(1, end - 1);
+    port = authority.substr(end + 1);
   } else {
-    const std::size_t colon = place.find(':');
-    address.host = place.substr(0, colon);
-    if (colon != std::string_view::npos) port = place.substr(colon);
+    const std::size_t colon = authority.find(':');
+    address.host = authority.substr(0, colon);
+    if (colon != std::string_view::npos) port = authority.substr(colon);
   }
   if (!port.empty()) {
     const auto number = port.front() == ':' ? to_integer(port.substr(1), 1, 65535) : std::nullopt;

@@ -26,7 +26,7 @@ std::string error_of(const std::string& text) {
   return "no error";
 }
 
-TEST(AddressTest, PartsAreRead) {
+TEST(AddressTest, AllPartsAreParsed) {
   const Address plain = parse("mqtt://broker");
   EXPECT_EQ(address_text(plain), "mqtt://broker:1883/tarsier/here");
   EXPECT_FALSE(plain.tls);
@@ -42,7 +42,7 @@ TEST(AddressTest, PartsAreRead) {
   EXPECT_EQ(address_text(number), "mqtt://[::1]:1884/x");
 }
 
-TEST(AddressTest, WhatIsWrongIsSaidWithoutPasswords) {
+TEST(AddressTest, ErrorsNameTheInvalidPartWithoutPasswords) {
   EXPECT_THAT(error_of("http://broker"), HasSubstr("--publish 'http://broker': expected mqtt://"));
   EXPECT_THAT(error_of("mqtt://"), HasSubstr("the host is missing"));
   EXPECT_THAT(error_of("mqtt://a b"), HasSubstr("the host"));
@@ -57,7 +57,7 @@ TEST(AddressTest, WhatIsWrongIsSaidWithoutPasswords) {
   EXPECT_THAT(error_of("mqtt://ann:secret@broker/#"), Not(HasSubstr("secret")));
 }
 
-TEST(AddressTest, NodesHaveNamesThatTopicsCanHold) {
+TEST(AddressTest, NodeNamesAreValidTopicLevels) {
   EXPECT_TRUE(is_node_name("gate-1.site_2"));
   for (const char* name : {"", "a/b", "a b", "+", "\xC3\xA9"}) EXPECT_FALSE(is_node_name(name));
   EXPECT_FALSE(is_node_name(std::string(65, 'a')));

@@ -26,7 +26,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kConnectPatience{4000};
+constexpr milliseconds kConnectTimeout{4000};
 constexpr int kKeepAlive_s = 20;
 constexpr const char* kSystemAuthorities = "/etc/ssl/certs";
 
@@ -103,7 +103,7 @@ struct Library {
 };
 
 // Converts "The connection was lost." to a part of our own line.
-std::string sentence(std::string text) {
+std::string as_clause(std::string text) {
   if (text.ends_with('.')) text.pop_back();
   if (!text.empty() && text[0] >= 'A' && text[0] <= 'Z' && text.size() > 1 && text[1] >= 'a')
     text[0] = static_cast<char>(text[0] - 'A' + 'a');
@@ -176,7 +176,7 @@ class Connection::Client {
     // Checks first whether anybody answers; the library would wait for minutes.
     LiveFailure failure;
     const TcpSocket probe =
-        connect_tcp(options_.address.host, options_.address.port, kConnectPatience, stop, failure);
+        connect_tcp(options_.address.host, options_.address.port, kConnectTimeout, stop, failure);
     if (!probe.is_open()) {
       problem_ = failure.reason.empty() ? "does not answer" : failure.reason;
       is_over_ = true;
@@ -188,7 +188,7 @@ class Connection::Client {
       fail(code);
       return false;
     }
-    const auto end = std::chrono::steady_clock::now() + kConnectPatience;
+    const auto end = std::chrono::steady_clock::now() + kConnectTimeout;
     while (!is_open_ && !is_over_ && !stop.stop_requested()) {
       if (std::chrono::steady_clock::now() >= end) {
         problem_ = "does not answer as an MQTT broker";
@@ -200,11 +200,11 @@ class Connection::Client {
     return is_open_;
   }
 
-  void step(int patience_ms, int wake) {
+  void step(int timeout_ms, int wake) {
     if (is_over_) return;
-    pollfd waits[2] = {{library_.socket(handle_), POLLIN, 0}, {wake, POLLIN, 0}};
-    if (library_.want_write(handle_)) waits[0].events |= POLLOUT;
-    ::poll(waits, wake >= 0 ? 2 : 1, patience_ms);
+    pollfd descriptors[2] = {{library_.socket(handle_), POLLIN, 0}, {wake, POLLIN, 0}};
+    if (library_.want_write(handle_)) descriptors[0].events |= POLLOUT;
+    ::poll(descriptors, wake >= 0 ? 2 : 1, timeout_ms);
     const int code = library_.loop(handle_, 0, 1);
     if (code != MOSQ_ERR_SUCCESS && !is_over_) fail(code);
   }
@@ -264,7 +264,7 @@ class Connection::Client {
       is_open_ = true;
       return;
     }
-    problem_ = fmt::format("refuses us: {}", sentence(library_.connack_string(code)));
+    problem_ = fmt::format("refuses us: {}", as_clause(library_.connack_string(code)));
     is_over_ = true;
   }
 
@@ -274,7 +274,7 @@ class Connection::Client {
   }
 
   void fail(int code) {
-    if (problem_.empty()) problem_ = sentence(library_.strerror(code));
+    if (problem_.empty()) problem_ = as_clause(library_.strerror(code));
     is_over_ = true;
   }
 
@@ -334,7 +334,7 @@ Connection::Connection(const ConnectionOptions& options)
     : client_(std::make_unique<Client>(options)) {}
 Connection::~Connection() = default;
 bool Connection::open(const std::stop_token& stop) { return client_->open(stop); }
-void Connection::step(int patience_ms, int wake) { client_->step(patience_ms, wake); }
+void Connection::step(int timeout_ms, int wake) { client_->step(timeout_ms, wake); }
 bool Connection::is_open() const { return client_->is_open(); }
 bool Connection::is_over() const { return client_->is_over(); }
 const std::string& Connection::problem() const { return client_->problem(); }

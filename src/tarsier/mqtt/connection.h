@@ -43,9 +43,9 @@ class Connection {
 
   // Returns false on failure; problem() has the reason. Takes a few seconds at most.
   [[nodiscard]] bool open(const std::stop_token& stop);
-  // Waits until there is work, at most `patience_ms`, or until `wake` (a descriptor; -1 for none)
+  // Waits until there is work, at most `timeout_ms`, or until `wake` (a descriptor; -1 for none)
   // is readable. Then does the work.
-  void step(int patience_ms, int wake = -1);
+  void step(int timeout_ms, int wake = -1);
   [[nodiscard]] bool is_open() const;  // the broker accepted the connection and it is not lost
   [[nodiscard]] bool is_over() const;  // refused or lost
   [[nodiscard]] const std::string& problem() const;

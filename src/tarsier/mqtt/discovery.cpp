@@ -30,25 +30,25 @@ std::vector<Message> home_assistant_discovery(const std::string& topic, const st
                                   {"payload_not_available", "offline"},
                                   {"device", device}};
   };
-  struct Looks {
+  struct SensorConfig {
     const char* kind;
     const char* name;
     const char* value;
     const char* icon;
   };
-  static constexpr Looks kLooks[] = {
+  static constexpr SensorConfig kSensors[] = {
       {"plate", "Plate", "{{ value_json.event.text }}", "mdi:car"},
       {"person", "Person", "{{ value_json.event.label }}", "mdi:account"},
       {"marker", "Marker", "{{ value_json.event.id }}", "mdi:qrcode"},
       {"target", "Target", "{{ value_json.event.name }}", "mdi:image-search"}};
-  const auto* looks = std::find_if(std::begin(kLooks), std::end(kLooks),
-                                   [&](const Looks& one) { return one.kind == kind; });
-  TARSIER_REQUIRE(looks != std::end(kLooks), "unknown kind of events '{}'", kind);
-  nlohmann::ordered_json last = base(kind, looks->name);
-  last["value_template"] = looks->value;
+  const auto* sensor = std::find_if(std::begin(kSensors), std::end(kSensors),
+                                    [&](const SensorConfig& one) { return one.kind == kind; });
+  TARSIER_REQUIRE(sensor != std::end(kSensors), "unknown kind of events '{}'", kind);
+  nlohmann::ordered_json last = base(kind, sensor->name);
+  last["value_template"] = sensor->value;
   last["json_attributes_topic"] = topic + "/events";
   last["json_attributes_template"] = "{{ value_json.event | tojson }}";
-  last["icon"] = looks->icon;
+  last["icon"] = sensor->icon;
   std::vector<Message> messages{
       {"homeassistant/sensor/" + id + "_" + kind + "/config", last.dump(), true}};
   if (kind != "plate") return messages;

@@ -14,7 +14,7 @@ struct HubOptions {
   Address address;  // its topic is the parent of the nodes' topics: TOPIC/+/events
   Login login;
   // Called for each event that is new, after it was stored.
-  std::function<void(const std::string& node, const std::string& event)> take;
+  std::function<void(const std::string& node, const std::string& event)> on_event;
 };
 
 // Stores what the nodes publish until `stop` is triggered. Publishes the progress at
@@ -23,6 +23,6 @@ struct HubOptions {
 void run_hub(HubLog& log, const HubOptions& options, const std::stop_token& stop);
 
 // The node of "TOPIC/NODE/events"; empty for any other topic.
-[[nodiscard]] std::string node_of(const std::string& topic, const std::string& above);
+[[nodiscard]] std::string node_of(const std::string& topic, const std::string& parent);
 
 }  // namespace tarsier::mqtt

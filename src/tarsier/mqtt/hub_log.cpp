@@ -66,7 +66,7 @@ class SqliteHubLog final : public HubLog {
   }
 
  private:
-  void together(const std::function<void()>& work) override {
+  void in_transaction(const std::function<void()>& work) override {
     Transaction transaction(database_);
     work();
     transaction.commit();
@@ -97,8 +97,8 @@ class SqliteHubLog final : public HubLog {
         .step();
   }
 
-  void numbers_behind(const std::string& node, const std::string& outbox, std::int64_t seq,
-                      const std::function<bool(std::int64_t)>& take) override {
+  void numbers_after(const std::string& node, const std::string& outbox, std::int64_t seq,
+                     const std::function<bool(std::int64_t)>& take) override {
     Statement rows(database_,
                    "SELECT seq FROM hub_event WHERE node = ? AND outbox = ? AND seq > ? ORDER BY "
                    "seq");
@@ -115,18 +115,18 @@ class SqliteHubLog final : public HubLog {
 
 std::vector<bool> HubLog::store(const std::vector<Received>& received, std::int64_t now_ms) {
   std::vector<bool> is_new;
-  together([&] {
+  in_transaction([&] {
     is_new.clear();
-    std::set<std::pair<std::string, std::string>> boxes;
+    std::set<std::pair<std::string, std::string>> outboxes;
     for (const Received& one : received) {
       is_new.push_back(add(one, now_ms));
       raise_mark(one.node, one.message.outbox, one.message.oldest - 1);
-      boxes.emplace(one.node, one.message.outbox);
+      outboxes.emplace(one.node, one.message.outbox);
     }
-    for (const auto& [node, outbox] : boxes) {
+    for (const auto& [node, outbox] : outboxes) {
       const std::int64_t before = mark(node, outbox);
       std::int64_t seq = before;
-      numbers_behind(node, outbox, before, [&](std::int64_t number) {
+      numbers_after(node, outbox, before, [&](std::int64_t number) {
         if (number != seq + 1) return false;
         seq = number;
         return true;

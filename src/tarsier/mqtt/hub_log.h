@@ -47,14 +47,14 @@ class HubLog {
   HubLog() = default;
 
   // Does all of `work` or nothing. It may run `work` a second time if the connection was lost.
-  virtual void together(const std::function<void()>& work) = 0;
+  virtual void in_transaction(const std::function<void()>& work) = 0;
   // Returns false if the event was stored already.
   virtual bool add(const Received& received, std::int64_t now_ms) = 0;
   // Raises the mark to at least `seq` and makes it the latest of its node.
   virtual void raise_mark(const std::string& node, const std::string& outbox, std::int64_t seq) = 0;
   // The numbers of the events after `seq`, ascending, until take() returns false.
-  virtual void numbers_behind(const std::string& node, const std::string& outbox, std::int64_t seq,
-                              const std::function<bool(std::int64_t)>& take) = 0;
+  virtual void numbers_after(const std::string& node, const std::string& outbox, std::int64_t seq,
+                             const std::function<bool(std::int64_t)>& take) = 0;
 
   std::string id_;
 };

@@ -34,8 +34,8 @@ struct Library {
   void (*reset)(PgConnection*) = nullptr;
   void (*finish)(PgConnection*) = nullptr;
   PgResult* (*run)(PgConnection*, const char*) = nullptr;
-  PgResult* (*run_with)(PgConnection*, const char*, int, const unsigned*, const char* const*,
-                        const int*, const int*, int) = nullptr;
+  PgResult* (*run_with_values)(PgConnection*, const char*, int, const unsigned*, const char* const*,
+                               const int*, const int*, int) = nullptr;
   int (*result_status)(const PgResult*) = nullptr;
   char* (*result_error)(const PgResult*) = nullptr;
   int (*rows)(const PgResult*) = nullptr;
@@ -59,7 +59,7 @@ struct Library {
     find(handle, reset, "PQreset");
     find(handle, finish, "PQfinish");
     find(handle, run, "PQexec");
-    find(handle, run_with, "PQexecParams");
+    find(handle, run_with_values, "PQexecParams");
     find(handle, result_status, "PQresultStatus");
     find(handle, result_error, "PQresultErrorMessage");
     find(handle, rows, "PQntuples");
@@ -138,29 +138,29 @@ class Server {
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
 
-  // Outside of together() it is retried after a lost connection, so use it only for queries.
+  // Outside of in_transaction() it is retried after a lost connection, so use it only for queries.
   Rows run(const char* statement, const std::vector<std::string>& values = {}) {
-    if (in_work_) return Rows(result_of(statement, values));
+    if (is_in_transaction_) return Rows(result_of(statement, values));
     PgResult* result = nullptr;
-    until_connected([&] { result = result_of(statement, values); });
+    with_reconnect([&] { result = result_of(statement, values); });
     return Rows(result);
   }
 
   // Does all of `work` or nothing; retries it after a lost connection.
-  void together(const std::function<void()>& work) {
-    in_work_ = true;
+  void in_transaction(const std::function<void()>& work) {
+    is_in_transaction_ = true;
     try {
-      until_connected([&] {
+      with_reconnect([&] {
         run("BEGIN");
         work();
         run("COMMIT");
       });
     } catch (...) {
-      in_work_ = false;
+      is_in_transaction_ = false;
       library().clear(library().run(handle_, "ROLLBACK"));
       throw;
     }
-    in_work_ = false;
+    is_in_transaction_ = false;
   }
 
   [[noreturn]] void refuse(const std::string& reason) const {
@@ -169,7 +169,7 @@ class Server {
   }
 
  private:
-  static constexpr std::chrono::seconds kPatience{20};
+  static constexpr std::chrono::seconds kReconnectTimeout{20};
   static constexpr std::chrono::milliseconds kRetry{500};
 
   [[nodiscard]] std::string name() const { return masked(address_); }
@@ -178,10 +178,10 @@ class Server {
   PgResult* result_of(const char* statement, const std::vector<std::string>& values) {
     std::vector<const char*> texts;
     for (const std::string& value : values) texts.push_back(value.c_str());
-    PgResult* result = values.empty()
-                           ? library().run(handle_, statement)
-                           : library().run_with(handle_, statement, static_cast<int>(texts.size()),
-                                                nullptr, texts.data(), nullptr, nullptr, 0);
+    PgResult* result = values.empty() ? library().run(handle_, statement)
+                                      : library().run_with_values(
+                                            handle_, statement, static_cast<int>(texts.size()),
+                                            nullptr, texts.data(), nullptr, nullptr, 0);
     const int status = library().result_status(result);
     if (status == kCommandOk || status == kTuplesOk) return result;
     const std::string reason = one_line(library().result_error(result));
@@ -190,8 +190,8 @@ class Server {
     refuse(reason);
   }
 
-  void until_connected(const std::function<void()>& work) {
-    const auto until = std::chrono::steady_clock::now() + kPatience;
+  void with_reconnect(const std::function<void()>& work) {
+    const auto until = std::chrono::steady_clock::now() + kReconnectTimeout;
     bool warned = false;
     while (true) {
       try {
@@ -220,7 +220,7 @@ class Server {
 
   std::string address_;
   bool writes_;
-  bool in_work_ = false;
+  bool is_in_transaction_ = false;
   PgConnection* handle_ = nullptr;
 };
 
@@ -256,7 +256,7 @@ class PostgresHubLog final : public HubLog {
   PostgresHubLog(const std::string& address, DatabaseAccess access)
       : server_(address, access != DatabaseAccess::kRead) {
     if (access == DatabaseAccess::kCreate) {
-      server_.together([&] { upgrade(); });
+      server_.in_transaction([&] { upgrade(); });
     } else if (const std::int64_t found = version(); found != kNewest) {
       server_.refuse(
           found == 0 ? "has no log of a hub"
@@ -332,7 +332,7 @@ class PostgresHubLog final : public HubLog {
     server_.run("UPDATE hub_version SET version = $1", {std::to_string(kNewest)});
   }
 
-  void together(const std::function<void()>& work) override { server_.together(work); }
+  void in_transaction(const std::function<void()>& work) override { server_.in_transaction(work); }
 
   bool add(const Received& received, std::int64_t now_ms) override {
     const auto& [node, message] = received;
@@ -353,8 +353,8 @@ class PostgresHubLog final : public HubLog {
         {node, outbox, std::to_string(seq)});
   }
 
-  void numbers_behind(const std::string& node, const std::string& outbox, std::int64_t seq,
-                      const std::function<bool(std::int64_t)>& take) override {
+  void numbers_after(const std::string& node, const std::string& outbox, std::int64_t seq,
+                     const std::function<bool(std::int64_t)>& take) override {
     const Rows rows = server_.run(
         "SELECT seq FROM hub_event WHERE node = $1 AND outbox = $2 AND seq > $3 ORDER BY seq",
         {node, outbox, std::to_string(seq)});

@@ -43,7 +43,7 @@ TEST_F(HubTest, TheMarkStopsAtAGap) {
   EXPECT_EQ(log->mark("b", kBox), 0);
 }
 
-TEST_F(HubTest, WhatANodeNoLongerHasIsNotWaitedFor) {
+TEST_F(HubTest, TheMarkSkipsEventsThatTheNodeDropped) {
   const auto log = open();
   log->store({event("a", 100, 90)}, 5);
   EXPECT_EQ(log->mark("a", kBox), 89);
@@ -69,19 +69,19 @@ TEST_F(HubTest, EachNodeHasTheMarkOfItsLatestOutbox) {
   EXPECT_EQ(marks[1].second.outbox, kBox);
 }
 
-TEST_F(HubTest, AnyOrderAndAnyLossEndWithTheUnion) {
+TEST_F(HubTest, StoresEveryEventDespiteReorderingAndLoss) {
   const auto log = open();
   Rng rng(3);
   std::int64_t mark = 0;
   const std::int64_t last = 200;
   while (mark < last) {
-    std::vector<HubLog::Received> some;
+    std::vector<HubLog::Received> batch;
     for (int k = 0; k < 20; ++k) {
       const auto seq = rng.integer(static_cast<int>(mark) + 1, static_cast<int>(last));
-      some.push_back(event("a", seq, mark + 1));
+      batch.push_back(event("a", seq, mark + 1));
     }
-    some.push_back(event("a", mark + 1, mark + 1));
-    log->store(some, 5);
+    batch.push_back(event("a", mark + 1, mark + 1));
+    log->store(batch, 5);
     mark = log->mark("a", kBox);
   }
   EXPECT_EQ(log->count(), last);
@@ -91,7 +91,7 @@ TEST_F(HubTest, AnyOrderAndAnyLossEndWithTheUnion) {
   EXPECT_EQ(events.size(), static_cast<std::size_t>(last));
 }
 
-TEST_F(HubTest, IsADatabaseOfAServerWhereItsAddressSaysSo) {
+TEST_F(HubTest, PostgresAddressesAreRecognised) {
   EXPECT_TRUE(is_postgres("postgresql://host/events"));
   EXPECT_TRUE(is_postgres("postgres://host/events"));
   EXPECT_FALSE(is_postgres("postgresql.db"));
@@ -107,7 +107,7 @@ TEST_F(HubTest, IsADatabaseOfAServerWhereItsAddressSaysSo) {
   }
 }
 
-TEST_F(HubTest, NodesAreThoseBelowTheTopic) {
+TEST_F(HubTest, NodeNamesAreParsedFromTopics) {
   EXPECT_EQ(node_of("tarsier/gate/events", "tarsier"), "gate");
   EXPECT_EQ(node_of("a/b/gate/events", "a/b"), "gate");
   for (const char* topic : {"tarsier/gate/state", "tarsier/events", "tarsier//events",

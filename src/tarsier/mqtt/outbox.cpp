@@ -65,11 +65,11 @@ Outbox::Outbox(const std::string& path) : database_(path, kKind, DatabaseAccess:
 }
 
 std::int64_t Outbox::add(std::string_view payload, std::int64_t max_entries) {
-  Transaction together(database_);
+  Transaction transaction(database_);
   Statement(database_, "INSERT INTO outbox(payload) VALUES(?)").bind(1, payload).step();
   const std::int64_t seq = database_.last_row_id();
   Statement(database_, "DELETE FROM outbox WHERE seq <= ?").bind(1, seq - max_entries).step();
-  together.commit();
+  transaction.commit();
   return seq;
 }
 

@@ -51,9 +51,9 @@ class Publisher {
   // `event` is a JSON object in one line. Throws OutputError of the outbox.
   void post(const std::string& event);
 
-  // Waits at most `patience_s` until the broker has the posted events, then goes offline. Events
+  // Waits at most `timeout_s` until the broker has the posted events, then goes offline. Events
   // that no hub has confirmed stay in the outbox for the next run.
-  void finish(double patience_s);
+  void finish(double timeout_s);
 
  private:
   class Sender;

@@ -47,8 +47,8 @@ int add_material(Mesh& mesh, const char* name, const cv::Vec3f& color) {
 }
 
 // A solid of revolution about the axis from `from` to `to`: radius r[k] at the fraction s[k].
-void add_turned(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to,
-                const std::vector<cv::Vec2d>& profile, int around, int material) {
+void add_surface_of_revolution(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to,
+                               const std::vector<cv::Vec2d>& profile, int around, int material) {
   const cv::Vec3d axis = to - from;
   const cv::Vec3d direction = axis / cv::norm(axis);
   const cv::Vec3d other = std::abs(direction[0]) < 0.9 ? cv::Vec3d(1, 0, 0) : cv::Vec3d(0, 1, 0);
@@ -87,7 +87,8 @@ void add_ring(Mesh& mesh, const std::function<cv::Vec3d(double)>& curve, double 
 }
 
 void add_bar(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to, double radius, int material) {
-  add_turned(mesh, from, to, {{0, 0}, {0, radius}, {1, radius}, {1, 0}}, 8, material);
+  add_surface_of_revolution(mesh, from, to, {{0, 0}, {0, radius}, {1, radius}, {1, 0}}, 8,
+                            material);
 }
 
 // Removes triangles without area (at the poles of solids of revolution).
@@ -150,8 +151,9 @@ Mesh make_axes(double thickness) {
   for (int k = 0; k < 3; ++k) {
     cv::Vec3d to(0, 0, 0);
     to[k] = 1;
-    add_turned(mesh, {0, 0, 0}, to, {{0, 0}, {0, r}, {0.8, r}, {0.8, 2.6 * r}, {1, 0}}, 20,
-               add_material(mesh, names[k], colors[k]));
+    add_surface_of_revolution(mesh, {0, 0, 0}, to,
+                              {{0, 0}, {0, r}, {0.8, r}, {0.8, 2.6 * r}, {1, 0}}, 20,
+                              add_material(mesh, names[k], colors[k]));
   }
   finish(mesh);
   return mesh;
@@ -165,7 +167,8 @@ Mesh make_sphere(int rings, const cv::Vec3f& color) {
     const double angle = CV_PI * i / rings;
     profile.push_back({(1 - std::cos(angle)) / 2, i == 0 || i == rings ? 0 : std::sin(angle)});
   }
-  add_turned(mesh, {0, 0, -1}, {0, 0, 1}, profile, 2 * rings, add_material(mesh, "ball", color));
+  add_surface_of_revolution(mesh, {0, 0, -1}, {0, 0, 1}, profile, 2 * rings,
+                            add_material(mesh, "ball", color));
   finish(mesh);
   return mesh;
 }
@@ -204,10 +207,11 @@ Mesh make_hat() {
   // Tilted back with the skull; the brim has a small thickness.
   const cv::Vec3d base(0, -62, 62);
   const cv::Vec3d top = base + cv::Vec3d(0, -128, 22);
-  add_turned(mesh, base, top,
-             {{0.0, 78}, {-0.02, 126}, {0.01, 128}, {0.04, 126}, {0.04, 90}, {0.24, 89}}, 64, felt);
-  add_turned(mesh, base, top, {{0.04, 91.5}, {0.24, 90.5}}, 64, band);
-  add_turned(mesh, base, top, {{0.24, 89}, {0.97, 84}, {1, 80}, {1, 0}}, 64, felt);
+  add_surface_of_revolution(
+      mesh, base, top, {{0.0, 78}, {-0.02, 126}, {0.01, 128}, {0.04, 126}, {0.04, 90}, {0.24, 89}},
+      64, felt);
+  add_surface_of_revolution(mesh, base, top, {{0.04, 91.5}, {0.24, 90.5}}, 64, band);
+  add_surface_of_revolution(mesh, base, top, {{0.24, 89}, {0.97, 84}, {1, 80}, {1, 0}}, 64, felt);
   finish(mesh);
   return mesh;
 }

@@ -22,7 +22,7 @@ double volume(const Mesh& mesh) {
   return sum;
 }
 
-TEST(Builtin, MeshesAreWholeAndLookOutwards) {
+TEST(Builtin, MeshesAreValidWithOutwardNormals) {
   for (const std::string& name : builtin_names()) {
     const auto mesh = builtin_mesh(name);
     ASSERT_TRUE(mesh) << name;
@@ -44,7 +44,7 @@ TEST(Builtin, MeshesAreWholeAndLookOutwards) {
   EXPECT_FALSE(builtin_mesh("teapot"));
 }
 
-TEST(Builtin, SizesAreAsTold) {
+TEST(Builtin, SizesAreAsDocumented) {
   EXPECT_NEAR(volume(make_cube()), 1, 1e-6);
   EXPECT_NEAR(volume(make_sphere(80, {1, 1, 1})), 4.0 / 3 * CV_PI, 0.01);
   EXPECT_EQ(make_sphere(51, {1, 1, 1}).triangles.size(), 4U * 51 * 50);
@@ -68,7 +68,7 @@ TEST(Builtin, AllSixFacesOfTheCubeShowTheTextureUpright) {
     const double a = quarter * CV_PI / 2;
     const Eigen::Matrix3d turn{
         {std::cos(a), -std::sin(a), 0}, {std::sin(a), std::cos(a), 0}, {0, 0, 1}};
-    cv::Mat image = gray_ground(camera);
+    cv::Mat image = gray_background(camera);
     Scene scene = plain_scene();
     scene.items = {item_of(cube, {0, 0, 3}, front * turn)};
     scene.items[0].back_faces = false;

@@ -46,27 +46,28 @@ cv::Vec3f area_normal(const Mesh& mesh, const Triangle& triangle) {
 }
 
 // The triangles around each position: those of position p are list[first[p] .. first[p + 1]).
-struct Around {
+struct Adjacency {
   std::vector<int> first;
   std::vector<int> list;
 };
 
-Around triangles_around(const Mesh& mesh) {
-  Around around;
-  around.first.assign(mesh.positions.size() + 1, 0);
+Adjacency triangles_around(const Mesh& mesh) {
+  Adjacency adjacency;
+  adjacency.first.assign(mesh.positions.size() + 1, 0);
   for (const Triangle& triangle : mesh.triangles) {
-    for (const int p : triangle.position) ++around.first[static_cast<std::size_t>(p) + 1];
+    for (const int p : triangle.position) ++adjacency.first[static_cast<std::size_t>(p) + 1];
   }
-  for (std::size_t p = 1; p < around.first.size(); ++p) around.first[p] += around.first[p - 1];
-  around.list.resize(static_cast<std::size_t>(around.first.back()));
-  std::vector<int> next(around.first.begin(), around.first.end() - 1);
+  for (std::size_t p = 1; p < adjacency.first.size(); ++p)
+    adjacency.first[p] += adjacency.first[p - 1];
+  adjacency.list.resize(static_cast<std::size_t>(adjacency.first.back()));
+  std::vector<int> next(adjacency.first.begin(), adjacency.first.end() - 1);
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     for (const int p : mesh.triangles[t].position) {
-      around.list[static_cast<std::size_t>(next[static_cast<std::size_t>(p)]++)] =
+      adjacency.list[static_cast<std::size_t>(next[static_cast<std::size_t>(p)]++)] =
           static_cast<int>(t);
     }
   }
-  return around;
+  return adjacency;
 }
 
 }  // namespace
@@ -137,23 +138,23 @@ void add_normals(Mesh& mesh, double crease_deg) {
     areas[t] = static_cast<float>(cv::norm(normal));
     faces[t] = areas[t] > 0 ? normal / areas[t] : cv::Vec3f(0, 0, 0);
   }
-  const Around around = triangles_around(mesh);
+  const Adjacency adjacency = triangles_around(mesh);
   // A vertex with very many triangles (the centre of a fan) would take quadratic time. Above this
   // number the triangle's own normal is used.
-  constexpr int kMaxAround = 256;
+  constexpr int kMaxVertexTriangles = 256;
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     Triangle& triangle = mesh.triangles[t];
     if (triangle.normal[0] >= 0 || !(areas[t] > 0)) continue;
     for (std::size_t corner = 0; corner < 3; ++corner) {
       const std::size_t p = static_cast<std::size_t>(triangle.position[corner]);
-      const int begin = around.first[p];
-      const int end = around.first[p + 1];
+      const int begin = adjacency.first[p];
+      const int end = adjacency.first[p + 1];
       cv::Vec3f sum = faces[t] * areas[t];
-      if (end - begin <= kMaxAround) {
+      if (end - begin <= kMaxVertexTriangles) {
         sum = {0, 0, 0};
         for (int k = begin; k < end; ++k) {
           const std::size_t other =
-              static_cast<std::size_t>(around.list[static_cast<std::size_t>(k)]);
+              static_cast<std::size_t>(adjacency.list[static_cast<std::size_t>(k)]);
           if (faces[other].dot(faces[t]) >= min_cosine) sum += faces[other] * areas[other];
         }
       }

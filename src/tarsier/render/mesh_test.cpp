@@ -25,9 +25,9 @@ Mesh folded(double angle) {
   return mesh;
 }
 
-TEST(Mesh, NormalsAreSmoothOverBluntEdgesAndSharpOverOthers) {
-  Mesh blunt = folded(0.5);
-  add_normals(blunt, 50);
+TEST(Mesh, NormalsAreSmoothExceptAtCreases) {
+  Mesh shallow = folded(0.5);
+  add_normals(shallow, 50);
   Mesh sharp = folded(1.2);
   add_normals(sharp, 50);
   const auto normal = [](const Mesh& mesh, std::size_t triangle, std::size_t corner) {
@@ -36,9 +36,9 @@ TEST(Mesh, NormalsAreSmoothOverBluntEdgesAndSharpOverOthers) {
   // The corner at the origin, from both sides of the fold.
   EXPECT_NEAR(normal(sharp, 0, 1)[2], 1, 1e-6);
   EXPECT_LT(normal(sharp, 2, 0)[2], 0.5);
-  EXPECT_LT(normal(blunt, 0, 1)[2], 0.999);
-  EXPECT_GT(normal(blunt, 0, 1)[0], 0.05);  // tilted towards the other square
-  for (const cv::Vec3f& n : blunt.normals) EXPECT_NEAR(cv::norm(n), 1, 1e-6);
+  EXPECT_LT(normal(shallow, 0, 1)[2], 0.999);
+  EXPECT_GT(normal(shallow, 0, 1)[0], 0.05);  // tilted towards the other square
+  for (const cv::Vec3f& n : shallow.normals) EXPECT_NEAR(cv::norm(n), 1, 1e-6);
 }
 
 TEST(Mesh, GivenNormalsAreKept) {
@@ -67,7 +67,7 @@ TEST(Mesh, AppendingKeepsBothMeshes) {
   EXPECT_EQ(bounds_of(mesh).low[0], -1);
 }
 
-TEST(Mesh, TexturesGetSmallerDownToOneTexel) {
+TEST(Mesh, MipmapsEndAtOneTexel) {
   const Texture texture = make_texture(cv::Mat(3, 10, CV_8UC3, cv::Scalar(10, 20, 30)));
   ASSERT_EQ(texture.levels.size(), 4U);  // 10 x 3, 5 x 1, 2 x 1, 1 x 1
   EXPECT_EQ(texture.levels.back().size(), cv::Size(1, 1));

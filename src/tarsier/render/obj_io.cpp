@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kLargestNumber = 1e9;
+constexpr double kMaxNumber = 1e9;
 constexpr std::size_t kMaxMaterials = 10'000;
 
 // Splits a line into words.
@@ -109,7 +109,7 @@ class Reader {
     if (error != std::errc() || end != word.data() + word.size()) {
       fail(fmt::format("'{}' is no number", shown(word)));
     }
-    if (!(std::abs(value) <= kLargestNumber)) {
+    if (!(std::abs(value) <= kMaxNumber)) {
       fail(fmt::format("{} is not finite or beyond 1e9", shown(word)));
     }
     return static_cast<float>(value);
@@ -259,12 +259,12 @@ class Reader {
     }
     std::error_code error;
     const fs::path base = fs::weakly_canonical(folder_.empty() ? fs::path(".") : folder_, error);
-    const fs::path whole = error ? fs::path() : fs::weakly_canonical(base / given, error);
-    const fs::path inside = whole.lexically_relative(base);
-    if (error || inside.empty() || *inside.begin() == "..") {
+    const fs::path absolute = error ? fs::path() : fs::weakly_canonical(base / given, error);
+    const fs::path relative = absolute.lexically_relative(base);
+    if (error || relative.empty() || *relative.begin() == "..") {
       fail(fmt::format("'{}' is outside the folder of the OBJ file", shown(name)));
     }
-    return fs::is_regular_file(whole, error) ? whole.string() : std::string();
+    return fs::is_regular_file(absolute, error) ? absolute.string() : std::string();
   }
 
   void read_library(const std::string& name) {

@@ -58,7 +58,7 @@ TEST_F(Obj, ReadsEveryFormOfFaces) {
   }
 }
 
-TEST_F(Obj, PolygonsBecomeFansAndNegativeIndicesCountFromTheLastSoFar) {
+TEST_F(Obj, PolygonsAreTriangulatedAndNegativeIndicesAreRelative) {
   const Mesh mesh =
       read(std::string(kSquare) + "f 1 2 3 4\nv 9 9 9\nv 8 8 8\nv 9 0 0\nf -1 -2 -3\n").mesh;
   ASSERT_EQ(mesh.triangles.size(), 3U);
@@ -86,7 +86,7 @@ TEST_F(Obj, ReadsColoursAndTextures) {
   EXPECT_EQ(material(2).name, "unknown");
 }
 
-TEST_F(Obj, MissingCompanionsAreToldNotFatal) {
+TEST_F(Obj, MissingMaterialsAndTexturesAreNotedNotFatal) {
   write("b.mtl", "newmtl m\nmap_Kd none.png\n");
   const ObjFile file = read(std::string("mtllib gone.mtl\nmtllib b.mtl\n") + kSquare + "f 1 2 3\n");
   ASSERT_EQ(file.notes.size(), 2U);
@@ -116,7 +116,7 @@ TEST_F(Obj, RefusesBrokenNumbersAndIndices) {
   EXPECT_THROW((void)read_obj(folder_), InputError);
 }
 
-TEST_F(Obj, NumbersBelowAllDoublesAreNothing) {
+TEST_F(Obj, UnderflowingNumbersAreZero) {
   std::ofstream(path("thing.obj"))
       << "v 1e-999 -0." << std::string(400, '0') << "1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
   EXPECT_EQ(read_obj(path("thing.obj")).mesh.positions[0], cv::Vec3f(0, 0, 0));

@@ -14,8 +14,8 @@
 namespace tarsier::render {
 namespace {
 
-constexpr int kTile = 64;        // px
-constexpr int kLargest = 16384;  // px, side of an image
+constexpr int kTile_px = 64;        // px
+constexpr int kMaxSide_px = 16384;  // px, side of an image
 
 // An item to draw in a tile, in order.
 struct Layer {
@@ -96,12 +96,12 @@ class Tile {
 
   void darken() {
     if (shaded_.empty()) return;
-    const float keep = static_cast<float>(1 - frame_.scene.darkness);
+    const float brightness = static_cast<float>(1 - frame_.scene.darkness);
     for (int y = 0; y < height_; ++y) {
       cv::Vec3b* row = color_.ptr<cv::Vec3b>(y);
       for (int x = 0; x < width_; ++x) {
         if (shaded_[at(x, y)] == 0) continue;
-        for (int k = 0; k < 3; ++k) row[x][k] = to_byte(static_cast<float>(row[x][k]) * keep);
+        for (int k = 0; k < 3; ++k) row[x][k] = to_byte(static_cast<float>(row[x][k]) * brightness);
       }
     }
   }
@@ -262,7 +262,7 @@ void sort_into_tiles(Layer& layer, const Frame& frame) {
                        static_cast<std::size_t>(frame.tiles_y));
   // A sample lies up to half a pixel before its pixel's centre.
   const auto tile_of = [](int v, int tiles) {
-    const int tile = static_cast<int>(floor_divide(v + kGrid / 2, std::int64_t{kGrid} * kTile));
+    const int tile = static_cast<int>(floor_divide(v + kGrid / 2, std::int64_t{kGrid} * kTile_px));
     return std::clamp(tile, 0, tiles - 1);
   };
   for (std::size_t i = 0; i < layer.triangles.size(); ++i) {
@@ -297,19 +297,19 @@ void draw_tile(const Frame& frame, const std::vector<Layer>& layers, int number)
     return layer.role == Role::kOccluder || layer.of_tile[static_cast<std::size_t>(number)].empty();
   };
   if (std::all_of(layers.begin(), layers.end(), is_empty)) return;
-  const cv::Rect box =
-      cv::Rect(number % frame.tiles_x * kTile, number / frame.tiles_x * kTile, kTile, kTile) &
-      cv::Rect(0, 0, frame.bgr.cols, frame.bgr.rows);
+  const cv::Rect box = cv::Rect(number % frame.tiles_x * kTile_px,
+                                number / frame.tiles_x * kTile_px, kTile_px, kTile_px) &
+                       cv::Rect(0, 0, frame.bgr.cols, frame.bgr.rows);
   Tile tile(frame, box);
-  bool darkened = false;
+  bool is_darkened = false;
   for (const Layer& layer : layers) {
-    if (layer.role == Role::kSolid && !darkened) {
+    if (layer.role == Role::kSolid && !is_darkened) {
       tile.darken();
-      darkened = true;
+      is_darkened = true;
     }
     tile.draw(layer, layer.of_tile[static_cast<std::size_t>(number)]);
   }
-  if (!darkened) tile.darken();
+  if (!is_darkened) tile.darken();
   tile.store();
 }
 
@@ -336,8 +336,8 @@ void Scene::check() const {
 
 void render(cv::Mat& bgr, const Scene& scene, const geometry::Camera& camera) {
   require_bgr(bgr);
-  TARSIER_REQUIRE(bgr.cols <= kLargest && bgr.rows <= kLargest, "an image of {} x {} px", bgr.cols,
-                  bgr.rows);
+  TARSIER_REQUIRE(bgr.cols <= kMaxSide_px && bgr.rows <= kMaxSide_px, "an image of {} x {} px",
+                  bgr.cols, bgr.rows);
   camera.check();
   scene.check();
   const Frame frame{bgr,
@@ -345,8 +345,8 @@ void render(cv::Mat& bgr, const Scene& scene, const geometry::Camera& camera) {
                     camera,
                     -scene.light.direction.normalized(),
                     scene.antialias ? 2 : 1,
-                    (bgr.cols + kTile - 1) / kTile,
-                    (bgr.rows + kTile - 1) / kTile};
+                    (bgr.cols + kTile_px - 1) / kTile_px,
+                    (bgr.rows + kTile_px - 1) / kTile_px};
   const std::vector<Layer> layers = layers_of(scene, Projector(camera), frame);
   cv::parallel_for_(cv::Range(0, frame.tiles_x * frame.tiles_y), [&](const cv::Range& range) {
     for (int number = range.start; number < range.end; ++number) draw_tile(frame, layers, number);

@@ -33,7 +33,7 @@ Eigen::Matrix3d turned(double x, double y, double z) {
 }
 
 cv::Mat drawn(const Scene& scene, const geometry::Camera& camera) {
-  cv::Mat image = gray_ground(camera);
+  cv::Mat image = gray_background(camera);
   render(image, scene, camera);
   return image;
 }
@@ -205,7 +205,7 @@ TEST(Render, PhongPutsTheHighlightWhereGouraudHasNoCorner) {
             3);
 }
 
-TEST(Render, BackFacesAreLeftOutWhereAsked) {
+TEST(Render, BackFacesAreCulledOnRequest) {
   const geometry::Camera camera = testing_camera();
   Scene scene = plain_scene();
   scene.items = {item_of(square(kRed), {0, 0, 5}, turned(0, CV_PI, 0))};
@@ -216,7 +216,7 @@ TEST(Render, BackFacesAreLeftOutWhereAsked) {
   EXPECT_EQ(at(drawn(scene, camera), 160, 120), kRedPixel);
 }
 
-TEST(Render, AFloorThatReachesBehindTheCameraIsCutOff) {
+TEST(Render, AFloorThatReachesBehindTheCameraIsClipped) {
   const geometry::Camera camera = testing_camera();
   Scene scene = plain_scene();
   scene.items = {item_of(square(kRed), {0, 1, 0}, turned(CV_PI / 2, 0, 0))};
@@ -230,7 +230,7 @@ TEST(Render, AFloorThatReachesBehindTheCameraIsCutOff) {
   }
 }
 
-TEST(Render, AntialiasedEdgesTakeTheirShare) {
+TEST(Render, AntialiasedEdgesAreBlendedByCoverage) {
   geometry::Camera camera = testing_camera(64, 64, 32);
   camera.cx = camera.cy = 32;
   Scene scene = plain_scene();
@@ -244,7 +244,7 @@ TEST(Render, AntialiasedEdgesTakeTheirShare) {
   EXPECT_EQ(at(image, 16, 16)[0], (255 + 3 * 100 + 2) / 4);  // its corner: a quarter
 }
 
-TEST(Render, TheShadowLiesWhereTheLightThrowsItAndDarkensOnce) {
+TEST(Render, TheShadowIsProjectedFromTheLightAndDarkensOnce) {
   const geometry::Camera camera = testing_camera();
   // A cube of edge 1 on the plane z = 0, with z towards the viewer, seen from above.
   const geometry::Rigid3 camera_from_plane{Eigen::Matrix3d{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}},
@@ -304,7 +304,7 @@ TEST(Render, VerticesAreDistortedAsTheCameraDistorts) {
   }
   // Far outside the view, the polynomial would fold back into the image.
   scene.items = {item_of(dot, {30, 0, 3})};
-  EXPECT_EQ(cv::norm(drawn(scene, camera), gray_ground(camera), cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(drawn(scene, camera), gray_background(camera), cv::NORM_INF), 0);
 }
 
 TEST(Render, IsTheSameForAnyNumberOfThreads) {
@@ -323,12 +323,12 @@ TEST(Render, IsTheSameForAnyNumberOfThreads) {
   const cv::Mat three = drawn(scene, camera);
   cv::setNumThreads(threads);
   EXPECT_EQ(cv::norm(one, three, cv::NORM_INF), 0);
-  EXPECT_GT(cv::norm(one, gray_ground(camera), cv::NORM_INF), 50);
+  EXPECT_GT(cv::norm(one, gray_background(camera), cv::NORM_INF), 50);
 }
 
-TEST(Render, RefusesWhatItCannotDraw) {
+TEST(Render, RefusesInvalidScenes) {
   const geometry::Camera camera = testing_camera();
-  cv::Mat image = gray_ground(camera);
+  cv::Mat image = gray_background(camera);
   Scene scene = plain_scene();
   scene.items = {item_of(square(kRed), {0, 0, 5})};
   const auto refuses = [&](const Scene& bad) {
@@ -363,7 +363,7 @@ TEST(Render, RefusesWhatItCannotDraw) {
   EXPECT_THROW(render(gray, scene, camera), std::invalid_argument);
 }
 
-TEST(Render, HugeNumbersDoNoHarm) {
+TEST(Render, HandlesHugeCoordinates) {
   const geometry::Camera camera = testing_camera();
   Rng rng(9);
   Mesh mesh;

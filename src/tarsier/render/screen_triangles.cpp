@@ -13,9 +13,9 @@
 namespace tarsier::render {
 namespace {
 
-constexpr double kGuard = 1024;        // px around the image; triangles are clipped there
-constexpr double kMinInverse = 1e-30;  // 1 / z below which a point counts as infinitely far
-constexpr int kChunk = 4096;           // triangles that one thread prepares together
+constexpr double kGuardBand_px = 1024;      // px around the image; triangles are clipped there
+constexpr double kMinInverseDepth = 1e-30;  // 1 / z below which a point counts as infinitely far
+constexpr int kChunk = 4096;                // triangles that one thread prepares together
 
 using Attributes = std::array<double, kAttributes>;
 
@@ -63,20 +63,20 @@ Projected between(const Projected& a, const Projected& b, double t) {
 // Sutherland and Hodgman 1974: clips to the part where `inside` (linear in the points) is >= 0.
 template <typename Point, typename Inside>
 void cut(Polygon<Point>& polygon, const Inside& inside) {
-  Polygon<Point> kept;
+  Polygon<Point> clipped;
   for (int i = 0; i < polygon.count; ++i) {
     const Point& from = polygon[i];
     const Point& to = polygon[(i + 1) % polygon.count];
     const double a = inside(from);
     const double b = inside(to);
-    if (a >= 0) kept.add(from);
+    if (a >= 0) clipped.add(from);
     if ((a >= 0) != (b >= 0)) {
       // Clipped in the same direction from both sides, so that neighbouring triangles get the same
       // point.
-      kept.add(a >= 0 ? between(from, to, a / (a - b)) : between(to, from, b / (b - a)));
+      clipped.add(a >= 0 ? between(from, to, a / (a - b)) : between(to, from, b / (b - a)));
     }
   }
-  polygon = kept;
+  polygon = clipped;
 }
 
 double light_of(const Light& light, const Eigen::Vector3d& to_light,
@@ -94,7 +94,7 @@ double highlight_of(const Light& light, const Eigen::Vector3d& to_light,
 }
 
 // Data shared by all triangles.
-struct Setup {
+struct TriangleSetup {
   const Item& item;
   const Scene& scene;
   const Projector& project;
@@ -107,14 +107,14 @@ struct Setup {
     return item.camera_from_mesh * (geometry::to_eigen(position) * item.scale);
   }
   [[nodiscard]] bool corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const;
-  [[nodiscard]] Attributes lit(const Corner& corner, const Eigen::Vector3d& normal) const;
+  [[nodiscard]] Attributes shaded(const Corner& corner, const Eigen::Vector3d& normal) const;
   void add(const Triangle& triangle, std::vector<ScreenTriangle>& out) const;
   void finish(const Triangle& triangle, const Projected& a, const Projected& b, const Projected& c,
               std::vector<ScreenTriangle>& out) const;
   void set_surface(const Triangle& triangle, ScreenTriangle& screen) const;
 };
 
-Attributes Setup::lit(const Corner& corner, const Eigen::Vector3d& normal) const {
+Attributes TriangleSetup::shaded(const Corner& corner, const Eigen::Vector3d& normal) const {
   Attributes attributes{};
   if (scene.shading == Shading::kPhong) {
     for (std::size_t k = 0; k < 3; ++k) attributes[k] = normal[static_cast<int>(k)];
@@ -125,7 +125,7 @@ Attributes Setup::lit(const Corner& corner, const Eigen::Vector3d& normal) const
   return attributes;
 }
 
-bool Setup::corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const {
+bool TriangleSetup::corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const {
   const Mesh& mesh = *item.mesh;
   std::array<Corner, 3> corners;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -136,9 +136,9 @@ bool Setup::corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const
                              .cross(corners[2].in_camera - corners[0].in_camera);
   const double area = face.norm();
   if (!(area > 0) || !std::isfinite(area)) return false;
-  const bool from_behind = face.dot(corners[0].in_camera) > 0;
-  if (from_behind && !item.back_faces) return false;
-  const double side = from_behind ? -1 : 1;
+  const bool is_back_face = face.dot(corners[0].in_camera) > 0;
+  if (is_back_face && !item.back_faces) return false;
+  const double side = is_back_face ? -1 : 1;
   face *= side / area;
   for (std::size_t k = 0; k < 3; ++k) {
     Corner& corner = corners[k];
@@ -149,7 +149,7 @@ bool Setup::corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const
                  geometry::to_eigen(mesh.normals[static_cast<std::size_t>(triangle.normal[k])]) *
                  side;
       }
-      corner.attributes = lit(corner, normal);
+      corner.attributes = shaded(corner, normal);
       if (triangle.uv[k] >= 0) {
         const cv::Vec2f& uv = mesh.uvs[static_cast<std::size_t>(triangle.uv[k])];
         corner.attributes[3] = uv[0];
@@ -161,32 +161,32 @@ bool Setup::corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const
   return true;
 }
 
-void Setup::add(const Triangle& triangle, std::vector<ScreenTriangle>& out) const {
+void TriangleSetup::add(const Triangle& triangle, std::vector<ScreenTriangle>& out) const {
   Polygon<Corner> corners;
   if (!corners_of(triangle, corners)) return;
   cut(corners, [this](const Corner& c) { return c.in_camera[2] - scene.near; });
   if (corners.count < 3) return;
   Polygon<Projected> polygon;
-  bool far_out = false;
+  bool is_outside_guard_band = false;
   for (int i = 0; i < corners.count; ++i) {
     const cv::Point2d pixel = project(corners[i].in_camera);
     Projected p;
     p.x = pixel.x;
     p.y = pixel.y;
     p.inverse = 1 / corners[i].in_camera[2];
-    if (!std::isfinite(p.x) || !std::isfinite(p.y) || p.inverse < kMinInverse) return;
+    if (!std::isfinite(p.x) || !std::isfinite(p.y) || p.inverse < kMinInverseDepth) return;
     for (std::size_t k = 0; k < kAttributes; ++k) {
       p.over_depth[k] = corners[i].attributes[k] * p.inverse;
     }
-    far_out = far_out || p.x < -kGuard || p.y < -kGuard || p.x > image.width + kGuard ||
-              p.y > image.height + kGuard;
+    is_outside_guard_band = is_outside_guard_band || p.x < -kGuardBand_px || p.y < -kGuardBand_px ||
+                            p.x > image.width + kGuardBand_px || p.y > image.height + kGuardBand_px;
     polygon.add(p);
   }
-  if (far_out) {
-    cut(polygon, [](const Projected& p) { return p.x + kGuard; });
-    cut(polygon, [](const Projected& p) { return p.y + kGuard; });
-    cut(polygon, [this](const Projected& p) { return image.width + kGuard - p.x; });
-    cut(polygon, [this](const Projected& p) { return image.height + kGuard - p.y; });
+  if (is_outside_guard_band) {
+    cut(polygon, [](const Projected& p) { return p.x + kGuardBand_px; });
+    cut(polygon, [](const Projected& p) { return p.y + kGuardBand_px; });
+    cut(polygon, [this](const Projected& p) { return image.width + kGuardBand_px - p.x; });
+    cut(polygon, [this](const Projected& p) { return image.height + kGuardBand_px - p.y; });
   }
   for (int i = 2; i < polygon.count; ++i) {
     finish(triangle, polygon[0], polygon[i - 1], polygon[i], out);
@@ -200,8 +200,8 @@ bool holds_sample(int low, int high, double first, double step, int size) {
   return std::ceil((l - first) / step) <= std::floor((h - first) / step);
 }
 
-void Setup::finish(const Triangle& triangle, const Projected& a, const Projected& b,
-                   const Projected& c, std::vector<ScreenTriangle>& out) const {
+void TriangleSetup::finish(const Triangle& triangle, const Projected& a, const Projected& b,
+                           const Projected& c, std::vector<ScreenTriangle>& out) const {
   ScreenTriangle screen;
   std::array<const Projected*, 3> p{&a, &b, &c};
   const auto snap = [](double v) { return static_cast<int>(std::lround(v * kGrid)); };
@@ -250,7 +250,7 @@ void Setup::finish(const Triangle& triangle, const Projected& a, const Projected
   out.push_back(screen);
 }
 
-void Setup::set_surface(const Triangle& triangle, ScreenTriangle& screen) const {
+void TriangleSetup::set_surface(const Triangle& triangle, ScreenTriangle& screen) const {
   const Mesh& mesh = *item.mesh;
   const Material plain;
   const Material& material =
@@ -298,13 +298,13 @@ cv::Point2d Projector::operator()(const Eigen::Vector3d& in_camera) const {
 std::vector<ScreenTriangle> screen_triangles(const Item& item, const Scene& scene,
                                              const Projector& project, const cv::Size& image) {
   const Eigen::Vector3d to_light = -scene.light.direction.normalized();
-  const Setup setup{item,
-                    scene,
-                    project,
-                    image,
-                    to_light,
-                    scene.antialias ? 0.5 : 1.0,
-                    scene.antialias ? -0.25 : 0.0};
+  const TriangleSetup setup{item,
+                            scene,
+                            project,
+                            image,
+                            to_light,
+                            scene.antialias ? 0.5 : 1.0,
+                            scene.antialias ? -0.25 : 0.0};
   const std::vector<Triangle>& triangles = item.mesh->triangles;
   const std::size_t chunks = (triangles.size() + kChunk - 1) / kChunk;
   std::vector<std::vector<ScreenTriangle>> parts(chunks);

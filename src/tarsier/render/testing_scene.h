@@ -20,7 +20,7 @@ inline geometry::Camera testing_camera(int width = 320, int height = 240, double
   return camera;
 }
 
-inline cv::Mat gray_ground(const geometry::Camera& camera, int value = 100) {
+inline cv::Mat gray_background(const geometry::Camera& camera, int value = 100) {
   return {camera.height, camera.width, CV_8UC3, cv::Scalar::all(value)};
 }
 

@@ -240,10 +240,10 @@ class SynthSource final : public FrameSource {
     if (settings_.image == Image::kCar) (void)synth::load_glyphs();  // reports missing typefaces
   }
 
-  std::optional<Frame> next(std::chrono::milliseconds patience,
+  std::optional<Frame> next(std::chrono::milliseconds timeout,
                             const std::stop_token& stop) override {
     if (ended() || stop.stop_requested()) return std::nullopt;
-    if (settings_.live && !wait_until_due(patience, stop)) return std::nullopt;
+    if (settings_.live && !wait_until_due(timeout, stop)) return std::nullopt;
     Frame frame;
     frame.index = at_++;
     frame.time = static_cast<double>(frame.index) / settings_.fps;
@@ -283,7 +283,7 @@ class SynthSource final : public FrameSource {
   }
 
   // The rate of a camera: frames that were not read in time are lost.
-  bool wait_until_due(std::chrono::milliseconds patience, const std::stop_token& stop) {
+  bool wait_until_due(std::chrono::milliseconds timeout, const std::stop_token& stop) {
     const Clock::time_point now = Clock::now();
     if (at_ == 0 && start_ == Clock::time_point{}) start_ = now;
     const double elapsed_s = std::chrono::duration<double>(now - start_).count();
@@ -295,9 +295,9 @@ class SynthSource final : public FrameSource {
     }
     const Clock::time_point due = due_of(at_);
     if (due <= now) return true;
-    const bool comes_in_time = due <= now + patience;
+    const bool comes_in_time = due <= now + timeout;
     const auto pause =
-        comes_in_time ? std::chrono::ceil<std::chrono::milliseconds>(due - now) : patience;
+        comes_in_time ? std::chrono::ceil<std::chrono::milliseconds>(due - now) : timeout;
     return sleep_unless_stopped(pause, stop) && comes_in_time;
   }
 

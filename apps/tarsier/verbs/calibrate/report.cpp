@@ -143,14 +143,14 @@ void draw_images(const std::string& path, const CalibrationResult& result, Conte
 void straighten_images(const std::string& path, const CalibrationResult& result, Context& context) {
   const Camera& camera = result.calibration.camera;
   const Camera straight = geometry::undistorted_camera(camera);
-  const geometry::Straightener straighten(camera, straight);
+  const geometry::Undistorter undistorter(camera, straight);
   Folder folder(path);
   for (const CalibrationImage& entry : result.images) {
     throw_if_stopped(context.stop);
     if (entry.still ? !entry.found : entry.image.empty()) continue;
     const cv::Mat image = image_of(entry);
     if (image.size() != result.size) continue;
-    write_image(folder.file(entry, ".png"), straighten(image));
+    write_image(folder.file(entry, ".png"), undistorter(image));
   }
   geometry::write_camera_file(folder.plain("camera.yaml"), straight);
 }

@@ -220,13 +220,13 @@ std::string modes_of(const CameraInfo& camera) {
 
 void look_at_cameras(std::vector<Item>& items, const std::vector<CameraInfo>& cameras) {
   for (const CameraInfo& camera : cameras) {
-    if (camera.trouble.empty()) {
+    if (camera.error.empty()) {
       items.push_back({"cameras", camera.path, Finding::kOk,
                        fmt::format("{}: {}", camera.card, modes_of(camera)),
                        fmt::format("tarsier cartoon run {} --window",
                                    camera.links.empty() ? camera.path : camera.links.front())});
     } else {
-      items.push_back({"cameras", camera.path, Finding::kProblem, camera.trouble,
+      items.push_back({"cameras", camera.path, Finding::kProblem, camera.error,
                        "often: sudo usermod -aG video $USER, then log in again"});
     }
   }
@@ -504,9 +504,9 @@ json camera_json(const CameraInfo& camera) {
                      {"height", mode.height},
                      {"fps", mode.fps}});
   }
-  return {{"path", camera.path},      {"links", camera.links}, {"card", camera.card},
-          {"driver", camera.driver},  {"bus", camera.bus},     {"modes", modes},
-          {"trouble", camera.trouble}};
+  return {{"path", camera.path},     {"links", camera.links}, {"card", camera.card},
+          {"driver", camera.driver}, {"bus", camera.bus},     {"modes", modes},
+          {"trouble", camera.error}};
 }
 
 void print_findings(const std::vector<Item>& items, const std::vector<CameraInfo>& found) {

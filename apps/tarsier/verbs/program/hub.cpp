@@ -48,7 +48,7 @@ ExitStatus run_hub(const HubFlags& flags, const Context& context) {
     if (flags.address.empty()) throw UsageError("ADDRESS is missing: mqtt://HOST, or --list");
     options.address = mqtt::parse_address(flags.address, "tarsier", "ADDRESS");
     options.login = flags.login;
-    options.take = [&](const std::string& node, const std::string& event) {
+    options.on_event = [&](const std::string& node, const std::string& event) {
       if (!context.quiet || context.json) print_event(node, event, context);
     };
     const auto log = mqtt::open_hub_log(flags.log);

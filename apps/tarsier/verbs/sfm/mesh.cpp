@@ -2,7 +2,7 @@
 #include "verbs/sfm/mesh.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 #include "tarsier/core/log.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
@@ -125,9 +125,9 @@ sfm::SurfaceOptions options_of(const MeshFlags& flags) {
   if (!flags.view.empty() && !is_image_path(flags.view))
     throw UsageError(
         fmt::format("--view '{}': expected .png, .jpg, .webp, .bmp, .ppm", flags.view));
-  if (!flags.turntable.empty() && lower_ending(flags.turntable) != ".gif")
+  if (!flags.turntable.empty() && lowercase_extension(flags.turntable) != ".gif")
     throw UsageError(fmt::format("--turntable '{}': expected .gif", flags.turntable));
-  if (!flags.page.empty() && lower_ending(flags.page) != ".html")
+  if (!flags.page.empty() && lowercase_extension(flags.page) != ".html")
     throw UsageError(fmt::format("--page '{}': expected .html", flags.page));
   for (const std::string& path : sfm::surface_files(flags.output, options.texture > 0))
     check_output(path);

@@ -172,12 +172,12 @@ void print_models(const sfm::ReconstructorResult& result, const std::string& fol
     print_json(sfm::to_json(result));
   else
     print_text(sfm::summary_text(result.pipeline));
-  if (!result.models().empty() && result.not_placed.empty())
+  if (!result.models().empty() && result.placement_error.empty())
     log_info("{}: look at view.html", folder);
 }
 
 ExitStatus status_of(const sfm::ReconstructorResult& result) {
-  if (!result.not_placed.empty()) throw Error(ErrorKind::kInput, result.not_placed);
+  if (!result.placement_error.empty()) throw Error(ErrorKind::kInput, result.placement_error);
   if (result.interrupted()) return ExitStatus::kInterrupted;
   return result.models().empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }

@@ -11,11 +11,11 @@
 namespace tarsier::cli {
 namespace {
 
-sfm::FindMarkers finder_of(const std::string& family) {
+sfm::MarkerFinder finder_of(const std::string& family) {
   const planar::markers::Dictionary& dictionary = planar::markers::find_dictionary(family);
   return [&dictionary](const cv::Mat& gray) {
     planar::markers::DetectWorkspace workspace;
-    std::vector<sfm::SeenMarker> seen;
+    std::vector<sfm::DetectedMarker> seen;
     for (const auto& marker : planar::markers::detect_markers(gray, dictionary, {}, workspace))
       seen.push_back({marker.id, marker.corners});
     return seen;

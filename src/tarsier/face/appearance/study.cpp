@@ -306,7 +306,7 @@ cv::Mat draw_convergence(const std::vector<ConvergenceCurve>& curves,
   plot.y.label = "converged (%)";
   plot.y.low = 0;
   plot.y.high = 100;
-  plot.legend = image::draw::LegendPlace::kBottomLeft;
+  plot.legend = image::draw::LegendPosition::kBottomLeft;
   for (const ConvergenceCurve& curve : curves) {
     image::draw::Series series;
     series.name = curve.name;

@@ -121,7 +121,7 @@ AnchorDetector build_anchor_detector(const linalg::NamedTensors& weights, const 
     stages.push_back(std::move(stage));
   }
   stages.push_back({{}, mixing_layer(tensors, "conv8/filters", "conv8/bias"), 1, 0});
-  if (!tensors.all_taken()) throw ModelError(path, "holds tensors that belong to no layer");
+  if (!tensors.all_used()) throw ModelError(path, "holds tensors that belong to no layer");
   constexpr int kOutputs = static_cast<int>(kAnchors.size()) * kNumbers;
   if (stages.back().mix.out != kOutputs)
     throw ModelError(path,

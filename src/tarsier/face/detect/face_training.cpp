@@ -197,8 +197,8 @@ void make_scan_example(const Material& material, const std::vector<Mistake>& mis
 
 double scan_loss(const linalg::Example& example, const std::vector<float>& output,
                  linalg::Shape shape, std::vector<float>& derivative) {
-  return linalg::map_loss({.values = 3, .weight = 1, .focal = 1.2F, .knee = 0.1F}, example.target,
-                          output, shape, derivative);
+  return linalg::map_loss({.values = 3, .weight = 1, .focal = 1.2F, .huber_delta = 0.1F},
+                          example.target, output, shape, derivative);
 }
 
 // --- training examples of the other networks ---

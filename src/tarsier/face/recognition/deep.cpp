@@ -101,7 +101,7 @@ DeepNetwork build_deep_network(const DeepWeights& weights, const std::string& pa
       head.weights[o * static_cast<std::size_t>(head.in) + i] =
           matrix[i * static_cast<std::size_t>(head.out) + o];
   out.network.head = std::move(head);
-  if (!tensors.all_taken()) throw ModelError(path, "holds tensors that belong to no layer");
+  if (!tensors.all_used()) throw ModelError(path, "holds tensors that belong to no layer");
   try {
     out.network.check();
     TARSIER_REQUIRE(out.network.stem.in == 3, "{} channels in place of three colours",

@@ -35,7 +35,7 @@ image::draw::Plot match_data(const std::vector<EvaluationResult>& results) {
   plot.x.label = "rank";
   plot.y.label = "share of the probes";
   plot.y.high = 1.0;
-  plot.legend = image::draw::LegendPlace::kBottomRight;
+  plot.legend = image::draw::LegendPosition::kBottomRight;
   for (const auto& result : results) {
     const Curve curve = match_curve(result);
     image::draw::Series series;
@@ -58,7 +58,7 @@ image::draw::Plot accept_data(const std::vector<EvaluationResult>& results) {
   plot.y.label = "known people accepted";
   plot.y.low = 0.0;
   plot.y.high = 1.0;
-  plot.legend = image::draw::LegendPlace::kBottomRight;
+  plot.legend = image::draw::LegendPosition::kBottomRight;
   for (const auto& result : results) {
     const Curve curve = accept_curve(result);
     image::draw::Series series;

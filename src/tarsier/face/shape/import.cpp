@@ -2,7 +2,7 @@
 #include "tarsier/face/shape/import.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 #include "tarsier/core/words.h"
 #include "tarsier/face/shape/import_text.h"
 #include "tarsier/face/shape/markup_check.h"
@@ -137,7 +137,7 @@ void import_folder(const std::string& path, const ImportOptions& options, Import
   std::error_code error;
   fs::directory_iterator at(path, error);
   for (; !error && at != fs::directory_iterator(); at.increment(error)) {
-    const ImportFormat format = format_of(lower_ending(at->path().string()));
+    const ImportFormat format = format_of(lowercase_extension(at->path().string()));
     const bool is_wanted = options.format == ImportFormat::kAuto
                                ? format == ImportFormat::kPts || format == ImportFormat::kAsf
                                : format == options.format;
@@ -157,7 +157,7 @@ void import_folder(const std::string& path, const ImportOptions& options, Import
   std::sort(files.begin(), files.end());
   ShapeFiles shapes(options, imported);
   for (const fs::path& file : files) {
-    const ImportFormat format = format_of(lower_ending(file.string()));
+    const ImportFormat format = format_of(lowercase_extension(file.string()));
     if (format == ImportFormat::kPts || format == ImportFormat::kAsf)
       shapes.add_or_skip(file, format);
     else
@@ -315,10 +315,10 @@ AsfShape read_asf(const std::string& path) {
 Imported import_landmarks(const std::string& input, const ImportOptions& options) {
   Imported imported;
   std::error_code error;
-  const ImportFormat own = format_of(lower_ending(input));
+  const ImportFormat own = format_of(lowercase_extension(input));
   if (fs::is_directory(input, error)) {
     import_folder(input, options, imported);
-  } else if (own == ImportFormat::kAuto && lower_ending(input) == ".txt") {
+  } else if (own == ImportFormat::kAuto && lowercase_extension(input) == ".txt") {
     import_list(input, options, imported);
   } else {
     import_file(input, options.format == ImportFormat::kAuto ? own : options.format, options,

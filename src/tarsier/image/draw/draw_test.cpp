@@ -50,13 +50,13 @@ TEST(Text, StaysInTheBoxThatItReturnsForEveryAnchorAndBacking) {
   }
 }
 
-TEST(Text, AnchorsAreWhereTheySay) {
+TEST(Text, AnchorsPositionTheBox) {
   cv::Mat image = grey_canvas();
   EXPECT_EQ(put_text(image, "x", {10, 20}).tl(), cv::Point(10, 20));
   EXPECT_EQ(put_text(image, "x", {100, 80}, {}, Anchor::kBottomRight).br(), cv::Point(100, 80));
 }
 
-TEST(Text, EachCharacterOfAnotherAlphabetIsOneMark) {
+TEST(Text, EachNonAsciiCharacterBecomesOneQuestionMark) {
   EXPECT_EQ(text_size("M\xC3\xBCller", 20), text_size("M?ller", 20));
 }
 
@@ -65,7 +65,7 @@ TEST(Text, LinesGoBelowEachOther) {
   EXPECT_EQ(text_size("a\nlonger", 20).width, text_size("longer", 20).width);
 }
 
-TEST(Text, CutOffAtTheEdgeAndOnTinyImages) {
+TEST(Text, IsClippedAtTheEdgeAndOnTinyImages) {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     cv::Mat tiny(1, 1, type, cv::Scalar::all(0));
     put_text(tiny, "far too long for this", {-50, -5});
@@ -80,7 +80,7 @@ TEST(Text, CutOffAtTheEdgeAndOnTinyImages) {
   }
 }
 
-TEST(Text, RefusesWhatCannotBeDrawnOn) {
+TEST(Text, RefusesUnsupportedImages) {
   cv::Mat empty;
   cv::Mat floats(4, 4, CV_32FC3);
   EXPECT_THROW(put_text(empty, "x", {0, 0}), std::invalid_argument);
@@ -100,7 +100,7 @@ TEST(StatusBar, TouchesTheLowerEdgeOnly) {
   EXPECT_EQ(drawn & bar, drawn);
 }
 
-TEST(StatusBar, KeepsTheLastPartOnTheRightWhereThereIsLittleRoom) {
+TEST(StatusBar, NarrowBarKeepsTheLastPartOnTheRight) {
   cv::Mat narrow = grey_canvas(200, 150);
   status_bar(narrow, "3 faces, 2 known", "123.4 ms, 25.0 frames/s   h: help");
   cv::Mat expected = grey_canvas(200, 150);
@@ -167,7 +167,7 @@ TEST(Tile, ShowsEveryKindOfImageInItsCell) {
       << "aspect kept: ground beside the tall one";
 }
 
-TEST(Tile, TakesManyImagesInLittleRoomAndRefusesWrongOnes) {
+TEST(Tile, FitsManyImagesAndRefusesInvalidOnes) {
   const std::vector<cv::Mat> many(200, cv::Mat(5, 5, CV_8UC1, cv::Scalar(7)));
   const std::vector<std::string> names(200, "n");
   EXPECT_EQ(tile(many, names, {16, 16}).size(), cv::Size(16, 16));

@@ -93,10 +93,10 @@ class MatCanvas final : public Canvas {
     cv::Mat label(size, CV_8UC3, kPaper);
     put_text(label, text, {0, 0}, style);
     cv::rotate(label, label, cv::ROTATE_90_COUNTERCLOCKWISE);
-    const cv::Rect place(pixel.x - label.cols / 2, pixel.y - label.rows / 2, label.cols,
-                         label.rows);
-    const cv::Rect seen = place & cv::Rect({0, 0}, image_.size());
-    if (!seen.empty()) label(seen - place.tl()).copyTo(image_(seen));
+    const cv::Rect target(pixel.x - label.cols / 2, pixel.y - label.rows / 2, label.cols,
+                          label.rows);
+    const cv::Rect visible = target & cv::Rect({0, 0}, image_.size());
+    if (!visible.empty()) label(visible - target.tl()).copyTo(image_(visible));
   }
   void clip(const cv::Rect& box) override {
     view_ = image_(box);
@@ -204,7 +204,7 @@ struct Tick {
 // An axis with its limits: maps values to 0..1 and places the ticks.
 class Scale {
  public:
-  Scale(const Axis& axis, std::vector<double> values, bool pad, int wanted_ticks)
+  Scale(const Axis& axis, std::vector<double> values, bool pad, int target_ticks)
       : logarithmic_(axis.logarithmic) {
     const auto check = [&](const std::optional<double>& end) {
       TARSIER_REQUIRE(!end || (std::isfinite(*end) && (!logarithmic_ || *end > 0)),
@@ -212,13 +212,13 @@ class Scale {
     };
     check(axis.low);
     check(axis.high);
-    std::erase_if(values, [&](double v) { return !usable(v); });
+    std::erase_if(values, [&](double v) { return !is_drawable(v); });
     double low = 0;
     double high = 1;
     if (!values.empty()) {
-      const auto [least, greatest] = std::minmax_element(values.begin(), values.end());
-      low = to_linear(*least);
-      high = to_linear(*greatest);
+      const auto [min_value, max_value] = std::minmax_element(values.begin(), values.end());
+      low = to_linear(*min_value);
+      high = to_linear(*max_value);
     } else if (logarithmic_) {
       low = 0;
       high = 1;
@@ -240,7 +240,7 @@ class Scale {
       }
     }
     // Computed from halves, so that the range of doubles cannot overflow.
-    step_ = round_step((high / 2 - low / 2) / wanted_ticks * 2);
+    step_ = round_step((high / 2 - low / 2) / target_ticks * 2);
     if (logarithmic_) step_ = std::max(1.0, std::round(step_));
     if (pad && !logarithmic_) {
       if (!axis.low) low = std::floor(low / step_ + 1e-9) * step_;
@@ -250,7 +250,9 @@ class Scale {
     high_ = high;
   }
 
-  [[nodiscard]] bool usable(double v) const { return std::isfinite(v) && (!logarithmic_ || v > 0); }
+  [[nodiscard]] bool is_drawable(double v) const {
+    return std::isfinite(v) && (!logarithmic_ || v > 0);
+  }
   [[nodiscard]] double share(double v) const {
     const double at = to_linear(v);
     return (at / 2 - low_ / 2) / (high_ / 2 - low_ / 2);
@@ -293,8 +295,8 @@ class Scale {
   }
   [[nodiscard]] std::string label(double value) const {
     if (std::abs(value) < step_ * 1e-6) return "0";
-    const double most = std::max(std::abs(low_), std::abs(high_));
-    if (most >= 1e6 || most < 1e-4) return fmt::format("{:g}", value);
+    const double max_value = std::max(std::abs(low_), std::abs(high_));
+    if (max_value >= 1e6 || max_value < 1e-4) return fmt::format("{:g}", value);
     const int decimals = std::clamp(static_cast<int>(-std::floor(std::log10(step_) + 1e-9)), 0, 12);
     return fmt::format("{:.{}f}", value, decimals);
   }
@@ -384,13 +386,13 @@ void paint(const Plot& plot, cv::Size size, Canvas& canvas) {
       run.clear();
     };
     for (std::size_t k = 0; k < s.x.size(); ++k) {
-      if (!x.usable(s.x[k]) || !y.usable(s.y[k])) {
+      if (!x.is_drawable(s.x[k]) || !y.is_drawable(s.y[k])) {
         flush();
         continue;
       }
       const cv::Point2d p(at_x(x.share(s.x[k])), at_y(y.share(s.y[k])));
       run.push_back(p);
-      if (!s.low.empty() && y.usable(s.low[k]) && y.usable(s.high[k])) {
+      if (!s.low.empty() && y.is_drawable(s.low[k]) && y.is_drawable(s.high[k])) {
         const double from = at_y(y.share(s.low[k]));
         const double to = at_y(y.share(s.high[k]));
         const double cap = letter * 0.4;
@@ -425,8 +427,9 @@ void paint(const Plot& plot, cv::Size size, Canvas& canvas) {
   const int row = static_cast<int>(line * 0.85);
   const cv::Size box(sample + widest + 2 * mark, row * entries + mark);
   const bool at_right =
-      plot.legend == LegendPlace::kTopRight || plot.legend == LegendPlace::kBottomRight;
-  const bool at_top = plot.legend == LegendPlace::kTopRight || plot.legend == LegendPlace::kTopLeft;
+      plot.legend == LegendPosition::kTopRight || plot.legend == LegendPosition::kBottomRight;
+  const bool at_top =
+      plot.legend == LegendPosition::kTopRight || plot.legend == LegendPosition::kTopLeft;
   const cv::Point origin(at_right ? area.x + area.width - box.width - mark : area.x + mark,
                          at_top ? area.y + mark : area.y + area.height - box.height - mark);
   canvas.box({origin, box}, kPaper, {180, 180, 180});

@@ -37,14 +37,14 @@ struct Axis {
   bool logarithmic = false;
 };
 
-enum class LegendPlace { kTopRight, kTopLeft, kBottomRight, kBottomLeft };
+enum class LegendPosition { kTopRight, kTopLeft, kBottomRight, kBottomLeft };
 
 struct Plot {
   std::string title;
   Axis x;
   Axis y;
   std::vector<Series> series;  // may be empty: only the axes
-  LegendPlace legend = LegendPlace::kTopRight;
+  LegendPosition legend = LegendPosition::kTopRight;
 };
 
 // `size` in px, each 120..8000. Both throw std::invalid_argument for another size, series of

@@ -64,7 +64,7 @@ TEST(Plot, SvgHasTheWordsEscapedAndTicksAtRoundNumbers) {
   EXPECT_THAT(svg, Not(HasSubstr("nan")));
 }
 
-TEST(Plot, PointsThatAreNotNumbersBreakTheLine) {
+TEST(Plot, NonFinitePointsBreakTheLine) {
   Plot plot;
   plot.series.push_back({
       .name = "",
@@ -80,7 +80,7 @@ TEST(Plot, PointsThatAreNotNumbersBreakTheLine) {
   EXPECT_THAT(svg, Not(HasSubstr("nan")));
 }
 
-TEST(Plot, LogarithmicAxisLeavesOutWhatHasNoLogarithm) {
+TEST(Plot, LogarithmicAxisSkipsValuesThatAreNotPositive) {
   Plot plot;
   plot.x.logarithmic = true;
   plot.y.logarithmic = true;
@@ -110,7 +110,7 @@ TEST(Plot, ErrorBarsAreInsideTheAxis) {
   EXPECT_GT(pixels_of(plot_image(plot), {255, 0, 0}), 40);
 }
 
-TEST(Plot, SurvivesWhatMeasurementsCanGive) {
+TEST(Plot, HandlesExtremeValues) {
   for (const double value : {0.0, 1e-300, -1e300, 1e300, 5.0}) {
     Plot plot;
     plot.series.push_back(

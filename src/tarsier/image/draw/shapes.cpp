@@ -13,18 +13,19 @@ namespace tarsier::image::draw {
 namespace {
 
 constexpr int kShift = 4;  // OpenCV's fixed-point coordinates: 1/16 px
-constexpr double kFar = 1e6;
+constexpr double kMaxCoordinate = 1e6;
 
 // Limits far points: they are clipped anyway, and the fixed-point coordinates cannot overflow.
 cv::Point fixed(cv::Point2d at) {
   const auto convert = [](double v) {
-    return static_cast<int>(std::lround(std::clamp(v, -kFar, kFar) * (1 << kShift)));
+    return static_cast<int>(
+        std::lround(std::clamp(v, -kMaxCoordinate, kMaxCoordinate) * (1 << kShift)));
   };
   return {convert(at.x), convert(at.y)};
 }
 
 int fixed(double v) {
-  return static_cast<int>(std::lround(std::clamp(v, 0.0, kFar) * (1 << kShift)));
+  return static_cast<int>(std::lround(std::clamp(v, 0.0, kMaxCoordinate) * (1 << kShift)));
 }
 
 }  // namespace
@@ -50,11 +51,11 @@ void cross(cv::Mat& image, cv::Point2d at, const cv::Scalar& color, double arm) 
   require_canvas(image);
   TARSIER_REQUIRE(arm > 0, "arm {} px", arm);
   if (!std::isfinite(at.x) || !std::isfinite(at.y)) return;
-  const int thick = std::max(1, static_cast<int>(std::lround(arm / 5)));
+  const int thickness = std::max(1, static_cast<int>(std::lround(arm / 5)));
   for (const bool rim : {true, false}) {
     const double reach = rim ? arm + 1 : arm;
     const cv::Scalar paint = rim ? cv::Scalar(0, 0, 0) : color;
-    const int width = rim ? thick + 2 : thick;
+    const int width = rim ? thickness + 2 : thickness;
     cv::line(image, fixed(at - cv::Point2d(reach, 0)), fixed(at + cv::Point2d(reach, 0)), paint,
              width, cv::LINE_AA, kShift);
     cv::line(image, fixed(at - cv::Point2d(0, reach)), fixed(at + cv::Point2d(0, reach)), paint,

@@ -13,12 +13,12 @@
 namespace tarsier::image::draw {
 namespace {
 
-constexpr double kMaxEnlarged = 4;
+constexpr double kMaxEnlargement = 4;
 
 // Scales from the minimum to the maximum finite value. Infinities go to the ends, NaN to the lower
 // one.
 template <typename T>
-cv::Mat stretched(const cv::Mat& image) {
+cv::Mat contrast_stretched(const cv::Mat& image) {
   double low = std::numeric_limits<double>::infinity();
   double high = -low;
   const int width = image.cols * image.channels();
@@ -48,7 +48,7 @@ cv::Mat stretched(const cv::Mat& image) {
 }
 
 // Converts any image to CV_8UC3.
-cv::Mat shown(const cv::Mat& image) {
+cv::Mat to_bgr(const cv::Mat& image) {
   const int depth = image.depth();
   const int channels = image.channels();
   TARSIER_REQUIRE(
@@ -60,7 +60,7 @@ cv::Mat shown(const cv::Mat& image) {
   if (depth == CV_16U) {
     image.convertTo(bytes, CV_8U, 1.0 / 257);
   } else if (depth != CV_8U) {
-    bytes = depth == CV_32F ? stretched<float>(image) : stretched<double>(image);
+    bytes = depth == CV_32F ? contrast_stretched<float>(image) : contrast_stretched<double>(image);
   }
   cv::Mat color;
   if (channels == 1) {
@@ -75,13 +75,13 @@ cv::Mat shown(const cv::Mat& image) {
 
 cv::Size fitted(cv::Size image, cv::Size cell) {
   const double scale = std::min({static_cast<double>(cell.width) / image.width,
-                                 static_cast<double>(cell.height) / image.height, kMaxEnlarged});
+                                 static_cast<double>(cell.height) / image.height, kMaxEnlargement});
   return {std::clamp(static_cast<int>(std::lround(image.width * scale)), 1, cell.width),
           std::clamp(static_cast<int>(std::lround(image.height * scale)), 1, cell.height)};
 }
 
-void place(const cv::Mat& image, cv::Mat cell) {
-  const cv::Mat color = shown(image);
+void draw_fitted(const cv::Mat& image, cv::Mat cell) {
+  const cv::Mat color = to_bgr(image);
   const cv::Size size = fitted(color.size(), cell.size());
   cv::Mat scaled;
   // Averaging keeps thin lines when shrinking; enlarged pixels stay visible as pixels.
@@ -97,7 +97,7 @@ cv::Mat letterbox(const cv::Mat& image, cv::Size size, const cv::Scalar& backgro
   TARSIER_REQUIRE(size.width >= 1 && size.height >= 1, "size {}x{} px", size.width, size.height);
   TARSIER_REQUIRE(!image.empty(), "the image is empty");
   cv::Mat result(size, CV_8UC3, background);
-  place(image, result);
+  draw_fitted(image, result);
   return result;
 }
 
@@ -138,7 +138,7 @@ cv::Mat tile(std::span<const cv::Mat> images, std::span<const std::string> names
     cv::Mat part = result(cell & cv::Rect({0, 0}, size));
     if (part.empty()) continue;
     const auto index = static_cast<std::size_t>(i);
-    if (!images[index].empty()) place(images[index], part);
+    if (!images[index].empty()) draw_fitted(images[index], part);
     TextStyle style;
     style.height_px = std::clamp(part.rows / 22.0, 7.0, 24.0);
     style.backing = Backing::kBox;

@@ -2,7 +2,7 @@
 #include "tarsier/planar/sheets/page.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 #include "tarsier/core/markup.h"
 #include "tarsier/core/require.h"
 #include "tarsier/image/draw/text.h"
@@ -342,7 +342,7 @@ std::vector<std::string> write_pages(const std::string& path, const std::vector<
                                      const std::string& title, double dpi) {
   namespace fs = std::filesystem;
   const fs::path file(path);
-  const std::string ending = lower_ending(path);
+  const std::string ending = lowercase_extension(path);
   if (ending == ".pdf") {
     write_file_atomically(path, pdf_of(pages, title));
     return {path};

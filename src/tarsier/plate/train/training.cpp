@@ -60,8 +60,8 @@ void label_cells(const View& view, linalg::Shape map, std::vector<float>& target
 
 double detector_loss(const linalg::Example& example, const std::vector<float>& output,
                      linalg::Shape shape, std::vector<float>& derivative) {
-  return linalg::map_loss({.values = 8, .weight = 2, .focal = 1.5F, .knee = 0.06F}, example.target,
-                          output, shape, derivative);
+  return linalg::map_loss({.values = 8, .weight = 2, .focal = 1.5F, .huber_delta = 0.06F},
+                          example.target, output, shape, derivative);
 }
 
 // --- alignment ---

@@ -41,7 +41,7 @@ std::string error_of_reading(const std::string& path) {
   return "no error";
 }
 
-TEST_F(CloudTest, ReadsWhatItWroteInPieces) {
+TEST_F(CloudTest, RoundTripsInSeveralParts) {
   const std::vector<CloudPoint> points = some_points(100);
   CloudWriter writer(path("cloud.ply"));
   writer.add(std::span(points).first(30));
@@ -60,7 +60,7 @@ TEST_F(CloudTest, WithoutCommitThereIsNoFile) {
   EXPECT_EQ(files(), 0U);
 }
 
-TEST_F(CloudTest, RefusesNumbersThatAreNone) {
+TEST_F(CloudTest, RefusesNonFiniteNumbers) {
   CloudWriter writer(path("cloud.ply"));
   std::vector<CloudPoint> points = some_points(1);
   points[0].position[1] = std::numeric_limits<float>::quiet_NaN();
@@ -85,7 +85,7 @@ TEST_F(CloudTest, ReadsOtherLayouts) {
   EXPECT_EQ(points[0].confidence, 1);
 }
 
-TEST_F(CloudTest, SaysWhatIsWrong) {
+TEST_F(CloudTest, ErrorsNameTheFault) {
   CloudWriter writer(path("cloud.ply"));
   writer.add(some_points(10));
   writer.commit();

@@ -26,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kSpacing = 0.001;  // spacing of the true surface's points, share of the extent
-constexpr float kWorstShown = 0.01F;
+constexpr float kMaxShownError = 0.01F;
 
 // The distance of each point to the nearest one of the grid.
 std::vector<float> distances(const std::vector<cv::Vec3f>& points, const PointGrid& grid,
@@ -34,8 +34,8 @@ std::vector<float> distances(const std::vector<cv::Vec3f>& points, const PointGr
   std::vector<float> result(points.size());
   cv::parallel_for_(cv::Range(0, static_cast<int>(points.size())), [&](const cv::Range& range) {
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
-      const auto place = static_cast<std::size_t>(i);
-      result[place] = grid.distance(points[place], limit);
+      const auto index = static_cast<std::size_t>(i);
+      result[index] = grid.distance(points[index], limit);
     }
   });
   throw_if_stopped(stop);
@@ -49,7 +49,7 @@ cv::Mat draw_errors(const cv::Mat1f& errors) {
     for (int x = 0; x < errors.cols; ++x) {
       if (errors(y, x) < 0) continue;
       known(y, x) = 255;
-      part(y, x) = cv::saturate_cast<std::uint8_t>(255 * errors(y, x) / kWorstShown);
+      part(y, x) = cv::saturate_cast<std::uint8_t>(255 * errors(y, x) / kMaxShownError);
     }
   }
   cv::Mat colors;
@@ -72,7 +72,7 @@ class Evaluation {
     progress.begin("depths", truth_.count(), "images");
     for (int i = 0; i < truth_.count(); ++i) {
       throw_if_stopped(stop);
-      views_.push_back(true_view(truth_, i));
+      views_.push_back(ground_truth_view(truth_, i));
       scores.images.push_back(score_image(i, show, all));
       progress.advance();
     }
@@ -84,7 +84,7 @@ class Evaluation {
     std::vector<cv::Vec3f> surface;
     for (std::size_t i = 0; i < views_.size(); ++i) {
       throw_if_stopped(stop);
-      const TrueView& view = views_[i];
+      const GroundTruthView& view = views_[i];
       for (int y = 0; y < view.depth.rows; ++y) {
         for (int x = 0; x < view.depth.cols; ++x) {
           if (!(view.depth(y, x) > 0)) continue;
@@ -110,7 +110,8 @@ class Evaluation {
     }
     const float limit = distance_limit(scores.extent);
     const float cell = distance_cell(scores.extent);
-    const PointGrid true_grid(thinned(surface, static_cast<float>(scores.extent * kSpacing)), cell);
+    const PointGrid true_grid(
+        voxel_downsampled(surface, static_cast<float>(scores.extent * kSpacing)), cell);
     const PointGrid grid(points, cell);
     scores.cloud =
         score_thresholds(distances(points, true_grid, limit, stop),
@@ -126,7 +127,7 @@ class Evaluation {
     score.name = truth_.name(index);
     const auto found = by_name_.find(score.name);
     if (found == by_name_.end() || !model_.has_depth_map(found->second)) return score;
-    const TrueView& truth = views_.back();
+    const GroundTruthView& truth = views_.back();
     const cv::Mat1f depth = model_.read_depth_map(found->second).depth;
     cv::Mat1f errors(depth.size(), -1.F);
     std::vector<float> values;
@@ -179,7 +180,7 @@ class Evaluation {
   const Workspace& model_;
   const geometry::Sim3 similarity_;
   std::map<std::string, int> by_name_;
-  std::vector<TrueView> views_;  // of the ground truth
+  std::vector<GroundTruthView> views_;  // of the ground truth
 };
 
 }  // namespace

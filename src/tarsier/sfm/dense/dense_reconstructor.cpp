@@ -80,18 +80,18 @@ nlohmann::ordered_json to_json(const DenseResult& result) {
 
 std::string summary_text(const DenseResult& result) {
   int with_depths = 0;
-  int from_before = 0;
+  int reused = 0;
   double known = 0;
   for (const DenseImage& image : result.images) {
     if (!image.reason.empty()) continue;
     ++with_depths;
     known += image.known;
-    if (image.is_from_before) ++from_before;
+    if (image.is_reused) ++reused;
   }
   std::string text = fmt::format(
       "{} of {} images have depths, {:.0f} % of their pixels; {} points\n", with_depths,
       result.images.size(), with_depths > 0 ? 100 * known / with_depths : 0.0, result.points);
-  if (from_before > 0) text += fmt::format("{} of them are of an earlier run\n", from_before);
+  if (reused > 0) text += fmt::format("{} of them are of an earlier run\n", reused);
   for (const DenseImage& image : result.images)
     if (!image.reason.empty()) text += fmt::format("left out: {}: {}\n", image.name, image.reason);
   return text + fmt::format("cpu seconds: {:.1f}\n", result.cpu_seconds);

@@ -64,10 +64,10 @@ struct DenseImage {
   // depth is within 0.3 % of the point's.
   double sparse_known = 0;
   double sparse_within = 0;
-  std::int64_t points = 0;      // points of the cloud that started in this image
-  double cpu_seconds = 0;       // of all threads, in the run that made its maps
-  bool is_from_before = false;  // its maps are from an earlier run
-  std::string reason;           // why it has no depths, or ""
+  std::int64_t points = 0;  // points of the cloud that started in this image
+  double cpu_seconds = 0;   // of all threads, in the run that made its maps
+  bool is_reused = false;   // its maps are from an earlier run
+  std::string reason;       // why it has no depths, or ""
 };
 
 struct DenseResult {

@@ -142,7 +142,7 @@ class DenseTest : public FolderTest {
   DenseJob job_;
 };
 
-TEST_F(DenseTest, MakesDepthsAndACloudOfADrawnScene) {
+TEST_F(DenseTest, MakesDepthsAndACloudOfASyntheticScene) {
   const DenseResult result = run();
   ASSERT_EQ(result.images.size(), 4U);
   for (const DenseImage& image : result.images) {
@@ -175,7 +175,7 @@ TEST_F(DenseTest, MakesDepthsAndACloudOfADrawnScene) {
   EXPECT_GT(scores.cloud[1].f1, 0.8);
 }
 
-TEST_F(DenseTest, NormalsLookOutOfTheSurface) {
+TEST_F(DenseTest, NormalsPointOutOfTheSurface) {
   (void)run();
   const std::vector<CloudPoint> points = read_cloud(path("dense/fused.ply"));
   double along = 0;
@@ -197,10 +197,10 @@ TEST_F(DenseTest, ThreadsDoNotChangeTheFiles) {
   EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == one);
 }
 
-TEST_F(DenseTest, GoesOnWhereItWasStopped) {
+TEST_F(DenseTest, ResumesAfterAStop) {
   TARSIER_LONG_TEST();
   (void)run();
-  const std::string whole = read_file(path("dense/fused.ply"), 100'000'000);
+  const std::string uninterrupted = read_file(path("dense/fused.ply"), 100'000'000);
   fs::remove_all(job_.folder);
   for (const char* stage : {"match", "compare"}) {
     StopAfter progress(stage, 2);
@@ -211,27 +211,27 @@ TEST_F(DenseTest, GoesOnWhereItWasStopped) {
   }
   const auto first = fs::last_write_time(path("dense/stereo/depth_maps/0.png.geometric.bin"));
   const DenseResult result = run();
-  EXPECT_TRUE(result.images[0].is_from_before);
-  EXPECT_FALSE(result.images[3].is_from_before);
+  EXPECT_TRUE(result.images[0].is_reused);
+  EXPECT_FALSE(result.images[3].is_reused);
   EXPECT_EQ(fs::last_write_time(path("dense/stereo/depth_maps/0.png.geometric.bin")), first);
-  EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == whole);
+  EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == uninterrupted);
 }
 
-TEST_F(DenseTest, OtherOptionsOrImagesAreDoneAgain) {
+TEST_F(DenseTest, OtherOptionsOrImagesAreRecomputed) {
   TARSIER_LONG_TEST();
   (void)run();
   DenseOptions other = options();
   other.filter.max_cost = 0.3;
   DenseResult result = run(other);
-  EXPECT_FALSE(result.images[0].is_from_before);
+  EXPECT_FALSE(result.images[0].is_reused);
   result = run(other);
-  EXPECT_TRUE(result.images[0].is_from_before);
+  EXPECT_TRUE(result.images[0].is_reused);
   write_image(path("images/2.png"), scene_.render(1));
   result = run(other);
-  EXPECT_FALSE(result.images[0].is_from_before);
+  EXPECT_FALSE(result.images[0].is_reused);
 }
 
-TEST_F(DenseTest, AnImageThatSharesNothingIsNamed) {
+TEST_F(DenseTest, AnImageWithoutSharedPointsIsReported) {
   Image& lost = job_.model.images[3];
   for (Point& point : job_.model.points)
     std::erase_if(point.track, [](const Observation& seen) { return seen.image == 3; });
@@ -239,17 +239,17 @@ TEST_F(DenseTest, AnImageThatSharesNothingIsNamed) {
   lost.points.clear();
   // Tracks of a single image do not count.
   Model& model = job_.model;
-  std::vector<Point> kept;
-  std::vector<int> place(model.points.size(), -1);
+  std::vector<Point> remaining;
+  std::vector<int> new_index(model.points.size(), -1);
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     if (model.points[p].track.size() < 2) continue;
-    place[p] = static_cast<int>(kept.size());
-    kept.push_back(model.points[p]);
+    new_index[p] = static_cast<int>(remaining.size());
+    remaining.push_back(model.points[p]);
   }
-  model.points = kept;
+  model.points = remaining;
   for (Image& image : model.images)
     for (int& point : image.points)
-      if (point >= 0) point = place[static_cast<std::size_t>(point)];
+      if (point >= 0) point = new_index[static_cast<std::size_t>(point)];
   const DenseResult result = run();
   EXPECT_THAT(result.images[3].reason, HasSubstr("no point of the model"));
   EXPECT_EQ(result.images[0].reason, "");
@@ -258,7 +258,7 @@ TEST_F(DenseTest, AnImageThatSharesNothingIsNamed) {
   EXPECT_GT(result.points, 1000);
 }
 
-TEST_F(DenseTest, SaysWhyNothingCanBeDone) {
+TEST_F(DenseTest, ErrorsNameTheCause) {
   const DenseJob job = job_;
   job_.model.images.resize(1);
   job_.model.points.clear();
@@ -284,7 +284,7 @@ TEST_F(DenseTest, AWrongRangeOfDepthsLeavesAnEmptyCloud) {
   EXPECT_LT(result.points, 200);
 }
 
-TEST_F(DenseTest, LittleMemoryMeansSmallerMaps) {
+TEST_F(DenseTest, AMemoryLimitReducesTheMaps) {
   DenseOptions tiny = options();
   tiny.memory_gb = 0.25;
   tiny.views.views = 3;
@@ -293,7 +293,7 @@ TEST_F(DenseTest, LittleMemoryMeansSmallerMaps) {
   EXPECT_THROW(DenseReconstructor{tiny}, std::invalid_argument);
 }
 
-TEST_F(DenseTest, ChoosesViewsByAngleAndNamesDepths) {
+TEST_F(DenseTest, SelectsViewsByAngleAndEstimatesTheDepthRange) {
   ViewSelectionOptions options;
   const std::vector<ViewChoice> choices = select_views(job_.model, options);
   ASSERT_EQ(choices.size(), 4U);
@@ -323,7 +323,7 @@ TEST(PointGrid, FindsTheNearestPoint) {
       best = std::min(best, static_cast<float>(cv::norm(point - from)));
     EXPECT_NEAR(grid.distance(from, 0.4F), best, 1e-5);
   }
-  EXPECT_EQ(thinned({{0, 0, 0}, {0.1F, 0, 0}, {1.5F, 0, 0}}, 1).size(), 2U);
+  EXPECT_EQ(voxel_downsampled({{0, 0, 0}, {0.1F, 0, 0}, {1.5F, 0, 0}}, 1).size(), 2U);
 }
 
 }  // namespace

@@ -31,7 +31,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kSparseTolerance = 0.003;  // share of the depth
-constexpr int kLarger = 2;                  // max size ratio of the images for small patches
+constexpr int kMaxLargeRatio = 2;           // max size ratio of the images for small patches
 constexpr double kVersion = 2;  // changes where maps depend on something other than options
 
 double cpu_seconds() {
@@ -60,7 +60,7 @@ void add_view(Digest& digest, const geometry::Camera& camera, const geometry::Ri
   for (const double number : geometry::packed(pose)) digest.add(number);
 }
 
-Model registered_part(const Model& model) {
+Model checked_model(const Model& model) {
   for (const Image& image : model.images) {
     if (!image.registered) continue;
     image.pose.check();
@@ -91,7 +91,7 @@ class DenseRun {
     workspace_ = Workspace::open(job_.folder);
     choose();
     match();
-    look_again();
+    refine_and_filter();
     return finish();
   }
 
@@ -113,7 +113,7 @@ class DenseRun {
   void undistort() {
     TARSIER_REQUIRE(!job_.folder.empty() && job_.path_of != nullptr,
                     "a job without folder or images");
-    const Model model = registered_part(job_.model);
+    const Model model = checked_model(job_.model);
     const auto registered = std::count_if(model.images.begin(), model.images.end(),
                                           [](const Image& one) { return one.registered; });
     if (registered < 2) {
@@ -124,7 +124,7 @@ class DenseRun {
     Digest digest;
     digest.add(kVersion);
     digest.add(static_cast<double>(model.points.size()));
-    bool is_there = true;
+    bool images_exist = true;
     progress_.begin("read", registered, "images");
     for (const Image& one : model.images) {
       if (!one.registered) continue;
@@ -133,8 +133,8 @@ class DenseRun {
       digest.add(sha256_of_file(job_.path_of(one.name)));
       add_view(digest, model.cameras[static_cast<std::size_t>(one.camera)], one.pose);
       std::error_code ignored;
-      is_there =
-          is_there && fs::is_regular_file(fs::path(job_.folder) / "images" / one.name, ignored);
+      images_exist =
+          images_exist && fs::is_regular_file(fs::path(job_.folder) / "images" / one.name, ignored);
       progress_.advance();
     }
     progress_.end();
@@ -142,7 +142,7 @@ class DenseRun {
       for (int k = 0; k < 3; ++k) digest.add(point.position[k]);
     source_digest_ = digest.hex();
     const std::string record = path("stereo/state/undistorted.json");
-    if (is_there && !read_state(record, source_digest_).is_null()) return;
+    if (images_exist && !read_state(record, source_digest_).is_null()) return;
     export_undistorted(
         job_.folder, model,
         [&](const std::string& name) { return read_sensor_image(job_.path_of(name)); }, progress_,
@@ -189,29 +189,30 @@ class DenseRun {
   cv::Size size_of(int i) const {
     const geometry::Camera& camera = workspace_.camera(i);
     const double side = std::max(camera.width, camera.height);
-    const double least = std::min(1.0, options_.min_side / side);
-    double scale = std::max(1 / options_.reduce, least);
+    const double min_scale = std::min(1.0, options_.min_side / side);
+    double scale = std::max(1 / options_.reduce, min_scale);
     const double pixels = static_cast<double>(camera.width) * camera.height;
-    const double affordable = affordable_scale(pixels);
-    if (affordable < scale) {
+    const double memory_scale = max_scale_for_memory(pixels);
+    if (memory_scale < scale) {
       log_warning("{}: reduced {:.2f} times instead of {:.2f}, to stay below {} GB of memory",
-                  workspace_.name(i), 1 / affordable, 1 / scale, options_.memory_gb);
-      scale = affordable;
+                  workspace_.name(i), 1 / memory_scale, 1 / scale, options_.memory_gb);
+      scale = memory_scale;
     }
     return {std::max(16, static_cast<int>(std::lround(camera.width * scale))),
             std::max(16, static_cast<int>(std::lround(camera.height * scale)))};
   }
 
   // The factor by which an image of `pixels` px must be reduced for the memory limit. Its larger
-  // image is kLarger times as large, but at most the original.
-  [[nodiscard]] double affordable_scale(double pixels) const {
+  // image is kMaxLargeRatio times as large, but at most the original.
+  [[nodiscard]] double max_scale_for_memory(double pixels) const {
     const int views = options_.views.views;
     const double bytes = 0.7 * static_cast<double>(memory_) / pixels;
-    const auto of_map = static_cast<double>(matching_bytes(1, 0, views));
-    const auto of_large = static_cast<double>(matching_bytes(0, 1, views));
-    const double scale = std::sqrt(bytes / (of_map + kLarger * kLarger * of_large));
-    if (kLarger * scale <= 1) return scale;
-    return std::sqrt(std::max(bytes - of_large, 0.0) / of_map);
+    const auto map_bytes_per_px = static_cast<double>(matching_bytes(1, 0, views));
+    const auto large_bytes_per_px = static_cast<double>(matching_bytes(0, 1, views));
+    const double scale = std::sqrt(
+        bytes / (map_bytes_per_px + kMaxLargeRatio * kMaxLargeRatio * large_bytes_per_px));
+    if (kMaxLargeRatio * scale <= 1) return scale;
+    return std::sqrt(std::max(bytes - large_bytes_per_px, 0.0) / map_bytes_per_px);
   }
 
   void write_configs() const {
@@ -289,8 +290,8 @@ class DenseRun {
     for (int i = 0; i < workspace_.count(); ++i) {
       const geometry::Camera& camera = workspace_.camera(i);
       const cv::Size size = sizes_[static_cast<std::size_t>(i)];
-      large_sizes_.emplace_back(std::min(camera.width, kLarger * size.width),
-                                std::min(camera.height, kLarger * size.height));
+      large_sizes_.emplace_back(std::min(camera.width, kMaxLargeRatio * size.width),
+                                std::min(camera.height, kMaxLargeRatio * size.height));
     }
     large_.emplace(workspace_, large_sizes_, memory_ / 8);
     progress_.begin("match", count_with_sources(), "images");
@@ -305,11 +306,11 @@ class DenseRun {
       const nlohmann::json before = read_state(record, digests_.back());
       if (!before.is_null() && workspace_.has_depth_map(i, MapKind::kPhotometric)) {
         image(i).cpu_seconds = before.value("cpu_seconds", 0.0);
-        image(i).is_from_before = true;
+        image(i).is_reused = true;
       } else {
         const double start = cpu_seconds();
         const PlaneMap map = match_planes(problem_of(i), options_.matching, stop_);
-        DepthMap written{map.depth, map.normal, 1 - map.cost / kWorstConfidence};
+        DepthMap written{map.depth, map.normal, 1 - map.cost / kZeroConfidenceCost};
         workspace_.write_depth_map(i, written, MapKind::kPhotometric);
         image(i).cpu_seconds = cpu_seconds() - start;
         write_state(record, digests_.back(), {{"cpu_seconds", image(i).cpu_seconds}});
@@ -320,7 +321,7 @@ class DenseRun {
   }
 
   // Geometric rounds with the depths of the sources, then the consistency filter.
-  void look_again() {
+  void refine_and_filter() {
     progress_.begin("compare", count_with_sources(), "images");
     for (int i = 0; i < workspace_.count(); ++i) {
       if (choice(i).sources.empty()) continue;
@@ -341,7 +342,7 @@ class DenseRun {
         image(i).sparse_known = before.value("sparse_known", 0.0);
         image(i).sparse_within = before.value("sparse_within", 0.0);
       } else {
-        image(i).is_from_before = false;
+        image(i).is_reused = false;
         const double start = cpu_seconds();
         compare(i);
         const double seconds = cpu_seconds() - start;
@@ -366,7 +367,7 @@ class DenseRun {
     PlaneMap map;
     map.depth = read.depth;
     map.normal = read.normal;
-    map.cost = (1 - read.confidence) * kWorstConfidence;
+    map.cost = (1 - read.confidence) * kZeroConfidenceCost;
     return map;
   }
 
@@ -380,26 +381,27 @@ class DenseRun {
     }
     PlaneMap map = photometric_map(i);
     if (options_.matching.geometric_rounds > 0)
-      map = match_again(problem, map, options_.matching, stop_);
-    const DepthMap kept = filtered(problem, map, options_.filter);
-    workspace_.write_depth_map(i, kept);
+      map = refine_planes(problem, map, options_.matching, stop_);
+    const DepthMap filtered_map = filtered(problem, map, options_.filter);
+    workspace_.write_depth_map(i, filtered_map);
     std::vector<float> costs;
-    for (int y = 0; y < kept.depth.rows; ++y)
-      for (int x = 0; x < kept.depth.cols; ++x)
-        if (kept.depth.at<float>(y, x) > 0) costs.push_back(map.cost(y, x));
-    image(i).known = static_cast<double>(costs.size()) / static_cast<double>(kept.depth.total());
+    for (int y = 0; y < filtered_map.depth.rows; ++y)
+      for (int x = 0; x < filtered_map.depth.cols; ++x)
+        if (filtered_map.depth.at<float>(y, x) > 0) costs.push_back(map.cost(y, x));
+    image(i).known =
+        static_cast<double>(costs.size()) / static_cast<double>(filtered_map.depth.total());
     image(i).median_cost = 0;
     if (!costs.empty()) {
-      const auto middle = costs.begin() + static_cast<std::ptrdiff_t>(costs.size() / 2);
-      std::nth_element(costs.begin(), middle, costs.end());
-      image(i).median_cost = *middle;
+      const auto median = costs.begin() + static_cast<std::ptrdiff_t>(costs.size() / 2);
+      std::nth_element(costs.begin(), median, costs.end());
+      image(i).median_cost = *median;
     }
-    compare_with_points(problem, kept, image(i));
-    show(i, map, kept);
+    compare_with_points(problem, filtered_map, image(i));
+    show(i, map, filtered_map);
   }
 
   // Compares the depths with the model's points.
-  static void compare_with_points(const MatchProblem& problem, const DepthMap& kept,
+  static void compare_with_points(const MatchProblem& problem, const DepthMap& filtered_map,
                                   DenseImage& image) {
     int seen = 0;
     int known = 0;
@@ -407,13 +409,13 @@ class DenseRun {
     for (const KnownDepth& point : problem.known) {
       const int x = static_cast<int>(std::lround(point.pixel.x));
       const int y = static_cast<int>(std::lround(point.pixel.y));
-      if (x < 0 || y < 0 || x >= kept.depth.cols || y >= kept.depth.rows) continue;
+      if (x < 0 || y < 0 || x >= filtered_map.depth.cols || y >= filtered_map.depth.rows) continue;
       ++seen;
-      const float depth = kept.depth.at<float>(y, x);
+      const float depth = filtered_map.depth.at<float>(y, x);
       if (!(depth > 0)) continue;
       ++known;
-      const Plane plane =
-          plane_of(problem.reference.camera, x, y, 1 / depth, kept.normal.at<cv::Vec3f>(y, x));
+      const Plane plane = plane_of(problem.reference.camera, x, y, 1 / depth,
+                                   filtered_map.normal.at<cv::Vec3f>(y, x));
       const double inverse = plane.inverse_depth + plane.slope_x * (point.pixel.x - x) +
                              plane.slope_y * (point.pixel.y - y);
       if (std::abs(inverse * point.depth - 1) <= kSparseTolerance) ++within;
@@ -422,7 +424,7 @@ class DenseRun {
     image.sparse_within = known > 0 ? static_cast<double>(within) / known : 0;
   }
 
-  void show(int i, const PlaneMap& map, const DepthMap& kept) const {
+  void show(int i, const PlaneMap& map, const DepthMap& filtered_map) const {
     if (debug_ == nullptr) return;
     std::string name = workspace_.name(i);
     std::replace(name.begin(), name.end(), '/', '_');
@@ -431,7 +433,7 @@ class DenseRun {
     cv::Mat cost;
     map.cost.convertTo(cost, CV_8U, 255);
     debug_->image(name + " cost", cost);
-    debug_->image(name + " kept", draw_depth(kept.depth));
+    debug_->image(name + " kept", draw_depth(filtered_map.depth));
   }
 
   DenseResult finish() {
@@ -469,7 +471,7 @@ class DenseRun {
                          [](const ViewChoice& its) { return !its.sources.empty(); });
   }
 
-  static constexpr float kWorstConfidence = 3;  // above any cost
+  static constexpr float kZeroConfidenceCost = 3;  // above any cost
 
   const DenseOptions& options_;
   const DenseJob& job_;

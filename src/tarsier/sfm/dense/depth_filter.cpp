@@ -14,7 +14,7 @@ namespace tarsier::sfm {
 namespace {
 
 // Projects points of the reference into another image and back.
-struct Carrier {
+struct Reprojection {
   const MatchImage& reference;
   const MatchImage& source;
   geometry::Rigid3 source_from_reference;
@@ -22,7 +22,7 @@ struct Carrier {
   // Computes the error of a reference pixel after projection to the source and back, and the
   // difference of the depths there. False where the source has no depth. `inside`: whether the
   // point is in the source's image.
-  bool carry(int x, int y, float depth, bool& inside, double& px, double& difference) const {
+  bool compute(int x, int y, float depth, bool& inside, double& px, double& difference) const {
     inside = false;
     const geometry::Camera& from = reference.camera;
     const geometry::Camera& to = source.camera;
@@ -58,12 +58,13 @@ DepthMap filtered(const MatchProblem& problem, const PlaneMap& map,
   options.check();
   TARSIER_REQUIRE(map.depth.size() == problem.reference.gray.size(), "a map of {}x{}",
                   map.depth.cols, map.depth.rows);
-  std::vector<Carrier> carriers;
+  std::vector<Reprojection> reprojections;
   for (const MatchImage& source : problem.sources) {
     if (source.depth.empty()) continue;
-    carriers.push_back({problem.reference, source, source.pose * problem.reference.pose.inverse()});
+    reprojections.push_back(
+        {problem.reference, source, source.pose * problem.reference.pose.inverse()});
   }
-  const int needed = carriers.empty() ? 0 : options.min_consistent;
+  const int min_agreeing = reprojections.empty() ? 0 : options.min_consistent;
   DepthMap result;
   result.depth = cv::Mat1f::zeros(map.depth.size());
   result.normal = cv::Mat3f::zeros(map.depth.size());
@@ -74,24 +75,24 @@ DepthMap filtered(const MatchProblem& problem, const PlaneMap& map,
         const float depth = map.depth(y, x);
         const float cost = map.cost(y, x);
         if (!(depth > 0) || !(cost <= options.max_cost)) continue;
-        int agree = 0;
-        int possible = 0;
-        for (const Carrier& carrier : carriers) {
+        int agreeing = 0;
+        int visible = 0;
+        for (const Reprojection& reprojection : reprojections) {
           bool inside = false;
           double px = 0;
           double difference = 0;
-          if (carrier.carry(x, y, depth, inside, px, difference) &&
+          if (reprojection.compute(x, y, depth, inside, px, difference) &&
               px <= options.max_reprojection_px && difference <= options.max_depth_difference)
-            ++agree;
-          if (inside) ++possible;
+            ++agreeing;
+          if (inside) ++visible;
         }
-        const bool is_seen_by_few = possible < needed;
-        if (agree < (is_seen_by_few ? std::max(possible, 1) : needed)) continue;
+        const bool is_seen_by_few = visible < min_agreeing;
+        if (agreeing < (is_seen_by_few ? std::max(visible, 1) : min_agreeing)) continue;
         if (is_seen_by_few && !(cost <= options.max_cost / 2)) continue;
         result.depth.at<float>(y, x) = depth;
         result.normal.at<cv::Vec3f>(y, x) = map.normal(y, x);
         result.confidence.at<float>(y, x) =
-            std::max(0.F, 1 - cost) * (1 - std::exp2(-static_cast<float>(agree)));
+            std::max(0.F, 1 - cost) * (1 - std::exp2(-static_cast<float>(agreeing)));
       }
     }
   });

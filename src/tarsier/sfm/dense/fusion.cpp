@@ -82,7 +82,7 @@ class Views {
 
 struct Neighbour {
   std::shared_ptr<const View> view;
-  cv::Mat1b taken;
+  cv::Mat1b fused;
 };
 
 class Fuser {
@@ -92,16 +92,16 @@ class Fuser {
         neighbours_(neighbours),
         options_(options),
         min_cosine_(std::cos(options.max_normal_angle_deg * std::numbers::pi / 180)),
-        needed_(neighbours.empty() ? 1 : options.min_views) {}
+        min_views_(neighbours.empty() ? 1 : options.min_views) {}
 
   std::optional<CloudPoint> point_at(int x, int y) const {
     const Eigen::Vector3d world = view_.world_of(x, y);
     const Eigen::Vector3d normal = view_.normal_of(x, y);
     Sum sum;
     sum.add(view_, x, y, world, normal);
-    std::array<std::pair<const Neighbour*, cv::Point>, 64> taken;
+    std::array<std::pair<const Neighbour*, cv::Point>, 64> fused;
     std::size_t count = 0;
-    int possible = 1;
+    int visible = 1;
     for (const Neighbour& neighbour : neighbours_) {
       const View& other = *neighbour.view;
       const Eigen::Vector3d there = other.pose * world;
@@ -109,25 +109,25 @@ class Fuser {
       if (!pixel || !(pixel->x > -0.5 && pixel->y > -0.5 && pixel->x < other.camera.width - 0.5 &&
                       pixel->y < other.camera.height - 0.5))
         continue;
-      ++possible;
+      ++visible;
       const cv::Point at(static_cast<int>(std::lround(pixel->x)),
                          static_cast<int>(std::lround(pixel->y)));
       const float known = other.map.depth.at<float>(at);
       if (!(known > 0) || !(std::abs(known / there.z() - 1) <= options_.max_depth_difference))
         continue;
-      const Eigen::Vector3d its = other.world_of(at.x, at.y);
-      const Eigen::Vector3d its_normal = other.normal_of(at.x, at.y);
-      if (!(its_normal.dot(normal) >= min_cosine_)) continue;
-      const auto back = view_.camera.project(view_.pose * its);
+      const Eigen::Vector3d other_world = other.world_of(at.x, at.y);
+      const Eigen::Vector3d other_normal = other.normal_of(at.x, at.y);
+      if (!(other_normal.dot(normal) >= min_cosine_)) continue;
+      const auto back = view_.camera.project(view_.pose * other_world);
       if (!back || !(std::hypot(back->x - x, back->y - y) <= options_.max_reprojection_px))
         continue;
-      sum.add(other, at.x, at.y, its, its_normal);
-      if (count < taken.size()) taken[count++] = {&neighbour, at};
+      sum.add(other, at.x, at.y, other_world, other_normal);
+      if (count < fused.size()) fused[count++] = {&neighbour, at};
     }
-    if (sum.count < std::min(needed_, std::max(possible, 2))) return std::nullopt;
+    if (sum.count < std::min(min_views_, std::max(visible, 2))) return std::nullopt;
     for (std::size_t i = 0; i < count; ++i) {
       // Several threads may mark a pixel; all write the same value.
-      auto& flag = const_cast<std::uint8_t&>(taken[i].first->taken(taken[i].second));
+      auto& flag = const_cast<std::uint8_t&>(fused[i].first->fused(fused[i].second));
       std::atomic_ref<std::uint8_t>(flag).store(1, std::memory_order_relaxed);
     }
     return sum.point();
@@ -137,7 +137,7 @@ class Fuser {
   struct Sum {
     int count = 0;
     double weight = 0;
-    double doubt = 1;
+    double error_probability = 1;
     Eigen::Vector3d position = Eigen::Vector3d::Zero();
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();
     cv::Vec3d color;
@@ -147,7 +147,7 @@ class Fuser {
       const double w = confidence + 1e-3;
       ++count;
       weight += w;
-      doubt *= 1 - confidence;
+      error_probability *= 1 - confidence;
       position += w * at;
       normal += w * n;
       color += w * cv::Vec3d(view.color(y, x));
@@ -161,7 +161,7 @@ class Fuser {
         point.normal[k] = static_cast<float>(length > 0 ? normal[k] / length : 0);
         point.color[k] = cv::saturate_cast<std::uint8_t>(color[k] / weight);
       }
-      point.confidence = static_cast<float>(1 - doubt);
+      point.confidence = static_cast<float>(1 - error_probability);
       return point;
     }
   };
@@ -170,7 +170,7 @@ class Fuser {
   const std::vector<Neighbour>& neighbours_;
   const FusionOptions& options_;
   const double min_cosine_;
-  const int needed_;
+  const int min_views_;
 };
 
 }  // namespace
@@ -184,9 +184,9 @@ std::vector<std::int64_t> fuse(const Workspace& workspace,
   TARSIER_REQUIRE(neighbours.size() == static_cast<std::size_t>(workspace.count()),
                   "neighbours of {} images of {}", neighbours.size(), workspace.count());
   Views views(workspace, memory_bytes);
-  std::vector<cv::Mat1b> taken(neighbours.size());
+  std::vector<cv::Mat1b> fused(neighbours.size());
   const auto mask_of = [&](int index, const View& view) {
-    cv::Mat1b& mask = taken[static_cast<std::size_t>(index)];
+    cv::Mat1b& mask = fused[static_cast<std::size_t>(index)];
     if (mask.empty()) mask = cv::Mat1b::zeros(view.map.depth.size());
     return mask;
   };
@@ -223,7 +223,7 @@ std::vector<std::int64_t> fuse(const Workspace& workspace,
       counts[static_cast<std::size_t>(i)] += static_cast<std::int64_t>(row.size());
     }
     // Later images do not need it.
-    taken[static_cast<std::size_t>(i)].release();
+    fused[static_cast<std::size_t>(i)].release();
     progress.advance();
   }
   progress.end();

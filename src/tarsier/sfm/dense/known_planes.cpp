@@ -29,12 +29,12 @@ std::vector<Known> scaled_points(const MatchProblem& problem, const geometry::Ca
           known.depth <= problem.max_depth))
       continue;
     const auto inverse = static_cast<float>(1 / known.depth);
-    Known& there =
+    Known& entry =
         nearest[{static_cast<int>(std::lround(pixel.y)), static_cast<int>(std::lround(pixel.x))}];
-    if (inverse > there.inverse_depth) there = {pixel, inverse};
+    if (inverse > entry.inverse_depth) entry = {pixel, inverse};
   }
   std::vector<Known> points;
-  for (const auto& [place, known] : nearest) points.push_back(known);
+  for (const auto& [index, known] : nearest) points.push_back(known);
   return points;
 }
 
@@ -98,8 +98,9 @@ void fill_triangle(const std::array<Known, 3>& corners, cv::Size size, std::vect
 
 std::vector<Plane> known_planes(const MatchProblem& problem, const geometry::Camera& camera) {
   const cv::Size size(camera.width, camera.height);
-  const auto middle = static_cast<float>(0.5 * (1 / problem.min_depth + 1 / problem.max_depth));
-  std::vector<Plane> planes(static_cast<std::size_t>(size.area()), Plane{middle, 0, 0});
+  const auto mean_inverse_depth =
+      static_cast<float>(0.5 * (1 / problem.min_depth + 1 / problem.max_depth));
+  std::vector<Plane> planes(static_cast<std::size_t>(size.area()), Plane{mean_inverse_depth, 0, 0});
   const std::vector<Known> points = scaled_points(problem, camera);
   if (points.empty()) return planes;
   fill_from_nearest(points, size, planes);

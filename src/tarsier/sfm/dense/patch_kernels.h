@@ -11,8 +11,8 @@ namespace tarsier::sfm {
 
 // A patch is 11x11 px, of which 32 are sampled: every second one, without the corners.
 inline constexpr int kPatchSamples = 32;
-inline constexpr int kPatchRadius = 5;    // px
-inline constexpr float kWorstCost = 2.F;  // for an inverted patch, or none
+inline constexpr int kPatchRadius = 5;  // px
+inline constexpr float kMaxCost = 2.F;  // for an inverted patch, or none
 
 // Grey levels with their neighbours. A word holds those at (x, y), (x + 1, y), (x, y + 1) and (x +
 // 1, y + 1), lowest byte first, so that one load gives all values for bilinear interpolation.
@@ -42,15 +42,15 @@ struct PatchKernels {
   // Prepares the patch around (x, y); outside the image its border is replicated.
   void (*prepare)(const GrayImage& image, int x, int y, Patch& patch);
   // The same around a position between pixels, with samples `step` times as far apart.
-  void (*prepare_between)(const GrayQuads& image, float u, float v, float step, Patch& patch);
+  void (*prepare_interpolated)(const GrayQuads& image, float u, float v, float step, Patch& patch);
 
   // Returns 1 - sum of w_i (g_i - mean)(s_i - mean') / sqrt((var + e)(var' + e)): 0 for equal
-  // patches, 1 for uncorrelated ones, at most kWorstCost. e = 2 squared grey levels represents
+  // patches, 1 for uncorrelated ones, at most kMaxCost. e = 2 squared grey levels represents
   // noise, so that uniform patches are uncorrelated with all others. s_i is the source at the pixel
   // to which `h` maps sample (dx, dy):
   //   u = (h[0] + h[1] dx + h[2] dy) / z, v = (h[3] + h[4] dx + h[5] dy) / z,
   //   z = h[6] + h[7] dx + h[8] dy.
-  // Returns kWorstCost where the patch is behind the source or its centre outside. Otherwise the
+  // Returns kMaxCost where the patch is behind the source or its centre outside. Otherwise the
   // source's border is replicated.
   float (*cost)(const Patch& patch, const GrayQuads& source, const float* h);
 };

@@ -104,11 +104,11 @@ inline Vector clamped(Vector x, float limit) {
 }
 
 // Computes weights, products and variance from the grey levels of the samples and of the middle.
-void complete(const float* gray, float middle, Patch& patch) {
+void finish_patch(const float* gray, float center, Patch& patch) {
   float total = 0;
   float mean = 0;
   for (int i = 0; i < kPatchSamples; ++i) {
-    const float difference = gray[i] > middle ? gray[i] - middle : middle - gray[i];
+    const float difference = gray[i] > center ? gray[i] - center : center - gray[i];
     patch.weight[i] = kOffsets.spatial[i] * kOffsets.tonal[static_cast<int>(difference + 0.5F)];
     total += patch.weight[i];
     mean += patch.weight[i] * gray[i];
@@ -127,7 +127,7 @@ void complete(const float* gray, float middle, Patch& patch) {
 
 void prepare(const GrayImage& image, int x, int y, Patch& patch) {
   float gray[kPatchSamples];
-  const std::uint8_t* middle = image.data + y * image.step + x;
+  const std::uint8_t* center = image.data + y * image.step + x;
   const bool is_inside = x >= kPatchRadius && y >= kPatchRadius && x + kPatchRadius < image.width &&
                          y + kPatchRadius < image.height;
   for (int i = 0; i < kPatchSamples; ++i) {
@@ -137,12 +137,12 @@ void prepare(const GrayImage& image, int x, int y, Patch& patch) {
       sx = (x + sx < 0 ? 0 : x + sx >= image.width ? image.width - 1 : x + sx) - x;
       sy = (y + sy < 0 ? 0 : y + sy >= image.height ? image.height - 1 : y + sy) - y;
     }
-    gray[i] = static_cast<float>(middle[sy * image.step + sx]);
+    gray[i] = static_cast<float>(center[sy * image.step + sx]);
   }
-  complete(gray, static_cast<float>(*middle), patch);
+  finish_patch(gray, static_cast<float>(*center), patch);
 }
 
-void prepare_between(const GrayQuads& image, float u, float v, float step, Patch& patch) {
+void prepare_interpolated(const GrayQuads& image, float u, float v, float step, Patch& patch) {
   const float limit_x = static_cast<float>(image.width - 1) - 1e-3F;
   const float limit_y = static_cast<float>(image.height - 1) - 1e-3F;
   float gray[kPatchSamples];
@@ -151,20 +151,20 @@ void prepare_between(const GrayQuads& image, float u, float v, float step, Patch
                                  clamped(v + step * load(kOffsets.y + i), limit_y));
     std::memcpy(gray + i, &value, sizeof value);
   }
-  const Vector middle =
+  const Vector center =
       between(image, clamped(Vector{} + u, limit_x), clamped(Vector{} + v, limit_y));
-  complete(gray, middle[0], patch);
+  finish_patch(gray, center[0], patch);
 }
 
 float cost(const Patch& patch, const GrayQuads& source, const float* h) {
   const float limit_x = static_cast<float>(source.width - 1) - 1e-3F;
   const float limit_y = static_cast<float>(source.height - 1) - 1e-3F;
   // The middle of the patch must be inside the image. The form !(..) also rejects NaN.
-  if (!(h[6] > 0)) return kWorstCost;
+  if (!(h[6] > 0)) return kMaxCost;
   const float scale = 1 / h[6];
   if (!(h[0] * scale >= 0 && h[0] * scale <= limit_x + 1e-3F && h[3] * scale >= 0 &&
         h[3] * scale <= limit_y + 1e-3F))
-    return kWorstCost;
+    return kMaxCost;
   Vector sum{};
   Vector squares{};
   Vector products{};
@@ -185,16 +185,16 @@ float cost(const Patch& patch, const GrayQuads& source, const float* h) {
   }
   float low = nearest[0];
   for (int i = 1; i < kLanes; ++i) low = nearest[i] < low ? nearest[i] : low;
-  if (!(low > 0)) return kWorstCost;
+  if (!(low > 0)) return kMaxCost;
   const float mean = sum_of(sum);
   const float spread = sum_of(squares) - mean * mean;
   const float variance = spread > 0 ? spread : 0;
   const float result =
       1 - sum_of(products) / root_of((patch.variance + kNoise) * (variance + kNoise));
-  return result > 0 ? (result < kWorstCost ? result : kWorstCost) : 0;
+  return result > 0 ? (result < kMaxCost ? result : kMaxCost) : 0;
 }
 
-constexpr PatchKernels kKernels{&prepare, &prepare_between, &cost};
+constexpr PatchKernels kKernels{&prepare, &prepare_interpolated, &cost};
 
 }  // namespace
 

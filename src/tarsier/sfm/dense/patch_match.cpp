@@ -15,10 +15,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMinSide = 64;       // px, of the smallest scale
-constexpr int kRandomPlanes = 3;   // initial random planes per pixel of the smallest scale
-constexpr float kFirstMotion = 4;  // px, of the first changes of a plane
-constexpr float kStep = 0.25F;     // px, of the last refinement
+constexpr int kMinSide = 64;            // px, of the smallest scale
+constexpr int kRandomPlanes = 3;        // initial random planes per pixel of the smallest scale
+constexpr float kInitialMotion_px = 4;  // px, of the first changes of a plane
+constexpr float kRefinementStep_px = 0.25F;  // px, of the last refinement
 
 cv::Mat1b reduced(const cv::Mat1b& gray, int level) {
   if (level == 0) return gray;
@@ -71,9 +71,9 @@ void add_large_images(const MatchProblem& problem, MatchLevel& level) {
   const auto gray_of = [](const MatchImage& image) -> const cv::Mat1b& {
     return image.large.empty() ? image.gray : image.large;
   };
-  const cv::Mat1b& own = gray_of(problem.reference);
-  level.large_words = gray_words(own);
-  level.large_size = own.size();
+  const cv::Mat1b& reference_gray = gray_of(problem.reference);
+  level.large_words = gray_words(reference_gray);
+  level.large_size = reference_gray.size();
   for (const MatchImage& image : problem.sources) {
     const cv::Mat1b& gray = gray_of(image);
     level.large_sources.push_back(make_source(gray, camera_of(image.camera, gray.size()),
@@ -141,11 +141,11 @@ PlaneMap match_planes(const MatchProblem& problem, const PatchMatchOptions& opti
                       const std::stop_token& stop) {
   problem.check();
   options.check();
-  int least = std::min(problem.reference.gray.cols, problem.reference.gray.rows);
+  int min_side = std::min(problem.reference.gray.cols, problem.reference.gray.rows);
   for (const MatchImage& source : problem.sources)
-    least = std::min({least, source.gray.cols, source.gray.rows});
+    min_side = std::min({min_side, source.gray.cols, source.gray.rows});
   int top = options.levels - 1;
-  while (top > 0 && (least >> top) < kMinSide) --top;
+  while (top > 0 && (min_side >> top) < kMinSide) --top;
 
   PlaneField field;
   for (int l = top; l >= 0; --l) {
@@ -165,17 +165,17 @@ PlaneMap match_planes(const MatchProblem& problem, const PatchMatchOptions& opti
     const int rounds = is_first ? options.coarse_rounds
                        : l > 0  ? options.middle_rounds
                                 : options.fine_rounds;
-    run_rounds(sweeper, rounds, is_first ? kFirstMotion : 1, stop);
+    run_rounds(sweeper, rounds, is_first ? kInitialMotion_px : 1, stop);
     if (l == 0) {
-      sweeper.refine(kStep, stop);
+      sweeper.refine(kRefinementStep_px, stop);
       return map_of(level, field);
     }
   }
   return {};  // unreachable: level 0 returns
 }
 
-PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
-                     const PatchMatchOptions& options, const std::stop_token& stop) {
+PlaneMap refine_planes(const MatchProblem& problem, const PlaneMap& start,
+                       const PatchMatchOptions& options, const std::stop_token& stop) {
   problem.check();
   options.check();
   TARSIER_REQUIRE(start.depth.size() == problem.reference.gray.size() &&
@@ -195,7 +195,7 @@ PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
   PlaneSweeper sweeper(level, field, sweeper_options(problem, options, 63));
   sweeper.score(stop);
   run_rounds(sweeper, options.geometric_rounds, 0.5F, stop);
-  sweeper.refine(kStep, stop);
+  sweeper.refine(kRefinementStep_px, stop);
   return map_of(level, field);
 }
 

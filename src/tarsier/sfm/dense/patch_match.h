@@ -90,9 +90,9 @@ struct PlaneMap {
 
 // Refines a map with the depths of the sources. The cost of a plane includes 0.2 per px of the
 // error of its point after projection to the source and back.
-[[nodiscard]] PlaneMap match_again(const MatchProblem& problem, const PlaneMap& start,
-                                   const PatchMatchOptions& options,
-                                   const std::stop_token& stop = {});
+[[nodiscard]] PlaneMap refine_planes(const MatchProblem& problem, const PlaneMap& start,
+                                     const PatchMatchOptions& options,
+                                     const std::stop_token& stop = {});
 
 // Approximate memory in bytes for a problem with this many px, px of its larger images, and
 // sources.

@@ -21,8 +21,8 @@
 namespace tarsier::sfm {
 namespace {
 
-struct DrawnScene {
-  explicit DrawnScene(synth::Content content) : scene(options_of(content)) {
+struct SyntheticScene {
+  explicit SyntheticScene(synth::Content content) : scene(options_of(content)) {
     for (int i = 0; i < scene.count(); ++i) {
       cv::Mat1b gray;
       cv::cvtColor(scene.render(i), gray, cv::COLOR_BGR2GRAY);
@@ -59,8 +59,8 @@ struct DrawnScene {
   std::vector<MatchImage> images;
 };
 
-const DrawnScene& relief() {
-  static const DrawnScene scene(synth::Content::kRelief);
+const SyntheticScene& relief() {
+  static const SyntheticScene scene(synth::Content::kRelief);
   return scene;
 }
 
@@ -76,7 +76,7 @@ std::vector<float> errors_of(const cv::Mat1f& depth, const cv::Mat1f& truth) {
 }
 
 TEST(PatchKernels, AgreeBetweenInstructionSets) {
-  const DrawnScene& scene = relief();
+  const SyntheticScene& scene = relief();
   const MatchProblem problem = scene.problem(1);
   const SourceLevel source =
       make_source(problem.sources[0].gray, problem.sources[0].camera, {}, problem.reference.camera);
@@ -99,7 +99,7 @@ TEST(PatchKernels, AgreeBetweenInstructionSets) {
     patch_kernels_baseline()->prepare(image, x, y, patch);
     const float expected = patch_kernels_baseline()->cost(patch, source.quads(), h);
     EXPECT_GE(expected, 0);
-    EXPECT_LE(expected, kWorstCost);
+    EXPECT_LE(expected, kMaxCost);
     for (const PatchKernels* kernels : {patch_kernels_avx2(), patch_kernels_avx512()}) {
       const bool is_avx2 = kernels == patch_kernels_avx2();
       if (kernels == nullptr ||
@@ -112,8 +112,8 @@ TEST(PatchKernels, AgreeBetweenInstructionSets) {
   }
 }
 
-TEST(PatchKernels, CostIsNothingForTheSameAndWorstOutside) {
-  const DrawnScene& scene = relief();
+TEST(PatchKernels, CostIsZeroForEqualPatchesAndMaximalOutside) {
+  const SyntheticScene& scene = relief();
   const cv::Mat1b& gray = scene.images[0].gray;
   const SourceLevel source = make_source(gray, scene.images[0].camera, {}, scene.images[0].camera);
   const GrayImage image{gray.ptr(), static_cast<std::int64_t>(gray.step[0]), gray.cols, gray.rows};
@@ -123,24 +123,24 @@ TEST(PatchKernels, CostIsNothingForTheSameAndWorstOutside) {
   const float same[9] = {100, 1, 0, 80, 0, 1, 1, 0, 0};
   EXPECT_LT(kernels.cost(patch, source.quads(), same), 0.05F);
   const float outside[9] = {-1, 1, 0, 80, 0, 1, 1, 0, 0};
-  EXPECT_EQ(kernels.cost(patch, source.quads(), outside), kWorstCost);
+  EXPECT_EQ(kernels.cost(patch, source.quads(), outside), kMaxCost);
   const float behind[9] = {100, 1, 0, 80, 0, 1, -1, 0, 0};
-  EXPECT_EQ(kernels.cost(patch, source.quads(), behind), kWorstCost);
+  EXPECT_EQ(kernels.cost(patch, source.quads(), behind), kMaxCost);
   const float through[9] = {100, 1, 0, 80, 0, 1, 1, 0.3F, 0};  // partly behind
-  EXPECT_EQ(kernels.cost(patch, source.quads(), through), kWorstCost);
+  EXPECT_EQ(kernels.cost(patch, source.quads(), through), kMaxCost);
   const float none[9] = {NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN};
-  EXPECT_EQ(kernels.cost(patch, source.quads(), none), kWorstCost);
+  EXPECT_EQ(kernels.cost(patch, source.quads(), none), kMaxCost);
   // Flat patches do not correlate, not even with each other.
   const cv::Mat1b flat(64, 64, static_cast<unsigned char>(90));
   const SourceLevel flat_source =
       make_source(flat, {64, 64, 60, 60, 32, 32, {}, 0}, {}, {64, 64, 60, 60, 32, 32, {}, 0});
   kernels.prepare({flat.ptr(), 64, 64, 64}, 30, 30, patch);
-  const float middle[9] = {30, 1, 0, 30, 0, 1, 1, 0, 0};
-  EXPECT_NEAR(kernels.cost(patch, flat_source.quads(), middle), 1, 0.01);
+  const float identity_at_center[9] = {30, 1, 0, 30, 0, 1, 1, 0, 0};
+  EXPECT_NEAR(kernels.cost(patch, flat_source.quads(), identity_at_center), 1, 0.01);
 }
 
-TEST(PatchKernels, BetweenPixelsTheSameIsPrepared) {
-  const DrawnScene& scene = relief();
+TEST(PatchKernels, InterpolatedPatchesAgreeWithThoseOfPixels) {
+  const SyntheticScene& scene = relief();
   const cv::Mat1b& gray = scene.images[0].gray;
   const std::vector<std::uint32_t> words = gray_words(gray);
   const GrayQuads quads{words.data(), gray.cols, gray.rows};
@@ -150,20 +150,21 @@ TEST(PatchKernels, BetweenPixelsTheSameIsPrepared) {
       Patch expected;
       kernels->prepare(image, at.x, at.y, expected);
       Patch patch;
-      kernels->prepare_between(quads, static_cast<float>(at.x), static_cast<float>(at.y), 1, patch);
+      kernels->prepare_interpolated(quads, static_cast<float>(at.x), static_cast<float>(at.y), 1,
+                                    patch);
       EXPECT_NEAR(patch.variance, expected.variance, 0.02F * expected.variance + 0.1F);
       for (int i = 0; i < kPatchSamples; ++i)
         EXPECT_NEAR(patch.weight[i], expected.weight[i], 2e-3F);
     }
     // A patch of half the width at a half-pixel position agrees with the image itself.
     Patch patch;
-    kernels->prepare_between(quads, 100.5F, 80, 0.5F, patch);
+    kernels->prepare_interpolated(quads, 100.5F, 80, 0.5F, patch);
     const float same[9] = {100.5F, 0.5F, 0, 80, 0, 0.5F, 1, 0, 0};
     EXPECT_LT(kernels->cost(patch, quads, same), 0.01F);
   }
 }
 
-TEST(PlaneField, NormalsComeBack) {
+TEST(PlaneField, NormalsRoundTrip) {
   const geometry::Camera camera{240, 180, 200, 210, 118, 91, {}, 0};
   const cv::Vec3f normal = cv::normalize(cv::Vec3f(0.3F, -0.4F, -0.8F));
   const Plane plane = plane_of(camera, 30, 150, 0.125F, normal);
@@ -174,8 +175,8 @@ TEST(PlaneField, NormalsComeBack) {
   EXPECT_LT(cv::norm(normal_of(camera, 50, 120, moved) - normal), 1e-5);
 }
 
-TEST(PatchMatch, FindsTheDepthsOfADrawnScene) {
-  const DrawnScene& scene = relief();
+TEST(PatchMatch, FindsTheDepthsOfASyntheticScene) {
+  const SyntheticScene& scene = relief();
   const MatchProblem problem = scene.problem(1);
   const PlaneMap map = match_planes(problem, {});
   const std::vector<float> errors = errors_of(map.depth, scene.truth(1));
@@ -208,20 +209,20 @@ TEST(PatchMatch, ThreadsDoNotChangeTheResult) {
   EXPECT_EQ(cv::norm(one.cost, three.cost, cv::NORM_INF), 0);
 }
 
-TEST(PatchMatch, WhatAgreesIsRight) {
-  const DrawnScene& scene = relief();
+TEST(PatchMatch, ConsistentDepthsAreCorrect) {
+  const SyntheticScene& scene = relief();
   MatchProblem problem = scene.problem(1);
   for (std::size_t s = 0; s < problem.sources.size(); ++s) {
     const std::size_t index = s < 1 ? s : s + 1;
     problem.sources[s].depth = match_planes(scene.problem(index), {}).depth;
   }
-  const PlaneMap map = match_again(problem, match_planes(problem, {}), {});
-  const DepthMap kept = filtered(problem, map, {});
-  const std::vector<float> errors = errors_of(kept.depth, scene.truth(1));
+  const PlaneMap map = refine_planes(problem, match_planes(problem, {}), {});
+  const DepthMap filtered_map = filtered(problem, map, {});
+  const std::vector<float> errors = errors_of(filtered_map.depth, scene.truth(1));
   EXPECT_GT(errors.size(), map.depth.total() * 6 / 10);
   EXPECT_LT(errors[errors.size() / 2], 0.001F);
   EXPECT_LT(errors[errors.size() * 9 / 10], 0.01F);
-  EXPECT_EQ(cv::countNonZero(kept.confidence > 0), static_cast<int>(errors.size()));
+  EXPECT_EQ(cv::countNonZero(filtered_map.confidence > 0), static_cast<int>(errors.size()));
 }
 
 // A wall of upright bars, every second bar farther away, seen from the left, the middle and the
@@ -288,8 +289,8 @@ TEST(PatchMatch, LargerImagesShowReliefNarrowerThanAPatch) {
   EXPECT_GT(with, 0.5);
 }
 
-TEST(PatchMatch, KnownPointsHelpWhereItBegins) {
-  const DrawnScene& scene = relief();
+TEST(PatchMatch, KnownPointsImproveTheInitialisation) {
+  const SyntheticScene& scene = relief();
   MatchProblem problem = scene.problem(2);
   const cv::Mat1f truth = scene.truth(2);
   for (int y = 5; y < truth.rows; y += 20)
@@ -307,7 +308,7 @@ TEST(PatchMatch, KnownPointsHelpWhereItBegins) {
   EXPECT_LT(with[with.size() * 8 / 10], without[without.size() * 8 / 10]);
 }
 
-TEST(PatchMatch, RefusesWhatIsNoProblem) {
+TEST(PatchMatch, RefusesInvalidProblems) {
   MatchProblem problem = relief().problem(0);
   problem.min_depth = 0;
   EXPECT_THROW((void)match_planes(problem, {}), std::invalid_argument);
@@ -326,7 +327,7 @@ TEST(PatchMatch, RefusesWhatIsNoProblem) {
   EXPECT_THROW((void)match_planes(problem, {}, stop.get_token()), Interrupted);
 }
 
-TEST(DepthFilter, TakesSmallIslandsAway) {
+TEST(DepthFilter, RemovesSmallSegments) {
   DepthMap map;
   map.depth = cv::Mat1f(20, 20, 0.F);
   map.normal = cv::Mat3f(20, 20, cv::Vec3f(0, 0, -1));

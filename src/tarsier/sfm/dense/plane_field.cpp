@@ -93,9 +93,9 @@ SourceLevel make_source(const cv::Mat1b& gray, const geometry::Camera& camera,
 PlaneField::PlaneField(cv::Size its_size, int its_sources) : size(its_size), sources(its_sources) {
   const auto count = static_cast<std::size_t>(size.area());
   planes.resize(count);
-  costs.assign(count, kWorstCost);
+  costs.assign(count, kMaxCost);
   view_costs.assign(count * static_cast<std::size_t>(sources),
-                    static_cast<std::uint16_t>(kWorstCost * kCostUnit));
+                    static_cast<std::uint16_t>(kMaxCost * kCostUnit));
 }
 
 PlaneField enlarged(const PlaneField& coarse, cv::Size size) {

@@ -45,16 +45,16 @@ class PlaneSweeper {
   struct Pixel;  // data of the current pixel
   class Random;
 
-  void look(int x, int y, Pixel& pixel) const;
+  void load_pixel(int x, int y, Pixel& pixel) const;
   void choose_views(Pixel& pixel) const;
   [[nodiscard]] float view_cost(const Pixel& pixel, int source, const Plane& plane) const;
   [[nodiscard]] float geometric_cost(const Pixel& pixel, const SourceLevel& source,
                                      const std::array<float, 3>& base, float inverse_depth) const;
-  [[nodiscard]] bool is_possible(const Pixel& pixel, const Plane& plane) const;
-  bool consider(Pixel& pixel, const Plane& plane) const;
-  void keep(const Pixel& pixel);
+  [[nodiscard]] bool is_valid(const Pixel& pixel, const Plane& plane) const;
+  bool try_plane(Pixel& pixel, const Plane& plane) const;
+  void store(const Pixel& pixel);
   void propagate(Pixel& pixel) const;
-  void change(Pixel& pixel, float motion, int changes, int round) const;
+  void perturb(Pixel& pixel, float motion, int changes, int round) const;
   [[nodiscard]] Plane random_plane(const Pixel& pixel, Random& random) const;
   [[nodiscard]] float motion_of(const Pixel& pixel) const;
   template <typename Work>

@@ -45,9 +45,9 @@ PointGrid::PointGrid(std::vector<cv::Vec3f> points, float cell) : cell_(cell) {
   std::sort(order.begin(), order.end());
   points_.reserve(points.size());
   for (const auto& [key, index] : order) {
-    const auto place = static_cast<std::uint32_t>(points_.size());
-    Range& range = cells_.try_emplace(key, Range{place, place}).first->second;
-    range.end = place + 1;
+    const auto position = static_cast<std::uint32_t>(points_.size());
+    Range& range = cells_.try_emplace(key, Range{position, position}).first->second;
+    range.end = position + 1;
     points_.push_back(points[index]);
   }
 }
@@ -55,7 +55,7 @@ PointGrid::PointGrid(std::vector<cv::Vec3f> points, float cell) : cell_(cell) {
 cv::Vec3i PointGrid::cell_of(const cv::Vec3f& point) const { return cell_at(point, cell_); }
 
 float PointGrid::distance(const cv::Vec3f& from, float limit) const {
-  const cv::Vec3i middle = cell_of(from);
+  const cv::Vec3i center_cell = cell_of(from);
   const int reach = static_cast<int>(std::ceil(limit / cell_));
   float best = limit * limit;
   // Visits shells of cells around the centre: shell r + 1 is at least r cells away.
@@ -66,7 +66,7 @@ float PointGrid::distance(const cv::Vec3f& from, float limit) const {
       for (int y = -r; y <= r; ++y) {
         const bool is_side = std::abs(z) == r || std::abs(y) == r;
         for (int x = -r; x <= r; x += is_side || r == 0 ? 1 : 2 * r) {
-          const auto found = cells_.find(key_of(middle + cv::Vec3i(x, y, z)));
+          const auto found = cells_.find(key_of(center_cell + cv::Vec3i(x, y, z)));
           if (found == cells_.end()) continue;
           for (std::uint32_t i = found->second.begin; i < found->second.end; ++i) {
             const cv::Vec3f between = points_[i] - from;
@@ -79,12 +79,12 @@ float PointGrid::distance(const cv::Vec3f& from, float limit) const {
   return std::sqrt(best);
 }
 
-std::vector<cv::Vec3f> thinned(const std::vector<cv::Vec3f>& points, float cell) {
+std::vector<cv::Vec3f> voxel_downsampled(const std::vector<cv::Vec3f>& points, float cell) {
   TARSIER_REQUIRE(cell > 0 && std::isfinite(cell), "cells of {}", cell);
-  std::unordered_set<std::uint64_t> taken;
+  std::unordered_set<std::uint64_t> occupied;
   std::vector<cv::Vec3f> result;
   for (const cv::Vec3f& point : points)
-    if (taken.insert(key_of(cell_at(point, cell))).second) result.push_back(point);
+    if (occupied.insert(key_of(cell_at(point, cell))).second) result.push_back(point);
   return result;
 }
 

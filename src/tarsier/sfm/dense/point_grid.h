@@ -32,6 +32,7 @@ class PointGrid {
 };
 
 // The first point of each cell.
-[[nodiscard]] std::vector<cv::Vec3f> thinned(const std::vector<cv::Vec3f>& points, float cell);
+[[nodiscard]] std::vector<cv::Vec3f> voxel_downsampled(const std::vector<cv::Vec3f>& points,
+                                                       float cell);
 
 }  // namespace tarsier::sfm

@@ -15,7 +15,7 @@
 namespace tarsier::sfm {
 
 // A true depth map and its camera.
-struct TrueView {
+struct GroundTruthView {
   cv::Mat1f depth;          // 0: unknown
   geometry::Camera camera;  // of the map
   geometry::Rigid3 pose;    // camera_from_world
@@ -25,7 +25,7 @@ struct TrueView {
   [[nodiscard]] bool sees(const Eigen::Vector3d& world) const;
 };
 // The view of image `index`. Throws InputError (no depth map).
-[[nodiscard]] TrueView true_view(const Workspace& workspace, int index);
+[[nodiscard]] GroundTruthView ground_truth_view(const Workspace& workspace, int index);
 
 // Scores of a surface at one distance threshold.
 struct ThresholdScore {
@@ -34,12 +34,12 @@ struct ThresholdScore {
   double completeness = 0;  // share of the true surface within this distance of a point
   double f1 = 0;            // harmonic mean of both
 };
-// Scores at 0.25, 0.5 and 1 % of `extent`. `off`: distances of the surface's points from the true
-// surface, `missing`: distances of the true points from the surface. Both may be clamped at
-// distance_limit().
-[[nodiscard]] std::vector<ThresholdScore> score_thresholds(const std::vector<float>& off,
-                                                           const std::vector<float>& missing,
-                                                           double extent);
+// Scores at 0.25, 0.5 and 1 % of `extent`. `accuracy_distances`: distances of the surface's points
+// from the true surface, `completeness_distances`: distances of the true points from the surface.
+// Both may be clamped at distance_limit().
+[[nodiscard]] std::vector<ThresholdScore> score_thresholds(
+    const std::vector<float>& accuracy_distances, const std::vector<float>& completeness_distances,
+    double extent);
 // World units, slightly above the largest threshold: larger distances need not be exact.
 [[nodiscard]] float distance_limit(double extent);
 // World units, the smallest threshold: the cell size of a grid for these distances.

@@ -19,7 +19,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kParts = 12;
-constexpr std::size_t kMaxPairs = 40;  // per image and point, pairs with others
+constexpr std::size_t kMaxPairsPerPoint = 40;  // per image and point, pairs with others
 constexpr int kAngles = 180;
 constexpr double kAngleStep = 0.5;  // degrees
 constexpr double kDegrees = 180 / std::numbers::pi;
@@ -33,8 +33,8 @@ struct Pair {
 
   void count(int part, double angle_deg, double weight) {
     parts[static_cast<std::size_t>(part)] += static_cast<float>(weight);
-    const double place = std::clamp(angle_deg / kAngleStep, 0.0, kAngles - 1.0);
-    ++angles[static_cast<std::size_t>(place)];
+    const double bin = std::clamp(angle_deg / kAngleStep, 0.0, kAngles - 1.0);
+    ++angles[static_cast<std::size_t>(bin)];
     ++shared;
   }
   // Accurate to half a step.
@@ -49,9 +49,9 @@ struct Pair {
 };
 
 double weight_of(double angle_deg, double enlargement, const ViewSelectionOptions& options) {
-  const double off = angle_deg - options.good_angle_deg;
-  const double spread = options.good_angle_deg * (off < 0 ? 0.5 : 1.5);
-  return std::exp(-off * off / (2 * spread * spread)) / (enlargement * enlargement);
+  const double difference = angle_deg - options.good_angle_deg;
+  const double spread = options.good_angle_deg * (difference < 0 ? 0.5 : 1.5);
+  return std::exp(-difference * difference / (2 * spread * spread)) / (enlargement * enlargement);
 }
 
 int part_of(const geometry::Camera& camera, const cv::Point2d& pixel) {
@@ -86,14 +86,14 @@ class Selector {
   }
 
  private:
-  struct Seen {
+  struct PointObservation {
     int image = 0;
     double px_per_unit = 0;
     int part = 0;
   };
 
   void add(const Point& point, std::vector<ViewChoice>& choices) {
-    std::vector<Seen> seen;
+    std::vector<PointObservation> observed;
     for (const auto& [i, feature] : point.track) {
       const Image& image = model_.images[static_cast<std::size_t>(i)];
       const geometry::Camera& camera = model_.cameras[static_cast<std::size_t>(image.camera)];
@@ -102,26 +102,26 @@ class Selector {
       if (!pixel || !(pixel->x > -0.5 && pixel->y > -0.5 && pixel->x < camera.width - 0.5 &&
                       pixel->y < camera.height - 0.5))
         continue;
-      seen.push_back({i, camera.fx / in_camera.z(), part_of(camera, *pixel)});
+      observed.push_back({i, camera.fx / in_camera.z(), part_of(camera, *pixel)});
       choices[static_cast<std::size_t>(i)].known.push_back({*pixel, in_camera.z()});
     }
-    for (std::size_t a = 0; a < seen.size(); ++a) {
-      for (std::size_t b = a + 1; b < std::min(seen.size(), a + 1 + kMaxPairs); ++b) {
+    for (std::size_t a = 0; a < observed.size(); ++a) {
+      for (std::size_t b = a + 1; b < std::min(observed.size(), a + 1 + kMaxPairsPerPoint); ++b) {
         const Eigen::Vector3d to_a =
-            centers_[static_cast<std::size_t>(seen[a].image)] - point.position;
+            centers_[static_cast<std::size_t>(observed[a].image)] - point.position;
         const Eigen::Vector3d to_b =
-            centers_[static_cast<std::size_t>(seen[b].image)] - point.position;
+            centers_[static_cast<std::size_t>(observed[b].image)] - point.position;
         const double angle = std::atan2(to_a.cross(to_b).norm(), to_a.dot(to_b)) * kDegrees;
-        const double ratio = seen[a].px_per_unit / seen[b].px_per_unit;
+        const double ratio = observed[a].px_per_unit / observed[b].px_per_unit;
         const double weight = weight_of(angle, std::max(ratio, 1 / ratio), options_);
-        count(seen[a], seen[b].image, angle, weight);
-        count(seen[b], seen[a].image, angle, weight);
+        count(observed[a], observed[b].image, angle, weight);
+        count(observed[b], observed[a].image, angle, weight);
       }
     }
   }
 
-  void count(const Seen& seen, int other, double angle, double weight) {
-    pairs_[static_cast<std::size_t>(seen.image)][other].count(seen.part, angle, weight);
+  void count(const PointObservation& observed, int other, double angle, double weight) {
+    pairs_[static_cast<std::size_t>(observed.image)][other].count(observed.part, angle, weight);
   }
 
   void set_depths(ViewChoice& choice) const {
@@ -140,21 +140,21 @@ class Selector {
   void choose(int index, ViewChoice& choice) const {
     const auto& pairs = pairs_[static_cast<std::size_t>(index)];
     std::vector<ViewChoice::Source> candidates;
-    int too_narrow = 0;
+    int narrow_pairs = 0;
     for (const auto& [other, pair] : pairs) {
       if (pair.shared < options_.min_shared_points) continue;
       const double median = pair.median_angle();
-      if (median < options_.min_angle_deg) ++too_narrow;
+      if (median < options_.min_angle_deg) ++narrow_pairs;
       if (median < options_.min_angle_deg || median > options_.max_angle_deg) continue;
       double score = 0;
       for (const float weight : pair.parts) score += std::sqrt(static_cast<double>(weight));
       candidates.push_back({other, score, pair.shared, median});
     }
-    take_best(index, candidates, choice);
+    select_sources(index, candidates, choice);
     if (!choice.sources.empty()) return;
     if (choice.known.empty())
       choice.reason = "no point of the model is seen in it";
-    else if (too_narrow > 0)
+    else if (narrow_pairs > 0)
       choice.reason =
           fmt::format("it was taken from where the others were: rays meet at less than {} degrees",
                       options_.min_angle_deg);
@@ -166,13 +166,14 @@ class Selector {
   // The angle between two sources, as seen from the middle of what the image sees.
   double angle_between(int reference, int a, int b, double depth) const {
     const Image& image = model_.images[static_cast<std::size_t>(reference)];
-    const Eigen::Vector3d middle = image.pose.inverse() * Eigen::Vector3d(0, 0, depth);
-    const Eigen::Vector3d to_a = centers_[static_cast<std::size_t>(a)] - middle;
-    const Eigen::Vector3d to_b = centers_[static_cast<std::size_t>(b)] - middle;
+    const Eigen::Vector3d center = image.pose.inverse() * Eigen::Vector3d(0, 0, depth);
+    const Eigen::Vector3d to_a = centers_[static_cast<std::size_t>(a)] - center;
+    const Eigen::Vector3d to_b = centers_[static_cast<std::size_t>(b)] - center;
     return std::atan2(to_a.cross(to_b).norm(), to_a.dot(to_b)) * kDegrees;
   }
 
-  void take_best(int index, std::vector<ViewChoice::Source> candidates, ViewChoice& choice) const {
+  void select_sources(int index, std::vector<ViewChoice::Source> candidates,
+                      ViewChoice& choice) const {
     std::sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
       return a.score != b.score ? a.score > b.score : a.image < b.image;
     });

@@ -61,7 +61,7 @@ TEST_F(WorkspaceTest, HoldsTheRegisteredImages) {
   EXPECT_THROW((void)workspace.pose(-1), std::invalid_argument);
 }
 
-TEST_F(WorkspaceTest, ReadsTheMapsThatItWrote) {
+TEST_F(WorkspaceTest, MapsRoundTrip) {
   write_model();
   const Workspace workspace = open();
   const DepthMap map = small_map();
@@ -97,7 +97,7 @@ TEST_F(WorkspaceTest, FilesAreThoseOfColmap) {
   EXPECT_EQ(second, 2);
 }
 
-TEST_F(WorkspaceTest, WhatIsNoDepthIsUnknown) {
+TEST_F(WorkspaceTest, InvalidDepthsAreUnknown) {
   write_model();
   const Workspace workspace = open();
   DepthMap map = small_map();
@@ -125,7 +125,7 @@ TEST_F(WorkspaceTest, NormalsAndConfidenceMayBeMissing) {
   EXPECT_EQ(read.confidence.at<float>(24, 32), 1);
 }
 
-TEST_F(WorkspaceTest, SaysWhatIsMissingOrWrong) {
+TEST_F(WorkspaceTest, ErrorsNameWhatIsMissingOrInvalid) {
   EXPECT_THAT(error_of([&] { (void)Workspace::open(path("none")); }), HasSubstr("is no folder"));
   EXPECT_THAT(error_of([&] { (void)open(); }), HasSubstr("sparse"));
   write_colmap(path("sparse"), synthetic_model());

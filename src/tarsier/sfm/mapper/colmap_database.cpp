@@ -254,7 +254,7 @@ class Reader {
       const std::int64_t id = row.integer(0);
       ColmapDatabase::DatabaseImage image;
       image.name = row.text(1);
-      if (const std::string name_error = trouble_of_name(image.name); !name_error.empty())
+      if (const std::string name_error = image_name_error(image.name); !name_error.empty())
         fail(fmt::format("image {}: {}", id, name_error));
       const auto camera = cameras_.find(row.integer(2));
       if (camera == cameras_.end()) fail(fmt::format("the camera of image {} is unknown", id));

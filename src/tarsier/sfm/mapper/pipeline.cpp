@@ -410,7 +410,7 @@ void turn_upright(Model& model) {
   for (const Image& image : model.images) {
     if (!image.registered) continue;
     any = any || image.turns != 0;
-    down += image.pose.rotation.transpose() * down_of(image.turns);
+    down += image.pose.rotation.transpose() * down_direction(image.turns);
   }
   if (!any || !(down.norm() > 1e-3)) return;
   geometry::Sim3 upright;

@@ -391,7 +391,7 @@ TEST_F(PipelineTest, OrientationsShareLensAndGiveSameModel) {
   EXPECT_EQ(model.images[0].turns, 1);
   Eigen::Vector3d down = Eigen::Vector3d::Zero();
   for (const Image& image : model.images)
-    down += image.pose.rotation.transpose() * down_of(image.turns);
+    down += image.pose.rotation.transpose() * down_direction(image.turns);
   EXPECT_GT(down.normalized().y(), 1 - 1e-9);
 }
 

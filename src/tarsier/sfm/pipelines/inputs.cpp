@@ -27,20 +27,20 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMaxDepth = 32;  // max depth of nested folders
-constexpr const char* kResults[] = {"report.json", "plan.json", "cameras.txt",
-                                    "cameras.bin", "sparse",    "stereo"};
+constexpr const char* kResultFiles[] = {"report.json", "plan.json", "cameras.txt",
+                                        "cameras.bin", "sparse",    "stereo"};
 
 // `name` is relative, with or without folders. A repeated name becomes e.g. cam0/a-2.jpg.
 void add_input(const std::string& name, const std::string& path, std::set<std::string>& names,
                std::vector<Input>& inputs) {
   const fs::path file(name);
-  std::string own = name;
-  for (int k = 2; !names.insert(own).second; ++k) {
-    own = (file.parent_path() /
-           fmt::format("{}-{}{}", file.stem().string(), k, file.extension().string()))
-              .string();
+  std::string unique_name = name;
+  for (int k = 2; !names.insert(unique_name).second; ++k) {
+    unique_name = (file.parent_path() /
+                   fmt::format("{}-{}{}", file.stem().string(), k, file.extension().string()))
+                      .string();
   }
-  inputs.push_back({own, path});
+  inputs.push_back({unique_name, path});
 }
 
 void add_inputs(const std::vector<std::string>& paths, std::set<std::string>& names,
@@ -52,7 +52,7 @@ void add_inputs(const std::vector<std::string>& paths, std::set<std::string>& na
 // Whether the folder holds results of a program: a model, a dense workspace, the work of shards.
 bool has_results(const fs::path& folder) {
   std::error_code ignored;
-  return std::any_of(std::begin(kResults), std::end(kResults),
+  return std::any_of(std::begin(kResultFiles), std::end(kResultFiles),
                      [&](const char* name) { return fs::exists(folder / name, ignored); });
 }
 
@@ -167,8 +167,8 @@ std::vector<Input> inputs_of_database(const std::string& path) {
 
 void require_names(const std::vector<Input>& inputs) {
   for (const Input& input : inputs) {
-    if (const std::string trouble = trouble_of_name(input.name); !trouble.empty())
-      throw InputError(printable(input.path), trouble + ": rename it");
+    if (const std::string error = image_name_error(input.name); !error.empty())
+      throw InputError(printable(input.path), error + ": rename it");
   }
 }
 

@@ -39,7 +39,7 @@ class Inputs : public FolderTest {
   }
 };
 
-TEST_F(Inputs, OfFoldersImagesGlobsAndLists) {
+TEST_F(Inputs, AreFoundInFoldersImagesGlobsAndLists) {
   using Names = std::vector<std::string>;
   EXPECT_EQ(names(find({path("one")})), (Names{"a.png", "b.png"}));
   EXPECT_EQ(names(find({path("one/b.png"), path("two/a.png")})), (Names{"b.png", "a.png"}));
@@ -50,7 +50,7 @@ TEST_F(Inputs, OfFoldersImagesGlobsAndLists) {
   EXPECT_EQ(listed[0].path, path("two/b.png"));
 }
 
-TEST_F(Inputs, OfFoldersInAFolderAreNamedByTheirPath) {
+TEST_F(Inputs, ImagesInSubfoldersAreNamedByTheirPath) {
   using Names = std::vector<std::string>;
   const auto put = [&](const std::string& name) {
     make_folder(std::filesystem::path(path(name)).parent_path().string());
@@ -76,14 +76,14 @@ TEST_F(Inputs, OfFoldersInAFolderAreNamedByTheirPath) {
   EXPECT_EQ(names(find({path("rig/model")})), (Names{"view.png"}));
 }
 
-TEST_F(Inputs, OfOneNameGetNamesOfTheirOwn) {
+TEST_F(Inputs, DuplicateNamesAreMadeUnique) {
   const auto inputs = find({path("one"), path("two"), path("one/a.png")});
   EXPECT_EQ(names(inputs),
             (std::vector<std::string>{"a.png", "b.png", "a-2.png", "b-2.png", "a-3.png"}));
   EXPECT_EQ(inputs[2].path, path("two/a.png"));
 }
 
-TEST_F(Inputs, ThatAreNoFilesAreRefused) {
+TEST_F(Inputs, MissingFilesCamerasAndVideosAreRefused) {
   EXPECT_THROW((void)find({path("missing")}), InputError);
   EXPECT_THROW((void)find({"7"}), InputError) << "a camera";
   // The start of an AVI file. Without a folder for its key frames it is not opened.
@@ -96,7 +96,7 @@ TEST_F(Inputs, ThatAreNoFilesAreRefused) {
   }
 }
 
-TEST_F(Inputs, OfAReconstructionAreTwo) {
+TEST_F(Inputs, AReconstructionNeedsTwoImages) {
   const auto inputs = find({path("one")});
   EXPECT_NO_THROW(require_two_images(inputs, "one"));
   try {
@@ -107,7 +107,7 @@ TEST_F(Inputs, OfAReconstructionAreTwo) {
   }
 }
 
-TEST(KeyFrames, HaveFilesBySeries) {
+TEST(KeyFrames, ArePathsWithTheirFrameNumber) {
   Keyframe frame;
   frame.index = 12;
   EXPECT_EQ(key_frame_path("frames", frame), "frames/frame-000012.png");

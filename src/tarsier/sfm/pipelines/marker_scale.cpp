@@ -25,33 +25,35 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinAngle = 3 * std::numbers::pi / 180;
+constexpr double kMinRayAngle_rad = 3 * std::numbers::pi / 180;
 constexpr double kMaxReprojection = 3;  // px
 constexpr double kMaxSpread = 0.05;     // share of a marker's side, above which a warning is given
 // max relative difference of the sides, and of the diagonals, of a square
-constexpr double kMaxDifference = 0.10;
+constexpr double kMaxSideDifference = 0.10;
 
-struct Sighting {
+struct MarkerObservation {
   int image = 0;  // index into Model::images
   std::array<Eigen::Vector2d, 4> corners;
 };
-using Sightings = std::map<int, std::vector<Sighting>>;  // by id
+using MarkerObservations = std::map<int, std::vector<MarkerObservation>>;  // by id
 
 using Square = std::array<Eigen::Vector3d, 4>;  // world
 
 // An id that occurs twice in an image is ignored there.
-void add_sightings(const std::vector<SeenMarker>& markers, int image, Sightings& sightings) {
-  for (const SeenMarker& marker : markers) {
+void add_observations(const std::vector<DetectedMarker>& markers, int image,
+                      MarkerObservations& by_id) {
+  for (const DetectedMarker& marker : markers) {
     const auto same = std::count_if(markers.begin(), markers.end(),
                                     [&](const auto& other) { return other.id == marker.id; });
-    if (same == 1) sightings[marker.id].push_back({image, marker.corners});
+    if (same == 1) by_id[marker.id].push_back({image, marker.corners});
   }
 }
 
-Sightings find_markers(const Model& model,
-                       const std::function<std::string(const std::string&)>& path_of,
-                       const FindMarkers& find, Progress& progress, const std::stop_token& stop) {
-  Sightings sightings;
+MarkerObservations find_markers(const Model& model,
+                                const std::function<std::string(const std::string&)>& path_of,
+                                const MarkerFinder& find, Progress& progress,
+                                const std::stop_token& stop) {
+  MarkerObservations by_id;
   const auto registered = std::count_if(model.images.begin(), model.images.end(),
                                         [](const Image& image) { return image.registered; });
   progress.begin("markers", registered, "images");
@@ -66,31 +68,34 @@ Sightings find_markers(const Model& model,
       throw InputError(path, fmt::format("is {}x{}, but its camera in the model {}x{}", gray.cols,
                                          gray.rows, camera.width, camera.height));
     }
-    add_sightings(find(gray), static_cast<int>(i), sightings);
+    add_observations(find(gray), static_cast<int>(i), by_id);
     progress.advance();
   }
   progress.end();
-  return sightings;
+  return by_id;
 }
 
 // Whether two of the cameras see the point under a large enough angle.
-bool is_wide(const Model& model, const std::vector<Sighting>& seen, const Eigen::Vector3d& point) {
-  const auto center = [&](const Sighting& one) {
+bool has_wide_baseline(const Model& model, const std::vector<MarkerObservation>& observations,
+                       const Eigen::Vector3d& point) {
+  const auto center = [&](const MarkerObservation& one) {
     return model.images[static_cast<std::size_t>(one.image)].pose.center();
   };
-  for (std::size_t a = 0; a < seen.size(); ++a)
-    for (std::size_t b = a + 1; b < seen.size(); ++b)
-      if (ray_angle(point, center(seen[a]), center(seen[b])) >= kMinAngle) return true;
+  for (std::size_t a = 0; a < observations.size(); ++a)
+    for (std::size_t b = a + 1; b < observations.size(); ++b)
+      if (ray_angle(point, center(observations[a]), center(observations[b])) >= kMinRayAngle_rad)
+        return true;
   return false;
 }
 
-enum class Verdict { kSquare, kNarrow, kNoSquare };
+enum class SideStatus { kMeasured, kSmallAngle, kNotSquare };
 
 // Triangulates a corner of a marker from all images that show it; empty where that fails.
-std::optional<Eigen::Vector3d> corner_of(const Model& model, const std::vector<Sighting>& seen,
+std::optional<Eigen::Vector3d> corner_of(const Model& model,
+                                         const std::vector<MarkerObservation>& observations,
                                          std::size_t corner) {
   std::vector<ObservationRay> rays;
-  for (const Sighting& one : seen) {
+  for (const MarkerObservation& one : observations) {
     const Image& image = model.images[static_cast<std::size_t>(one.image)];
     const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(image.camera)];
     const Eigen::Vector2d& pixel = one.corners[corner];
@@ -102,16 +107,18 @@ std::optional<Eigen::Vector3d> corner_of(const Model& model, const std::vector<S
 }
 
 // The largest reprojection error of the corners in an image, px.
-double reprojection_of(const Model& model, const Sighting& seen, const Square& corners) {
-  const Image& image = model.images[static_cast<std::size_t>(seen.image)];
+double reprojection_of(const Model& model, const MarkerObservation& observation,
+                       const Square& corners) {
+  const Image& image = model.images[static_cast<std::size_t>(observation.image)];
   const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(image.camera)];
-  double worst = 0;
+  double max_error = 0;
   for (std::size_t k = 0; k < corners.size(); ++k) {
     const auto pixel = camera.project(image.pose * corners[k]);
     if (!pixel) return HUGE_VAL;
-    worst = std::max(worst, (Eigen::Vector2d(pixel->x, pixel->y) - seen.corners[k]).norm());
+    max_error =
+        std::max(max_error, (Eigen::Vector2d(pixel->x, pixel->y) - observation.corners[k]).norm());
   }
-  return worst;
+  return max_error;
 }
 
 // The mean side; 0 where the sides or the diagonals differ too much.
@@ -121,35 +128,36 @@ double side_of(const Square& corners) {
   const double mean = (sides[0] + sides[1] + sides[2] + sides[3]) / 4;
   const double first = (corners[2] - corners[0]).norm();
   const double second = (corners[3] - corners[1]).norm();
-  const auto [least, most] = std::minmax_element(sides.begin(), sides.end());
-  const bool is_square = *most - *least <= kMaxDifference * mean &&
-                         std::abs(first - second) <= kMaxDifference * std::max(first, second);
+  const auto [shortest, longest] = std::minmax_element(sides.begin(), sides.end());
+  const bool is_square = *longest - *shortest <= kMaxSideDifference * mean &&
+                         std::abs(first - second) <= kMaxSideDifference * std::max(first, second);
   return is_square ? mean : 0;
 }
 
-// Measures the side of a marker, in units of the model. The worst images are removed from `seen`,
-// but fewer than half.
-Verdict measure(const Model& model, std::vector<Sighting>& seen, double& side) {
-  const std::size_t all = seen.size();
-  while (seen.size() >= 2) {
+// Measures the side of a marker, in units of the model. The worst images are removed from
+// `observations`, but fewer than half.
+SideStatus measure(const Model& model, std::vector<MarkerObservation>& observations, double& side) {
+  const std::size_t all = observations.size();
+  while (observations.size() >= 2) {
     Square corners;
     for (std::size_t k = 0; k < corners.size(); ++k) {
-      const auto point = corner_of(model, seen, k);
-      if (!point) return Verdict::kNoSquare;
+      const auto point = corner_of(model, observations, k);
+      if (!point) return SideStatus::kNotSquare;
       corners[k] = *point;
     }
-    if (!is_wide(model, seen, corners[0])) return Verdict::kNarrow;
+    if (!has_wide_baseline(model, observations, corners[0])) return SideStatus::kSmallAngle;
     std::vector<double> errors;
-    for (const Sighting& one : seen) errors.push_back(reprojection_of(model, one, corners));
-    const auto worst = std::max_element(errors.begin(), errors.end());
-    if (*worst <= kMaxReprojection) {
+    for (const MarkerObservation& one : observations)
+      errors.push_back(reprojection_of(model, one, corners));
+    const auto max_error = std::max_element(errors.begin(), errors.end());
+    if (*max_error <= kMaxReprojection) {
       side = side_of(corners);
-      return side > 0 ? Verdict::kSquare : Verdict::kNoSquare;
+      return side > 0 ? SideStatus::kMeasured : SideStatus::kNotSquare;
     }
-    if (2 * (seen.size() - 1) <= all) return Verdict::kNoSquare;
-    seen.erase(seen.begin() + (worst - errors.begin()));
+    if (2 * (observations.size() - 1) <= all) return SideStatus::kNotSquare;
+    observations.erase(observations.begin() + (max_error - errors.begin()));
   }
-  return Verdict::kNarrow;
+  return SideStatus::kSmallAngle;
 }
 
 }  // namespace
@@ -172,38 +180,38 @@ MarkerScale marker_scale(const Model& model,
                          const KnownMarkers& known, Progress& progress,
                          const std::stop_token& stop) {
   known.check();
-  Sightings sightings = find_markers(model, path_of, known.find, progress, stop);
+  MarkerObservations by_id = find_markers(model, path_of, known.find, progress, stop);
   MarkerScale result;
   std::vector<double> sides;
   std::vector<bool> shows(model.images.size(), false);
-  for (auto& [id, seen] : sightings) {
+  for (auto& [id, observations] : by_id) {
     double side = 0;
-    const Verdict verdict = measure(model, seen, side);
-    if (verdict == Verdict::kNoSquare) {
+    const SideStatus status = measure(model, observations, side);
+    if (status == SideStatus::kNotSquare) {
       log_warning("marker {}: its corners in {} images make no square; it does not count", id,
-                  seen.size());
+                  observations.size());
       ++result.left_out;
     }
-    if (verdict != Verdict::kSquare) continue;
+    if (status != SideStatus::kMeasured) continue;
     sides.push_back(side);
-    for (const Sighting& one : seen) shows[static_cast<std::size_t>(one.image)] = true;
+    for (const MarkerObservation& one : observations)
+      shows[static_cast<std::size_t>(one.image)] = true;
   }
   if (sides.empty()) {
     const std::string what =
-        sightings.empty()
-            ? "no marker is seen in the images of the model"
-            : fmt::format(
-                  "of the {} markers that are seen none is measured by two images from "
-                  "different sides",
-                  sightings.size());
+        by_id.empty() ? "no marker is seen in the images of the model"
+                      : fmt::format(
+                            "of the {} markers that are seen none is measured by two images from "
+                            "different sides",
+                            by_id.size());
     throw Error(ErrorKind::kInput, "scale by markers: " + what);
   }
-  const double middle = upper_median(sides);
-  result.scale = known.side / middle;
+  const double median_side = upper_median(sides);
+  result.scale = known.side / median_side;
   result.markers = static_cast<int>(sides.size());
   result.images = static_cast<int>(std::count(shows.begin(), shows.end(), true));
   for (const double side : sides)
-    result.spread = std::max(result.spread, std::abs(side / middle - 1));
+    result.spread = std::max(result.spread, std::abs(side / median_side - 1));
   if (result.spread > kMaxSpread) {
     log_warning(
         "the sides of the {} markers differ by up to {:.0f} %: not all are of the same size",

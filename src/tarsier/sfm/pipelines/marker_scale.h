@@ -18,16 +18,16 @@
 namespace tarsier::sfm {
 
 // A marker detected in an image, by any detector.
-struct SeenMarker {
+struct DetectedMarker {
   int id = 0;
   std::array<Eigen::Vector2d, 4> corners;  // px, clockwise from the marker's own top left corner
 };
 // Detects the markers of an image (CV_8UC1), in any order.
-using FindMarkers = std::function<std::vector<SeenMarker>(const cv::Mat& gray)>;
+using MarkerFinder = std::function<std::vector<DetectedMarker>(const cv::Mat& gray)>;
 
 struct KnownMarkers {
   double side = 0;     // > 0, in any unit; this becomes the model's unit
-  FindMarkers find;    // e.g. planar::markers::detect_markers(), of one family
+  MarkerFinder find;   // e.g. planar::markers::detect_markers(), of one family
   void check() const;  // throws std::invalid_argument
 };
 

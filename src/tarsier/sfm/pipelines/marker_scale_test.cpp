@@ -45,7 +45,7 @@ class MarkerScaleTest : public FolderTest {
 
   // Adds marker `id` with its middle at (x, y) on the table, observed by image `i`.
   void put(int i, int id, double x, double y) {
-    SeenMarker marker;
+    DetectedMarker marker;
     marker.id = id;
     constexpr double kHalf = kSide / 2;
     const Eigen::Vector2d steps[] = {
@@ -76,10 +76,10 @@ class MarkerScaleTest : public FolderTest {
 
   cv::Size size_{640, 480};
   Model model_;
-  std::array<std::vector<SeenMarker>, 3> seen_;
+  std::array<std::vector<DetectedMarker>, 3> seen_;
 };
 
-TEST_F(MarkerScaleTest, IsThatOfTheKnownSide) {
+TEST_F(MarkerScaleTest, FollowsFromTheKnownSide) {
   for (int i = 0; i < 3; ++i) {
     put(i, 7, -0.04, 0);
     put(i, 12, 0.05, 0.02);
@@ -101,7 +101,7 @@ TEST_F(MarkerScaleTest, AnImageThatShowsTheIdElsewhereIsLeftOut) {
   EXPECT_NEAR(measured().scale, 1 / kUnit, 1e-7);
 }
 
-TEST_F(MarkerScaleTest, AnIdThatIsThereTwiceIsNotUsed) {
+TEST_F(MarkerScaleTest, AnIdDetectedTwiceInAnImageIsIgnored) {
   for (int i = 0; i < 3; ++i) {
     put(i, 7, -0.05, 0);
     put(i, 7, 0.05, 0);
@@ -110,14 +110,14 @@ TEST_F(MarkerScaleTest, AnIdThatIsThereTwiceIsNotUsed) {
   EXPECT_EQ(measured().markers, 1);
 }
 
-TEST_F(MarkerScaleTest, WithoutMarkersItSaysSo) {
+TEST_F(MarkerScaleTest, ThrowsWithoutMarkers) {
   EXPECT_THROW((void)measured(), Error);
   put(0, 7, 0, 0);  // a single image gives no scale
   EXPECT_THROW((void)measured(), Error);
   EXPECT_THROW((void)measured(0), std::invalid_argument);
 }
 
-TEST_F(MarkerScaleTest, AnImageOfAnotherSizeIsNamed) {
+TEST_F(MarkerScaleTest, AnImageOfAnotherSizeIsReported) {
   for (int i = 0; i < 3; ++i) put(i, 7, 0, 0);
   size_.width = 600;
   EXPECT_THROW((void)measured(), InputError);

@@ -83,23 +83,23 @@ cv::Mat draw_matches(const ComparedPair& pair) {
                 cv::Scalar::all(255));
   sides[0].copyTo(drawn(cv::Rect({0, 0}, sides[0].size())));
   sides[1].copyTo(drawn(cv::Rect({sides[0].cols, 0}, sides[1].size())));
-  std::set<int> kept;
-  for (const Match& match : pair.view.inliers) kept.insert(match.first);
+  std::set<int> inliers;
+  for (const Match& match : pair.view.inliers) inliers.insert(match.first);
   for (const bool good : {false, true}) {
-    const std::size_t all = good ? kept.size() : pair.matches.size() - kept.size();
+    const std::size_t all = good ? inliers.size() : pair.matches.size() - inliers.size();
     const std::size_t every = std::max<std::size_t>(1, all / kMaxLines);
     const cv::Scalar color = good ? cv::Scalar(80, 190, 60) : cv::Scalar(60, 60, 220);
     std::size_t number = 0;
     for (const Match& match : pair.matches) {
-      if (kept.contains(match.first) != good) continue;
+      if (inliers.contains(match.first) != good) continue;
       const cv::Point2d a =
           cv::Point2d(pair.first_points[static_cast<std::size_t>(match.first)]) * scales[0];
       const cv::Point2d b =
           cv::Point2d(pair.second_points[static_cast<std::size_t>(match.second)]) * scales[1];
-      const cv::Point2d beside = b + cv::Point2d(sides[0].cols, 0);
+      const cv::Point2d in_second = b + cv::Point2d(sides[0].cols, 0);
       cv::circle(drawn, a, 2, color, cv::FILLED, cv::LINE_AA);
-      cv::circle(drawn, beside, 2, color, cv::FILLED, cv::LINE_AA);
-      if (number++ % every == 0) cv::line(drawn, a, beside, color, 1, cv::LINE_AA);
+      cv::circle(drawn, in_second, 2, color, cv::FILLED, cv::LINE_AA);
+      if (number++ % every == 0) cv::line(drawn, a, in_second, color, 1, cv::LINE_AA);
     }
   }
   return drawn;

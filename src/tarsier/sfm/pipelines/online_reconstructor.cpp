@@ -22,13 +22,15 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kLongestSide = 960;    // px, of the images in which points are tracked
-constexpr std::size_t kRecent = 12;  // key frames from which points can be tracked
+constexpr int kMaxTrackingSide_px = 960;         // px, of the images in which points are tracked
+constexpr std::size_t kMaxRecentKeyFrames = 12;  // key frames from which points can be tracked
 constexpr std::size_t kMaxTracked = 400;
-constexpr double kBackPx = 1.0;  // px, max error after tracking forward and backward
+// after tracking forward and backward
+constexpr double kMaxForwardBackwardError_px = 1.0;
 
 double reduction(cv::Size size) {
-  return std::min(1.0, static_cast<double>(kLongestSide) / std::max(size.width, size.height));
+  return std::min(1.0,
+                  static_cast<double>(kMaxTrackingSide_px) / std::max(size.width, size.height));
 }
 
 cv::Mat reduced_gray(const cv::Mat& image) {
@@ -44,7 +46,7 @@ cv::Mat reduced_gray(const cv::Mat& image) {
 }
 
 // The model uses the pixels of the sensor.
-cv::Mat unturned(const Frame& image) {
+cv::Mat in_sensor_orientation(const Frame& image) {
   try {
     if (orientation_of_file(image.name) != 1) return read_sensor_image(image.name);
   } catch (const InputError&) {  // the file is gone; the image is left out when it is added
@@ -54,10 +56,10 @@ cv::Mat unturned(const Frame& image) {
 
 // --- debug images ---
 
-const cv::Scalar kInModel{80, 220, 80};
-const cv::Scalar kOther{0, 170, 255};
-const cv::Scalar kLost{60, 60, 235};
-constexpr std::size_t kShownMatches = 150;
+const cv::Scalar kInModelColor{80, 220, 80};
+const cv::Scalar kOtherColor{0, 170, 255};
+const cv::Scalar kLostColor{60, 60, 235};
+constexpr std::size_t kMaxShownMatches = 150;
 
 cv::Mat colored(const cv::Mat& gray) {
   cv::Mat image;
@@ -71,11 +73,11 @@ void draw_tracks(cv::Mat& image, const std::vector<cv::Point2f>& from,
   for (std::size_t k = 0; k < from.size(); ++k) {
     const bool lost = !is_lost.empty() && is_lost[k] != 0;
     if (lost) {
-      cv::circle(image, from[k], 3, kLost, 1, cv::LINE_AA);
+      cv::circle(image, from[k], 3, kLostColor, 1, cv::LINE_AA);
       continue;
     }
-    cv::line(image, from[k], to[k], kOther, 1, cv::LINE_AA);
-    cv::circle(image, to[k], 2, kInModel, cv::FILLED, cv::LINE_AA);
+    cv::line(image, from[k], to[k], kOtherColor, 1, cv::LINE_AA);
+    cv::circle(image, to[k], 2, kInModelColor, cv::FILLED, cv::LINE_AA);
   }
 }
 
@@ -107,7 +109,7 @@ OnlineResult OnlineReconstructor::process(const Frame& frame, const std::stop_to
                                           DebugSink* debug) {
   model_changed_ = false;
   latest_ = frame;
-  if (images_.contains(frame.name)) latest_.image = unturned(frame);
+  if (images_.contains(frame.name)) latest_.image = in_sensor_orientation(frame);
   gray_ = reduced_gray(latest_.image);
   if (options_.every_frame) {
     add({latest_.image, frame.index, frame.time, 0, 0}, latest_, stop);
@@ -133,12 +135,12 @@ OnlineResult OnlineReconstructor::finish(const std::stop_token& stop) {
   if (!options_.every_frame && !latest_.image.empty()) {
     if (const auto key_frame = picker_.finish()) add(*key_frame, latest_, stop);
   }
-  if (waiting_ > 0) grow(false, stop);
+  if (pending_key_frames_ > 0) grow(false, stop);
   if (!latest_.image.empty()) track_points();
   return result();
 }
 
-Input OnlineReconstructor::keep(const Keyframe& key_frame, const Frame& latest) const {
+Input OnlineReconstructor::save_key_frame(const Keyframe& key_frame, const Frame& latest) const {
   if (const auto image = images_.find(latest.name); image != images_.end()) return image->second;
   make_folder(options_.frames_folder);
   const std::string path = key_frame_path(options_.frames_folder, key_frame);
@@ -148,7 +150,7 @@ Input OnlineReconstructor::keep(const Keyframe& key_frame, const Frame& latest) 
 
 void OnlineReconstructor::add(const Keyframe& key_frame, const Frame& latest,
                               const std::stop_token& stop) {
-  inputs_.push_back(keep(key_frame, latest));
+  inputs_.push_back(save_key_frame(key_frame, latest));
   try {
     mapper_.add(inputs_.back(), stop);
   } catch (const Interrupted&) {
@@ -159,8 +161,8 @@ void OnlineReconstructor::add(const Keyframe& key_frame, const Frame& latest,
   }
   recent_.push_back(
       {mapper_.count() - 1, reduced_gray(key_frame.image), reduction(key_frame.image.size())});
-  if (recent_.size() > kRecent) recent_.pop_front();
-  if (++waiting_ >= options_.grow_every) grow(false, stop);
+  if (recent_.size() > kMaxRecentKeyFrames) recent_.pop_front();
+  if (++pending_key_frames_ >= options_.grow_every) grow(false, stop);
 }
 
 void OnlineReconstructor::grow(bool adjust_all, const std::stop_token& stop) {
@@ -173,7 +175,7 @@ void OnlineReconstructor::grow(bool adjust_all, const std::stop_token& stop) {
   } catch (const Interrupted&) {
     return;  // the caller is ending
   }
-  waiting_ = 0;
+  pending_key_frames_ = 0;
   model_changed_ = true;
   choose_points();
 }
@@ -188,11 +190,12 @@ void OnlineReconstructor::choose_points() {
     if (!image.registered) continue;
     const double scale =
         reduction({model.cameras[at(image.camera)].width, model.cameras[at(image.camera)].height});
-    std::vector<cv::Point2f> seen;
+    std::vector<cv::Point2f> model_points;
     for (std::size_t f = 0; f < image.points.size(); ++f)
-      if (image.points[f] >= 0) seen.push_back(image.features[f] * scale);
-    const std::size_t step = std::max<std::size_t>(1, seen.size() / kMaxTracked);
-    for (std::size_t k = 0; k < seen.size(); k += step) tracked_.from.push_back(seen[k]);
+      if (image.points[f] >= 0) model_points.push_back(image.features[f] * scale);
+    const std::size_t step = std::max<std::size_t>(1, model_points.size() / kMaxTracked);
+    for (std::size_t k = 0; k < model_points.size(); k += step)
+      tracked_.from.push_back(model_points[k]);
     tracked_.gray = entry->gray;
     tracked_.to = tracked_.from;
     tracked_.is_lost.assign(tracked_.from.size(), 0);
@@ -206,18 +209,18 @@ void OnlineReconstructor::track_points() {
     return;
   }
   const cv::Size window(21, 21);
-  const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03);
+  const cv::TermCriteria termination(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03);
   std::vector<cv::Point2f> back = tracked_.from;
-  std::vector<std::uint8_t> there;
-  std::vector<std::uint8_t> here;
+  std::vector<std::uint8_t> forward_status;
+  std::vector<std::uint8_t> backward_status;
   std::vector<float> error;
-  lazy_opencv::optical_flow_pyr_lk(tracked_.gray, gray_, tracked_.from, tracked_.to, there, error,
-                                   window, 4, enough, cv::OPTFLOW_USE_INITIAL_FLOW);
-  lazy_opencv::optical_flow_pyr_lk(gray_, tracked_.gray, tracked_.to, back, here, error, window, 4,
-                                   enough, cv::OPTFLOW_USE_INITIAL_FLOW);
+  lazy_opencv::optical_flow_pyr_lk(tracked_.gray, gray_, tracked_.from, tracked_.to, forward_status,
+                                   error, window, 4, termination, cv::OPTFLOW_USE_INITIAL_FLOW);
+  lazy_opencv::optical_flow_pyr_lk(gray_, tracked_.gray, tracked_.to, back, backward_status, error,
+                                   window, 4, termination, cv::OPTFLOW_USE_INITIAL_FLOW);
   for (std::size_t k = 0; k < tracked_.from.size(); ++k) {
-    const bool is_found =
-        there[k] != 0 && here[k] != 0 && cv::norm(back[k] - tracked_.from[k]) <= kBackPx;
+    const bool is_found = forward_status[k] != 0 && backward_status[k] != 0 &&
+                          cv::norm(back[k] - tracked_.from[k]) <= kMaxForwardBackwardError_px;
     tracked_.is_lost[k] = is_found ? 0 : 1;
     if (!is_found) tracked_.to[k] = tracked_.from[k];  // start of its next search
   }
@@ -226,7 +229,7 @@ void OnlineReconstructor::track_points() {
 void OnlineReconstructor::show_stages(DebugSink& debug) const {
   if (!picker_.corners().empty()) {
     cv::Mat shown = colored(gray_);
-    draw_tracks(shown, picker_.corners(), picker_.followed(), {});
+    draw_tracks(shown, picker_.corners(), picker_.tracked_corners(), {});
     debug.image("motion", shown);
   }
   if (!recent_.empty()) {
@@ -250,7 +253,7 @@ void OnlineReconstructor::show_features(DebugSink& debug) const {
   for (std::size_t f = 0; f < features.points.size(); ++f) {
     const bool is_point = image != nullptr && f < image->points.size() && image->points[f] >= 0;
     const int radius = std::clamp(cvRound(features.sizes[f] * scale / 2), 2, 30);
-    cv::circle(shown, features.points[f] * scale, radius, is_point ? kInModel : kOther, 1,
+    cv::circle(shown, features.points[f] * scale, radius, is_point ? kInModelColor : kOtherColor, 1,
                cv::LINE_AA);
   }
   debug.image("features", shown);
@@ -258,13 +261,14 @@ void OnlineReconstructor::show_features(DebugSink& debug) const {
 
 // Draws the earlier key frame on the left, the latest on the right.
 void OnlineReconstructor::show_matches(DebugSink& debug) const {
-  const Recent& latest = recent_.back();
+  const RecentKeyFrame& latest = recent_.back();
   const Pair* best = nullptr;
-  const Recent* earlier = nullptr;
+  const RecentKeyFrame* earlier = nullptr;
   for (const Pair& pair : mapper_.pairs()) {
     if (pair.second != latest.image) continue;
-    const auto entry = std::find_if(recent_.begin(), recent_.end(),
-                                    [&](const Recent& kept) { return kept.image == pair.first; });
+    const auto entry =
+        std::find_if(recent_.begin(), recent_.end(),
+                     [&](const RecentKeyFrame& recent) { return recent.image == pair.first; });
     if (entry == recent_.end() || entry->gray.rows != latest.gray.rows) continue;
     if (best != nullptr && pair.view.inliers.size() <= best->view.inliers.size()) continue;
     best = &pair;
@@ -277,13 +281,13 @@ void OnlineReconstructor::show_matches(DebugSink& debug) const {
   const Features& second = mapper_.features(best->second);
   const cv::Point2f right(static_cast<float>(earlier->gray.cols), 0);
   const MatchList& inliers = best->view.inliers;
-  const std::size_t step = std::max<std::size_t>(1, inliers.size() / kShownMatches);
+  const std::size_t step = std::max<std::size_t>(1, inliers.size() / kMaxShownMatches);
   for (std::size_t k = 0; k < inliers.size(); k += step) {
     const cv::Point2f from = first.points[at(inliers[k].first)] * earlier->scale;
     const cv::Point2f to = second.points[at(inliers[k].second)] * latest.scale + right;
-    cv::line(shown, from, to, kOther, 1, cv::LINE_AA);
-    cv::circle(shown, from, 2, kInModel, cv::FILLED, cv::LINE_AA);
-    cv::circle(shown, to, 2, kInModel, cv::FILLED, cv::LINE_AA);
+    cv::line(shown, from, to, kOtherColor, 1, cv::LINE_AA);
+    cv::circle(shown, from, 2, kInModelColor, cv::FILLED, cv::LINE_AA);
+    cv::circle(shown, to, 2, kInModelColor, cv::FILLED, cv::LINE_AA);
   }
   debug.image("matches", shown);
 }

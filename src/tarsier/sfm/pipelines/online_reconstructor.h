@@ -99,14 +99,14 @@ class OnlineReconstructor {
   };
 
   // A key frame whose points can be tracked.
-  struct Recent {
+  struct RecentKeyFrame {
     int image = 0;     // index in the mapper
     cv::Mat gray;      // reduced
     double scale = 1;  // reduced px per px of the full image
   };
 
   void add(const Keyframe& key_frame, const Frame& latest, const std::stop_token& stop);
-  [[nodiscard]] Input keep(const Keyframe& key_frame, const Frame& latest) const;
+  [[nodiscard]] Input save_key_frame(const Keyframe& key_frame, const Frame& latest) const;
   void grow(bool adjust_all, const std::stop_token& stop);
   void choose_points();
   void track_points();
@@ -120,8 +120,8 @@ class OnlineReconstructor {
   KeyframePicker picker_;
   std::map<std::string, Input> images_;  // by path of the file
   std::vector<Input> inputs_;
-  int waiting_ = 0;  // key frames since the last growth
-  std::deque<Recent> recent_;
+  int pending_key_frames_ = 0;  // key frames since the last growth
+  std::deque<RecentKeyFrame> recent_;
   Tracked tracked_;
   Frame latest_;
   cv::Mat gray_;  // of latest_, reduced

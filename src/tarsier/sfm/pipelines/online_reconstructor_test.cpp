@@ -123,7 +123,7 @@ TEST_F(OnlineReconstructing, TracksThePointsOfTheModelInTheFrame) {
   EXPECT_NE(online.model().images.back().pose.center(), before);
 }
 
-TEST_F(OnlineReconstructing, ImagesThatAreThereAreNotWritten) {
+TEST_F(OnlineReconstructing, ExistingImagesAreNotWritten) {
   options_.every_frame = true;
   options_.frames_folder.clear();
   for (int i = 0; i < 3; ++i) {

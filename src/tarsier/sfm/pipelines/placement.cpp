@@ -100,18 +100,19 @@ nlohmann::ordered_json to_json(const Placement& placement) {
   return json;
 }
 
-std::vector<Input> with_places(std::vector<Input> inputs, const Positions& known,
-                               const PipelineOptions& options, const std::stop_token& stop) {
-  const auto has_place = [](const Input& input) { return input.position.has_value(); };
+std::vector<Input> with_camera_positions(std::vector<Input> inputs, const Positions& known,
+                                         const PipelineOptions& options,
+                                         const std::stop_token& stop) {
+  const auto has_position = [](const Input& input) { return input.position.has_value(); };
   if (!options.database.empty() || options.flow ||
-      std::any_of(inputs.begin(), inputs.end(), has_place) ||
+      std::any_of(inputs.begin(), inputs.end(), has_position) ||
       pair_choice(options, static_cast<int>(inputs.size())) != PairChoice::kRetrieval)
     return inputs;
-  const Positions places = known.empty() ? gps_positions(inputs, stop) : known;
+  const Positions positions = known.empty() ? gps_positions(inputs, stop) : known;
   std::size_t count = 0;
   for (Input& input : inputs) {
-    const auto found = places.find(input.name);
-    if (found == places.end()) continue;
+    const auto found = positions.find(input.name);
+    if (found == positions.end()) continue;
     input.position = found->second;
     ++count;
   }
@@ -155,30 +156,32 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
   const bool gps = options.alignment == Alignment::kGps;
   const Positions all = gps ? gps_positions(inputs, stop) : known;
   Positions result;
-  std::vector<Eigen::Vector3d> places;
+  std::vector<Eigen::Vector3d> positions;
   for (const Input& input : inputs) {
     const auto position = all.find(input.name);
     if (position == all.end()) continue;
     result.insert(*position);
-    places.push_back(position->second);
+    positions.push_back(position->second);
   }
-  if (places.size() < 3) {
+  if (positions.size() < 3) {
     const std::string what =
-        gps ? fmt::format("{} of {} images have a position in EXIF", places.size(), inputs.size())
+        gps ? fmt::format("{} of {} images have a position in EXIF", positions.size(),
+                          inputs.size())
             : fmt::format("{} of {} names are images here (these are called '{}' ..)",
-                          places.size(), all.size(),
+                          positions.size(), all.size(),
                           inputs.empty() ? "" : printable(inputs.front().name));
     throw InputError(source_of(options), what + "; three that are not in a line are needed");
   }
-  if (!geometry::similarity_between(geometry::columns_of(places), geometry::columns_of(places))) {
+  if (!geometry::similarity_between(geometry::columns_of(positions),
+                                    geometry::columns_of(positions))) {
     throw InputError(source_of(options),
                      fmt::format("the {} positions of images are in a line; three that are not "
                                  "are needed",
-                                 places.size()));
+                                 positions.size()));
   }
-  if (places.size() < all.size()) {
+  if (positions.size() < all.size()) {
     log_warning("{}: {} of {} names are no images here", source_of(options),
-                all.size() - places.size(), all.size());
+                all.size() - positions.size(), all.size());
   }
   return result;
 }

@@ -68,9 +68,10 @@ struct Placement {
 // Adds camera positions to the inputs where pairs are chosen by retrieval (pipeline.h). They come
 // from `known`, or from EXIF where `known` is empty. With any other choice of pairs, or where an
 // input already has a place, the inputs are returned unchanged. Throws Interrupted.
-[[nodiscard]] std::vector<Input> with_places(std::vector<Input> inputs, const Positions& known,
-                                             const PipelineOptions& options,
-                                             const std::stop_token& stop);
+[[nodiscard]] std::vector<Input> with_camera_positions(std::vector<Input> inputs,
+                                                       const Positions& known,
+                                                       const PipelineOptions& options,
+                                                       const std::stop_token& stop);
 
 // The positions in `known` (kGps: in EXIF) that belong to the inputs. Throws at once what would
 // otherwise fail after all the work: InputError for positions that cannot place a model, UsageError

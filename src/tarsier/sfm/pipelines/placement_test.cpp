@@ -59,7 +59,7 @@ std::string error_of(const std::function<void()>& work) {
   return "no error";
 }
 
-TEST(Placement, BringsCamerasToTheirPositions) {
+TEST(Placement, AlignsCamerasToTheirPositions) {
   Model model = synthetic_model();
   const Positions known = moved_positions(model, some_similarity());
   const Eigen::Vector3d point = some_similarity() * model.points[7].position;
@@ -81,7 +81,7 @@ TEST(Placement, BringsCamerasToTheirPositions) {
   EXPECT_FALSE(json.contains("scale"));
 }
 
-TEST(Placement, GivesTheModelAKnownDistance) {
+TEST(Placement, ScalesTheModelToAKnownDistance) {
   Model model = synthetic_model();
   PlacementOptions options;
   options.distance = KnownDistance{model.images[0].name, model.images[3].name, 12.5};
@@ -91,10 +91,11 @@ TEST(Placement, GivesTheModelAKnownDistance) {
   EXPECT_EQ(to_json(placement)["scale"], *placement.scale);
 }
 
-TEST(Placement, MarkersGiveTheUnitWhereverTheModelIsMoved) {
+TEST(Placement, MarkersGiveTheScaleAlsoOfAnAlignedModel) {
   const Model original = synthetic_model();
   PlacementOptions options;
-  options.markers = KnownMarkers{0.05, [](const cv::Mat&) { return std::vector<SeenMarker>(); }};
+  options.markers =
+      KnownMarkers{0.05, [](const cv::Mat&) { return std::vector<DetectedMarker>(); }};
   MarkerScale measured;
   measured.scale = 0.25;
   const auto distance = [](const Model& model) {
@@ -114,7 +115,7 @@ TEST(Placement, MarkersGiveTheUnitWhereverTheModelIsMoved) {
   EXPECT_THROW((void)place(model, options, {}, 1), std::invalid_argument);  // no measurement
 }
 
-TEST(Placement, ThatIsNotToldLeavesTheModel) {
+TEST(Placement, WithoutOptionsLeavesTheModel) {
   const Model before = synthetic_model();
   Model model = before;
   PlacementOptions options;
@@ -134,7 +135,7 @@ TEST(Placement, ThatIsNotToldLeavesTheModel) {
   EXPECT_EQ(model.points[0].position, before.points[0].position);
 }
 
-TEST(Placement, IsCheckedBeforeTheWork) {
+TEST(Placement, PositionsAreCheckedBeforeTheReconstruction) {
   const Model model = synthetic_model();
   const auto inputs = inputs_of(model);
   Positions known = moved_positions(model, {});
@@ -243,12 +244,12 @@ TEST_F(Gps, PositionsAreInMetres) {
   // They guide the choice of pairs by appearance. Given positions have priority.
   PipelineOptions pipeline;
   pipeline.pairs = PairChoice::kRetrieval;
-  EXPECT_EQ(with_places(inputs, {}, pipeline, {})[1].position, found.at("1.jpg"));
-  EXPECT_FALSE(with_places(inputs, {}, pipeline, {})[3].position.has_value());
+  EXPECT_EQ(with_camera_positions(inputs, {}, pipeline, {})[1].position, found.at("1.jpg"));
+  EXPECT_FALSE(with_camera_positions(inputs, {}, pipeline, {})[3].position.has_value());
   const Eigen::Vector3d given(1, 2, 3);
-  EXPECT_EQ(with_places(inputs, {{"none.jpg", given}}, pipeline, {})[3].position, given);
+  EXPECT_EQ(with_camera_positions(inputs, {{"none.jpg", given}}, pipeline, {})[3].position, given);
   pipeline.pairs = PairChoice::kExhaustive;
-  EXPECT_FALSE(with_places(inputs, {}, pipeline, {})[1].position.has_value());
+  EXPECT_FALSE(with_camera_positions(inputs, {}, pipeline, {})[1].position.has_value());
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW((void)gps_positions(inputs, stop.get_token()), Interrupted);

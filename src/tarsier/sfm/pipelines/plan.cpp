@@ -190,17 +190,17 @@ geometry::Camera camera_of(const Members& json) {
   return c;
 }
 
-Eigen::Vector3d place_of(const Members& image) {
+Eigen::Vector3d position_of(const Members& image) {
   const Json& numbers = image.get("place");
   if (!numbers.is_array() || numbers.size() != 3) image.fail("place");
-  Eigen::Vector3d place;
+  Eigen::Vector3d position;
   for (int k = 0; k < 3; ++k) {
     const Json& number = numbers[static_cast<std::size_t>(k)];
     if (!number.is_number()) image.fail("place");
-    place[k] = number.get<double>();
+    position[k] = number.get<double>();
   }
-  if (!place.allFinite()) image.fail("place");
-  return place;
+  if (!position.allFinite()) image.fail("place");
+  return position;
 }
 
 PipelineOptions options_of(const Members& json) {
@@ -294,7 +294,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   }
   progress.begin("plan", static_cast<std::int64_t>(inputs.size()), "images");
   OrderedJson images = OrderedJson::array();
-  for (const Input& input : with_places(inputs, {}, given, stop)) {
+  for (const Input& input : with_camera_positions(inputs, {}, given, stop)) {
     throw_if_stopped(stop);
     const std::string file = path_from(folder, input.path);
     PlannedImage image{input.name, (fs::path(folder) / file).string(), "", input.position};
@@ -369,8 +369,8 @@ Plan read_plan(const std::string& folder) {
     const Members image(entry, path);
     PlannedImage& planned = plan.images.emplace_back(
         PlannedImage{image.text("name"), image.text("file"), image.text("sha256")});
-    if (image.has("place")) planned.place = place_of(image);
-    if (!trouble_of_name(planned.name).empty() || !names.insert(planned.name).second)
+    if (image.has("place")) planned.place = position_of(image);
+    if (!image_name_error(planned.name).empty() || !names.insert(planned.name).second)
       members.fail("name");
     if (planned.path.empty() || planned.path.find('\0') != std::string::npos) members.fail("file");
     planned.path = (fs::path(folder) / planned.path).string();

@@ -104,7 +104,7 @@ nlohmann::ordered_json to_json(const ReconstructorResult& result) {
   nlohmann::ordered_json report = report_json(result.pipeline);
   if (nlohmann::ordered_json placed = to_json(result.placement); !placed.empty())
     report["placed"] = std::move(placed);
-  if (!result.not_placed.empty()) report["not_placed"] = result.not_placed;
+  if (!result.placement_error.empty()) report["not_placed"] = result.placement_error;
   return report;
 }
 
@@ -169,8 +169,8 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   check_outputs();
   require_two_images(inputs, inputs.empty() ? "images" : inputs.front().path);
   check_inputs(inputs);
-  const Surroundings around{inputs, positions_of(options_.placement, positions_, inputs, stop),
-                            progress, stop};
+  const PlacementContext context{inputs, positions_of(options_.placement, positions_, inputs, stop),
+                                 progress, stop};
 
   PipelineHooks pipeline_hooks;
   pipeline_hooks.partial = true;
@@ -192,10 +192,10 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
     };
   }
   ReconstructorResult result;
-  result.pipeline = run_pipeline(with_places(inputs, positions_, options_.pipeline, stop),
+  result.pipeline = run_pipeline(with_camera_positions(inputs, positions_, options_.pipeline, stop),
                                  options_.pipeline, progress, stop, pipeline_hooks);
   result.pipeline.names_files = options_.names_files;
-  write_models(result, around);
+  write_models(result, context);
   if (hooks.on_models) hooks.on_models(result);
   if (result.interrupted()) return result;
   for (std::size_t m = 0; m < result.models().size(); ++m) {
@@ -207,40 +207,42 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   return result;
 }
 
-void Reconstructor::place_largest(ReconstructorResult& result, const Surroundings& around) const {
+void Reconstructor::place_largest(ReconstructorResult& result,
+                                  const PlacementContext& context) const {
   Model& model = result.pipeline.reconstruction.models[0];
   const auto path_of = [&](const std::string& name) {
-    const auto input = std::find_if(around.inputs.begin(), around.inputs.end(),
+    const auto input = std::find_if(context.inputs.begin(), context.inputs.end(),
                                     [&](const Input& each) { return each.name == name; });
-    return input == around.inputs.end() ? name : input->path;
+    return input == context.inputs.end() ? name : input->path;
   };
   try {
     std::optional<MarkerScale> markers;
     if (options_.placement.markers)
       markers =
-          marker_scale(model, path_of, *options_.placement.markers, around.progress, around.stop);
+          marker_scale(model, path_of, *options_.placement.markers, context.progress, context.stop);
     result.placement =
-        place(model, options_.placement, around.known, options_.pipeline.seed, markers);
+        place(model, options_.placement, context.known, options_.pipeline.seed, markers);
   } catch (const Interrupted&) {
     throw;
   } catch (const Error& error) {
-    result.not_placed = error.what();
+    result.placement_error = error.what();
   }
 }
 
-void Reconstructor::write_models(ReconstructorResult& result, const Surroundings& around) const {
+void Reconstructor::write_models(ReconstructorResult& result,
+                                 const PlacementContext& context) const {
   const std::vector<Model>& models = result.models();
   const std::string& folder = options_.folder;
   const bool is_placed = !models.empty() && options_.placement.any();
   if (folder.empty()) {
-    if (is_placed) place_largest(result, around);
+    if (is_placed) place_largest(result, context);
     return;
   }
   const auto earlier = earlier_run(folder);
   if (result.interrupted() && earlier && !earlier->partial &&
       earlier->registered >= statistics_of(models.front()).registered) {
     log_warning("interrupted: {} keeps the finished model of an earlier run", folder);
-    result.kept_earlier = true;
+    result.kept_earlier_model = true;
     return;
   }
   const auto folder_of = [&](std::size_t m) { return model_folder(folder, static_cast<int>(m)); };
@@ -251,8 +253,8 @@ void Reconstructor::write_models(ReconstructorResult& result, const Surroundings
   write_report(folder, result);
   if (!models.empty()) remove_old_models(folder, static_cast<int>(models.size()), earlier);
   if (is_placed) {
-    place_largest(result, around);
-    if (result.not_placed.empty()) write_model(folder, models[0]);
+    place_largest(result, context);
+    if (result.placement_error.empty()) write_model(folder, models[0]);
     write_report(folder, result);
   }
   for (std::size_t m = 0; m < models.size(); ++m) write_views(folder_of(m), models[m]);

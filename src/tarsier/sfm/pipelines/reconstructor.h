@@ -40,12 +40,12 @@ struct ReconstructorOptions {
 void use_features(PipelineOptions& options, FeatureKind kind);
 
 struct ReconstructorResult {
-  PipelineResult pipeline;  // models, largest first, and the outcome of each image
-  Placement placement;      // placement of the largest model
-  std::string not_placed;   // why the requested scale or place is missing; or ""
+  PipelineResult pipeline;      // models, largest first, and the outcome of each image
+  Placement placement;          // placement of the largest model
+  std::string placement_error;  // why the requested scale or place is missing; or ""
   // The run was interrupted and wrote nothing, because the folder holds a finished model of an
   // earlier run with at least as many images.
-  bool kept_earlier = false;
+  bool kept_earlier_model = false;
 
   [[nodiscard]] const std::vector<Model>& models() const { return pipeline.reconstruction.models; }
   [[nodiscard]] bool interrupted() const { return pipeline.reconstruction.interrupted; }
@@ -114,14 +114,14 @@ class Reconstructor {
  private:
   void check_inputs(const std::vector<Input>& inputs) const;
   // What placing the largest model needs besides the options.
-  struct Surroundings {
+  struct PlacementContext {
     const std::vector<Input>& inputs;
     Positions known;
     Progress& progress;
     std::stop_token stop;
   };
-  void write_models(ReconstructorResult& result, const Surroundings& around) const;
-  void place_largest(ReconstructorResult& result, const Surroundings& around) const;
+  void write_models(ReconstructorResult& result, const PlacementContext& context) const;
+  void place_largest(ReconstructorResult& result, const PlacementContext& context) const;
 
   ReconstructorOptions options_;
   Positions positions_;  // from the positions file

@@ -49,7 +49,7 @@ class Reconstructing : public ReliefFolderTest {
   ReconstructorOptions options_;
 };
 
-TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
+TEST_F(Reconstructing, WritesAPlacedModelAndItsDerivedFiles) {
   options_.placement.alignment = Alignment::kPositions;
   options_.placement.positions_file = path("positions.csv");
   options_.turntable = options_.undistorted = options_.match_images = true;
@@ -64,7 +64,7 @@ TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
   const ReconstructorResult result = run(hooks);
   EXPECT_EQ(calls, 1);
   ASSERT_EQ(result.models().size(), 1U);
-  EXPECT_EQ(result.not_placed, "");
+  EXPECT_EQ(result.placement_error, "");
   for (const char* name : {"cameras.txt", "images.txt", "points3D.txt", "points.ply", "cameras.ply",
                            "view.html", "view.png", "turntable.gif",
                            "undistorted/sparse/points3D.txt", "undistorted/images/0.png"}) {
@@ -99,16 +99,16 @@ TEST_F(Reconstructing, WithoutAFolderWritesNothing) {
   EXPECT_EQ(Reconstructor(options_).frames_folder(), "");
 }
 
-TEST_F(Reconstructing, AModelThatCannotBePlacedIsThereAsItWasMade) {
+TEST_F(Reconstructing, AModelThatCannotBePlacedIsWrittenUnchanged) {
   write_image(path("images/blank.png"), cv::Mat(180, 240, CV_8UC3, {120, 120, 120}));
   options_.placement.distance = KnownDistance{"0.png", "blank.png", 3};
   const ReconstructorResult result = run();
-  EXPECT_EQ(result.not_placed,
+  EXPECT_EQ(result.placement_error,
             "the known distance: 'blank.png' is not in the model, which is written as it is");
   EXPECT_FALSE(result.placement.scale);
   EXPECT_TRUE(has("model/points3D.txt"));
   EXPECT_TRUE(has("model/view.png"));
-  EXPECT_EQ(report()["not_placed"], result.not_placed);
+  EXPECT_EQ(report()["not_placed"], result.placement_error);
   EXPECT_FALSE(report().contains("placed"));
 }
 
@@ -161,7 +161,7 @@ TEST_F(Reconstructing, AnInterruptedRunKeepsAFinishedModel) {
   };
   const ReconstructorResult result = run(hooks, stop.get_token());
   EXPECT_TRUE(result.interrupted());
-  EXPECT_TRUE(result.kept_earlier);
+  EXPECT_TRUE(result.kept_earlier_model);
   EXPECT_FALSE(result.models().empty());
   EXPECT_EQ(contents(path("model/images.txt")), images);
   EXPECT_EQ(contents(path("model/report.json")), written);
@@ -172,12 +172,12 @@ TEST_F(Reconstructing, AnInterruptedRunKeepsAFinishedModel) {
   hooks.watch = [&](const std::string& label, const Model&) {
     if (label == "grown-002-after") again.request_stop();
   };
-  EXPECT_FALSE(run(hooks, again.get_token()).kept_earlier);
+  EXPECT_FALSE(run(hooks, again.get_token()).kept_earlier_model);
   EXPECT_EQ(report()["partial"], true);
   EXPECT_TRUE(has("model/points3D.txt"));
 }
 
-TEST_F(Reconstructing, GoesOnFromItsCache) {
+TEST_F(Reconstructing, ResumesFromItsCache) {
   (void)run();
   const std::string images = contents(path("model/images.txt"));
   const ReconstructorResult again = run();

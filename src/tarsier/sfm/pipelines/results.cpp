@@ -28,7 +28,7 @@ using Json = nlohmann::json;
 constexpr std::int64_t kMaxReportBytes = 1'000'000'000;
 constexpr int kMaxModels = 1'000'000;
 // The key of "images" in reports of older versions.
-constexpr const char* kFormerImages = "photographs";
+constexpr const char* kOldImagesKey = "photographs";
 constexpr const char* kWriter = "tarsier sfm reconstruct";
 constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt",   "points3D.txt", "cameras.bin",
                                        "images.bin",  "points3D.bin", "points.ply",   "cameras.ply",
@@ -44,17 +44,17 @@ Json read_report(const fs::path& folder) {
   }
 }
 
-int number_of(const Json& object, const char* name) {
+int integer_or_zero(const Json& object, const char* name) {
   const auto found = object.find(name);
   return found != object.end() && found->is_number_integer()
              ? static_cast<int>(std::clamp<std::int64_t>(found->get<std::int64_t>(), 0, kMaxModels))
              : 0;
 }
 
-bool says_model(const fs::path& folder, int model) {
+bool is_report_of_model(const fs::path& folder, int model) {
   const Json report = read_report(folder);
   return report.is_object() && report.value("written_by", Json()) == kWriter &&
-         number_of(report, "model") == model;
+         integer_or_zero(report, "model") == model;
 }
 
 void remove_file(const fs::path& path) {
@@ -95,16 +95,16 @@ std::optional<EarlierRun> earlier_run(const std::string& folder) {
   const auto has_list = [&](const char* name) {
     return report.contains(name) && report[name].is_array();
   };
-  // Older versions wrote "story" for "log", and kFormerImages for "images".
-  if (!has_list("models") || !(has_list("images") || has_list(kFormerImages)) ||
+  // Older versions wrote "story" for "log", and kOldImagesKey for "images".
+  if (!has_list("models") || !(has_list("images") || has_list(kOldImagesKey)) ||
       !has_list("stages") || !(has_list("log") || has_list("story"))) {
     return std::nullopt;
   }
   EarlierRun run;
   run.models = static_cast<int>(std::min<std::size_t>(report["models"].size(), kMaxModels));
   if (run.models > 0 && report["models"][0].is_object())
-    run.registered = number_of(report["models"][0],
-                               report["models"][0].contains("images") ? "images" : kFormerImages);
+    run.registered = integer_or_zero(
+        report["models"][0], report["models"][0].contains("images") ? "images" : kOldImagesKey);
   run.partial = report.value("partial", Json()) == true;
   return run;
 }
@@ -119,7 +119,7 @@ std::map<std::string, std::string> image_files(const std::string& folder, const 
     const Json report = is_report_trusted ? read_report(folder) : Json();
     Json list;
     if (report.is_object())
-      list = report.value(report.contains("images") ? "images" : kFormerImages, Json());
+      list = report.value(report.contains("images") ? "images" : kOldImagesKey, Json());
     for (const Json& image : list.is_array() ? list : Json::array()) {
       if (!image.is_object()) continue;
       const Json name = image.value("name", Json());
@@ -131,9 +131,9 @@ std::map<std::string, std::string> image_files(const std::string& folder, const 
   std::map<std::string, std::string> files;
   std::error_code error;
   for (const std::string& name : names) {
-    for (const fs::path& place : folders) {
-      if (files.count(name) == 0 && fs::is_regular_file(place / name, error))
-        files[name] = (place / name).string();
+    for (const fs::path& directory : folders) {
+      if (files.count(name) == 0 && fs::is_regular_file(directory / name, error))
+        files[name] = (directory / name).string();
     }
     const auto found = reported.find(name);
     if (files.count(name) == 0 && found != reported.end() &&
@@ -180,7 +180,7 @@ int remove_old_models(const std::string& folder, int first,
         !fs::is_directory(path, error)) {
       continue;
     }
-    const bool is_own = says_model(path, model);
+    const bool is_own = is_report_of_model(path, model);
     if (!is_own && !(earlier && model < earlier->models)) continue;
     remove_undistorted(path / "undistorted");
     for (const char* file : kModelFiles) remove_file(path / file);

@@ -38,7 +38,7 @@ class Results : public FolderTest {
   }
 };
 
-TEST_F(Results, OfAnEarlierRunAreKnownByTheReport) {
+TEST_F(Results, AnEarlierRunIsRecognisedByItsReport) {
   EXPECT_FALSE(earlier_run(folder_));
   write("report.json", "{\"models\": 3}");
   EXPECT_FALSE(earlier_run(folder_));
@@ -56,7 +56,7 @@ TEST_F(Results, OfAnEarlierRunAreKnownByTheReport) {
   EXPECT_EQ(earlier_run(folder_)->registered, 5);
 }
 
-TEST_F(Results, ImagesAreFoundInTheirFolderOrByTheReport) {
+TEST_F(Results, ImagesAreFoundByTheirFolderOrTheReport) {
   write("elsewhere/a.jpg", "a");
   write("images/b.jpg", "b");
   write("report.json", R"({"images":[{"name":"a.jpg","file":")" + folder_ +
@@ -76,7 +76,7 @@ TEST_F(Results, ImagesAreFoundInTheirFolderOrByTheReport) {
   EXPECT_THROW((void)image_files(folder_, folder_ + "/elsewhere", {"b.jpg"}), InputError);
 }
 
-TEST_F(Results, ModelsOfAnEarlierRunGo) {
+TEST_F(Results, ModelsOfAnEarlierRunAreRemoved) {
   write_report(4);
   for (const char* name : {"model-1", "model-2", "model-3"}) write_model(name);
   write("model-2/notes.txt", "mine");
@@ -92,7 +92,7 @@ TEST_F(Results, ModelsOfAnEarlierRunGo) {
   EXPECT_FALSE(has("model-3"));
 }
 
-TEST_F(Results, FoldersThatNoRunWroteStay) {
+TEST_F(Results, FoldersOfOthersAreNotRemoved) {
   write_report(2);
   for (const char* name : {"model-1", "model-5", "model-07", "model-x"}) write_model(name);
   write("model-5/report.json", "{\"models\":[]}");
@@ -104,7 +104,7 @@ TEST_F(Results, FoldersThatNoRunWroteStay) {
 }
 
 // A run that was killed before its report was written. Its folders themselves mark their origin.
-TEST_F(Results, AFolderSaysItselfThatItIsOfARun) {
+TEST_F(Results, AReportMarksAFolderAsThatOfARun) {
   begin_model_folder(folder_, 2);
   write_model("model-2");
   EXPECT_EQ(remove_old_models(folder_, 3, {}), 0);

@@ -294,7 +294,7 @@ std::string write_cluster_models(const std::string& path, const ClusterModels& c
   for (const std::string& reason : cluster.reasons) writer.put(reason);
   writer.put(static_cast<std::uint64_t>(cluster.models.size()));
   for (const PackedModel& model : cluster.models) put(writer, model);
-  writer.put(numbers_of(cluster.refused));
+  writer.put(numbers_of(cluster.rejected_pairs));
   return writer.write(path);
 }
 
@@ -309,7 +309,7 @@ ClusterModels read_cluster_models(const std::string& path, const std::string& su
     const auto models = reader.get<std::uint64_t>();
     for (std::uint64_t k = 0; k < models; ++k)  // a wrong count ends with the file
       cluster.models.push_back(get_packed_model(reader));
-    cluster.refused = get_pairs(reader);
+    cluster.rejected_pairs = get_pairs(reader);
     if (!is_valid(cluster)) throw Damaged();
     return cluster;
   });

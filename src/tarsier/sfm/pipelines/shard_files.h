@@ -63,7 +63,7 @@ struct ClusterModels {
   std::vector<std::string> reasons;  // per image: why it is in no model; or ""
   std::vector<PackedModel> models;   // largest first; their images are indices into `images`
   // pairs that the mapper rejected; indices among all readable images
-  std::vector<ImagePair> refused;
+  std::vector<ImagePair> rejected_pairs;
   [[nodiscard]] int registered() const;  // number of images in models
 };
 

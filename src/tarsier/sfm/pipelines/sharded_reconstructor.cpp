@@ -25,12 +25,12 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kSiftColumns = 128;
-constexpr std::int64_t kPairsAtOnce = 256;  // between two checks of the stop token
+constexpr std::int64_t kStopCheckPairs = 256;  // between two checks of the stop token
 // Number of images that a cluster takes from each neighbour.
 constexpr int kMinOverlap = 4;
 constexpr int kMaxOverlap = 30;
 
-std::string sum_or_none(const std::string& path) {
+std::string checksum_or_empty(const std::string& path) {
   try {
     return sha256_of_file(path);
   } catch (const InputError&) {
@@ -38,7 +38,7 @@ std::string sum_or_none(const std::string& path) {
   }
 }
 
-std::string sum_of(const std::vector<std::string>& sums) {
+std::string checksum_of(const std::vector<std::string>& sums) {
   Sha256 sum;
   for (const std::string& text : sums) sum.add(text);
   return sum.hex();
@@ -57,10 +57,10 @@ void describe(const ClusterModels& cluster, ShardReport& report) {
 }
 
 // Checksum of what the cluster models are made from: the pairs and all matches.
-std::string sum_of_matches(const std::string& from, const std::vector<ShardInfo>& matches) {
+std::string checksum_of_matches(const std::string& from, const std::vector<ShardInfo>& matches) {
   std::vector<std::string> sums{from};
   for (const ShardInfo& info : matches) sums.push_back(info.sha256);
-  return sum_of(sums);
+  return checksum_of(sums);
 }
 
 // The model with the images and cameras of all clusters.
@@ -100,8 +100,8 @@ Model model_of(const PackedModel& packed, const ClusterModels& cluster, const Ma
 
 int overlap_of(int cluster_size) { return std::clamp(cluster_size / 5, kMinOverlap, kMaxOverlap); }
 
-void expect_matches_fit(const Pair& pair, std::size_t first, std::size_t second,
-                        const std::string& path, const std::string& command) {
+void check_matches(const Pair& pair, std::size_t first, std::size_t second, const std::string& path,
+                   const std::string& command) {
   for (const Match& match : pair.view.inliers) {
     if (match.first < 0 || at(match.first) >= first || match.second < 0 ||
         at(match.second) >= second)
@@ -112,24 +112,24 @@ void expect_matches_fit(const Pair& pair, std::size_t first, std::size_t second,
 }  // namespace
 
 // Image indices are those among all readable images, in the order of the plan.
-class ShardedReconstructor::Readable {
+class ShardedReconstructor::ReadableImages {
  public:
-  Readable(const Plan& plan, std::vector<ShardInfo> infos) : infos_(std::move(infos)) {
+  ReadableImages(const Plan& plan, std::vector<ShardInfo> infos) : infos_(std::move(infos)) {
     std::vector<std::string> sums;
     for (const ShardInfo& info : infos_) {
       sums.push_back(info.sha256);
       first_.push_back(static_cast<int>(names_.size()));
       const ShardRange range =
           range_of_shard(static_cast<std::int64_t>(plan.images.size()), info.shard, info.shards);
-      auto gone = info.left_out.begin();
+      auto left_out = info.left_out.begin();
       for (std::int64_t i = range.first; i < range.last; ++i) {
-        if (gone != info.left_out.end() && gone->first == i)
-          ++gone;
+        if (left_out != info.left_out.end() && left_out->first == i)
+          ++left_out;
         else
           add(plan.images[at(i)], static_cast<int>(i));
       }
     }
-    key_ = sum_of(sums);
+    key_ = checksum_of(sums);
   }
 
   [[nodiscard]] int count() const { return static_cast<int>(names_.size()); }
@@ -284,11 +284,12 @@ std::vector<ShardInfo> ShardedReconstructor::require_all(ShardStage stage,
   if (missing.empty()) return infos;
   const std::string command = command_of(stage, missing.front());
   if (missing.size() > 1) {
-    constexpr std::size_t kNamed = 10;
-    const std::span<const int> named = std::span(missing).first(std::min(kNamed, missing.size()));
+    constexpr std::size_t kMaxListed = 10;
+    const std::span<const int> listed =
+        std::span(missing).first(std::min(kMaxListed, missing.size()));
     first += fmt::format(", and so are others: {} of {} {}, {}{}", missing.size(), count,
-                         stage == ShardStage::kModel ? "clusters" : "shards", fmt::join(named, " "),
-                         missing.size() > kNamed ? " .." : "");
+                         stage == ShardStage::kModel ? "clusters" : "shards",
+                         fmt::join(listed, " "), missing.size() > kMaxListed ? " .." : "");
   }
   throw Error(ErrorKind::kInput, fmt::format("{}; run: {}", first, command));
 }
@@ -324,7 +325,7 @@ ShardReport ShardedReconstructor::find_features(int shard, Progress& progress,
       images.push_back(std::move(image));
     } catch (const InputError& error) {
       // Left out only where it was unreadable during planning, too.
-      expect_same(sum_or_none(planned.path) == planned.sha256);
+      expect_same(checksum_or_empty(planned.path) == planned.sha256);
       info.left_out.emplace_back(static_cast<int>(i), error.what());
       log_warning("{} (left out)", error.what());
     }
@@ -343,10 +344,10 @@ std::vector<ImageFeatures> ShardedReconstructor::load_features(const ShardInfo& 
     const ShardRange range =
         range_of_shard(static_cast<std::int64_t>(plan_.images.size()), info.shard, info.shards);
     std::size_t k = 0;
-    auto gone = info.left_out.begin();
+    auto left_out = info.left_out.begin();
     for (std::int64_t i = range.first; i < range.last; ++i) {
-      if (gone != info.left_out.end() && gone->first == i) {
-        ++gone;
+      if (left_out != info.left_out.end() && left_out->first == i) {
+        ++left_out;
         continue;
       }
       if (k == images.size() || images[k].input != i ||
@@ -368,7 +369,7 @@ std::vector<ImageFeatures> ShardedReconstructor::load_features(const ShardInfo& 
 
 ShardReport ShardedReconstructor::choose_pairs(Progress& progress,
                                                const std::stop_token& stop) const {
-  const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
   ShardReport report;
   if (pair_choice(plan_.options, readable.count()) != PairChoice::kRetrieval) {
     report.stage = ShardStage::kPairs;
@@ -404,7 +405,7 @@ ShardReport ShardedReconstructor::choose_pairs(Progress& progress,
 }
 
 std::pair<std::vector<ImagePair>, std::string> ShardedReconstructor::pairs_of(
-    const Readable& readable) const {
+    const ReadableImages& readable) const {
   if (pair_choice(plan_.options, readable.count()) != PairChoice::kRetrieval)
     return {sfm::choose_pairs(readable.names(), readable.places(), {}, plan_.options),
             readable.key()};
@@ -414,7 +415,7 @@ std::pair<std::vector<ImagePair>, std::string> ShardedReconstructor::pairs_of(
     std::vector<ImagePair> pairs = read_image_pairs(path, info.sha256);
     for (const auto& [first, second] : pairs)
       if (second >= readable.count()) throw InputError(path, "is damaged: a pair of no images");
-    return {std::move(pairs), sum_of({readable.key(), info.sha256})};
+    return {std::move(pairs), checksum_of({readable.key(), info.sha256})};
   } catch (const InputError& error) {
     throw Error(ErrorKind::kInput,
                 fmt::format("{}; run: {}", error.what(), command_of(ShardStage::kPairs, 1)));
@@ -426,7 +427,7 @@ ShardReport ShardedReconstructor::match(int shard, Progress& progress,
   TARSIER_REQUIRE(shard >= 1 && shard <= plan_.shards, "shard {}: expected 1..{}", shard,
                   plan_.shards);
   (void)choose_pairs(progress, stop);
-  const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [all, from] = pairs_of(readable);
   ShardReport report;
   if (is_done(ShardStage::kMatch, shard, from, report)) return report;
@@ -456,8 +457,8 @@ ShardReport ShardedReconstructor::match(int shard, Progress& progress,
 
   std::vector<Pair> pairs(chosen.size());
   progress.begin("match", range.size(), "pairs");
-  for (std::int64_t start = 0; start < range.size(); start += kPairsAtOnce) {
-    const std::int64_t end = std::min(range.size(), start + kPairsAtOnce);
+  for (std::int64_t start = 0; start < range.size(); start += kStopCheckPairs) {
+    const std::int64_t end = std::min(range.size(), start + kStopCheckPairs);
     cv::parallel_for_(
         cv::Range(static_cast<int>(start), static_cast<int>(end)), [&](const cv::Range& some) {
           for (int k = some.start; k < some.end; ++k) {
@@ -481,7 +482,7 @@ ShardReport ShardedReconstructor::match(int shard, Progress& progress,
   return finish(std::move(info));
 }
 
-void ShardedReconstructor::load(MatchedImages& matched, const Readable& readable,
+void ShardedReconstructor::load(MatchedImages& matched, const ReadableImages& readable,
                                 const std::vector<ImagePair>& pairs,
                                 const std::vector<ShardInfo>& matches, Progress& progress,
                                 const std::stop_token& stop) const {
@@ -496,10 +497,10 @@ void ShardedReconstructor::load(MatchedImages& matched, const Readable& readable
   for (const ShardInfo& info : matches) {
     throw_if_stopped(stop);
     for (Pair& pair : load_matches(info, pairs)) {
-      expect_matches_fit(pair, matched.images[at(pair.first)].features.points.size(),
-                         matched.images[at(pair.second)].features.points.size(),
-                         path_of(ShardStage::kMatch, info.shard),
-                         command_of(ShardStage::kMatch, info.shard));
+      check_matches(pair, matched.images[at(pair.first)].features.points.size(),
+                    matched.images[at(pair.second)].features.points.size(),
+                    path_of(ShardStage::kMatch, info.shard),
+                    command_of(ShardStage::kMatch, info.shard));
       matched.pairs.push_back(std::move(pair));
     }
     progress.advance();
@@ -524,7 +525,7 @@ std::vector<Pair> ShardedReconstructor::load_matches(const ShardInfo& info,
   }
 }
 
-std::vector<ViewCluster> ShardedReconstructor::find_clusters(const Readable& readable,
+std::vector<ViewCluster> ShardedReconstructor::find_clusters(const ReadableImages& readable,
                                                              const std::vector<ImagePair>& pairs,
                                                              const std::vector<ShardInfo>& matches,
                                                              Progress& progress,
@@ -547,13 +548,13 @@ std::vector<ViewCluster> ShardedReconstructor::find_clusters(const Readable& rea
   return cluster_view_graph(readable.count(), edges, how, stop);
 }
 
-void ShardedReconstructor::load_cluster(MatchedImages& matched, const Readable& readable,
+void ShardedReconstructor::load_cluster(MatchedImages& matched, const ReadableImages& readable,
                                         const std::vector<int>& images,
                                         const std::vector<ImagePair>& pairs,
                                         const std::vector<ShardInfo>& matches,
                                         const std::stop_token& stop) const {
-  std::vector<int> place(at(readable.count()), -1);
-  for (std::size_t k = 0; k < images.size(); ++k) place[at(images[k])] = static_cast<int>(k);
+  std::vector<int> index_of(at(readable.count()), -1);
+  for (std::size_t k = 0; k < images.size(); ++k) index_of[at(images[k])] = static_cast<int>(k);
   matched.images.resize(images.size());
   for (std::size_t s = 0; s < readable.infos().size(); ++s) {
     throw_if_stopped(stop);
@@ -563,21 +564,21 @@ void ShardedReconstructor::load_cluster(MatchedImages& matched, const Readable& 
     if (begin == images.end() || *begin >= last) continue;
     std::vector<ImageFeatures> loaded = load_features(readable.infos()[s]);
     for (auto image = begin; image != images.end() && *image < last; ++image) {
-      ImageFeatures& taken = matched.images[at(place[at(*image)])];
-      taken = std::move(loaded[at(*image - first)]);
-      taken.input = place[at(*image)];
+      ImageFeatures& features = matched.images[at(index_of[at(*image)])];
+      features = std::move(loaded[at(*image - first)]);
+      features.input = index_of[at(*image)];
     }
   }
   for (const ShardInfo& info : matches) {
     throw_if_stopped(stop);
     for (Pair& pair : load_matches(info, pairs)) {
-      pair.first = place[at(pair.first)];
-      pair.second = place[at(pair.second)];
+      pair.first = index_of[at(pair.first)];
+      pair.second = index_of[at(pair.second)];
       if (pair.first < 0 || pair.second < 0) continue;
-      expect_matches_fit(pair, matched.images[at(pair.first)].features.points.size(),
-                         matched.images[at(pair.second)].features.points.size(),
-                         path_of(ShardStage::kMatch, info.shard),
-                         command_of(ShardStage::kMatch, info.shard));
+      check_matches(pair, matched.images[at(pair.first)].features.points.size(),
+                    matched.images[at(pair.second)].features.points.size(),
+                    path_of(ShardStage::kMatch, info.shard),
+                    command_of(ShardStage::kMatch, info.shard));
       matched.pairs.push_back(std::move(pair));
     }
   }
@@ -588,10 +589,10 @@ ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOp
                                               const std::stop_token& stop) const {
   const int count = plan_.clusters();
   TARSIER_REQUIRE(cluster >= 1 && cluster <= count, "cluster {}: expected 1..{}", cluster, count);
-  const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [pairs, from_pairs] = pairs_of(readable);
   const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from_pairs);
-  const std::string from = sum_of_matches(from_pairs, matches);
+  const std::string from = checksum_of_matches(from_pairs, matches);
   ShardReport report;
   if (is_done(ShardStage::kModel, cluster, from, report)) return report;
 
@@ -628,9 +629,11 @@ ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOp
     for (std::size_t k = 0; k < made.reasons.size(); ++k)
       made.reasons[k] = result.reconstruction.outcomes[k].reason;
     for (const RefusedPair& refused : result.reconstruction.refused)
-      made.refused.emplace_back(made.images[at(refused.first)], made.images[at(refused.second)]);
-    std::sort(made.refused.begin(), made.refused.end());
-    made.refused.erase(std::unique(made.refused.begin(), made.refused.end()), made.refused.end());
+      made.rejected_pairs.emplace_back(made.images[at(refused.first)],
+                                       made.images[at(refused.second)]);
+    std::sort(made.rejected_pairs.begin(), made.rejected_pairs.end());
+    made.rejected_pairs.erase(std::unique(made.rejected_pairs.begin(), made.rejected_pairs.end()),
+                              made.rejected_pairs.end());
   }
   ShardInfo info;
   info.stage = ShardStage::kModel;
@@ -661,7 +664,7 @@ MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos
         images.push_back(input.images[at(cluster.images[k])]);
         if (cluster.is_own[k] != 0) parts.reasons[at(cluster.images[k])] = cluster.reasons[k];
       }
-      for (const ImagePair& pair : cluster.refused)
+      for (const ImagePair& pair : cluster.rejected_pairs)
         if (const auto found = pairs.find(pair); found != pairs.end())
           parts.refused_pairs.push_back(found->second);
       for (std::size_t m = 0; m < cluster.models.size(); ++m) {
@@ -690,11 +693,11 @@ ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& opti
     throw InputError(folder_,
                      "its plan has no clusters: make a plan with `tarsier sfm plan "
                      "--cluster-size`, or map all images together with `tarsier sfm map`");
-  const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [pairs, from] = pairs_of(readable);
   const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
   const std::vector<ShardInfo> clusters =
-      require_all(ShardStage::kModel, sum_of_matches(from, matches));
+      require_all(ShardStage::kModel, checksum_of_matches(from, matches));
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&, &chosen = pairs](MatchedImages& matched) {
     load(matched, readable, chosen, matches, progress, stop);
@@ -708,7 +711,7 @@ ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& opti
 ReconstructorResult ShardedReconstructor::map(const ReconstructorOptions& options,
                                               Progress& progress, const std::stop_token& stop,
                                               const ReconstructorHooks& hooks) const {
-  const Readable readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [pairs, from] = pairs_of(readable);
   const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
   ReconstructorHooks mapping = hooks;

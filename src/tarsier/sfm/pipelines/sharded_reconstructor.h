@@ -101,7 +101,7 @@ class ShardedReconstructor {
                                           const ReconstructorHooks& hooks = {}) const;
 
  private:
-  class Readable;  // the readable images, and the files of their features
+  class ReadableImages;  // the readable images, and the files of their features
 
   [[nodiscard]] int count_of(ShardStage stage) const;  // number of shards or clusters
   [[nodiscard]] std::string path_of(ShardStage stage, int shard) const;
@@ -114,21 +114,21 @@ class ShardedReconstructor {
   [[nodiscard]] std::vector<ImageFeatures> load_features(const ShardInfo& info) const;
   // All pairs, and the checksum of what pairs and matches depend on.
   [[nodiscard]] std::pair<std::vector<ImagePair>, std::string> pairs_of(
-      const Readable& readable) const;
-  void load(MatchedImages& matched, const Readable& readable, const std::vector<ImagePair>& pairs,
-            const std::vector<ShardInfo>& matches, Progress& progress,
-            const std::stop_token& stop) const;
+      const ReadableImages& readable) const;
+  void load(MatchedImages& matched, const ReadableImages& readable,
+            const std::vector<ImagePair>& pairs, const std::vector<ShardInfo>& matches,
+            Progress& progress, const std::stop_token& stop) const;
 
   // The matches of a shard, checked against its pairs.
   [[nodiscard]] std::vector<Pair> load_matches(const ShardInfo& info,
                                                const std::vector<ImagePair>& pairs) const;
   // The clusters of all readable images.
-  [[nodiscard]] std::vector<ViewCluster> find_clusters(const Readable& readable,
+  [[nodiscard]] std::vector<ViewCluster> find_clusters(const ReadableImages& readable,
                                                        const std::vector<ImagePair>& pairs,
                                                        const std::vector<ShardInfo>& matches,
                                                        Progress& progress,
                                                        const std::stop_token& stop) const;
-  void load_cluster(MatchedImages& matched, const Readable& readable,
+  void load_cluster(MatchedImages& matched, const ReadableImages& readable,
                     const std::vector<int>& images, const std::vector<ImagePair>& pairs,
                     const std::vector<ShardInfo>& matches, const std::stop_token& stop) const;
   [[nodiscard]] MappedParts load_parts(const std::vector<ShardInfo>& infos,

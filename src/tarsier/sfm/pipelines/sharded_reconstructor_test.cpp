@@ -92,10 +92,10 @@ class Sharded : public ReliefFolderTest {
       EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
     }
   }
-  void change_byte(const std::string& file, std::size_t place) {
+  void change_byte(const std::string& file, std::size_t offset) {
     std::string bytes = contents(file);
-    ASSERT_LT(place, bytes.size());
-    bytes[place] = static_cast<char>(bytes[place] ^ 1);
+    ASSERT_LT(offset, bytes.size());
+    bytes[offset] = static_cast<char>(bytes[offset] ^ 1);
     write_file_atomically(file, bytes);
   }
 
@@ -128,7 +128,7 @@ TEST_F(Sharded, SimulatedViewsArePartOfThePlan) {
   expect_same_as_whole("model");
 }
 
-TEST_F(Sharded, PairsByWhatImagesShowAreChosenOnceForAllShards) {
+TEST_F(Sharded, PairsByRetrievalAreChosenOnceForAllShards) {
   options_.pairs = PairChoice::kRetrieval;
   options_.nearest = 2;
   plan(2);
@@ -158,7 +158,7 @@ TEST_F(Sharded, AListOfPairsIsPartOfThePlan) {
   expect_error([&] { (void)read_plan(path("work")); }, "plan again");
 }
 
-TEST_F(Sharded, WhatCannotBeReadIsLeftOutAsInOneRun) {
+TEST_F(Sharded, UnreadableImagesAreLeftOutAsInASingleRun) {
   write_file_atomically(path("images/3-broken.png"), "no image");
   plan(3);
   const ShardedReconstructor sharded(path("work"));
@@ -171,7 +171,7 @@ TEST_F(Sharded, WhatCannotBeReadIsLeftOutAsInOneRun) {
   expect_same_as_whole("model");
 }
 
-TEST_F(Sharded, AShardIsDoneOnceAndAgainWhereItsFileIsNotWhole) {
+TEST_F(Sharded, AShardIsRecomputedOnlyIfItsFileIsDamaged) {
   plan(2);
   const ShardedReconstructor sharded(path("work"));
   EXPECT_FALSE(sharded.find_features(1, progress_, {}).was_done);
@@ -188,7 +188,7 @@ TEST_F(Sharded, AShardIsDoneOnceAndAgainWhereItsFileIsNotWhole) {
   EXPECT_EQ(contents(file + ".done"), info);
 }
 
-TEST_F(Sharded, WhatIsMissingOrDamagedIsNamedWithTheCommandThatMakesIt) {
+TEST_F(Sharded, ErrorsNameTheCommandThatMakesTheMissingFile) {
   plan(2);
   const ShardedReconstructor sharded(path("work"));
   expect_error([&] { (void)sharded.match(1, progress_, {}); }, "--shard 1/2");
@@ -217,7 +217,7 @@ TEST_F(Sharded, WhatIsMissingOrDamagedIsNamedWithTheCommandThatMakesIt) {
   EXPECT_EQ(map(sharded, "model").models().size(), 1U);
 }
 
-TEST_F(Sharded, ShardsOfAnotherPlanAreNotTaken) {
+TEST_F(Sharded, ShardsOfAnotherPlanAreRefused) {
   plan(2);
   find_all(ShardedReconstructor(path("work")));
   options_.features.max_count = 200;
@@ -230,7 +230,7 @@ TEST_F(Sharded, ShardsOfAnotherPlanAreNotTaken) {
   expect_same_as_whole("model");
 }
 
-TEST_F(Sharded, AnImageThatChangedIsNotTaken) {
+TEST_F(Sharded, AChangedImageIsRefused) {
   plan(2);
   const ShardedReconstructor sharded(path("work"));
   write_image(path("images/0.png"), (*images_)[1]);
@@ -240,7 +240,7 @@ TEST_F(Sharded, AnImageThatChangedIsNotTaken) {
   EXPECT_FALSE(fs::exists(path("work/features-1-of-2")));
 }
 
-TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
+TEST_F(Sharded, ThePlanRoundTripsAndInvalidOnesAreRefused) {
   options_.mapper.choice = MapperChoice::kGlobal;
   options_.two_view.threshold_px = 0.1 + 0.2;
   options_.mapper.refine_center = true;
@@ -275,7 +275,7 @@ TEST_F(Sharded, ThePlanIsReadAsItWasWrittenAndRefusedWhereItIsNone) {
   EXPECT_THROW(plan(0), std::invalid_argument);
 }
 
-TEST_F(Sharded, ThePlanKeepsWhereImagesWereTaken) {
+TEST_F(Sharded, ThePlanKeepsThePositionsOfImages) {
   std::vector<Input> placed = inputs();
   placed[0].position = Eigen::Vector3d(0.1 + 0.2, -1e6, 3);
   (void)write_plan(path("work"), placed, options_, 2, progress_, {});
@@ -292,7 +292,7 @@ TEST_F(Sharded, ThePlanKeepsWhereImagesWereTaken) {
   }
 }
 
-TEST_F(Sharded, ClustersAreMappedApartAndMerged) {
+TEST_F(Sharded, ClustersAreMappedSeparatelyAndMerged) {
   plan(2, 4);
   const ShardedReconstructor sharded(path("work"));
   ASSERT_EQ(sharded.plan().clusters(), 2);
@@ -315,7 +315,7 @@ TEST_F(Sharded, ClustersAreMappedApartAndMerged) {
   expect_same_as_whole("together");
 }
 
-TEST_F(Sharded, AClusterIsDoneOnceAndAgainWhereItsFileIsNotWhole) {
+TEST_F(Sharded, AClusterIsRecomputedOnlyIfItsFileIsDamaged) {
   plan(1, 4);
   const ShardedReconstructor sharded(path("work"));
   map_clusters(sharded);
@@ -342,7 +342,7 @@ TEST_F(Sharded, AClusterIsDoneOnceAndAgainWhereItsFileIsNotWhole) {
   EXPECT_THROW((void)map_cluster(sharded, 3), std::invalid_argument);
 }
 
-TEST_F(Sharded, ClustersAreOfThePlan) {
+TEST_F(Sharded, TheClusterSizeIsPartOfThePlan) {
   plan(2);
   expect_error([&] { (void)merge(ShardedReconstructor(path("work")), "model"); }, "no clusters");
   const std::string without = contents(path("work/plan.json"));
@@ -381,9 +381,9 @@ TEST_F(Sharded, ModelsOfFoldersAreMerged) {
   EXPECT_LT(statistics_of(result.models()[0]).reprojection_px, 0.6);
   EXPECT_TRUE(fs::exists(path("merged/points.ply")));
   // With few common images the parts stay apart, and the report says why.
-  const ReconstructorResult apart = merge_models({path("a"), path("c")}, options, progress_, {});
-  EXPECT_EQ(apart.models().size(), 2U);
-  const nlohmann::ordered_json report = to_json(apart);
+  const ReconstructorResult merged = merge_models({path("a"), path("c")}, options, progress_, {});
+  EXPECT_EQ(merged.models().size(), 2U);
+  const nlohmann::ordered_json report = to_json(merged);
   EXPECT_EQ(report["joins"][0]["joined"], false);
   EXPECT_EQ(report["joins"][0]["reason"], "1 image in common, 3 are needed");
   EXPECT_FALSE(report["images"][0].contains("trust"));
@@ -393,7 +393,7 @@ TEST_F(Sharded, ModelsOfFoldersAreMerged) {
   EXPECT_THROW((void)merge_models({path("a")}, options, progress_, {}), std::invalid_argument);
 }
 
-TEST_F(Sharded, StopsWithNothingHalfWritten) {
+TEST_F(Sharded, AStopLeavesNoPartialFiles) {
   plan(1);
   const ShardedReconstructor sharded(path("work"));
   std::stop_source stop;
@@ -402,7 +402,7 @@ TEST_F(Sharded, StopsWithNothingHalfWritten) {
   EXPECT_FALSE(fs::exists(path("work/features-1-of-1")));
 }
 
-TEST(ShardRanges, ShareEverythingOnce) {
+TEST(ShardRanges, CoverEveryItemOnce) {
   for (const std::int64_t count : {0, 1, 5, 1000}) {
     std::int64_t next = 0;
     for (int shard = 1; shard <= 7; ++shard) {
@@ -416,7 +416,7 @@ TEST(ShardRanges, ShareEverythingOnce) {
   }
 }
 
-TEST(ShardCommands, QuoteWhatAShellWouldTakeApart) {
+TEST(ShardCommands, QuoteWordsForTheShell) {
   EXPECT_EQ(shell_word("/data/work-1"), "/data/work-1");
   EXPECT_EQ(shell_word("my work"), "'my work'");
   EXPECT_EQ(shell_word("it's $(x)"), "'it'\\''s $(x)'");

@@ -153,15 +153,15 @@ std::optional<geometry::Sim3> robust_similarity(const std::vector<Eigen::Vector3
   };
 
   std::optional<geometry::Sim3> best;
-  double least = 0;
+  double min_cost = 0;
   for (const Triple& triple : triples_of(from.size(), seed)) {
     const auto similarity =
         geometry::similarity_between(all_from(Eigen::all, triple), all_to(Eigen::all, triple));
     if (!similarity) continue;
     const double cost = cost_of(*similarity);
-    if (!best || cost < least) {
+    if (!best || cost < min_cost) {
       best = similarity;
-      least = cost;
+      min_cost = cost;
     }
   }
   if (!best) return std::nullopt;
@@ -204,9 +204,9 @@ double median_residual(const geometry::Sim3& similarity, const std::vector<Eigen
                        const std::vector<Eigen::Vector3d>& to) {
   std::vector<double> residuals = residuals_of(similarity, from, to);
   if (residuals.empty()) return 0;
-  const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
-  std::nth_element(residuals.begin(), middle, residuals.end());
-  return *middle;
+  const auto median = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
+  std::nth_element(residuals.begin(), median, residuals.end());
+  return *median;
 }
 
 void transform(Model& model, const geometry::Sim3& similarity) {

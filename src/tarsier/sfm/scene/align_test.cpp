@@ -92,7 +92,7 @@ TEST(Similarity, InverseTakesBack) {
   EXPECT_LT((s.inverse() * (s * x) - x).norm(), 1e-12);
 }
 
-TEST(Similarity, IsNotDeterminedByTooLittle) {
+TEST(Similarity, IsEmptyForDegeneratePoints) {
   const std::vector<Eigen::Vector3d> line{{0, 0, 0}, {1, 2, 3}, {2, 4, 6}, {-3, -6, -9}};
   const std::vector<Eigen::Vector3d> spread = cloud(6, 4);
   EXPECT_FALSE(similarity_between({}, {}));
@@ -151,7 +151,7 @@ TEST(RobustSimilarity, FindsOneWrongOfFive) {
 }
 
 // With few pairs and noise it must be close to the plain fit, which uses all pairs.
-TEST(RobustSimilarity, WastesFewGoodPairs) {
+TEST(RobustSimilarity, RejectsFewInliers) {
   int close = 0;
   for (std::uint64_t seed = 20; seed < 40; ++seed) {
     const std::vector<Eigen::Vector3d> from = cloud(seed, 8);
@@ -168,14 +168,14 @@ TEST(RobustSimilarity, WastesFewGoodPairs) {
   EXPECT_GE(close, 15);
 }
 
-TEST(RobustSimilarity, KeepsAllWhereAllAreExact) {
+TEST(RobustSimilarity, KeepsAllExactPairs) {
   const std::vector<Eigen::Vector3d> from = cloud(11, 30, {1e6, 2e6, 3e6});
   const auto found = robust_similarity(from, moved(some_similarity(), from), 0, 1);
   ASSERT_TRUE(found);
   EXPECT_LT(median_residual(*found, from, moved(some_similarity(), from)), 1e-5);
 }
 
-TEST(TransformModel, KeepsWhatTheImagesSee) {
+TEST(TransformModel, PreservesTheProjections) {
   const Model before = synthetic_model();
   Model after = before;
   transform(after, some_similarity());
@@ -204,7 +204,7 @@ TEST(TransformModel, KeepsWhatTheImagesSee) {
   EXPECT_LT((after.points[0].position - before.points[0].position).norm(), 1e-9);
 }
 
-TEST(TransformModel, RefusesWhatIsNoSimilarity) {
+TEST(TransformModel, RefusesInvalidSimilarities) {
   Model model = synthetic_model();
   EXPECT_THROW(transform(model, {0, Eigen::Matrix3d::Identity(), {0, 0, 0}}),
                std::invalid_argument);

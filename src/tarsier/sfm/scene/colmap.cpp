@@ -39,7 +39,7 @@ constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
 constexpr std::int64_t kMaxPointId = std::numeric_limits<std::int64_t>::max();
 constexpr int kMaxIndex = std::numeric_limits<int>::max();
 // A comment for COLMAP: clockwise quarter turns that bring the named image upright.
-constexpr std::string_view kTurned = "# TURNED ";
+constexpr std::string_view kOrientationComment = "# TURNED ";
 
 class TextFile : public BufferedFile {
  public:
@@ -80,7 +80,7 @@ void write_images(const std::string& path, const Model& model, const std::vector
       "# POINTS2D[] as (X, Y, POINT3D_ID)\n");
   for (const Image& image : model.images)
     if (image.registered && image.turns != 0)
-      file.add("{}{} {}\n", kTurned, image.turns, image.name);
+      file.add("{}{} {}\n", kOrientationComment, image.turns, image.name);
   int id = 0;
   for (const Image& image : model.images) {
     if (!image.registered) continue;
@@ -138,15 +138,15 @@ class LineReader {
     std::size_t length = 0;
     bool is_line = false;
     while (true) {
-      if (place_ == got_) {
+      if (position_ == available_) {
         stream_.read(buffer_.data(), static_cast<std::streamsize>(buffer_.size()));
-        got_ = static_cast<std::size_t>(stream_.gcount());
-        place_ = 0;
+        available_ = static_cast<std::size_t>(stream_.gcount());
+        position_ = 0;
         if (stream_.bad()) throw InputError(path_, "cannot read");
-        if (got_ == 0) break;
+        if (available_ == 0) break;
       }
       is_line = true;
-      const std::string_view rest(buffer_.data() + place_, got_ - place_);
+      const std::string_view rest(buffer_.data() + position_, available_ - position_);
       const std::size_t end = rest.find('\n');
       const std::string_view piece = rest.substr(0, end);
       length += piece.size();
@@ -156,7 +156,7 @@ class LineReader {
         ++number_;
         fail(fmt::format("longer than the limit of {} bytes", kMaxLineBytes));
       }
-      place_ += end == std::string_view::npos ? rest.size() : end + 1;
+      position_ += end == std::string_view::npos ? rest.size() : end + 1;
       if (end != std::string_view::npos) break;
     }
     if (!is_line) return false;
@@ -213,8 +213,8 @@ class LineReader {
   std::string path_;
   std::ifstream stream_;
   std::string buffer_ = std::string(1 << 16, '\0');
-  std::size_t place_ = 0;
-  std::size_t got_ = 0;
+  std::size_t position_ = 0;
+  std::size_t available_ = 0;
   std::string line_;
   std::int64_t number_ = 0;
 };
@@ -264,8 +264,8 @@ class ModelReader {
     std::map<std::string, int, std::less<>> turns;
     const auto on_comment = [&](std::string_view comment) {
       // In the format of write_images(); other comments are ignored.
-      if (!comment.starts_with(kTurned) || turns.size() == kMaxItems) return;
-      std::string_view rest = comment.substr(kTurned.size());
+      if (!comment.starts_with(kOrientationComment) || turns.size() == kMaxItems) return;
+      std::string_view rest = comment.substr(kOrientationComment.size());
       const auto quarters = to_integer(next_word(rest), 1, 3);
       if (quarters && !rest.empty()) turns.emplace(rest.substr(1), static_cast<int>(*quarters));
     };
@@ -305,7 +305,7 @@ class ModelReader {
     if (found == cameras_.end()) reader.fail(fmt::format("camera {} is unknown", camera));
     image.camera = found->second;
     if (!rest.empty()) rest.remove_prefix(1);  // one blank; the name itself may begin with a blank
-    if (const std::string trouble = trouble_of_name(rest); !trouble.empty()) reader.fail(trouble);
+    if (const std::string error = image_name_error(rest); !error.empty()) reader.fail(error);
     image.name = rest;
     return image;
   }
@@ -357,24 +357,24 @@ class ModelReader {
       const std::int64_t feature = reader.integer(rest, "a feature of the track", 0, kMaxIndex);
       const auto found = images_.find(image);
       if (found == images_.end()) reader.fail(fmt::format("image {} is unknown", image));
-      std::vector<std::int64_t>& of_features = point_ids_[static_cast<std::size_t>(found->second)];
+      std::vector<std::int64_t>& ids = point_ids_[static_cast<std::size_t>(found->second)];
       const auto f = static_cast<std::size_t>(feature);
-      if (f >= of_features.size() || of_features[f] != id) {
+      if (f >= ids.size() || ids[f] != id) {
         reader.fail(
             fmt::format("feature {} of image {} is not of point {} in images.txt, or twice "
                         "in the track",
                         feature, image, id));
       }
-      of_features[f] = -1;  // mark as used
+      ids[f] = -1;  // mark as used
       ++count;
       point.track.push_back({found->second, static_cast<int>(feature)});
     }
     if (count < 2) reader.fail(fmt::format("the track of point {} has less than two", id));
-    point.track = one_of_each(point.track);
+    point.track = first_per_image(point.track);
   }
 
   // The first observation of each image, in their order.
-  static std::vector<Observation> one_of_each(const std::vector<Observation>& track) {
+  static std::vector<Observation> first_per_image(const std::vector<Observation>& track) {
     std::set<int> images;
     std::vector<Observation> result;
     for (const Observation& observation : track) {
@@ -435,8 +435,8 @@ void write_colmap(const std::string& folder, const Model& model) {
   for (const Image& image : model.images) {
     if (!image.registered) continue;
     camera_ids[static_cast<std::size_t>(image.camera)] = 1;
-    if (const std::string trouble = trouble_of_name(image.name); !trouble.empty())
-      throw OutputError((fs::path(folder) / "images.txt").string(), "an image: " + trouble);
+    if (const std::string error = image_name_error(image.name); !error.empty())
+      throw OutputError((fs::path(folder) / "images.txt").string(), "an image: " + error);
   }
   make_folder(folder);
   TextFile cameras((fs::path(folder) / "cameras.txt").string());
@@ -476,7 +476,7 @@ void remove_colmap_frames(const std::string& folder) {
     remove_model_file(fs::path(folder) / name);
 }
 
-std::string trouble_of_name(std::string_view name) {
+std::string image_name_error(std::string_view name) {
   if (name.empty()) return "has no name";
   if (std::any_of(name.begin(), name.end(),
                   [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; })) {

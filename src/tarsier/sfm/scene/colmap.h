@@ -36,7 +36,7 @@ void write_colmap(const std::string& folder, const Model& model);
 
 // Why an image name is invalid in a model, or "": it is empty, has control characters, or leads out
 // of the folder of images.
-[[nodiscard]] std::string trouble_of_name(std::string_view name);
+[[nodiscard]] std::string image_name_error(std::string_view name);
 
 // Removes the rigs and frames (rigs.txt, frames.txt, rigs.bin, frames.bin) that COLMAP 3.12 and
 // later write beside a model. They repeat the poses; without them, COLMAP makes them from the

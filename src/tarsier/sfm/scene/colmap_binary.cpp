@@ -70,9 +70,9 @@ class BinaryReader {
     return value;
   }
   // Reads the number of following items, of at least `bytes` each. It must fit into the file.
-  std::uint64_t count(std::uint64_t most, std::uint64_t bytes, const std::string& what) {
+  std::uint64_t count(std::uint64_t max_count, std::uint64_t bytes, const std::string& what) {
     const auto value = next<std::uint64_t>();
-    if (value > most || value > left_ / bytes)
+    if (value > max_count || value > left_ / bytes)
       fail(fmt::format("{} {}: the file is cut short, or is no such file", value, what));
     return value;
   }
@@ -159,8 +159,8 @@ class BinaryModel {
       if (camera == cameras_.end()) reader.fail("the camera of " + what + " is unknown");
       image.camera = camera->second;
       image.name = reader.text();
-      if (const std::string trouble = trouble_of_name(image.name); !trouble.empty())
-        reader.fail(what + ": " + trouble);
+      if (const std::string error = image_name_error(image.name); !error.empty())
+        reader.fail(what + ": " + error);
       if (!names.insert(image.name).second)
         reader.fail(fmt::format("'{}' is there twice", printable(image.name)));
       if (!images_.emplace(id, static_cast<int>(k)).second) reader.fail(what + " is there twice");
@@ -232,7 +232,7 @@ class BinaryModel {
 void write_colmap_binary(const std::string& folder, const Model& model) {
   check_model(model);
   make_folder(folder);
-  const fs::path place = folder;
+  const fs::path directory = folder;
   // Ids from 1, for what the registered images need.
   std::vector<std::uint32_t> camera_ids(model.cameras.size(), 0);
   std::vector<std::uint32_t> image_ids(model.images.size(), 0);
@@ -241,14 +241,14 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
     if (!model.images[i].registered) continue;
     image_ids[i] = static_cast<std::uint32_t>(++images);
     camera_ids[static_cast<std::size_t>(model.images[i].camera)] = 1;
-    if (const std::string trouble = trouble_of_name(model.images[i].name); !trouble.empty())
-      throw OutputError(folder, trouble);
+    if (const std::string error = image_name_error(model.images[i].name); !error.empty())
+      throw OutputError(folder, error);
   }
   std::uint64_t cameras = 0;
   for (std::uint32_t& id : camera_ids)
     if (id != 0) id = static_cast<std::uint32_t>(++cameras);
 
-  BinaryWriter camera_file((place / "cameras.bin").string());
+  BinaryWriter camera_file((directory / "cameras.bin").string());
   camera_file.add(cameras);
   for (std::size_t c = 0; c < model.cameras.size(); ++c) {
     if (camera_ids[c] == 0) continue;
@@ -260,7 +260,7 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
     for (const double value : numbers.parameters) camera_file.add(value);
   }
 
-  BinaryWriter image_file((place / "images.bin").string());
+  BinaryWriter image_file((directory / "images.bin").string());
   image_file.add(images);
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     const Image& image = model.images[i];
@@ -280,7 +280,7 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
     }
   }
 
-  BinaryWriter point_file((place / "points3D.bin").string());
+  BinaryWriter point_file((directory / "points3D.bin").string());
   point_file.add(static_cast<std::uint64_t>(model.points.size()));
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];

@@ -88,32 +88,32 @@ TEST(ColmapBinary, HasTheSameModelAsTheText) {
   EXPECT_TRUE(poses.images[0].features.empty());
 }
 
-TEST(ColmapBinary, AFileThatIsCutAnywhereIsRefused) {
+TEST(ColmapBinary, TruncatedFilesAreRefused) {
   const TemporaryFolder folder;
   Model model = synthetic_model();
   write_colmap_binary((folder / "model"), model);
   for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
     const std::string path = (folder / "model") + "/" + name;
-    const std::string whole = read_file(path, 100'000'000);
+    const std::string complete = read_file(path, 100'000'000);
     for (const double share : {0.0, 0.001, 0.3, 0.77, 0.9999}) {
-      const auto length = static_cast<std::size_t>(share * static_cast<double>(whole.size()));
-      write_file_atomically(path, whole.substr(0, length));
+      const auto length = static_cast<std::size_t>(share * static_cast<double>(complete.size()));
+      write_file_atomically(path, complete.substr(0, length));
       EXPECT_THROW((void)read_colmap_binary((folder / "model")), InputError) << name << share;
     }
-    write_file_atomically(path, whole + "x");
+    write_file_atomically(path, complete + "x");
     EXPECT_THROW((void)read_colmap_binary((folder / "model")), InputError) << name;
-    write_file_atomically(path, whole);
+    write_file_atomically(path, complete);
   }
   EXPECT_NO_THROW((void)read_colmap_binary((folder / "model")));
 }
 
-TEST(ColmapBinary, NumbersThatPromiseMoreThanThereIsAreRefused) {
+TEST(ColmapBinary, CountsBeyondTheFileSizeAreRefused) {
   const TemporaryFolder folder;
   write_colmap_binary((folder / "model"), synthetic_model());
-  const auto trouble = [&](const char* name, std::size_t at, std::uint64_t number) {
+  const auto error_of = [&](const char* name, std::size_t at, std::uint64_t number) {
     const std::string path = (folder / "model") + "/" + name;
-    const std::string whole = read_file(path, 100'000'000);
-    std::string changed = whole;
+    const std::string complete = read_file(path, 100'000'000);
+    std::string changed = complete;
     std::memcpy(changed.data() + at, &number, sizeof number);
     write_file_atomically(path, changed);
     std::string what = "read";
@@ -122,15 +122,15 @@ TEST(ColmapBinary, NumbersThatPromiseMoreThanThereIsAreRefused) {
     } catch (const InputError& error) {
       what = error.what();
     }
-    write_file_atomically(path, whole);
+    write_file_atomically(path, complete);
     return what;
   };
-  EXPECT_THAT(trouble("cameras.bin", 0, std::uint64_t{1} << 60), HasSubstr("cut short"));
-  EXPECT_THAT(trouble("images.bin", 0, 999'999), HasSubstr("cut short"));
-  EXPECT_THAT(trouble("points3D.bin", 0, std::uint64_t{1} << 40), HasSubstr("cut short"));
-  EXPECT_THAT(trouble("cameras.bin", 8, 1 | (std::uint64_t{77} << 32)),
+  EXPECT_THAT(error_of("cameras.bin", 0, std::uint64_t{1} << 60), HasSubstr("cut short"));
+  EXPECT_THAT(error_of("images.bin", 0, 999'999), HasSubstr("cut short"));
+  EXPECT_THAT(error_of("points3D.bin", 0, std::uint64_t{1} << 40), HasSubstr("cut short"));
+  EXPECT_THAT(error_of("cameras.bin", 8, 1 | (std::uint64_t{77} << 32)),
               HasSubstr("model number 77"));
-  EXPECT_THAT(trouble("images.bin", 12, 0x7ff8000000000000U), HasSubstr("not finite"));
+  EXPECT_THAT(error_of("images.bin", 12, 0x7ff8000000000000U), HasSubstr("not finite"));
 }
 
 }  // namespace

@@ -55,9 +55,9 @@ class ColmapTest : public FolderTest {
                       const std::string& new_text) {
     write_colmaps_own();
     std::string text = contents(path(file));
-    const std::size_t place = text.find(old_text);
-    EXPECT_NE(place, std::string::npos) << old_text;
-    text.replace(place, old_text.size(), new_text);
+    const std::size_t position = text.find(old_text);
+    EXPECT_NE(position, std::string::npos) << old_text;
+    text.replace(position, old_text.size(), new_text);
     write_file_atomically(path(file), text);
     try {
       (void)read_colmap(folder_);
@@ -69,24 +69,24 @@ class ColmapTest : public FolderTest {
   }
 };
 
-TEST_F(ColmapTest, PosesAloneAreReadFromTheSameFiles) {
+TEST_F(ColmapTest, PosesCanBeReadWithoutPoints) {
   write_colmaps_own();
-  const Model whole = read_colmap(folder_);
+  const Model complete = read_colmap(folder_);
   std::filesystem::remove(path("points3D.txt"));  // is not read
   const Model poses = read_colmap_poses(folder_);
   ASSERT_EQ(poses.images.size(), 3U);
   for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_EQ(poses.images[i].name, whole.images[i].name);
+    EXPECT_EQ(poses.images[i].name, complete.images[i].name);
     EXPECT_TRUE(poses.images[i].registered);
-    EXPECT_EQ(poses.images[i].pose.rotation, whole.images[i].pose.rotation);
-    EXPECT_EQ(poses.images[i].pose.translation, whole.images[i].pose.translation);
-    EXPECT_EQ(poses.images[i].camera, whole.images[i].camera);
+    EXPECT_EQ(poses.images[i].pose.rotation, complete.images[i].pose.rotation);
+    EXPECT_EQ(poses.images[i].pose.translation, complete.images[i].pose.translation);
+    EXPECT_EQ(poses.images[i].camera, complete.images[i].camera);
     EXPECT_TRUE(poses.images[i].features.empty());
   }
   EXPECT_TRUE(poses.points.empty());
 }
 
-TEST_F(ColmapTest, AModelComesBackWithoutWhatIsNotRegistered) {
+TEST_F(ColmapTest, AModelRoundTripsWithoutUnregisteredImages) {
   const Model model = synthetic_model();
   const std::string folder = path("new/sparse");
   write_colmap(folder, model);
@@ -130,7 +130,7 @@ TEST_F(ColmapTest, AModelComesBackWithoutWhatIsNotRegistered) {
   }
 }
 
-TEST_F(ColmapTest, ImagesStayTurned) {
+TEST_F(ColmapTest, OrientationsOfImagesRoundTrip) {
   Model model = synthetic_model();
   model.images[2].turns = 3;
   model.images[3].turns = 1;
@@ -149,7 +149,7 @@ TEST_F(ColmapTest, ImagesStayTurned) {
   }
 }
 
-TEST_F(ColmapTest, TheFilesHoldWhatColmapExpects) {
+TEST_F(ColmapTest, FilesHaveColmapsFormat) {
   Model model = synthetic_model();
   model.images[0].registered = model.images[1].registered;
   model.images = {model.images[0], model.images[2], model.images[3]};
@@ -208,11 +208,11 @@ TEST_F(ColmapTest, ColmapsOwnFilesAreRead) {
   EXPECT_EQ(read_colmap(path("again")).points.size(), 2U);
 }
 
-TEST_F(ColmapTest, TheLastLineOfImagesMayBeLost) {
+TEST_F(ColmapTest, TheLastEmptyLineOfImagesMayBeMissing) {
   EXPECT_EQ(refusal("images.txt", "no-features.jpg\n\n", "no-features.jpg"), "accepted");
 }
 
-TEST_F(ColmapTest, WhatDoesNotFitIsNamedByFileAndLine) {
+TEST_F(ColmapTest, ErrorsNameFileAndLine) {
   const auto cameras = [&](const std::string& from, const std::string& to) {
     return refusal("cameras.txt", from, to);
   };
@@ -260,8 +260,8 @@ TEST_F(ColmapTest, WhatDoesNotFitIsNamedByFileAndLine) {
   EXPECT_THAT(points("\n5 0", std::string("\n\0\xFF 0", 5)), HasSubstr("the point's id"));
 }
 
-TEST_F(ColmapTest, MissingAndOddFilesAreErrorsThatNameThem) {
-  const auto complaint = [&] {
+TEST_F(ColmapTest, ErrorsNameMissingAndInvalidFiles) {
+  const auto error_of = [&] {
     try {
       (void)read_colmap(folder_);
     } catch (const InputError& error) {
@@ -269,22 +269,22 @@ TEST_F(ColmapTest, MissingAndOddFilesAreErrorsThatNameThem) {
     }
     return std::string("accepted");
   };
-  EXPECT_THAT(complaint(), HasSubstr("cameras.txt: no such file"));
+  EXPECT_THAT(error_of(), HasSubstr("cameras.txt: no such file"));
   write_colmaps_own();
   std::filesystem::remove(path("points3D.txt"));
-  EXPECT_THAT(complaint(), HasSubstr("points3D.txt: no such file"));
+  EXPECT_THAT(error_of(), HasSubstr("points3D.txt: no such file"));
   std::filesystem::create_directory(path("points3D.txt"));
-  EXPECT_THAT(complaint(), HasSubstr("points3D.txt: is no regular file"));
+  EXPECT_THAT(error_of(), HasSubstr("points3D.txt: is no regular file"));
   std::filesystem::remove(path("images.txt"));
   write_file_atomically(path("images.txt"), "");
   // Large files are read (a model of ten thousand images has 2 GB), endless lines are not. The file
   // is sparse and occupies no space.
   write_file_atomically(path("images.txt"), "# a comment\n");
   std::filesystem::resize_file(path("images.txt"), 3'000'000'000);
-  EXPECT_THAT(complaint(), HasSubstr("images.txt: line 2: longer than"));
+  EXPECT_THAT(error_of(), HasSubstr("images.txt: line 2: longer than"));
 }
 
-TEST_F(ColmapTest, AModelWhosePartsDoNotFitIsNotWritten) {
+TEST_F(ColmapTest, InconsistentModelsAreNotWritten) {
   const Model good = synthetic_model();
   const auto refused = [&](const auto& change) {
     Model model = good;

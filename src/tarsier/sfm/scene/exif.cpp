@@ -48,19 +48,21 @@ std::size_t bytes_of_type(std::uint32_t type) {
 struct Entry {
   std::uint32_t type = 0;
   std::size_t count = 0;
-  std::size_t place = 0;  // offset of its values, all of them inside the bytes
+  std::size_t offset = 0;  // offset of its values, all of them inside the bytes
 };
 
 // Reads TIFF numbers; bytes outside the data read as 0.
 class Tiff {
  public:
-  Tiff(std::string_view bytes, bool is_little) : bytes_(bytes), is_little_(is_little) {}
+  Tiff(std::string_view bytes, bool is_little_endian)
+      : bytes_(bytes), is_little_endian_(is_little_endian) {}
 
-  [[nodiscard]] std::uint32_t integer(std::size_t place, std::size_t size) const {
-    if (!is_inside(place, size)) return 0;
+  [[nodiscard]] std::uint32_t integer(std::size_t offset, std::size_t size) const {
+    if (!is_inside(offset, size)) return 0;
     std::uint32_t value = 0;
     for (std::size_t k = 0; k < size; ++k) {
-      const auto byte = static_cast<unsigned char>(bytes_[place + (is_little_ ? size - 1 - k : k)]);
+      const auto byte =
+          static_cast<unsigned char>(bytes_[offset + (is_little_endian_ ? size - 1 - k : k)]);
       value = value << 8U | byte;
     }
     return value;
@@ -72,14 +74,14 @@ class Tiff {
     if (directory == 0 || !is_inside(directory, 2)) return std::nullopt;
     const std::size_t entries = integer(directory, 2);
     for (std::size_t k = 0; k < entries; ++k) {
-      const std::size_t place = directory + 2 + 12 * k;
-      if (!is_inside(place, 12)) return std::nullopt;
-      if (integer(place, 2) != static_cast<std::uint32_t>(tag)) continue;
-      Entry entry{integer(place + 2, 2), integer(place + 4, 4), place + 8};
+      const std::size_t offset = directory + 2 + 12 * k;
+      if (!is_inside(offset, 12)) return std::nullopt;
+      if (integer(offset, 2) != static_cast<std::uint32_t>(tag)) continue;
+      Entry entry{integer(offset + 2, 2), integer(offset + 4, 4), offset + 8};
       const std::size_t size = bytes_of_type(entry.type);
       if (size == 0 || entry.count == 0 || entry.count > bytes_.size()) return std::nullopt;
-      if (size * entry.count > 4) entry.place = integer(place + 8, 4);
-      if (!is_inside(entry.place, size * entry.count)) return std::nullopt;
+      if (size * entry.count > 4) entry.offset = integer(offset + 8, 4);
+      if (!is_inside(entry.offset, size * entry.count)) return std::nullopt;
       return entry;
     }
     return std::nullopt;
@@ -90,22 +92,22 @@ class Tiff {
                                              std::size_t index = 0) const {
     if (!entry || index >= entry->count) return std::nullopt;
     const std::size_t size = bytes_of_type(entry->type);
-    const std::size_t place = entry->place + index * size;
-    const std::uint32_t first = integer(place, std::min<std::size_t>(size, 4));
+    const std::size_t offset = entry->offset + index * size;
+    const std::uint32_t first = integer(offset, std::min<std::size_t>(size, 4));
     switch (entry->type) {
       case 1:  // BYTE
       case 3:  // SHORT
       case 4:  // LONG
         return first;
       case 5: {  // RATIONAL
-        const std::uint32_t second = integer(place + 4, 4);
+        const std::uint32_t second = integer(offset + 4, 4);
         if (second == 0) return std::nullopt;
         return static_cast<double>(first) / second;
       }
       case 9:  // SLONG
         return std::bit_cast<std::int32_t>(first);
       case 10: {  // SRATIONAL
-        const auto second = std::bit_cast<std::int32_t>(integer(place + 4, 4));
+        const auto second = std::bit_cast<std::int32_t>(integer(offset + 4, 4));
         if (second == 0) return std::nullopt;
         return static_cast<double>(std::bit_cast<std::int32_t>(first)) / second;
       }
@@ -125,7 +127,7 @@ class Tiff {
   [[nodiscard]] std::string text(std::size_t directory, int tag) const {
     const std::optional<Entry> entry = find(directory, tag);
     if (!entry || entry->type != 2) return {};
-    std::string_view raw = bytes_.substr(entry->place, std::min(entry->count, kMaxText));
+    std::string_view raw = bytes_.substr(entry->offset, std::min(entry->count, kMaxText));
     raw = raw.substr(0, raw.find('\0'));
     while (!raw.empty() && raw.front() == ' ') raw.remove_prefix(1);
     while (!raw.empty() && raw.back() == ' ') raw.remove_suffix(1);
@@ -135,36 +137,36 @@ class Tiff {
   }
 
  private:
-  [[nodiscard]] bool is_inside(std::size_t place, std::size_t size) const {
-    return place <= bytes_.size() && size <= bytes_.size() - place;
+  [[nodiscard]] bool is_inside(std::size_t offset, std::size_t size) const {
+    return offset <= bytes_.size() && size <= bytes_.size() - offset;
   }
 
   std::string_view bytes_;
-  bool is_little_;
+  bool is_little_endian_;
 };
 
 // The TIFF structure in the first Exif APP1 segment; empty where there is none.
 std::string_view tiff_of_jpeg(std::string_view bytes) {
-  const auto byte = [&](std::size_t place) { return static_cast<unsigned char>(bytes[place]); };
+  const auto byte = [&](std::size_t offset) { return static_cast<unsigned char>(bytes[offset]); };
   if (bytes.size() < 4 || byte(0) != 0xFF || byte(1) != 0xD8) return {};
-  std::size_t place = 2;
-  while (place + 4 <= bytes.size() && byte(place) == 0xFF) {
-    const unsigned marker = byte(place + 1);
+  std::size_t offset = 2;
+  while (offset + 4 <= bytes.size() && byte(offset) == 0xFF) {
+    const unsigned marker = byte(offset + 1);
     if (marker == 0xFF) {  // fill bytes before a marker
-      ++place;
+      ++offset;
       continue;
     }
     if (marker == 0xDA || marker == 0xD9) break;  // image data, or the end
     if (marker == 0x01 || (marker >= 0xD0 && marker <= 0xD7)) {
-      place += 2;
+      offset += 2;
       continue;
     }
-    const std::size_t length = 256U * byte(place + 2) + byte(place + 3);
+    const std::size_t length = 256U * byte(offset + 2) + byte(offset + 3);
     if (length < 2) break;
     // substr() ends where the bytes end: of a truncated file the rest is read.
-    const std::string_view segment = bytes.substr(place + 4, length - 2);
+    const std::string_view segment = bytes.substr(offset + 4, length - 2);
     if (marker == 0xE1 && segment.starts_with(kExifStart)) return segment.substr(kExifStart.size());
-    place += 2 + length;
+    offset += 2 + length;
   }
   return {};
 }
@@ -213,12 +215,12 @@ Eigen::Vector3d earth_centred(const Eigen::Vector3d& gps) {
 // 1e-9 degrees.
 double latitude_of(const Eigen::Vector3d& x) {
   constexpr double kMinor = kEarthRadius * (1 - kFlattening);
-  constexpr double kSecond2 = kEccentricity2 / (1 - kEccentricity2);
+  constexpr double kSecondEccentricity2 = kEccentricity2 / (1 - kEccentricity2);
   const double axis = std::hypot(x[0], x[1]);
   const double reduced = std::atan2(x[2] * kEarthRadius, axis * kMinor);
   const double sine = std::sin(reduced);
   const double cosine = std::cos(reduced);
-  return std::atan2(x[2] + kSecond2 * kMinor * sine * sine * sine,
+  return std::atan2(x[2] + kSecondEccentricity2 * kMinor * sine * sine * sine,
                     axis - kEccentricity2 * kEarthRadius * cosine * cosine * cosine);
 }
 
@@ -227,17 +229,17 @@ double latitude_of(const Eigen::Vector3d& x) {
 Exif parse_exif(std::string_view jpeg_bytes) {
   Exif exif;
   const std::string_view bytes = tiff_of_jpeg(jpeg_bytes);
-  const bool is_little = bytes.starts_with("II");
-  if (!is_little && !bytes.starts_with("MM")) return exif;
-  const Tiff tiff(bytes, is_little);
+  const bool is_little_endian = bytes.starts_with("II");
+  if (!is_little_endian && !bytes.starts_with("MM")) return exif;
+  const Tiff tiff(bytes, is_little_endian);
   if (tiff.integer(2, 2) != 42) return exif;
   const std::size_t main = tiff.integer(4, 4);
   exif.orientation = static_cast<int>(tiff.number_in(main, kOrientation, 1, 8, 1));
   const std::string make = tiff.text(main, kMake);
   const std::string model = tiff.text(main, kModel);
   // Some model names begin with the maker.
-  const bool is_said = make.empty() || model.starts_with(make);
-  exif.camera = is_said ? model : model.empty() ? make : make + " " + model;
+  const bool model_has_make = make.empty() || model.starts_with(make);
+  exif.camera = model_has_make ? model : model.empty() ? make : make + " " + model;
 
   const auto directory = [&](int tag) {
     return static_cast<std::size_t>(
@@ -246,10 +248,11 @@ Exif parse_exif(std::string_view jpeg_bytes) {
   const std::size_t details = directory(kExifDirectory);
   exif.focal_mm = tiff.number_in(details, kFocalLength, 0, 1e5, 0);
   exif.focal_35mm = tiff.number_in(details, kFocalLength35, 0, 1e5, 0);
-  exif.taken_px.width = static_cast<int>(tiff.number_in(details, kPixelXDimension, 1, kMaxSide, 0));
-  exif.taken_px.height =
+  exif.original_px.width =
+      static_cast<int>(tiff.number_in(details, kPixelXDimension, 1, kMaxSide, 0));
+  exif.original_px.height =
       static_cast<int>(tiff.number_in(details, kPixelYDimension, 1, kMaxSide, 0));
-  if (exif.taken_px.width == 0 || exif.taken_px.height == 0) exif.taken_px = {};
+  if (exif.original_px.width == 0 || exif.original_px.height == 0) exif.original_px = {};
   const double resolution = tiff.number_in(details, kFocalPlaneXResolution, 0, 1e9, 0);
   const int unit = static_cast<int>(tiff.number_in(details, kFocalPlaneResolutionUnit, 1, 5, 2));
   constexpr std::array<double, 6> kMmOfUnit{0, 0, 25.4, 10, 1, 1e-3};  // inch, cm, mm, um; 1: none
@@ -263,10 +266,10 @@ double focal_px_of(const Exif& exif, cv::Size size) {
   TARSIER_REQUIRE(size.width > 0 && size.height > 0, "an image of {}x{} px", size.width,
                   size.height);
   const double side = std::max(size.width, size.height);
-  const double taken = std::max(exif.taken_px.width, exif.taken_px.height);
+  const double original = std::max(exif.original_px.width, exif.original_px.height);
   double focal = exif.focal_35mm / 36 * side;
   if (!(focal > 0)) {
-    focal = exif.focal_mm * exif.focal_plane_px_per_mm * (taken > 0 ? side / taken : 1);
+    focal = exif.focal_mm * exif.focal_plane_px_per_mm * (original > 0 ? side / original : 1);
   }
   return focal >= 0.1 * side && focal <= 20 * side ? focal : 0;
 }

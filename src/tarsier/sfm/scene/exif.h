@@ -16,7 +16,7 @@ struct Exif {
   double focal_mm = 0;                 // FocalLength
   double focal_35mm = 0;               // FocalLengthIn35mmFilm: mm, for an image 36 mm wide
   double focal_plane_px_per_mm = 0;    // FocalPlaneXResolution, for the image as taken
-  cv::Size taken_px;                   // PixelXDimension, PixelYDimension; 0x0: unknown
+  cv::Size original_px;                // PixelXDimension, PixelYDimension; 0x0: unknown
   int orientation = 1;                 // 1..8; 5..8: turned by a quarter turn
   std::optional<Eigen::Vector3d> gps;  // latitude deg, longitude deg, altitude m (0: unknown)
   std::string camera;                  // make and model, printable ASCII; empty: unknown
@@ -32,7 +32,7 @@ struct Exif {
 // Focal length in px of an image of this size, which may be a reduced or turned version of the
 // image taken; 0: unknown. It is focal_35mm / 36 * the longer side (the convention of cameras; the
 // standard's diagonal convention differs by 4 % for 4:3). Otherwise it is focal_mm *
-// focal_plane_px_per_mm, times longer side / longer side of taken_px. No sensor database is used,
+// focal_plane_px_per_mm, times longer side / longer side of original_px. No sensor database is used,
 // so the result is 0 where the camera gave only the focal length. Values outside 0.1 .. 20 longer
 // sides count as unknown. Throws std::invalid_argument for an empty size.
 [[nodiscard]] double focal_px_of(const Exif& exif, cv::Size size);

@@ -17,14 +17,14 @@ namespace {
 // Writes TIFF directories for the parser.
 class TiffWriter {
  public:
-  explicit TiffWriter(bool is_little) : is_little_(is_little) {}
+  explicit TiffWriter(bool is_little_endian) : is_little_endian_(is_little_endian) {}
 
   void put(std::uint32_t value, int size) {
     for (int k = 0; k < size; ++k)
-      bytes += static_cast<char>(value >> (8 * (is_little_ ? k : size - 1 - k)));
+      bytes += static_cast<char>(value >> (8 * (is_little_endian_ ? k : size - 1 - k)));
   }
   [[nodiscard]] std::string values(const std::vector<std::uint32_t>& numbers, int size) const {
-    TiffWriter writer(is_little_);
+    TiffWriter writer(is_little_endian_);
     for (const std::uint32_t number : numbers) writer.put(number, size);
     return writer.bytes;
   }
@@ -50,7 +50,7 @@ class TiffWriter {
 
   void directory(const std::vector<Field>& fields) {
     put(static_cast<std::uint32_t>(fields.size()), 2);
-    std::size_t place = bytes.size() + 12 * fields.size() + 4;
+    std::size_t offset = bytes.size() + 12 * fields.size() + 4;
     std::string behind;
     for (const Field& field : fields) {
       put(field.tag, 2);
@@ -59,7 +59,7 @@ class TiffWriter {
       if (field.data.size() <= 4) {
         bytes += field.data + std::string(4 - field.data.size(), '\0');
       } else {
-        put(static_cast<std::uint32_t>(place + behind.size()), 4);
+        put(static_cast<std::uint32_t>(offset + behind.size()), 4);
         behind += field.data;
       }
     }
@@ -70,7 +70,7 @@ class TiffWriter {
   std::string bytes;
 
  private:
-  bool is_little_;
+  bool is_little_endian_;
 };
 
 struct Content {
@@ -99,20 +99,20 @@ std::string jpeg_with(const std::string& tiff) {
   return jpeg + segment + "\xFF\xD9";
 }
 
-std::string tiff_of(bool is_little, const Content& content = {}) {
+std::string tiff_of(bool is_little_endian, const Content& content = {}) {
   const auto build = [&](std::uint32_t exif, std::uint32_t gps) {
-    TiffWriter w(is_little);
-    w.bytes = is_little ? "II" : "MM";
+    TiffWriter w(is_little_endian);
+    w.bytes = is_little_endian ? "II" : "MM";
     w.put(42, 2);
     w.put(8, 4);
     w.directory({w.ascii(0x010F, "Panasonic "), w.ascii(0x0110, content.model),
                  w.shorts(0x0112, content.orientation), w.longs(0x8769, exif),
                  w.longs(0x8825, gps)});
-    const std::size_t exif_place = w.bytes.size();
+    const std::size_t exif_offset = w.bytes.size();
     w.directory({w.rationals(0x920A, content.focal), w.longs(0xA002, 4000), w.shorts(0xA003, 3000),
                  w.rationals(0xA20E, content.resolution), w.shorts(0xA210, content.unit),
                  w.shorts(0xA405, content.focal_35mm)});
-    const std::size_t gps_place = w.bytes.size();
+    const std::size_t gps_offset = w.bytes.size();
     w.directory({w.ascii(1, content.latitude_ref),
                  w.rationals(2, content.latitude),
                  w.ascii(3, content.longitude_ref),
@@ -120,7 +120,7 @@ std::string tiff_of(bool is_little, const Content& content = {}) {
                  {5, 1, 1, std::string(1, static_cast<char>(content.below))},
                  w.rationals(6, {19530, 10}),
                  w.ascii(9, content.status)});
-    return std::tuple(w.bytes, exif_place, gps_place);
+    return std::tuple(w.bytes, exif_offset, gps_offset);
   };
   const auto [ignored, exif, gps] = build(0, 0);
   return std::get<0>(build(static_cast<std::uint32_t>(exif), static_cast<std::uint32_t>(gps)));
@@ -129,12 +129,12 @@ std::string tiff_of(bool is_little, const Content& content = {}) {
 Exif exif_of(const Content& content) { return parse_exif(jpeg_with(tiff_of(true, content))); }
 
 TEST(Exif, IsReadInBothByteOrders) {
-  for (const bool is_little : {false, true}) {
-    const Exif exif = parse_exif(jpeg_with(tiff_of(is_little)));
+  for (const bool is_little_endian : {false, true}) {
+    const Exif exif = parse_exif(jpeg_with(tiff_of(is_little_endian)));
     EXPECT_DOUBLE_EQ(exif.focal_mm, 4.9);
     EXPECT_EQ(exif.focal_35mm, 28);
     EXPECT_DOUBLE_EQ(exif.focal_plane_px_per_mm, 1000);
-    EXPECT_EQ(exif.taken_px, cv::Size(4000, 3000));
+    EXPECT_EQ(exif.original_px, cv::Size(4000, 3000));
     EXPECT_EQ(exif.orientation, 6);
     EXPECT_EQ(exif.camera, "Panasonic DMC-TS3");
     ASSERT_TRUE(exif.gps);
@@ -144,7 +144,7 @@ TEST(Exif, IsReadInBothByteOrders) {
   }
 }
 
-TEST(Exif, DropsWhatIsImpossible) {
+TEST(Exif, IgnoresImpossibleValues) {
   EXPECT_EQ(exif_of({.orientation = 9}).orientation, 1);
   EXPECT_EQ(exif_of({.focal = {49, 0}}).focal_mm, 0);
   EXPECT_EQ(exif_of({.unit = 1}).focal_plane_px_per_mm, 0);
@@ -160,7 +160,7 @@ TEST(Exif, DropsWhatIsImpossible) {
   EXPECT_FALSE(exif_of({.latitude = {0, 1}, .longitude = {0, 1}}).gps);
 }
 
-TEST(Exif, KnowsTheWaysOfCameras) {
+TEST(Exif, NormalisesCameraNamesAndSignsOfPositions) {
   EXPECT_EQ(exif_of({.model = "Panasonic X"}).camera, "Panasonic X");
   EXPECT_EQ(exif_of({.model = ""}).camera, "Panasonic");
   EXPECT_EQ(exif_of({.model = "\x01\xFFx"}).camera, "Panasonic ??x");
@@ -170,7 +170,7 @@ TEST(Exif, KnowsTheWaysOfCameras) {
   EXPECT_DOUBLE_EQ((*south.gps)[2], -1953);
 }
 
-TEST(Exif, IsAbsentFromOtherBytes) {
+TEST(Exif, IsEmptyForOtherBytes) {
   for (const std::string& bytes :
        {std::string(), std::string("\xFF\xD8"), std::string("\xFF\xD8\xFF\xD9"),
         std::string("GIF89a......"), std::string("\xFF\xD8\xFF\xE1\0\0", 6), jpeg_with(""),
@@ -184,7 +184,7 @@ TEST(Exif, IsAbsentFromOtherBytes) {
 }
 
 // A directory that refers to itself is read once as each of the three.
-TEST(Exif, EndsForCircles) {
+TEST(Exif, StopsAtCyclicDirectories) {
   TiffWriter w(true);
   w.bytes = "II";
   w.put(42, 2);
@@ -193,12 +193,13 @@ TEST(Exif, EndsForCircles) {
   EXPECT_EQ(parse_exif(jpeg_with(w.bytes)).orientation, 3);
 }
 
-TEST(Exif, ReadsWhatACutFileStillHas) {
-  const std::string whole = jpeg_with(tiff_of(false));
+TEST(Exif, ReadsTruncatedFiles) {
+  const std::string complete = jpeg_with(tiff_of(false));
   double known = 0;
-  for (std::size_t size = 0; size <= whole.size(); ++size) {
+  for (std::size_t size = 0; size <= complete.size(); ++size) {
     // A separate copy, so that a sanitizer detects every access outside.
-    const std::vector<char> part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    const std::vector<char> part(complete.begin(),
+                                 complete.begin() + static_cast<std::ptrdiff_t>(size));
     const Exif exif = parse_exif({part.data(), part.size()});
     EXPECT_GE(exif.focal_35mm, known);
     known = exif.focal_35mm;
@@ -212,9 +213,9 @@ TEST(Exif, SurvivesMutations) {
   for (int k = 0; k < 4000; ++k) {
     std::string bytes = jpeg_with(tiff_of(k % 2 == 0));
     for (int changes = rng.integer(1, 12); changes > 0; --changes) {
-      const int place = rng.integer(0, static_cast<int>(bytes.size()) - 1);
+      const int offset = rng.integer(0, static_cast<int>(bytes.size()) - 1);
       const int value = rng.uniform() < 0.3 ? 255 * rng.integer(0, 1) : rng.integer(0, 255);
-      bytes[static_cast<std::size_t>(place)] = static_cast<char>(value);
+      bytes[static_cast<std::size_t>(offset)] = static_cast<char>(value);
     }
     if (rng.uniform() < 0.2)
       bytes.resize(static_cast<std::size_t>(rng.integer(0, static_cast<int>(bytes.size()))));
@@ -236,14 +237,14 @@ TEST(Exif, SurvivesMutations) {
   EXPECT_GT(readable, 1000);
 }
 
-TEST(FocalPx, ComesFromVideoOrSensor) {
+TEST(FocalPx, ComesFrom35mmEquivalentOrSensorResolution) {
   Exif exif;
   EXPECT_EQ(focal_px_of(exif, {1024, 768}), 0);
   exif.focal_mm = 4.9;
   EXPECT_EQ(focal_px_of(exif, {1024, 768}), 0);
   exif.focal_plane_px_per_mm = 1000;
   EXPECT_DOUBLE_EQ(focal_px_of(exif, {4000, 3000}), 4900);
-  exif.taken_px = {4000, 3000};
+  exif.original_px = {4000, 3000};
   EXPECT_DOUBLE_EQ(focal_px_of(exif, {1000, 750}), 1225);
   EXPECT_DOUBLE_EQ(focal_px_of(exif, {750, 1000}), 1225);
   exif.focal_35mm = 28;

@@ -68,7 +68,7 @@ class KeyframePicker {
   // The corners of the last key frame, and where each was last tracked to: px of the reduced images
   // (at most 960 px).
   [[nodiscard]] const std::vector<cv::Point2f>& corners() const { return corners_; }
-  [[nodiscard]] const std::vector<cv::Point2f>& followed() const { return followed_; }
+  [[nodiscard]] const std::vector<cv::Point2f>& tracked_corners() const { return tracked_corners_; }
 
  private:
   struct Candidate {
@@ -83,20 +83,20 @@ class KeyframePicker {
 
   void set_reference(const cv::Mat& gray);
   void measure(Candidate& candidate);
-  void watch(const Candidate& candidate, std::size_t place);
-  std::optional<Keyframe> choose(std::size_t begin, std::size_t end, std::size_t moment);
+  void update_trigger(const Candidate& candidate, std::size_t index);
+  std::optional<Keyframe> choose(std::size_t begin, std::size_t end, std::size_t trigger);
   [[nodiscard]] bool is_due() const;
 
   KeyframeOptions options_;
   cv::Size size_;
   std::int64_t last_index_ = 0;
   int count_ = 0;
-  cv::Mat reference_;                  // reduced image in which the corners were found
-  std::vector<cv::Point2f> corners_;   // in the reference
-  std::vector<cv::Point2f> followed_;  // their last tracked positions
-  std::deque<Candidate> waiting_;      // frames after the last key frame, the newest last
-  std::optional<std::size_t> moment_;  // index in waiting_ where the motion was reached
-  int lost_ = 0;                       // consecutive frames in which the corners are lost
+  cv::Mat reference_;                         // reduced image in which the corners were found
+  std::vector<cv::Point2f> corners_;          // in the reference
+  std::vector<cv::Point2f> tracked_corners_;  // their last tracked positions
+  std::deque<Candidate> buffer_;              // frames after the last key frame, the newest last
+  std::optional<std::size_t> trigger_;        // index in buffer_ where the motion was reached
+  int lost_ = 0;                              // consecutive frames in which the corners are lost
 };
 
 }  // namespace tarsier::sfm

@@ -76,7 +76,7 @@ TEST(Keyframes, AreEvenlySpacedOnAnEvenMotion) {
   }
 }
 
-TEST(Keyframes, OfAStandingCameraAreOne) {
+TEST(Keyframes, AStillCameraGivesOne) {
   const cv::Mat wall = texture(2);
   Rng rng(3);
   const auto keys = pick(50, [&](int) {
@@ -109,7 +109,7 @@ TEST(Keyframes, AvoidBlur) {
   for (const Keyframe& key : keys) EXPECT_TRUE(sharp.contains(key.index)) << key.index;
 }
 
-TEST(Keyframes, SurviveABlurredMomentOfAStandingCamera) {
+TEST(Keyframes, IgnoreBlurOfAStillCamera) {
   const cv::Mat wall = texture(6);
   const auto keys = pick(60, [&](int k) {
     const cv::Mat frame = view(wall, 100);
@@ -134,7 +134,7 @@ TEST(Keyframes, FollowAFastCameraAndACut) {
   EXPECT_GE(cut[1].index, 20);
 }
 
-TEST(Keyframes, OfBlackFramesAreOne) {
+TEST(Keyframes, BlackFramesGiveOne) {
   const auto black = [](int) { return cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(0)); };
   EXPECT_EQ(pick(20, black).size(), 1U);
   // The video begins after a fade-in and ends with a fade-out.
@@ -150,13 +150,13 @@ TEST(Keyframes, OfBlackFramesAreOne) {
   }
 }
 
-TEST(Keyframes, EndAtTheMost) {
+TEST(Keyframes, AreAtMostMaxCount) {
   const cv::Mat wall = texture(10);
   const auto keys = pick(80, [&](int k) { return view(wall, 2 * k); }, {.max_count = 5});
   EXPECT_EQ(keys.size(), 5U);
 }
 
-TEST(Keyframes, AreTheSameAgain) {
+TEST(Keyframes, AreDeterministic) {
   const cv::Mat wall = texture(11);
   const auto run = [&] {
     std::vector<std::int64_t> indices;
@@ -180,7 +180,7 @@ TEST(Keyframes, AreScaledToTheImage) {
   EXPECT_EQ(keys[1].image.size(), cv::Size(5 * kWidth, 5 * kHeight));
 }
 
-TEST(Keyframes, RefuseWhatIsNoVideo) {
+TEST(Keyframes, RefuseInvalidFrames) {
   EXPECT_THROW(KeyframePicker({.min_motion = 0}), std::invalid_argument);
   EXPECT_THROW(KeyframePicker({.window = 0}), std::invalid_argument);
   EXPECT_THROW(KeyframePicker({.max_count = 0}), std::invalid_argument);

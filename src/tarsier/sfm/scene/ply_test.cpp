@@ -37,11 +37,11 @@ struct Element {
   std::vector<std::vector<double>> rows;
 };
 
-double take(const std::string& bytes, std::size_t& place, const std::string& type) {
+double read_number(const std::string& bytes, std::size_t& offset, const std::string& type) {
   const auto copy = [&]<typename T>(T value) {
-    EXPECT_LE(place + sizeof(T), bytes.size());
-    if (place + sizeof(T) <= bytes.size()) std::memcpy(&value, bytes.data() + place, sizeof(T));
-    place += sizeof(T);
+    EXPECT_LE(offset + sizeof(T), bytes.size());
+    if (offset + sizeof(T) <= bytes.size()) std::memcpy(&value, bytes.data() + offset, sizeof(T));
+    offset += sizeof(T);
     return static_cast<double>(value);
   };
   if (type == "float") return copy(float{});
@@ -52,10 +52,10 @@ double take(const std::string& bytes, std::size_t& place, const std::string& typ
 
 std::vector<Element> read_ply(const std::string& bytes) {
   const std::string end = "end_header\n";
-  std::size_t place = bytes.find(end);
-  EXPECT_NE(place, std::string::npos);
-  std::istringstream header(bytes.substr(0, place));
-  place += end.size();
+  std::size_t offset = bytes.find(end);
+  EXPECT_NE(offset, std::string::npos);
+  std::istringstream header(bytes.substr(0, offset));
+  offset += end.size();
   std::vector<Element> elements;
   std::string line;
   std::getline(header, line);
@@ -82,13 +82,13 @@ std::vector<Element> read_ply(const std::string& bytes) {
     for (std::size_t k = 0; k < element.count; ++k) {
       std::vector<double> row;
       for (const Property& property : element.properties) {
-        const double count = property.is_list ? take(bytes, place, "uchar") : 1;
-        for (int i = 0; i < count; ++i) row.push_back(take(bytes, place, property.type));
+        const double count = property.is_list ? read_number(bytes, offset, "uchar") : 1;
+        for (int i = 0; i < count; ++i) row.push_back(read_number(bytes, offset, property.type));
       }
       element.rows.push_back(row);
     }
   }
-  EXPECT_EQ(place, bytes.size());
+  EXPECT_EQ(offset, bytes.size());
   return elements;
 }
 
@@ -97,7 +97,7 @@ class PlyTest : public FolderTest {
   const Model model_ = synthetic_model();
 };
 
-TEST_F(PlyTest, PointsHavePlacesAndColors) {
+TEST_F(PlyTest, PointsHavePositionsAndColors) {
   write_points_ply(path("points.ply"), model_);
   const std::vector<Element> elements = read_ply(contents(path("points.ply")));
   ASSERT_EQ(elements.size(), 1U);
@@ -116,7 +116,7 @@ TEST_F(PlyTest, PointsHavePlacesAndColors) {
   }
 }
 
-TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
+TEST_F(PlyTest, CamerasAreDrawnAsTheirViewingPyramids) {
   write_cameras_ply(path("cameras.ply"), model_, 0.25);
   const std::vector<Element> elements = read_ply(contents(path("cameras.ply")));
   ASSERT_EQ(elements.size(), 3U);
@@ -150,10 +150,10 @@ TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
     ASSERT_EQ(row.size(), 3U);
     std::vector<std::size_t> at;
     for (const double index : row) at.push_back(static_cast<std::size_t>(index));
-    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-    for (std::size_t k = 0; k < 5; ++k) middle += 0.2 * vertices[at[0] / 5 * 5 + k];
+    Eigen::Vector3d center = Eigen::Vector3d::Zero();
+    for (std::size_t k = 0; k < 5; ++k) center += 0.2 * vertices[at[0] / 5 * 5 + k];
     const Eigen::Vector3d& a = vertices[at[0]];
-    EXPECT_GT((vertices[at[1]] - a).cross(vertices[at[2]] - a).dot(a - middle), 0);
+    EXPECT_GT((vertices[at[1]] - a).cross(vertices[at[2]] - a).dot(a - center), 0);
   }
   for (const std::vector<double>& row : elements[2].rows)
     EXPECT_EQ(static_cast<int>(row[0]) / 5, static_cast<int>(row[1]) / 5);
@@ -166,7 +166,7 @@ TEST_F(PlyTest, AnEmptyModelIsAFileWithoutVertices) {
   EXPECT_EQ(read_ply(contents(path("cameras.ply"))).size(), 3U);
 }
 
-TEST_F(PlyTest, NumbersThatAreNoneAreRefused) {
+TEST_F(PlyTest, InvalidNumbersAreRefused) {
   Model model = model_;
   model.points[3].position[0] = std::numeric_limits<double>::infinity();
   EXPECT_THROW(write_points_ply(path("points.ply"), model), std::invalid_argument);

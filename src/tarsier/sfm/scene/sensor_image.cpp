@@ -29,7 +29,7 @@ int quarter_turns_of(int orientation) {
   }
 }
 
-Eigen::Vector3d down_of(int quarter_turns) {
+Eigen::Vector3d down_direction(int quarter_turns) {
   const double sign = quarter_turns < 2 ? 1 : -1;
   return quarter_turns % 2 == 0 ? Eigen::Vector3d(0, sign, 0) : Eigen::Vector3d(sign, 0, 0);
 }

@@ -22,7 +22,7 @@ namespace tarsier::sfm {
 
 // Direction in which the upright image's lower edge lies: a unit vector of the camera frame (x
 // right, y down in the pixels of the sensor).
-[[nodiscard]] Eigen::Vector3d down_of(int quarter_turns);
+[[nodiscard]] Eigen::Vector3d down_direction(int quarter_turns);
 
 // Converts stored pixels to those of the sensor. Mirrored images (orientation 2, 4, 5, 7) are
 // mirrored back, left to right, as a mirrored image is geometrically inconsistent with all others.

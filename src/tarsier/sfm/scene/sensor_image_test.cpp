@@ -69,13 +69,13 @@ TEST_F(SensorImage, IsTheStoredOneUnlessMirrored) {
     EXPECT_EQ(cv::norm(read_sensor_image(written(stored, orientation)), mirrored, cv::NORM_INF), 0);
 }
 
-TEST(DownOf, IsTheLowerEdgeOfTheUprightImage) {
+TEST(DownDirection, IsTheLowerEdgeOfTheUprightImage) {
   // A bright lower edge, rotated back: its side in the pixels of the sensor.
   for (int turns = 0; turns < 4; ++turns) {
     cv::Mat upright(20, 20, CV_8UC1, cv::Scalar(0));
     upright.row(19) = 255;
     const cv::Mat sensor = turned(upright, (4 - turns) % 4);
-    const Eigen::Vector3d down = down_of(turns);
+    const Eigen::Vector3d down = down_direction(turns);
     const int x = static_cast<int>(9.5 + 9.5 * down.x());
     const int y = static_cast<int>(9.5 + 9.5 * down.y());
     EXPECT_EQ(sensor.at<std::uint8_t>(y, x), 255) << turns;

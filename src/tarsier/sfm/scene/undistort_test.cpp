@@ -65,7 +65,7 @@ TEST(UndistortedCamera, IsTheSameWithoutDistortion) {
   EXPECT_NE(copy.data, pixels.data);
 }
 
-TEST(UndistortedCamera, RefusesWhatCannotBeUndone) {
+TEST(UndistortedCamera, RefusesDistortionThatIsNotInvertible) {
   geometry::Camera camera = barrel();
   camera.distortion = {-2, 0, 0, 0, 0};  // the radius turns inside the image
   EXPECT_THROW((void)undistorted_camera(camera), Error);
@@ -107,9 +107,9 @@ cv::Mat distorted_grid(const geometry::Camera& from, const geometry::Camera& to,
   cv::Mat pixels(from.height, from.width, CV_8UC1);
   for (int v = 0; v < from.height; ++v) {
     for (int u = 0; u < from.width; ++u) {
-      const cv::Point2d place = to.pixel_of(*from.normalized_of(cv::Point2d(u, v)));
-      const double dx = std::abs(std::remainder(place.x, spacing));
-      const double dy = std::abs(std::remainder(place.y, spacing));
+      const cv::Point2d pixel = to.pixel_of(*from.normalized_of(cv::Point2d(u, v)));
+      const double dx = std::abs(std::remainder(pixel.x, spacing));
+      const double dy = std::abs(std::remainder(pixel.y, spacing));
       const double dark = std::exp(-std::min(dx, dy) * std::min(dx, dy) / (2 * 1.5 * 1.5));
       pixels.at<unsigned char>(v, u) = static_cast<unsigned char>(std::lround(255 - 200 * dark));
     }
@@ -147,7 +147,7 @@ TEST(UndistortImage, MakesLinesStraightAndBordersFull) {
   }
 }
 
-TEST(UndistortImage, RefusesWhatDoesNotFit) {
+TEST(UndistortImage, RefusesInconsistentSizes) {
   const geometry::Camera from = barrel();
   const cv::Mat pixels(480, 640, CV_8UC1, cv::Scalar(7));
   EXPECT_THROW((void)undistort_image(pixels, from, from), std::invalid_argument);
@@ -180,7 +180,7 @@ class ExportTest : public FolderTest {
   int read_ = 0;
 };
 
-TEST_F(ExportTest, WritesWhatDenseToolsRead) {
+TEST_F(ExportTest, WritesTheFormatOfDenseTools) {
   run();
   EXPECT_EQ(read_, 4);
   const Model back = read_colmap(path("dense/sparse"));
@@ -212,7 +212,7 @@ TEST_F(ExportTest, WritesNothingForBadNames) {
   EXPECT_EQ(read_, 0);
 }
 
-TEST_F(ExportTest, RefusesAImageOfAnotherSize) {
+TEST_F(ExportTest, RefusesAnImageOfAnotherSize) {
   reader_ = [](const std::string&) { return cv::Mat(10, 20, CV_8UC3, cv::Scalar()); };
   EXPECT_THROW(run(), InputError);
   reader_ = [](const std::string&) { return cv::Mat(); };

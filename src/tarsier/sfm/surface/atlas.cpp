@@ -76,13 +76,13 @@ std::optional<std::vector<cv::Point>> pack(const std::vector<cv::Size>& sizes, i
                                               : sizes[a].width > sizes[b].width;
   });
   Skyline skyline(side);
-  std::vector<cv::Point> places(sizes.size());
+  std::vector<cv::Point> corners(sizes.size());
   for (const std::size_t i : order) {
-    const auto place = skyline.place(sizes[i]);
-    if (!place) return std::nullopt;
-    places[i] = *place;
+    const auto corner = skyline.place(sizes[i]);
+    if (!corner) return std::nullopt;
+    corners[i] = *corner;
   }
-  return places;
+  return corners;
 }
 
 }  // namespace tarsier::sfm

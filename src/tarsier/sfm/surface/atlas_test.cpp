@@ -10,7 +10,7 @@
 namespace tarsier::sfm {
 namespace {
 
-TEST(Pack, RectanglesAreInsideAndApart) {
+TEST(Pack, RectanglesAreInsideAndDisjoint) {
   Rng rng(3);
   std::vector<cv::Size> sizes;
   int area = 0;
@@ -18,18 +18,18 @@ TEST(Pack, RectanglesAreInsideAndApart) {
     sizes.emplace_back(rng.integer(1, 40), rng.integer(1, 40));
     area += sizes.back().area();
   }
-  const auto places = pack(sizes, 256);
-  ASSERT_TRUE(places.has_value());
-  cv::Mat1b taken(256, 256, static_cast<unsigned char>(0));
+  const auto corners = pack(sizes, 256);
+  ASSERT_TRUE(corners.has_value());
+  cv::Mat1b covered(256, 256, static_cast<unsigned char>(0));
   for (std::size_t i = 0; i < sizes.size(); ++i) {
-    const cv::Rect place((*places)[i], sizes[i]);
-    ASSERT_EQ(place & cv::Rect(0, 0, 256, 256), place);
-    EXPECT_EQ(cv::countNonZero(taken(place)), 0);
-    taken(place) = 1;
+    const cv::Rect rect((*corners)[i], sizes[i]);
+    ASSERT_EQ(rect & cv::Rect(0, 0, 256, 256), rect);
+    EXPECT_EQ(cv::countNonZero(covered(rect)), 0);
+    covered(rect) = 1;
   }
 }
 
-TEST(Pack, SaysWhereTheyDoNotFit) {
+TEST(Pack, ReportsThatTheyDoNotFit) {
   EXPECT_FALSE(pack({{10, 10}, {10, 10}}, 14).has_value());
   EXPECT_FALSE(pack({{20, 1}}, 14).has_value());
   EXPECT_TRUE(pack({}, 14).has_value());
@@ -54,7 +54,7 @@ TEST(LevelSeams, MakesBothSidesEqual) {
   }
 }
 
-TEST(LevelSeams, LeavesWhatHasNone) {
+TEST(LevelSeams, KeepsTexturesWithoutSeamsUnchanged) {
   SeamProblem problem;
   problem.nodes = 2;
   problem.edges = {{0, 1}};

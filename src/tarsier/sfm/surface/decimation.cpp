@@ -16,11 +16,11 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kMinCosine = 0.2;  // between a face's normals before and after
-constexpr double kBoundary = 10;    // weight of the planes of the boundary
+constexpr double kMinCosine = 0.2;      // between a face's normals before and after
+constexpr double kBoundaryWeight = 10;  // weight of the planes of the boundary
 // keeps the new vertex near the edge where planes do not determine it
 constexpr double kStiffness = 1e-3;
-constexpr int kStopEvery = 4096;
+constexpr int kStopInterval = 4096;
 
 // x' A x + 2 b' x + c: sum of weighted squared distances to planes.
 struct Quadric {
@@ -29,12 +29,12 @@ struct Quadric {
   double c = 0;
   double weight = 0;
 
-  void add_plane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double its_weight) {
+  void add_plane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double plane_weight) {
     const double offset = -normal.dot(point);
-    a += its_weight * normal * normal.transpose();
-    b += its_weight * offset * normal;
-    c += its_weight * offset * offset;
-    weight += its_weight;
+    a += plane_weight * normal * normal.transpose();
+    b += plane_weight * offset * normal;
+    c += plane_weight * offset * offset;
+    weight += plane_weight;
   }
   void add(const Quadric& other) {
     a += other.a;
@@ -62,14 +62,15 @@ class Decimator {
   explicit Decimator(SurfaceMesh& mesh) : mesh_(mesh) {
     // Coordinates are relative to the centre, so that quadrics of small meshes far from the origin
     // are exact.
-    for (const Eigen::Vector3f& v : mesh.vertices) middle_ += v.cast<double>();
-    if (!mesh.vertices.empty()) middle_ /= static_cast<double>(mesh.vertices.size());
-    for (const Eigen::Vector3f& v : mesh.vertices) vertices_.push_back(v.cast<double>() - middle_);
+    for (const Eigen::Vector3f& v : mesh.vertices) centroid_ += v.cast<double>();
+    if (!mesh.vertices.empty()) centroid_ /= static_cast<double>(mesh.vertices.size());
+    for (const Eigen::Vector3f& v : mesh.vertices)
+      vertices_.push_back(v.cast<double>() - centroid_);
     stamps_.assign(vertices_.size(), 0);
     quadrics_.resize(vertices_.size());
     faces_of_.resize(vertices_.size());
     boundary_.assign(vertices_.size(), 0);
-    left_ = static_cast<int>(mesh.faces.size());
+    face_count_ = static_cast<int>(mesh.faces.size());
     for (std::size_t f = 0; f < mesh.faces.size(); ++f)
       for (const int v : mesh.faces[f]) faces_of_[at(v)].push_back(static_cast<int>(f));
     add_quadrics();
@@ -80,8 +81,8 @@ class Decimator {
   }
 
   void run(int faces, const std::stop_token& stop) {
-    for (int step = 0; left_ > faces && !heap_.empty(); ++step) {
-      if (step % kStopEvery == 0) throw_if_stopped(stop);
+    for (int step = 0; face_count_ > faces && !heap_.empty(); ++step) {
+      if (step % kStopInterval == 0) throw_if_stopped(stop);
       const Candidate best = heap_.top();
       heap_.pop();
       if (stamps_[at(best.a)] < 0 || stamps_[at(best.b)] < 0 ||
@@ -116,7 +117,7 @@ class Decimator {
         if (!(upright.norm() > 0)) continue;
         for (const int v : {a, b}) {
           quadrics_[at(v)].add_plane(upright.normalized(), vertices_[at(a)],
-                                     kBoundary * edge.squaredNorm());
+                                     kBoundaryWeight * edge.squaredNorm());
         }
       }
     }
@@ -133,18 +134,19 @@ class Decimator {
     return result;
   }
 
-  [[nodiscard]] Eigen::Vector3d best_place(int a, int b, double& cost) const {
+  [[nodiscard]] Eigen::Vector3d optimal_position(int a, int b, double& cost) const {
     Quadric sum = quadrics_[at(a)];
     sum.add(quadrics_[at(b)]);
-    const Eigen::Vector3d middle = 0.5 * (vertices_[at(a)] + vertices_[at(b)]);
+    const Eigen::Vector3d edge_center = 0.5 * (vertices_[at(a)] + vertices_[at(b)]);
     const double stiffness = kStiffness * sum.weight + 1e-300;
     const Eigen::Matrix3d matrix = sum.a + stiffness * Eigen::Matrix3d::Identity();
-    Eigen::Vector3d place = matrix.inverse() * (stiffness * middle - sum.b);
+    Eigen::Vector3d position = matrix.inverse() * (stiffness * edge_center - sum.b);
     const double length = (vertices_[at(a)] - vertices_[at(b)]).norm();
-    if (!place.allFinite() || (place - middle).norm() > 2 * length) place = middle;
+    if (!position.allFinite() || (position - edge_center).norm() > 2 * length)
+      position = edge_center;
     // On flat surfaces, short edges come first.
-    cost = std::max(0.0, sum.at(place)) + 1e-6 * sum.weight * length * length;
-    return place;
+    cost = std::max(0.0, sum.at(position)) + 1e-6 * sum.weight * length * length;
+    return position;
   }
 
   void push(int a, int b) {
@@ -152,27 +154,27 @@ class Decimator {
     candidate.a = std::min(a, b);
     candidate.b = std::max(a, b);
     candidate.stamp = stamps_[at(a)] + stamps_[at(b)];
-    (void)best_place(candidate.a, candidate.b, candidate.cost);
+    (void)optimal_position(candidate.a, candidate.b, candidate.cost);
     heap_.push(candidate);
   }
 
   // Whether a face of `v` without `other` would fold.
-  [[nodiscard]] bool would_fold(int v, int other, const Eigen::Vector3d& place) const {
+  [[nodiscard]] bool would_flip(int v, int other, const Eigen::Vector3d& position) const {
     for (const int f : faces_of_[at(v)]) {
       const Face& corners = face(f);
-      std::size_t own = 0;
+      std::size_t corner_index = 0;
       bool shared = false;
       for (std::size_t k = 0; k < 3; ++k) {
-        if (corners[k] == v) own = k;
+        if (corners[k] == v) corner_index = k;
         shared = shared || corners[k] == other;
       }
       if (shared) continue;
-      const Eigen::Vector3d& p = vertices_[at(corners[(own + 1) % 3])];
-      const Eigen::Vector3d& q = vertices_[at(corners[(own + 2) % 3])];
+      const Eigen::Vector3d& p = vertices_[at(corners[(corner_index + 1) % 3])];
+      const Eigen::Vector3d& q = vertices_[at(corners[(corner_index + 2) % 3])];
       const Eigen::Vector3d before = (p - vertices_[at(v)]).cross(q - vertices_[at(v)]);
-      const Eigen::Vector3d after = (p - place).cross(q - place);
+      const Eigen::Vector3d after = (p - position).cross(q - position);
       const double size = after.norm();
-      if (!(size > 1e-3 * (q - p).norm() * std::max((p - place).norm(), (q - place).norm())))
+      if (!(size > 1e-3 * (q - p).norm() * std::max((p - position).norm(), (q - position).norm())))
         return true;  // degenerate face
       // A face that was degenerate before may change in any way.
       if (before.norm() > 0 && before.dot(after) < kMinCosine * before.norm() * size) return true;
@@ -180,7 +182,7 @@ class Decimator {
     return false;
   }
 
-  [[nodiscard]] bool keeps_topology(int a, int b) const {
+  [[nodiscard]] bool preserves_topology(int a, int b) const {
     int shared = 0;
     for (const int f : faces_of_[at(a)]) {
       const Face& corners = face(f);
@@ -200,33 +202,33 @@ class Decimator {
   }
 
   void collapse(int a, int b) {
-    if (!keeps_topology(a, b)) return;
+    if (!preserves_topology(a, b)) return;
     double cost = 0;
-    const Eigen::Vector3d place = best_place(a, b, cost);
-    if (would_fold(a, b, place) || would_fold(b, a, place)) return;
-    vertices_[at(a)] = place;
+    const Eigen::Vector3d position = optimal_position(a, b, cost);
+    if (would_flip(a, b, position) || would_flip(b, a, position)) return;
+    vertices_[at(a)] = position;
     quadrics_[at(a)].add(quadrics_[at(b)]);
     boundary_[at(a)] = static_cast<char>(boundary_[at(a)] | boundary_[at(b)]);
-    std::vector<int> kept;
+    std::vector<int> remaining_faces;
     for (const int f : faces_of_[at(a)]) {
       const Face corners = face(f);
       if (std::find(corners.begin(), corners.end(), b) == corners.end()) {
-        kept.push_back(f);
+        remaining_faces.push_back(f);
         continue;
       }
       for (const int v : corners) {
         if (v != a) std::erase(faces_of_[at(v)], f);
       }
       mesh_.faces[at(f)] = {-1, -1, -1};
-      --left_;
+      --face_count_;
     }
     for (const int f : faces_of_[at(b)]) {
       for (int& v : mesh_.faces[at(f)])
         if (v == b) v = a;
-      kept.push_back(f);
+      remaining_faces.push_back(f);
     }
-    std::sort(kept.begin(), kept.end());
-    faces_of_[at(a)] = std::move(kept);
+    std::sort(remaining_faces.begin(), remaining_faces.end());
+    faces_of_[at(a)] = std::move(remaining_faces);
     faces_of_[at(b)] = {};
     stamps_[at(b)] = -1;
     ++stamps_[at(a)];
@@ -235,21 +237,21 @@ class Decimator {
 
   void store() {
     for (std::size_t v = 0; v < vertices_.size(); ++v)
-      mesh_.vertices[v] = (vertices_[v] + middle_).cast<float>();
+      mesh_.vertices[v] = (vertices_[v] + centroid_).cast<float>();
     std::erase_if(mesh_.faces, [](const Face& corners) { return corners[0] < 0; });
     mesh_.colors.clear();
     remove_unused_vertices(mesh_);
   }
 
   SurfaceMesh& mesh_;
-  Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d centroid_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> vertices_;
   std::vector<Quadric> quadrics_;
   std::vector<std::vector<int>> faces_of_;
   std::vector<int> stamps_;  // number of moves of a vertex; -1: removed
   std::vector<char> boundary_;
   std::priority_queue<Candidate> heap_;
-  int left_ = 0;
+  int face_count_ = 0;
 };
 
 }  // namespace

@@ -15,13 +15,13 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kPixels = 1.5;           // side of a voxel in px of a depth map
-constexpr double kCoarser = 1.25;         // growth of the voxel per attempt
-constexpr double kBytesOfBlock = 12'000;  // its voxels, crossings, and its part of the surface
+constexpr double kVoxelPixels = 1.5;       // side of a voxel in px of a depth map
+constexpr double kVoxelGrowth = 1.25;      // growth of the voxel per attempt
+constexpr double kBytesPerBlock = 12'000;  // its voxels, crossings, and its part of the surface
 // px at the edge of a dark background that do not count as free space
-constexpr int kUnsureEdge = 2;
+constexpr int kUncertainEdge_px = 2;
 // of the truncation: distance from depths within which blocks are kept
-constexpr double kReach = 0.6;
+constexpr double kBlockReach = 0.6;
 
 TangentMap read_planes(const Workspace& workspace, int view, const VolumeOptions& options) {
   DepthMap map = workspace.read_depth_map(view);
@@ -30,7 +30,7 @@ TangentMap read_planes(const Workspace& workspace, int view, const VolumeOptions
   TangentMap result = tangent_map(map, workspace.camera(view), workspace.pose(view),
                                   {options.min_cosine, options.trim_px});
   if (!empty.empty()) {
-    cv::erode(empty, empty, cv::Mat(), {-1, -1}, kUnsureEdge);
+    cv::erode(empty, empty, cv::Mat(), {-1, -1}, kUncertainEdge_px);
     result.empty = empty;
   }
   return result;
@@ -81,12 +81,13 @@ std::optional<std::vector<VoxelVolume::Key>> blocks_of(const Workspace& workspac
   std::vector<VoxelVolume::Key> all;
   for (const int view : views) {
     throw_if_stopped(stop);
-    const auto some = blocks_near(read_planes(workspace, view, options), voxel,
-                                  std::max(1.0, kReach * options.truncation));
-    std::vector<VoxelVolume::Key> both;
-    both.reserve(all.size() + some.size());
-    std::set_union(all.begin(), all.end(), some.begin(), some.end(), std::back_inserter(both));
-    all = std::move(both);
+    const auto blocks = blocks_near(read_planes(workspace, view, options), voxel,
+                                    std::max(1.0, kBlockReach * options.truncation));
+    std::vector<VoxelVolume::Key> merged;
+    merged.reserve(all.size() + blocks.size());
+    std::set_union(all.begin(), all.end(), blocks.begin(), blocks.end(),
+                   std::back_inserter(merged));
+    all = std::move(merged);
     if (all.size() > limit) return std::nullopt;
   }
   return all;
@@ -98,8 +99,8 @@ FusedVolume fuse_depth_maps(const Workspace& workspace, const VolumeOptions& opt
                             Progress& progress, const std::stop_token& stop) {
   options.check();
   const Views views = usable_views(workspace, options, progress, stop);
-  double voxel = options.voxel > 0 ? options.voxel : kPixels * views.footprint;
-  const auto limit = static_cast<std::size_t>(options.memory_gb * 1e9 / kBytesOfBlock);
+  double voxel = options.voxel > 0 ? options.voxel : kVoxelPixels * views.footprint;
+  const auto limit = static_cast<std::size_t>(options.memory_gb * 1e9 / kBytesPerBlock);
   FusedVolume result;
   result.views = static_cast<int>(views.list.size());
   result.views_without = workspace.count() - result.views;
@@ -110,7 +111,7 @@ FusedVolume fuse_depth_maps(const Workspace& workspace, const VolumeOptions& opt
           "voxels of {:.4g} need more than {:.3g} GB: give larger ones (option 'voxel') or more "
           "memory (option 'memory_gb')",
           voxel, options.memory_gb));
-    voxel *= kCoarser;
+    voxel *= kVoxelGrowth;
     result.coarser = true;
     blocks = blocks_of(workspace, views.list, voxel, limit, options, stop);
   }

@@ -50,7 +50,7 @@ std::string error_of(const std::string& folder, const VolumeOptions& options,
 
 class DepthFusionTest : public FolderTest {};
 
-TEST(CellTriangles, AgreeOnEverySideAndHaveNoDiagonalInIt) {
+TEST(CellTriangles, GiveAClosedManifoldForAnyPatternOfSigns) {
   // Any pattern of signs on a closed grid gives a surface with two faces at every edge.
   VoxelVolume volume(1);
   volume.allocate({VoxelVolume::key_of({0, 0, 0})});
@@ -82,7 +82,7 @@ TEST(CellTriangles, AgreeOnEverySideAndHaveNoDiagonalInIt) {
   }
 }
 
-TEST_F(DepthFusionTest, ASphereIsClosedAndWhereItIs) {
+TEST_F(DepthFusionTest, ASphereIsClosedAndAccurate) {
   const Eigen::Vector3d center(0.1, -0.05, 0.2);
   write_workspace(folder_, sphere_caster(center, 1), test_camera(), cameras_all_around(24, 4));
   double voxel = 0;
@@ -95,11 +95,11 @@ TEST_F(DepthFusionTest, ASphereIsClosedAndWhereItIs) {
   const double truth = 4.0 / 3 * std::numbers::pi;
   EXPECT_NEAR(measures.volume.value_or(0), truth, 0.01 * truth);
   EXPECT_NEAR(measures.area, 4 * std::numbers::pi, 0.02 * 4 * std::numbers::pi);
-  double worst = 0;
+  double max_error = 0;
   for (const Eigen::Vector3f& v : mesh.vertices)
-    worst = std::max(worst, std::abs((v.cast<double>() - center).norm() - 1));
-  EXPECT_LT(worst, 0.5 * voxel);
-  EXPECT_LT(worst, 0.25 * voxel);
+    max_error = std::max(max_error, std::abs((v.cast<double>() - center).norm() - 1));
+  EXPECT_LT(max_error, 0.5 * voxel);
+  EXPECT_LT(max_error, 0.25 * voxel);
 }
 
 TEST_F(DepthFusionTest, ABoxKeepsItsEdgesWithinAVoxel) {
@@ -121,7 +121,7 @@ TEST_F(DepthFusionTest, ABoxKeepsItsEdgesWithinAVoxel) {
   EXPECT_LT(errors.back(), 2.5 * voxel);  // where three sides meet
 }
 
-TEST_F(DepthFusionTest, WhatNobodySawStaysOpen) {
+TEST_F(DepthFusionTest, UnobservedPartsStayOpen) {
   std::vector<geometry::Rigid3> above;
   for (const geometry::Rigid3& pose : cameras_all_around(30, 4))
     if (pose.center()[2] > 1) above.push_back(pose);
@@ -131,10 +131,10 @@ TEST_F(DepthFusionTest, WhatNobodySawStaysOpen) {
   EXPECT_FALSE(measures.volume.has_value());
 }
 
-TEST_F(DepthFusionTest, FreeSpaceRemovesWhatOneMapInvents) {
+TEST_F(DepthFusionTest, FreeSpaceRemovesOutliersOfASingleMap) {
   const auto poses = cameras_all_around(24, 4);
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), poses,
-                  [](int i, DrawnView& view) {
+                  [](int i, RenderedView& view) {
                     if (i != 5) return;
                     view.map.depth(cv::Rect(60, 40, 30, 30)) = 2.4F;  // a plate before the sphere
                     view.map.normal(cv::Rect(60, 40, 30, 30)) = cv::Scalar(0, 0, -1);
@@ -148,9 +148,9 @@ TEST_F(DepthFusionTest, FreeSpaceRemovesWhatOneMapInvents) {
   EXPECT_EQ(measure_surface(mesh).parts, 1);
 }
 
-TEST_F(DepthFusionTest, EdgesBesideTheUnknownAreTrimmed) {
+TEST_F(DepthFusionTest, EdgesNextToUnknownDepthsAreTrimmed) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(24, 4),
-                  [](int, DrawnView& view) {  // three pixels of background as deep as the sphere
+                  [](int, RenderedView& view) {  // three pixels of background as deep as the sphere
                     cv::Mat wide;
                     const cv::Mat flat = view.map.depth == 0;
                     const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, {7, 7});
@@ -172,7 +172,7 @@ TEST_F(DepthFusionTest, EdgesBesideTheUnknownAreTrimmed) {
 
 // In all maps, pixels of the background beside the sphere get the sphere's depth. In some, a plate
 // floats in front of the dark background. The background is black with noise.
-void spoil_before_darkness(int i, DrawnView& view) {
+void add_outliers_before_background(int i, RenderedView& view) {
   const cv::Mat flat = view.map.depth == 0;
   cv::Mat wide;
   cv::dilate(view.map.depth, wide, cv::getStructuringElement(cv::MORPH_ELLIPSE, {7, 7}));
@@ -185,9 +185,9 @@ void spoil_before_darkness(int i, DrawnView& view) {
   noise.copyTo(view.image, flat);
 }
 
-TEST_F(DepthFusionTest, BeforeADarkBackgroundNothingFloats) {
+TEST_F(DepthFusionTest, NoSurfaceFloatsInFrontOfADarkBackground) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(24, 4),
-                  spoil_before_darkness);
+                  add_outliers_before_background);
   const auto outside = [&](int level) {
     VolumeOptions options;
     options.trim_px = 0;
@@ -221,7 +221,7 @@ TEST(DarkBackground, IsLargeDarkAndUnknownAtTheBorder) {
   EXPECT_EQ(cv::countNonZero(dark_background(image, half, 24)), 750);
 }
 
-TEST_F(DepthFusionTest, TheNumberOfThreadsChangesNothing) {
+TEST_F(DepthFusionTest, ResultDoesNotDependOnThreads) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(80, 60, 75),
                   cameras_all_around(12, 4));
   const int before = cv::getNumThreads();
@@ -237,7 +237,7 @@ TEST_F(DepthFusionTest, TheNumberOfThreadsChangesNothing) {
   cv::setNumThreads(before);
 }
 
-TEST_F(DepthFusionTest, BrokenNumbersAreUnknown) {
+TEST_F(DepthFusionTest, InvalidDepthsAreUnknown) {
   const auto poses = cameras_all_around(12, 4);
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(80, 60, 75), poses);
   const Workspace workspace = Workspace::open(folder_);
@@ -254,7 +254,7 @@ TEST_F(DepthFusionTest, BrokenNumbersAreUnknown) {
   EXPECT_NO_THROW(extract_surface(fused.volume, 4).check());
 }
 
-TEST_F(DepthFusionTest, SaysWhatIsMissing) {
+TEST_F(DepthFusionTest, ErrorsNameWhatIsMissing) {
   const auto poses = cameras_all_around(4, 4);
   write_workspace(
       folder_, [](const auto&, const auto&) { return std::nullopt; }, test_camera(40, 30, 35),
@@ -264,7 +264,7 @@ TEST_F(DepthFusionTest, SaysWhatIsMissing) {
   EXPECT_THAT(error_of(folder_, {}), HasSubstr("run tarsier sfm dense"));
 }
 
-TEST_F(DepthFusionTest, KeepsToTheMemory) {
+TEST_F(DepthFusionTest, RespectsTheMemoryLimit) {
   write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(400, 300, 375),
                   cameras_all_around(4, 4));
   VolumeOptions options;

@@ -16,7 +16,8 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kSide = VoxelVolume::kSide;
-constexpr double kMargin = 0.01;  // of a cell's edge: min distance of crossings from its ends
+constexpr double kMinCrossingShare =
+    0.01;  // of a cell's edge: min distance of crossings from its ends
 
 struct CellEdge {
   int low = 0;  // corners
@@ -46,7 +47,7 @@ int edge_between(int a, int b) {
 }
 
 // Whether two edges are on one side of the cell.
-bool share_side(int a, int b) {
+bool on_same_side(int a, int b) {
   const CellEdge& first = cell_edges()[at(a)];
   const CellEdge& second = cell_edges()[at(b)];
   for (int axis = 0; axis < 3; ++axis) {
@@ -62,7 +63,7 @@ bool share_side(int a, int b) {
 std::optional<std::vector<int>> triangulated(const std::vector<int>& polygon, int from, int to) {
   if (to - from < 2) return std::vector<int>{};
   const auto is_allowed = [&](int a, int b) {
-    return b - a == 1 || !share_side(polygon[at(a)], polygon[at(b)]);
+    return b - a == 1 || !on_same_side(polygon[at(a)], polygon[at(b)]);
   };
   for (int k = from + 1; k < to; ++k) {
     if (!is_allowed(from, k) || !is_allowed(k, to)) continue;
@@ -141,12 +142,12 @@ class Neighborhood {
     }
   }
 
-  struct Place {
+  struct Location {
     int block = -1;
     int voxel = 0;
   };
   // x, y, z: 0..8.
-  [[nodiscard]] Place place(int x, int y, int z) const {
+  [[nodiscard]] Location location(int x, int y, int z) const {
     return {block_[at(which(x, y, z))], local(x, y, z)};
   }
   [[nodiscard]] const Voxel* voxel(int x, int y, int z) const {
@@ -166,7 +167,7 @@ class Neighborhood {
 };
 
 template <class Take>
-void each_voxel(const Take& take) {
+void for_each_voxel(const Take& take) {
   for (int z = 0; z < kSide; ++z)
     for (int y = 0; y < kSide; ++y)
       for (int x = 0; x < kSide; ++x) take(x, y, z);
@@ -174,7 +175,7 @@ void each_voxel(const Take& take) {
 
 Crossings crossings_of(const Neighborhood& around) {
   Crossings result;
-  each_voxel([&](int x, int y, int z) {
+  for_each_voxel([&](int x, int y, int z) {
     const Voxel* here = around.voxel(x, y, z);
     if (here == nullptr) return;
     for (int axis = 0; axis < 3; ++axis) {
@@ -196,7 +197,7 @@ void place_vertices(const VoxelVolume& volume, int block, const Crossings& cross
   if (crossings.count == 0) return;
   const Neighborhood around(volume, block);
   const Eigen::Vector3d first = volume.index(block).cast<double>() * kSide;
-  each_voxel([&](int x, int y, int z) {
+  for_each_voxel([&](int x, int y, int z) {
     for (int axis = 0; axis < 3; ++axis) {
       const int bit = 3 * (x + kSide * (y + kSide * z)) + axis;
       if ((crossings.mask[at(bit / 64)] >> bit % 64 & 1) == 0) continue;
@@ -204,7 +205,7 @@ void place_vertices(const VoxelVolume& volume, int block, const Crossings& cross
       const double there = static_cast<double>(
           around.voxel(x + (axis == 0), y + (axis == 1), z + (axis == 2))->distance);
       Eigen::Vector3d position = first + Eigen::Vector3d(x, y, z);
-      position[axis] += std::clamp(here / (here - there), kMargin, 1 - kMargin);
+      position[axis] += std::clamp(here / (here - there), kMinCrossingShare, 1 - kMinCrossingShare);
       mesh.vertices[at(crossings.vertex(bit))] = (position * volume.size()).cast<float>();
     }
   });
@@ -213,7 +214,7 @@ void place_vertices(const VoxelVolume& volume, int block, const Crossings& cross
 void add_faces(const VoxelVolume& volume, int block, const std::vector<Crossings>& crossings,
                float max_jump, std::vector<Face>& faces) {
   const Neighborhood around(volume, block);
-  each_voxel([&](int x, int y, int z) {
+  for_each_voxel([&](int x, int y, int z) {
     std::array<float, 8> distance{};
     int inside = 0;
     for (int c = 0; c < 8; ++c) {
@@ -233,8 +234,8 @@ void add_faces(const VoxelVolume& volume, int block, const std::vector<Crossings
       for (std::size_t k = 0; k < 3; ++k) {
         const CellEdge& edge = cell_edges()[at(triangles[t + k])];
         const int c = edge.low;
-        const auto place = around.place(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2));
-        face[k] = crossings[at(place.block)].vertex(3 * place.voxel + edge.axis);
+        const auto location = around.location(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2));
+        face[k] = crossings[at(location.block)].vertex(3 * location.voxel + edge.axis);
       }
       faces.push_back(face);
     }
@@ -263,9 +264,9 @@ SurfaceMesh extract_surface(const VoxelVolume& volume, double max_jump) {
   };
   in_parallel([&](int b) { crossings[at(b)] = crossings_of(Neighborhood(volume, b)); });
   std::int64_t count = 0;
-  for (Crossings& some : crossings) {
-    some.first = static_cast<int>(count);
-    count += some.count;
+  for (Crossings& block : crossings) {
+    block.first = static_cast<int>(count);
+    count += block.count;
     TARSIER_REQUIRE(count < std::numeric_limits<int>::max() / 8, "too many vertices");
   }
   SurfaceMesh mesh;
@@ -274,8 +275,8 @@ SurfaceMesh extract_surface(const VoxelVolume& volume, double max_jump) {
   std::vector<std::vector<Face>> faces(at(blocks));
   in_parallel(
       [&](int b) { add_faces(volume, b, crossings, static_cast<float>(max_jump), faces[at(b)]); });
-  for (const std::vector<Face>& some : faces)
-    mesh.faces.insert(mesh.faces.end(), some.begin(), some.end());
+  for (const std::vector<Face>& block : faces)
+    mesh.faces.insert(mesh.faces.end(), block.begin(), block.end());
   remove_unused_vertices(mesh);
   split_touching_vertices(mesh);
   return mesh;

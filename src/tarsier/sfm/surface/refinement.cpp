@@ -13,34 +13,34 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kMaxRings = 24;
-constexpr int kSweeps = 200;
-constexpr float kInwards = 0.5F;
-constexpr float kOutwards = -0.53F;
+constexpr int kMembraneSweeps = 200;
+constexpr float kTaubinLambda = 0.5F;
+constexpr float kTaubinMu = -0.53F;
 
 // The sorted vertices around each vertex; for boundary vertices only the neighbours on the
 // boundary.
-struct Around {
+struct Adjacency {
   std::vector<int> first;
   std::vector<int> list;
 };
 
-Around around_vertices(const SurfaceMesh& mesh) {
+Adjacency adjacency_of(const SurfaceMesh& mesh) {
   const std::vector<Face> neighbors = face_neighbors(mesh);
   std::vector<char> is_boundary(mesh.vertices.size(), 0);
-  const auto each_edge = [&](const auto& take) {
+  const auto for_each_edge = [&](const auto& take) {
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
       for (std::size_t k = 0; k < 3; ++k)
         take(mesh.faces[f][k], mesh.faces[f][(k + 1) % 3], neighbors[f][k] < 0);
     }
   };
-  each_edge([&](int a, int b, bool boundary) {
+  for_each_edge([&](int a, int b, bool boundary) {
     if (boundary) is_boundary[at(a)] = is_boundary[at(b)] = 1;
   });
   // An inner edge comes from both of its faces; each adds it to the vertex where it starts.
-  Around around;
-  around.first.assign(mesh.vertices.size() + 1, 0);
-  const auto each_neighbor = [&](const auto& take) {
-    each_edge([&](int a, int b, bool boundary) {
+  Adjacency adjacency;
+  adjacency.first.assign(mesh.vertices.size() + 1, 0);
+  const auto for_each_neighbor = [&](const auto& take) {
+    for_each_edge([&](int a, int b, bool boundary) {
       if (boundary) {
         take(a, b);
         take(b, a);
@@ -49,20 +49,21 @@ Around around_vertices(const SurfaceMesh& mesh) {
       }
     });
   };
-  each_neighbor([&](int a, int) { ++around.first[at(a) + 1]; });
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) around.first[v + 1] += around.first[v];
-  around.list.resize(at(around.first.back()));
-  std::vector<int> next(around.first.begin(), around.first.end() - 1);
-  each_neighbor([&](int a, int b) { around.list[at(next[at(a)]++)] = b; });
-  return around;
+  for_each_neighbor([&](int a, int) { ++adjacency.first[at(a) + 1]; });
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
+    adjacency.first[v + 1] += adjacency.first[v];
+  adjacency.list.resize(at(adjacency.first.back()));
+  std::vector<int> next(adjacency.first.begin(), adjacency.first.end() - 1);
+  for_each_neighbor([&](int a, int b) { adjacency.list[at(next[at(a)]++)] = b; });
+  return adjacency;
 }
 
-Eigen::Vector3f mean_around(const Around& around, int v,
+Eigen::Vector3f mean_around(const Adjacency& adjacency, int v,
                             const std::vector<Eigen::Vector3f>& vertices) {
-  const int begin = around.first[at(v)];
-  const int end = around.first[at(v) + 1];
+  const int begin = adjacency.first[at(v)];
+  const int end = adjacency.first[at(v) + 1];
   Eigen::Vector3f sum = Eigen::Vector3f::Zero();
-  for (int i = begin; i < end; ++i) sum += vertices[at(around.list[at(i)])];
+  for (int i = begin; i < end; ++i) sum += vertices[at(adjacency.list[at(i)])];
   return end > begin ? Eigen::Vector3f(sum / static_cast<float>(end - begin)) : vertices[at(v)];
 }
 
@@ -109,10 +110,10 @@ void close(SurfaceMesh& mesh, const BoundaryLoop& loop) {
     const int size = std::max(6, static_cast<int>(std::lround(static_cast<float>(count) * share)));
     std::vector<int> inner;
     for (int j = 0; j < size; ++j) {
-      const float place =
+      const float position =
           static_cast<float>(j) * static_cast<float>(count) / static_cast<float>(size);
-      const int before = std::min(count - 1, static_cast<int>(place));
-      const float part = place - static_cast<float>(before);
+      const int before = std::min(count - 1, static_cast<int>(position));
+      const float part = position - static_cast<float>(before);
       const Eigen::Vector3f& a = mesh.vertices[at(loop.vertices[at(before)])];
       const Eigen::Vector3f& b = mesh.vertices[at(loop.vertices[at((before + 1) % count)])];
       const Eigen::Vector3f rim = a + part * (b - a);
@@ -121,27 +122,27 @@ void close(SurfaceMesh& mesh, const BoundaryLoop& loop) {
     stitch(outer, inner, mesh.faces);
     outer = std::move(inner);
   }
-  const int middle = add_vertex(center, mean_color);
+  const int center_vertex = add_vertex(center, mean_color);
   for (std::size_t i = 0; i < outer.size(); ++i)
-    mesh.faces.push_back({outer[(i + 1) % outer.size()], outer[i], middle});
+    mesh.faces.push_back({outer[(i + 1) % outer.size()], outer[i], center_vertex});
 }
 
 }  // namespace
 
 int close_holes(SurfaceMesh& mesh, double diameter) {
   TARSIER_REQUIRE(diameter >= 0, "{}", diameter);
-  const std::size_t known = mesh.vertices.size();
+  const std::size_t old_count = mesh.vertices.size();
   int closed = 0;
   for (const BoundaryLoop& loop : boundary_loops(mesh)) {
     if (!(loop.diameter <= diameter)) continue;
     close(mesh, loop);
     ++closed;
   }
-  if (mesh.vertices.size() == known) return closed;
-  const Around around = around_vertices(mesh);
-  for (int sweep = 0; sweep < kSweeps; ++sweep) {
-    for (std::size_t v = known; v < mesh.vertices.size(); ++v)
-      mesh.vertices[v] = mean_around(around, static_cast<int>(v), mesh.vertices);
+  if (mesh.vertices.size() == old_count) return closed;
+  const Adjacency adjacency = adjacency_of(mesh);
+  for (int sweep = 0; sweep < kMembraneSweeps; ++sweep) {
+    for (std::size_t v = old_count; v < mesh.vertices.size(); ++v)
+      mesh.vertices[v] = mean_around(adjacency, static_cast<int>(v), mesh.vertices);
   }
   return closed;
 }
@@ -149,14 +150,14 @@ int close_holes(SurfaceMesh& mesh, double diameter) {
 void smooth_surface(SurfaceMesh& mesh, int iterations) {
   TARSIER_REQUIRE(iterations >= 0, "{}", iterations);
   if (iterations == 0) return;
-  const Around around = around_vertices(mesh);
+  const Adjacency adjacency = adjacency_of(mesh);
   std::vector<Eigen::Vector3f> moved(mesh.vertices.size());
   for (int step = 0; step < 2 * iterations; ++step) {
-    const float share = step % 2 == 0 ? kInwards : kOutwards;
+    const float share = step % 2 == 0 ? kTaubinLambda : kTaubinMu;
     cv::parallel_for_(cv::Range(0, static_cast<int>(moved.size())), [&](const cv::Range& range) {
       for (int v = range.start; v < range.end; ++v) {
         const Eigen::Vector3f& here = mesh.vertices[at(v)];
-        moved[at(v)] = here + share * (mean_around(around, v, mesh.vertices) - here);
+        moved[at(v)] = here + share * (mean_around(adjacency, v, mesh.vertices) - here);
       }
     });
     mesh.vertices.swap(moved);

@@ -143,7 +143,7 @@ TEST(Decimate, KeepsFlatPartsAndTheirBoundaryExactly) {
   for (const Eigen::Vector3f& v : mesh.vertices) EXPECT_NEAR(v[2], 2, 1e-5);
 }
 
-TEST(Decimate, EndsWhereNothingMoreCanGo) {
+TEST(Decimate, EndsWhenNoEdgeCanCollapse) {
   SurfaceMesh mesh = globe(10, 12);
   decimate(mesh, 1, {});
   mesh.check();

@@ -34,18 +34,19 @@ std::vector<float> distances(const std::vector<cv::Vec3f>& points, const Triangl
   std::vector<float> result(points.size());
   cv::parallel_for_(cv::Range(0, static_cast<int>(points.size())), [&](const cv::Range& range) {
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
-      const auto place = static_cast<std::size_t>(i);
-      result[place] = tree.distance(to_eigen(points[place]), limit);
+      const auto index = static_cast<std::size_t>(i);
+      result[index] = tree.distance(to_eigen(points[index]), limit);
     }
   });
   throw_if_stopped(stop);
   return result;
 }
 
-std::vector<cv::Vec3b> error_colors(const std::vector<float>& distances, float worst) {
+std::vector<cv::Vec3b> error_colors(const std::vector<float>& distances, float max_distance) {
   cv::Mat1b levels(1, static_cast<int>(distances.size()));
   for (std::size_t i = 0; i < distances.size(); ++i)
-    levels(static_cast<int>(i)) = cv::saturate_cast<std::uint8_t>(255 * distances[i] / worst);
+    levels(static_cast<int>(i)) =
+        cv::saturate_cast<std::uint8_t>(255 * distances[i] / max_distance);
   cv::Mat3b colors;
   cv::applyColorMap(levels, colors, cv::COLORMAP_TURBO);
   return {colors.begin(), colors.end()};
@@ -67,13 +68,13 @@ std::vector<cv::Vec3f> sample_surface(const SurfaceMesh& mesh, double spacing) {
   constexpr double kFirst = 0.7548776662466927;
   constexpr double kSecond = 0.5698402909980532;
   std::vector<cv::Vec3f> points;
-  double owed = 0.5;  // points due for the area up to now
+  double due = 0.5;  // points due for the area up to now
   for (const Face& face : mesh.faces) {
     const Eigen::Vector3f& a = mesh.vertices[static_cast<std::size_t>(face[0])];
     const Eigen::Vector3f ab = mesh.vertices[static_cast<std::size_t>(face[1])] - a;
     const Eigen::Vector3f ac = mesh.vertices[static_cast<std::size_t>(face[2])] - a;
-    owed += 0.5 * ab.cross(ac).norm() / (spacing * spacing);
-    for (; owed >= 1; owed -= 1) {
+    due += 0.5 * ab.cross(ac).norm() / (spacing * spacing);
+    for (; due >= 1; due -= 1) {
       const auto n = static_cast<double>(points.size() + 1);
       double u = n * kFirst - std::floor(n * kFirst);
       double v = n * kSecond - std::floor(n * kSecond);
@@ -100,31 +101,34 @@ SurfaceScores evaluate_surface(const Workspace& cameras, const SurfaceMesh& trut
   for (Eigen::Vector3f& vertex : scores.errors.vertices)
     vertex = (truth_from_model * Eigen::Vector3d(vertex.cast<double>())).cast<float>();
 
-  std::vector<cv::Vec3f> wanted = samples_of(truth);
-  std::vector<int> seen(wanted.size(), 0);
+  std::vector<cv::Vec3f> truth_points = samples_of(truth);
+  std::vector<int> seen(truth_points.size(), 0);
   progress.begin("truth", cameras.count(), "images");
   for (int i = 0; i < cameras.count(); ++i) {
-    const TrueView view = true_view(cameras, i);
-    for (std::size_t k = 0; k < wanted.size(); ++k) {
+    const GroundTruthView view = ground_truth_view(cameras, i);
+    for (std::size_t k = 0; k < truth_points.size(); ++k) {
       if (k % 4096 == 0) throw_if_stopped(stop);
-      if (seen[k] < 2 && view.sees(to_eigen(wanted[k]).cast<double>())) ++seen[k];
+      if (seen[k] < 2 && view.sees(to_eigen(truth_points[k]).cast<double>())) ++seen[k];
     }
     progress.advance();
   }
   progress.end();
-  std::size_t kept = 0;
-  for (std::size_t k = 0; k < wanted.size(); ++k)
-    if (seen[k] >= 2) wanted[kept++] = wanted[k];
-  wanted.resize(kept);
-  if (wanted.empty()) throw InputError(cameras.folder(), "no part of it is seen by two images");
+  std::size_t count = 0;
+  for (std::size_t k = 0; k < truth_points.size(); ++k)
+    if (seen[k] >= 2) truth_points[count++] = truth_points[k];
+  truth_points.resize(count);
+  if (truth_points.empty())
+    throw InputError(cameras.folder(), "no part of it is seen by two images");
 
-  scores.extent = extent_of(wanted);
+  scores.extent = extent_of(truth_points);
   const float limit = distance_limit(scores.extent);
   const TriangleTree true_tree(truth);
-  std::vector<float> off = distances(samples_of(scores.errors), true_tree, limit, stop);
-  const std::vector<float> missing = distances(wanted, TriangleTree(scores.errors), limit, stop);
-  scores.thresholds = score_thresholds(off, missing, scores.extent);
-  scores.distance_median = lower_quantile(off, 0.5);
+  std::vector<float> accuracy_distances =
+      distances(samples_of(scores.errors), true_tree, limit, stop);
+  const std::vector<float> completeness_distances =
+      distances(truth_points, TriangleTree(scores.errors), limit, stop);
+  scores.thresholds = score_thresholds(accuracy_distances, completeness_distances, scores.extent);
+  scores.distance_median = lower_quantile(accuracy_distances, 0.5);
   std::vector<cv::Vec3f> vertices;
   for (const Eigen::Vector3f& vertex : scores.errors.vertices)
     vertices.emplace_back(vertex[0], vertex[1], vertex[2]);

@@ -23,24 +23,24 @@ namespace {
 // pole).
 SurfaceMesh sphere(float radius, float from = 0, float to = 1) {
   constexpr int kRings = 60;
-  constexpr int kAround = 120;
+  constexpr int kSegments = 120;
   SurfaceMesh mesh;
   for (int i = 0; i <= kRings; ++i) {
     const float polar = std::numbers::pi_v<float> *
                         (from + (to - from) * static_cast<float>(i) / static_cast<float>(kRings));
-    for (int j = 0; j < kAround; ++j) {
-      const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(j) / kAround;
+    for (int j = 0; j < kSegments; ++j) {
+      const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(j) / kSegments;
       mesh.vertices.emplace_back(radius * std::sin(polar) * std::cos(angle),
                                  radius * std::sin(polar) * std::sin(angle),
                                  radius * std::cos(polar));
     }
   }
   for (int i = 0; i < kRings; ++i) {
-    for (int j = 0; j < kAround; ++j) {
-      const int a = i * kAround + j;
-      const int b = i * kAround + (j + 1) % kAround;
-      mesh.faces.push_back({a, a + kAround, b});
-      mesh.faces.push_back({b, a + kAround, b + kAround});
+    for (int j = 0; j < kSegments; ++j) {
+      const int a = i * kSegments + j;
+      const int b = i * kSegments + (j + 1) % kSegments;
+      mesh.faces.push_back({a, a + kSegments, b});
+      mesh.faces.push_back({b, a + kSegments, b + kSegments});
     }
   }
   return mesh;
@@ -58,7 +58,7 @@ TEST(TriangleDistance, ToInsideSidesAndCorners) {
   EXPECT_FLOAT_EQ(triangle_distance({3, 4, 0}, a, a, a), 5);               // a point
 }
 
-TEST(TriangleTree, FindsWhatLookingAtAllFacesFinds) {
+TEST(TriangleTree, AgreesWithExhaustiveSearch) {
   Rng rng(5);
   SurfaceMesh mesh;
   const auto any = [&](float size) {
@@ -68,8 +68,8 @@ TEST(TriangleTree, FindsWhatLookingAtAllFacesFinds) {
     return Eigen::Vector3f(size * x, size * y, size * z);
   };
   for (int f = 0; f < 500; ++f) {
-    const Eigen::Vector3f middle = any(3);
-    for (int k = 0; k < 3; ++k) mesh.vertices.emplace_back(middle + any(f % 50 == 0 ? 3.F : 0.2F));
+    const Eigen::Vector3f center = any(3);
+    for (int k = 0; k < 3; ++k) mesh.vertices.emplace_back(center + any(f % 50 == 0 ? 3.F : 0.2F));
     mesh.faces.push_back({3 * f, 3 * f + 1, 3 * f + 2});
   }
   const TriangleTree tree(mesh);
@@ -127,7 +127,7 @@ class SurfaceEvaluationTest : public FolderTest {
   }
 };
 
-TEST_F(SurfaceEvaluationTest, TheTruthItselfIsExactAndComplete) {
+TEST_F(SurfaceEvaluationTest, TheGroundTruthIsExactAndComplete) {
   const SurfaceScores scores = scores_of(cameras(), sphere(1));
   EXPECT_NEAR(scores.extent, std::sqrt(12.0), 0.1);
   EXPECT_LT(scores.distance_median, 1e-5);
@@ -136,7 +136,7 @@ TEST_F(SurfaceEvaluationTest, TheTruthItselfIsExactAndComplete) {
   EXPECT_GT(scores.thresholds[0].completeness, 0.9999);
 }
 
-TEST_F(SurfaceEvaluationTest, ThresholdsDecideAboutALargerSphere) {
+TEST_F(SurfaceEvaluationTest, ALargerSphereFailsOnlyTheSmallThresholds) {
   // Too large by 0.7 % of the extent.
   const SurfaceScores scores = scores_of(cameras(), sphere(1.0242F));
   EXPECT_NEAR(scores.distance_median, 0.0242, 0.001);
@@ -154,7 +154,7 @@ TEST_F(SurfaceEvaluationTest, HalfASphereIsExactAndHalfComplete) {
   EXPECT_NEAR(scores.thresholds[0].f1, 2.0 / 3, 0.02);
 }
 
-TEST_F(SurfaceEvaluationTest, TheSurfaceIsBroughtToTheTruth) {
+TEST_F(SurfaceEvaluationTest, TheSurfaceIsAlignedToTheGroundTruth) {
   SurfaceMesh moved = sphere(1);
   for (Eigen::Vector3f& vertex : moved.vertices) vertex = 2 * vertex + Eigen::Vector3f(3, 0, 0);
   geometry::Sim3 back;
@@ -165,7 +165,7 @@ TEST_F(SurfaceEvaluationTest, TheSurfaceIsBroughtToTheTruth) {
   EXPECT_LT(scores_of(truth, moved).thresholds[2].completeness, 0.05);
 }
 
-TEST_F(SurfaceEvaluationTest, RefusesNoSurface) {
+TEST_F(SurfaceEvaluationTest, RefusesAnEmptySurface) {
   const Workspace truth = cameras();
   EXPECT_THROW((void)scores_of(truth, {}), std::invalid_argument);
   SurfaceMesh flat = sphere(1);

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 #include "tarsier/core/require.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
@@ -30,8 +30,8 @@ constexpr int kMaxElements = 20'000'000;  // max vertices, faces of a file
 constexpr std::int64_t kMaxObjBytes = 2'000'000'000;
 constexpr int kMaxCorners = 1000;  // max per face, also for other lists
 
-std::string with_ending(const std::string& path, const char* ending) {
-  return fs::path(path).replace_extension(ending).string();
+std::string with_extension(const std::string& path, const char* extension) {
+  return fs::path(path).replace_extension(extension).string();
 }
 
 std::string ply_of(const TexturedSurface& surface, const std::string& image_name) {
@@ -139,10 +139,11 @@ class PlyRecords {
 
 void read_vertices(PlyRecords& records, const PlyElement& element, const std::string& path,
                    SurfaceMesh& mesh) {
-  const PlyProperty* const place[] = {element.find("x"), element.find("y"), element.find("z")};
+  const PlyProperty* const coordinates[] = {element.find("x"), element.find("y"),
+                                            element.find("z")};
   const PlyProperty* const color[] = {element.find("blue"), element.find("green"),
                                       element.find("red")};
-  if (std::count(std::begin(place), std::end(place), nullptr) > 0)
+  if (std::count(std::begin(coordinates), std::end(coordinates), nullptr) > 0)
     throw InputError(path, "has no vertices with x, y and z");
   const bool is_colored = std::count(std::begin(color), std::end(color), nullptr) == 0;
   std::vector<char> record(element.bytes);
@@ -152,7 +153,7 @@ void read_vertices(PlyRecords& records, const PlyElement& element, const std::st
       return property->type.read(record.data() + property->offset);
     };
     Eigen::Vector3f vertex;
-    for (int k = 0; k < 3; ++k) vertex[k] = static_cast<float>(number(place[k]));
+    for (int k = 0; k < 3; ++k) vertex[k] = static_cast<float>(number(coordinates[k]));
     if (!vertex.allFinite())
       throw InputError(path, fmt::format("vertex {} has numbers that are not finite", i));
     mesh.vertices.push_back(vertex);
@@ -211,18 +212,18 @@ SurfaceMesh mesh_of_ply(const std::string& path) {
 }  // namespace
 
 SurfaceFormat surface_format_of(const std::string& path) {
-  const std::string ending = lower_ending(path);
-  if (ending == ".ply") return SurfaceFormat::kPly;
-  if (ending == ".obj") return SurfaceFormat::kObj;
-  if (ending == ".glb") return SurfaceFormat::kGlb;
+  const std::string extension = lowercase_extension(path);
+  if (extension == ".ply") return SurfaceFormat::kPly;
+  if (extension == ".obj") return SurfaceFormat::kObj;
+  if (extension == ".glb") return SurfaceFormat::kGlb;
   throw UsageError(fmt::format("'{}': a surface is written as .ply, .obj or .glb", path));
 }
 
 std::vector<std::string> surface_files(const std::string& path, bool textured) {
   std::vector<std::string> files;
   const SurfaceFormat format = surface_format_of(path);
-  if (textured && format != SurfaceFormat::kGlb) files.push_back(with_ending(path, ".png"));
-  if (textured && format == SurfaceFormat::kObj) files.push_back(with_ending(path, ".mtl"));
+  if (textured && format != SurfaceFormat::kGlb) files.push_back(with_extension(path, ".png"));
+  if (textured && format == SurfaceFormat::kObj) files.push_back(with_extension(path, ".mtl"));
   files.push_back(path);
   return files;
 }
@@ -238,14 +239,14 @@ void write_surface(const std::string& path, const TexturedSurface& surface,
     write_file_atomically(path, glb_of(surface, upright, path));
     return;
   }
-  const std::string image = with_ending(path, ".png");
+  const std::string image = with_extension(path, ".png");
   const std::string image_name = fs::path(image).filename().string();
   if (surface.texture) write_image(image, surface.texture->image);
   if (format == SurfaceFormat::kPly) {
     write_file_atomically(path, ply_of(surface, image_name));
     return;
   }
-  const std::string library = with_ending(path, ".mtl");
+  const std::string library = with_extension(path, ".mtl");
   if (surface.texture) {
     write_file_atomically(
         library, fmt::format("newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {}\n",
@@ -255,11 +256,11 @@ void write_surface(const std::string& path, const TexturedSurface& surface,
 }
 
 SurfaceMesh read_surface(const std::string& path) {
-  const std::string ending = fs::path(path).extension().string();
+  const std::string extension = fs::path(path).extension().string();
   SurfaceMesh mesh;
-  if (ending == ".obj") {
+  if (extension == ".obj") {
     mesh = mesh_of_obj(path);
-  } else if (ending == ".ply") {
+  } else if (extension == ".ply") {
     mesh = mesh_of_ply(path);
   } else {
     throw InputError(path, "is no .ply or .obj file: sfm mesh writes either with -o NAME.ply");

@@ -41,14 +41,14 @@ SurfaceMesh written_and_read(const std::string& path) {
   return read_surface(path);
 }
 
-TEST_F(SurfaceFiles, PlyComesBack) {
+TEST_F(SurfaceFiles, PlyRoundTrips) {
   const SurfaceMesh read = written_and_read(path("mesh.ply"));
   EXPECT_EQ(read.vertices, two_triangles().vertices);
   EXPECT_EQ(read.colors, two_triangles().colors);
   EXPECT_EQ(read.faces, two_triangles().faces);
 }
 
-TEST_F(SurfaceFiles, ObjComesBackWithoutColours) {
+TEST_F(SurfaceFiles, ObjRoundTripsWithoutColours) {
   const SurfaceMesh read = written_and_read(path("mesh.obj"));
   EXPECT_EQ(read.vertices, two_triangles().vertices);
   EXPECT_EQ(read.faces, two_triangles().faces);
@@ -77,7 +77,7 @@ std::string other_layout(const std::string& corners = std::string("\x04\0\x01\x0
   return bytes;
 }
 
-TEST_F(SurfaceFiles, PolygonsOfOthersBecomeFans) {
+TEST_F(SurfaceFiles, PolygonsAreTriangulated) {
   write_file_atomically(path("other.ply"), other_layout());
   const SurfaceMesh read = read_surface(path("other.ply"));
   EXPECT_EQ(read.vertices, two_triangles().vertices);
@@ -85,13 +85,13 @@ TEST_F(SurfaceFiles, PolygonsOfOthersBecomeFans) {
   EXPECT_EQ(read.faces, two_triangles().faces);
 }
 
-TEST_F(SurfaceFiles, SaysWhatIsWrong) {
+TEST_F(SurfaceFiles, ErrorsNameTheFault) {
   const auto error_with = [&](const std::string& content) {
     write_file_atomically(path("bad.ply"), content);
     return error_of_reading(path("bad.ply"));
   };
-  const std::string whole = other_layout();
-  EXPECT_THAT(error_with(whole.substr(0, whole.size() - 1)), HasSubstr("cut short"));
+  const std::string complete = other_layout();
+  EXPECT_THAT(error_with(complete.substr(0, complete.size() - 1)), HasSubstr("cut short"));
   EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x04", 4))),
               HasSubstr("vertex 4 of 4"));
   EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x01", 4))), HasSubstr("no faces"));

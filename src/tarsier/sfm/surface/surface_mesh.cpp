@@ -183,13 +183,13 @@ int split_touching_vertices(SurfaceMesh& mesh) {
   for (std::size_t c = 0; c < own.size(); ++c) {
     int& vertex = mesh.faces[c / 3][c % 3];
     const int fan = fans.find(static_cast<int>(c));
-    int& mine = own[at(fan)];
-    if (mine < 0) {
+    int& copy = own[at(fan)];
+    if (copy < 0) {
       if (fan_of[at(vertex)] < 0) {
         fan_of[at(vertex)] = fan;
-        mine = vertex;
+        copy = vertex;
       } else {
-        mine = static_cast<int>(mesh.vertices.size());
+        copy = static_cast<int>(mesh.vertices.size());
         const Eigen::Vector3f position = mesh.vertices[at(vertex)];
         mesh.vertices.push_back(position);
         if (!mesh.colors.empty()) {
@@ -199,7 +199,7 @@ int split_touching_vertices(SurfaceMesh& mesh) {
         ++added;
       }
     }
-    vertex = mine;
+    vertex = copy;
   }
   return added;
 }
@@ -213,10 +213,11 @@ int remove_small_parts(SurfaceMesh& mesh, double share) {
   const auto is_small = [&](std::size_t size) {
     return static_cast<double>(size) < share * static_cast<double>(largest);
   };
-  std::vector<Face> kept;
+  std::vector<Face> remaining_faces;
   for (std::size_t f = 0; f < mesh.faces.size(); ++f)
-    if (!is_small(sizes[at(parts.find(static_cast<int>(f)))])) kept.push_back(mesh.faces[f]);
-  mesh.faces = std::move(kept);
+    if (!is_small(sizes[at(parts.find(static_cast<int>(f)))]))
+      remaining_faces.push_back(mesh.faces[f]);
+  mesh.faces = std::move(remaining_faces);
   remove_unused_vertices(mesh);
   return static_cast<int>(std::count_if(
       sizes.begin(), sizes.end(), [&](std::size_t size) { return size > 0 && is_small(size); }));
@@ -270,12 +271,12 @@ SurfaceMeasures measure_surface(const SurfaceMesh& mesh) {
     ++result.holes;
     result.hole_length += loop.length;
   }
-  const Eigen::Vector3d middle = 0.5 * (result.low + result.high);
+  const Eigen::Vector3d center = 0.5 * (result.low + result.high);
   double volume = 0;
   for (const Face& face : mesh.faces) {
-    const Eigen::Vector3d a = mesh.vertices[at(face[0])].cast<double>() - middle;
-    const Eigen::Vector3d b = mesh.vertices[at(face[1])].cast<double>() - middle;
-    const Eigen::Vector3d c = mesh.vertices[at(face[2])].cast<double>() - middle;
+    const Eigen::Vector3d a = mesh.vertices[at(face[0])].cast<double>() - center;
+    const Eigen::Vector3d b = mesh.vertices[at(face[1])].cast<double>() - center;
+    const Eigen::Vector3d c = mesh.vertices[at(face[2])].cast<double>() - center;
     result.area += 0.5 * (b - a).cross(c - a).norm();
     volume += a.dot(b.cross(c)) / 6;
   }

@@ -35,7 +35,7 @@ TEST(SurfaceMesh, MeasuresABox) {
   EXPECT_EQ(to_json(measures)["extent"], nlohmann::json({2.0, 3.0, 4.0}));
 }
 
-TEST(SurfaceMesh, NamesHoles) {
+TEST(SurfaceMesh, ListsHoles) {
   SurfaceMesh mesh = box();
   mesh.faces.erase(mesh.faces.begin() + 2, mesh.faces.begin() + 4);  // the lid
   const std::vector<BoundaryLoop> loops = boundary_loops(mesh);
@@ -50,7 +50,7 @@ TEST(SurfaceMesh, NamesHoles) {
   EXPECT_EQ(to_json(measures)["closed"], false);
 }
 
-TEST(SurfaceMesh, SplitsWhereFansTouch) {
+TEST(SurfaceMesh, SplitsVerticesSharedByTwoFans) {
   SurfaceMesh mesh;  // two triangles that share one corner
   mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}};
   mesh.faces = {{0, 1, 2}, {0, 3, 4}};
@@ -72,7 +72,7 @@ TEST(SurfaceMesh, RemovesSmallParts) {
   EXPECT_EQ(mesh.vertices.size(), 8U);
 }
 
-TEST(SurfaceMesh, TakesNoBrokenOnes) {
+TEST(SurfaceMesh, CheckRefusesInvalidMeshes) {
   SurfaceMesh mesh = box();
   EXPECT_NO_THROW(mesh.check());
   mesh.faces[3][1] = 8;
@@ -85,7 +85,7 @@ TEST(SurfaceMesh, TakesNoBrokenOnes) {
   EXPECT_THROW(mesh.check(), std::invalid_argument);
 }
 
-TEST(SurfaceMesh, NothingHasNoMeasures) {
+TEST(SurfaceMesh, AnEmptyMeshHasNoMeasures) {
   const SurfaceMeasures measures = measure_surface({});
   EXPECT_EQ(measures.faces, 0);
   EXPECT_FALSE(measures.volume.has_value());

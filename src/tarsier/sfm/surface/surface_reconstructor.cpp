@@ -18,7 +18,7 @@ namespace {
 constexpr double kSmallHole = 6;  // voxels, max diameter of holes that are always closed
 // voxels, max distance of a vertex behind the surface's depth in an image
 constexpr double kTolerance = 1.5;
-constexpr std::size_t kHolesNamed = 20;  // in the report
+constexpr std::size_t kMaxReportedHoles = 20;  // in the report
 
 // Measures the times of the stages.
 class Stages {
@@ -120,7 +120,7 @@ nlohmann::ordered_json to_json(const SurfaceResult& result) {
                               {"holes_closed", result.holes_closed}};
   json.update(to_json(result.measures));
   nlohmann::ordered_json holes = nlohmann::ordered_json::array();
-  for (std::size_t i = 0; i < std::min(kHolesNamed, result.holes.size()); ++i) {
+  for (std::size_t i = 0; i < std::min(kMaxReportedHoles, result.holes.size()); ++i) {
     const BoundaryLoop& hole = result.holes[i];
     holes.push_back({{"length", hole.length},
                      {"diameter", hole.diameter},

@@ -60,7 +60,7 @@ double color_error(const SurfaceResult& result) {
 // A sphere that 12 cameras see.
 class SurfaceReconstructorTest : public FolderTest {
  protected:
-  void write_sphere(const std::function<void(int, DrawnView&)>& change = {}) {
+  void write_sphere(const std::function<void(int, RenderedView&)>& change = {}) {
     write_workspace(folder_, sphere_caster({0, 0, 0}, 1), test_camera(), cameras_all_around(12, 4),
                     change);
   }
@@ -98,7 +98,7 @@ TEST_F(SurfaceReconstructorTest, ASphereHasItsColors) {
 }
 
 TEST_F(SurfaceReconstructorTest, SeamsOfUnequalExposureAreLevelled) {
-  write_sphere([](int i, DrawnView& view) {
+  write_sphere([](int i, RenderedView& view) {
     view.image.convertTo(view.image, -1, 1, i % 2 == 0 ? 12 : -12);  // half of the images darker
   });
   SurfaceOptions options = small_options();
@@ -107,24 +107,24 @@ TEST_F(SurfaceReconstructorTest, SeamsOfUnequalExposureAreLevelled) {
     const SurfaceResult result = surface_of(folder_, options);
     // The difference between neighbouring faces; it is small without seams.
     const std::vector<Face> neighbors = face_neighbors(result.surface.mesh);
-    double worst = 0;
+    double max_step = 0;
     int large = 0;
     for (std::size_t f = 0; f < neighbors.size(); ++f) {
       for (const int other : neighbors[f]) {
         const double step = cv::norm(
             texture_color(*result.surface.texture, f),
             texture_color(*result.surface.texture, static_cast<std::size_t>(other)), cv::NORM_INF);
-        worst = std::max(worst, step);
+        max_step = std::max(max_step, step);
         if (step > 16) ++large;
       }
     }
-    return std::pair(worst, large);
+    return std::pair(max_step, large);
   };
-  const auto [worst_before, large_before] = steps_of(false);
-  const auto [worst_after, large_after] = steps_of(true);
+  const auto [max_step_before, large_before] = steps_of(false);
+  const auto [max_step_after, large_after] = steps_of(true);
   EXPECT_GT(large_before, 100);
   EXPECT_LT(large_after, large_before / 20);
-  EXPECT_GT(worst_before, 20);
+  EXPECT_GT(max_step_before, 20);
 }
 
 TEST_F(SurfaceReconstructorTest, ASmallTextureIsReducedAndATinyOneIsRefused) {
@@ -140,7 +140,7 @@ TEST_F(SurfaceReconstructorTest, ASmallTextureIsReducedAndATinyOneIsRefused) {
   EXPECT_THROW(options.check(), std::invalid_argument);
 }
 
-TEST_F(SurfaceReconstructorTest, WhatNoImageShowsHasTheColorsAroundIt) {
+TEST_F(SurfaceReconstructorTest, UnseenFacesHaveTheColorsOfTheirSurroundings) {
   std::vector<geometry::Rigid3> above;
   for (const geometry::Rigid3& pose : cameras_all_around(20, 4))
     if (pose.center()[2] > 0) above.push_back(pose);
@@ -162,7 +162,7 @@ TEST_F(SurfaceReconstructorTest, WhatNoImageShowsHasTheColorsAroundIt) {
 TEST_F(SurfaceReconstructorTest, ADarkBackgroundGivesNoColors) {
   write_sphere();
   const SurfaceMesh mesh = surface_of(folder_, small_options()).surface.mesh;
-  write_sphere([](int i, DrawnView& view) {  // only the first image contains the sphere
+  write_sphere([](int i, RenderedView& view) {  // only the first image contains the sphere
     if (i == 0) return;
     view.image.setTo(cv::Scalar::all(3));
     view.map.depth = cv::Mat(view.map.depth.size(), CV_32FC1, cv::Scalar::all(0));
@@ -190,7 +190,7 @@ TEST_F(SurfaceReconstructorTest, ScalesTheResult) {
   EXPECT_NEAR(result.measures.volume.value_or(0), truth, 0.01 * truth);
 }
 
-TEST_F(SurfaceReconstructorTest, TheNumberOfThreadsChangesNothing) {
+TEST_F(SurfaceReconstructorTest, ResultDoesNotDependOnThreads) {
   write_sphere();
   const int before = cv::getNumThreads();
   std::vector<std::string> files;
@@ -247,7 +247,7 @@ TEST_F(SurfaceReconstructorTest, FilesHoldTheSurface) {
   EXPECT_EQ(json["images"][0]["mimeType"], "image/jpeg");
 }
 
-TEST_F(SurfaceReconstructorTest, NothingIsLeftOfAFileThatCannotBeWritten) {
+TEST_F(SurfaceReconstructorTest, AFailedWriteLeavesNoFile) {
   write_sphere();
   SurfaceOptions options = small_options();
   options.texture = 0;

@@ -11,8 +11,8 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kEnough = 50;      // points
-constexpr std::size_t kFramed = 20'000;  // vertices that determine the frame
+constexpr std::size_t kMinPoints = 50;             // points
+constexpr std::size_t kMaxFrameVertices = 20'000;  // vertices that determine the frame
 
 // The cameras and points; vertices instead where there are too few points. Points indicate the
 // subject of the images, while the surface may extend far behind it.
@@ -32,10 +32,10 @@ Model framed_model(const TexturedSurface& surface, const Model& model) {
     point.position = known.position;
     result.points.push_back(std::move(point));
   }
-  if (result.points.size() >= kEnough) return result;
+  if (result.points.size() >= kMinPoints) return result;
   const std::vector<Eigen::Vector3f>& vertices = surface.mesh.vertices;
-  const std::size_t every = std::max<std::size_t>(1, vertices.size() / kFramed);
-  for (std::size_t v = 0; v < vertices.size(); v += every) {
+  const std::size_t stride = std::max<std::size_t>(1, vertices.size() / kMaxFrameVertices);
+  for (std::size_t v = 0; v < vertices.size(); v += stride) {
     Point point;
     point.position = vertices[v].cast<double>();
     result.points.push_back(std::move(point));

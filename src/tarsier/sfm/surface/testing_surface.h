@@ -106,14 +106,14 @@ inline cv::Vec3b test_color(const Eigen::Vector3d& x) {
   return {wave(2.1 * x[0] + 0.3), wave(1.7 * x[1] + 1.1), wave(1.9 * x[2] - 0.4)};
 }
 
-struct DrawnView {
+struct RenderedView {
   DepthMap map;
   cv::Mat image;  // CV_8UC3
 };
 
-inline DrawnView draw_view(const Caster& cast, const geometry::Camera& camera,
-                           const geometry::Rigid3& pose) {
-  DrawnView view;
+inline RenderedView render_view(const Caster& cast, const geometry::Camera& camera,
+                                const geometry::Rigid3& pose) {
+  RenderedView view;
   const cv::Size size(camera.width, camera.height);
   view.map.depth = cv::Mat(size, CV_32FC1, cv::Scalar::all(0));
   view.map.normal = cv::Mat(size, CV_32FC3, cv::Scalar::all(0));
@@ -150,7 +150,7 @@ inline geometry::Camera test_camera(int width = 160, int height = 120, double fo
 inline void write_workspace(const std::string& folder, const Caster& cast,
                             const geometry::Camera& camera,
                             const std::vector<geometry::Rigid3>& poses,
-                            const std::function<void(int, DrawnView&)>& change = {}) {
+                            const std::function<void(int, RenderedView&)>& change = {}) {
   Model model;
   model.cameras = {camera};
   for (std::size_t i = 0; i < poses.size(); ++i) {
@@ -165,7 +165,7 @@ inline void write_workspace(const std::string& folder, const Caster& cast,
   write_colmap(folder + "/sparse", model);
   const Workspace workspace = Workspace::open(folder);
   for (int i = 0; i < workspace.count(); ++i) {
-    DrawnView view = draw_view(cast, camera, workspace.pose(i));
+    RenderedView view = render_view(cast, camera, workspace.pose(i));
     if (change) change(i, view);
     write_image(workspace.path_of_image(i), view.image);
     workspace.write_depth_map(i, view.map);

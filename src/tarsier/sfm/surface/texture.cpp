@@ -21,10 +21,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kPadding = 3;        // px of the texture around a chart
-constexpr int kTile = 6;           // px, size of the patch for a face that no image shows
-constexpr double kSmaller = 0.93;  // reduction per attempt to place the charts
-constexpr double kFull = 0.85;     // max share of the texture that rectangles fill
+constexpr int kPadding_px = 3;          // px of the texture around a chart
+constexpr int kTile_px = 6;             // px, size of the patch for a face that no image shows
+constexpr double kScaleStep = 0.93;     // reduction per attempt to place the charts
+constexpr double kMaxFillShare = 0.85;  // max share of the texture that rectangles fill
 constexpr double kMinScale = 0.01;
 
 struct Chart {
@@ -34,11 +34,11 @@ struct Chart {
   cv::Point2d low{1e300, 1e300};  // px of the image
   cv::Point2d high{-1e300, -1e300};
   cv::Rect source;  // px of the image, with the padding; may reach outside of it
-  cv::Rect place;   // px of the texture
+  cv::Rect target;  // px of the texture
   // Converts px of the image to px of the texture.
   [[nodiscard]] cv::Point2d in_texture(const cv::Point2d& p) const {
-    return {(p.x - source.x + 0.5) * place.width / source.width - 0.5 + place.x,
-            (p.y - source.y + 0.5) * place.height / source.height - 0.5 + place.y};
+    return {(p.x - source.x + 0.5) * target.width / source.width - 0.5 + target.x,
+            (p.y - source.y + 0.5) * target.height / source.height - 0.5 + target.y};
   }
 };
 
@@ -50,7 +50,7 @@ class Painter {
   SurfaceTexture run() {
     find_charts();
     find_nodes();
-    place_charts();
+    pack_charts();
     paint();
     if (job_.level) level();
     paint_unseen();
@@ -115,10 +115,10 @@ class Painter {
     sums_.assign(vertices_.size(), cv::Vec4f::all(0));
   }
 
-  bool try_place(double scale) {
+  bool try_pack(double scale) {
     std::vector<cv::Size> sizes;
     for (Chart& chart : charts_) {
-      const int around = static_cast<int>(std::ceil((kPadding + 1) / scale));
+      const int around = static_cast<int>(std::ceil((kPadding_px + 1) / scale));
       const cv::Point low(static_cast<int>(std::floor(chart.low.x)) - around,
                           static_cast<int>(std::floor(chart.low.y)) - around);
       const cv::Point high(static_cast<int>(std::ceil(chart.high.x)) + around + 1,
@@ -128,35 +128,35 @@ class Painter {
                          std::max(1, static_cast<int>(std::lround(chart.source.height * scale))));
     }
     tiles_across_ =
-        std::min(job_.size / kTile,
+        std::min(job_.size / kTile_px,
                  static_cast<int>(std::ceil(std::sqrt(static_cast<double>(unseen_.size())))));
     if (!unseen_.empty()) {
       const int rows = (static_cast<int>(unseen_.size()) + tiles_across_ - 1) / tiles_across_;
-      sizes.emplace_back(tiles_across_ * kTile, rows * kTile);
+      sizes.emplace_back(tiles_across_ * kTile_px, rows * kTile_px);
     }
-    const auto places = pack(sizes, job_.size);
-    if (!places) return false;
+    const auto corners = pack(sizes, job_.size);
+    if (!corners) return false;
     int width = 1;
     int height = 1;
     for (std::size_t i = 0; i < sizes.size(); ++i) {
-      const cv::Rect place((*places)[i], sizes[i]);
-      (i < charts_.size() ? charts_[i].place : unseen_place_) = place;
-      width = std::max(width, place.br().x);
-      height = std::max(height, place.br().y);
+      const cv::Rect rect((*corners)[i], sizes[i]);
+      (i < charts_.size() ? charts_[i].target : unseen_rect_) = rect;
+      width = std::max(width, rect.br().x);
+      height = std::max(height, rect.br().y);
     }
     result_.image = cv::Mat(height, width, CV_8UC3, cv::Scalar::all(128));
     return true;
   }
 
-  void place_charts() {
+  void pack_charts() {
     double area = 1;
     for (const Chart& chart : charts_)
       area += (chart.high.x - chart.low.x + 10) * (chart.high.y - chart.low.y + 10);
-    const double room = kFull * static_cast<double>(job_.size) * job_.size;
-    double scale = std::min(1.0, std::sqrt(room / area));
-    while (!try_place(scale)) {
+    const double capacity = kMaxFillShare * static_cast<double>(job_.size) * job_.size;
+    double scale = std::min(1.0, std::sqrt(capacity / area));
+    while (!try_pack(scale)) {
       throw_if_stopped(stop_);
-      scale *= kSmaller;
+      scale *= kScaleStep;
       if (scale < kMinScale)
         throw UsageError(
             fmt::format("{} parts of the surface do not fit into a texture of {} px: give a "
@@ -203,19 +203,19 @@ class Painter {
       progress_.advance();
       if (charts_of_view_[at(view)].empty()) continue;
       const cv::Mat image = job_.workspace.read_image(view);
-      const cv::Rect whole({0, 0}, image.size());
+      const cv::Rect bounds({0, 0}, image.size());
       cv::Mat blurred;
       cv::blur(image, blurred, {3, 3});
       for (const int number : charts_of_view_[at(view)]) {
         const Chart& chart = charts_[at(number)];
-        const cv::Rect inside = chart.source & whole;
-        if (inside.empty()) continue;
+        const cv::Rect visible = chart.source & bounds;
+        if (visible.empty()) continue;
         cv::Mat source;
-        cv::copyMakeBorder(image(inside), source, inside.y - chart.source.y,
-                           chart.source.br().y - inside.br().y, inside.x - chart.source.x,
-                           chart.source.br().x - inside.br().x,
+        cv::copyMakeBorder(image(visible), source, visible.y - chart.source.y,
+                           chart.source.br().y - visible.br().y, visible.x - chart.source.x,
+                           chart.source.br().x - visible.br().x,
                            cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
-        cv::Mat target = result_.image(chart.place);
+        cv::Mat target = result_.image(chart.target);
         cv::resize(source, target, target.size(), 0, 0, cv::INTER_AREA);
         sample_seams(chart, blurred);
       }
@@ -266,12 +266,12 @@ class Painter {
   }
 
   void add_offsets(const Chart& chart, const std::vector<cv::Vec3f>& all) {
-    cv::Mat3f offset(chart.place.size(), cv::Vec3f::all(0));
-    cv::Mat1b known(chart.place.size(), static_cast<unsigned char>(0));
+    cv::Mat3f offset(chart.target.size(), cv::Vec3f::all(0));
+    cv::Mat1b known(chart.target.size(), static_cast<unsigned char>(0));
     for (const int f : chart.faces) draw_offsets(chart, f, all, offset, known);
-    for (int step = 0; step <= kPadding; ++step) spread(offset, known);
+    for (int step = 0; step <= kPadding_px; ++step) spread(offset, known);
     // Pixels farther outside are unused: a uniform colour compresses better.
-    cv::Mat image = result_.image(chart.place);
+    cv::Mat image = result_.image(chart.target);
     const cv::Scalar mean = cv::mean(image, known);
     for (int y = 0; y < image.rows; ++y) {
       auto* row = image.ptr<cv::Vec3b>(y);
@@ -292,14 +292,14 @@ class Painter {
     std::array<cv::Vec3f, 3> g;
     for (std::size_t k = 0; k < 3; ++k) {
       const int v = face(f)[k];
-      p[k] = chart.in_texture(pixel(chart.view, v)) - cv::Point2d(chart.place.tl());
+      p[k] = chart.in_texture(pixel(chart.view, v)) - cv::Point2d(chart.target.tl());
       g[k] = all[at(chart.uv_of.at(v))];
     }
     const double area = (p[1] - p[0]).cross(p[2] - p[0]);
     const auto [left, right] = std::minmax({p[0].x, p[1].x, p[2].x});
     const auto [top, bottom] = std::minmax({p[0].y, p[1].y, p[2].y});
     // Half a pixel of margin, so that no pixel between faces is missed.
-    const double slack =
+    const double margin =
         std::abs(area) > 1e-9 ? 0.6 * std::max(right - left, bottom - top) / std::abs(area) : 0;
     for (int y = std::max(0, static_cast<int>(std::floor(top)));
          y <= std::min(offset.rows - 1, static_cast<int>(std::ceil(bottom))); ++y) {
@@ -308,10 +308,10 @@ class Painter {
         const cv::Point2d here(x, y);
         double a = 1.0 / 3;
         double b = 1.0 / 3;
-        if (slack > 0) {
+        if (margin > 0) {
           a = (p[1] - here).cross(p[2] - here) / area;
           b = (p[2] - here).cross(p[0] - here) / area;
-          if (std::min({a, b, 1 - a - b}) < -slack) continue;
+          if (std::min({a, b, 1 - a - b}) < -margin) continue;
           const bool is_inside = std::min({a, b, 1 - a - b}) >= 0;
           if (known(y, x) != 0 && !is_inside) continue;
           a = std::clamp(a, 0.0, 1.0);
@@ -347,7 +347,7 @@ class Painter {
 
   [[nodiscard]] cv::Point tile_of(std::size_t number) const {
     const int i = static_cast<int>(number);
-    return unseen_place_.tl() + kTile * cv::Point(i % tiles_across_, i / tiles_across_);
+    return unseen_rect_.tl() + kTile_px * cv::Point(i % tiles_across_, i / tiles_across_);
   }
 
   void paint_unseen() {
@@ -357,10 +357,10 @@ class Painter {
         colors[k] = job_.mesh.colors.empty() ? cv::Vec3f::all(128)
                                              : cv::Vec3f(job_.mesh.colors[at(face(unseen_[i])[k])]);
       }
-      for (int y = 0; y < kTile; ++y) {
-        for (int x = 0; x < kTile; ++x) {
-          const float b = std::clamp((static_cast<float>(x) - 1) / (kTile - 3), 0.0F, 1.0F);
-          const float c = std::clamp((static_cast<float>(y) - 1) / (kTile - 3), 0.0F, 1.0F - b);
+      for (int y = 0; y < kTile_px; ++y) {
+        for (int x = 0; x < kTile_px; ++x) {
+          const float b = std::clamp((static_cast<float>(x) - 1) / (kTile_px - 3), 0.0F, 1.0F);
+          const float c = std::clamp((static_cast<float>(y) - 1) / (kTile_px - 3), 0.0F, 1.0F - b);
           result_.image.at<cv::Vec3b>(tile_of(i) + cv::Point(x, y)) =
               cv::Vec3b(colors[0] * (1 - b - c) + colors[1] * b + colors[2] * c);
         }
@@ -388,8 +388,8 @@ class Painter {
       const int first = static_cast<int>(result_.uvs.size());
       result_.corners[at(unseen_[i])] = {first, first + 1, first + 2};
       result_.uvs.push_back(uv_of(corner + cv::Point2d(1, 1)));
-      result_.uvs.push_back(uv_of(corner + cv::Point2d(kTile - 2, 1)));
-      result_.uvs.push_back(uv_of(corner + cv::Point2d(1, kTile - 2)));
+      result_.uvs.push_back(uv_of(corner + cv::Point2d(kTile_px - 2, 1)));
+      result_.uvs.push_back(uv_of(corner + cv::Point2d(1, kTile_px - 2)));
     }
   }
 
@@ -401,7 +401,7 @@ class Painter {
   std::vector<int> chart_of_;  // for each face; -1: none
   std::vector<std::vector<int>> charts_of_view_;
   std::vector<int> unseen_;  // indices of faces
-  cv::Rect unseen_place_;
+  cv::Rect unseen_rect_;
   int tiles_across_ = 1;
   std::vector<int> vertices_;    // for each node
   std::vector<cv::Vec4f> sums_;  // for each node: sum of colours along seams, and weight

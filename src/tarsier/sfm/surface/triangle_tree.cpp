@@ -43,12 +43,12 @@ TriangleTree::TriangleTree(SurfaceMesh mesh) : mesh_(std::move(mesh)) {
   order_.resize(mesh_.faces.size());
   std::iota(order_.begin(), order_.end(), 0);
   if (order_.empty()) return;
-  std::vector<Eigen::Vector3f> middles;
-  middles.reserve(order_.size());
+  std::vector<Eigen::Vector3f> centroids;
+  centroids.reserve(order_.size());
   for (int face = 0; face < static_cast<int>(order_.size()); ++face)
-    middles.emplace_back((corner(face, 0) + corner(face, 1) + corner(face, 2)) / 3);
+    centroids.emplace_back((corner(face, 0) + corner(face, 1) + corner(face, 2)) / 3);
   nodes_.reserve(order_.size());
-  build(0, static_cast<int>(order_.size()), middles);
+  build(0, static_cast<int>(order_.size()), centroids);
 }
 
 const Eigen::Vector3f& TriangleTree::corner(int face, int k) const {
@@ -56,15 +56,15 @@ const Eigen::Vector3f& TriangleTree::corner(int face, int k) const {
   return mesh_.vertices[static_cast<std::size_t>(vertex)];
 }
 
-int TriangleTree::build(int begin, int end, const std::vector<Eigen::Vector3f>& middles) {
+int TriangleTree::build(int begin, int end, const std::vector<Eigen::Vector3f>& centroids) {
   const auto number = nodes_.size();
   nodes_.emplace_back();
   Eigen::AlignedBox3f box;
-  Eigen::AlignedBox3f box_of_middles;
+  Eigen::AlignedBox3f centroid_box;
   for (int i = begin; i < end; ++i) {
     const int face = order_[static_cast<std::size_t>(i)];
     for (int k = 0; k < 3; ++k) box.extend(corner(face, k));
-    box_of_middles.extend(middles[static_cast<std::size_t>(face)]);
+    centroid_box.extend(centroids[static_cast<std::size_t>(face)]);
   }
   nodes_[number].box = box;
   if (end - begin <= kLeafFaces) {
@@ -73,16 +73,16 @@ int TriangleTree::build(int begin, int end, const std::vector<Eigen::Vector3f>& 
     return static_cast<int>(number);
   }
   Eigen::Index axis = 0;
-  box_of_middles.sizes().maxCoeff(&axis);
+  centroid_box.sizes().maxCoeff(&axis);
   const int half = begin + (end - begin) / 2;
   std::nth_element(order_.begin() + begin, order_.begin() + half, order_.begin() + end,
                    [&](int p, int q) {
-                     const float at_p = middles[static_cast<std::size_t>(p)][axis];
-                     const float at_q = middles[static_cast<std::size_t>(q)][axis];
+                     const float at_p = centroids[static_cast<std::size_t>(p)][axis];
+                     const float at_q = centroids[static_cast<std::size_t>(q)][axis];
                      return at_p != at_q ? at_p < at_q : p < q;
                    });
-  const int left = build(begin, half, middles);
-  const int right = build(half, end, middles);
+  const int left = build(begin, half, centroids);
+  const int right = build(half, end, centroids);
   nodes_[number].left = left;
   nodes_[number].right = right;
   return static_cast<int>(number);
@@ -91,16 +91,16 @@ int TriangleTree::build(int begin, int end, const std::vector<Eigen::Vector3f>& 
 float TriangleTree::distance(const Eigen::Vector3f& from, float limit) const {
   if (nodes_.empty()) return limit;
   float best = limit;
-  std::array<std::pair<float, int>, 64> waiting;  // median splits limit the depth
+  std::array<std::pair<float, int>, 64> pending;  // median splits limit the depth
   std::size_t count = 0;
   const auto put = [&](int node) {
-    const float away = nodes_[static_cast<std::size_t>(node)].box.exteriorDistance(from);
-    if (away < best) waiting[count++] = {away, node};
+    const float distance_to_box = nodes_[static_cast<std::size_t>(node)].box.exteriorDistance(from);
+    if (distance_to_box < best) pending[count++] = {distance_to_box, node};
   };
   put(0);
   while (count > 0) {
-    const auto [away, number] = waiting[--count];
-    if (away >= best) continue;
+    const auto [distance_to_box, number] = pending[--count];
+    if (distance_to_box >= best) continue;
     const Node& node = nodes_[static_cast<std::size_t>(number)];
     if (node.left < 0) {
       for (int i = node.begin; i < node.end; ++i) {
@@ -113,8 +113,8 @@ float TriangleTree::distance(const Eigen::Vector3f& from, float limit) const {
     const std::size_t before = count;
     put(node.left);
     put(node.right);
-    if (count == before + 2 && waiting[before].first < waiting[before + 1].first)
-      std::swap(waiting[before], waiting[before + 1]);  // visit the nearer one first
+    if (count == before + 2 && pending[before].first < pending[before + 1].first)
+      std::swap(pending[before], pending[before + 1]);  // visit the nearer one first
   }
   return best;
 }

@@ -34,7 +34,7 @@ class TriangleTree {
     int end = 0;
   };
   [[nodiscard]] const Eigen::Vector3f& corner(int face, int k) const;
-  int build(int begin, int end, const std::vector<Eigen::Vector3f>& middles);
+  int build(int begin, int end, const std::vector<Eigen::Vector3f>& centroids);
 
   SurfaceMesh mesh_;
   std::vector<int> order_;  // faces in the order of the leaves

@@ -11,11 +11,11 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr float kGood = 0.7F;   // share of the best quality
-constexpr float kSeam = 0.35F;  // cost of a neighbour with another view
-constexpr int kSweeps = 10;
-constexpr std::size_t kSmall = 24;  // smaller parts join another
-constexpr int kMerges = 3;
+constexpr float kMinRelativeQuality = 0.7F;  // share of the best quality
+constexpr float kSeamCost = 0.35F;           // cost of a neighbour with another view
+constexpr int kMaxSweeps = 10;
+constexpr std::size_t kMinPartFaces = 24;  // smaller parts join another
+constexpr int kMergeRounds = 3;
 
 float quality_in(const FaceViews& views, int view) {
   for (const FaceView& one : views)
@@ -29,14 +29,14 @@ float area_of(const SurfaceMesh& mesh, const Face& face) {
 }
 
 // Assigns views greedily: next the one that shows most of the rest.
-std::vector<int> covered(const SurfaceMesh& mesh, const ViewScan& scan, int views) {
+std::vector<int> assign_greedily(const SurfaceMesh& mesh, const ViewScan& scan, int views) {
   std::vector<std::vector<int>> faces_of(at(views));  // faces that a view shows well
   std::vector<double> gains(at(views), 0);
   std::vector<float> areas(mesh.faces.size());
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     areas[f] = area_of(mesh, mesh.faces[f]);
     for (const FaceView& one : scan.faces[f]) {
-      if (one.view < 0 || one.quality < kGood * scan.faces[f][0].quality) continue;
+      if (one.view < 0 || one.quality < kMinRelativeQuality * scan.faces[f][0].quality) continue;
       faces_of[at(one.view)].push_back(static_cast<int>(f));
       gains[at(one.view)] += static_cast<double>(areas[f]);
     }
@@ -50,7 +50,7 @@ std::vector<int> covered(const SurfaceMesh& mesh, const ViewScan& scan, int view
       if (labels[at(f)] >= 0) continue;
       labels[at(f)] = view;
       for (const FaceView& one : scan.faces[at(f)]) {
-        if (one.view >= 0 && one.quality >= kGood * scan.faces[at(f)][0].quality)
+        if (one.view >= 0 && one.quality >= kMinRelativeQuality * scan.faces[at(f)][0].quality)
           gains[at(one.view)] -= static_cast<double>(areas[at(f)]);
       }
     }
@@ -62,26 +62,27 @@ std::vector<int> covered(const SurfaceMesh& mesh, const ViewScan& scan, int view
   return labels;
 }
 
-void settle(const ViewScan& scan, const std::vector<Face>& neighbors, std::vector<int>& labels) {
-  for (int sweep = 0; sweep < kSweeps; ++sweep) {
+void minimise_seams(const ViewScan& scan, const std::vector<Face>& neighbors,
+                    std::vector<int>& labels) {
+  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     int changes = 0;
     for (std::size_t f = 0; f < labels.size(); ++f) {
       if (labels[f] < 0) continue;
       const auto cost_of = [&](int view) {
         float cost = 1 - quality_in(scan.faces[f], view) / scan.faces[f][0].quality;
         for (const int other : neighbors[f])
-          if (other >= 0 && labels[at(other)] >= 0 && labels[at(other)] != view) cost += kSeam;
+          if (other >= 0 && labels[at(other)] >= 0 && labels[at(other)] != view) cost += kSeamCost;
         return cost;
       };
       int best = labels[f];
-      float least = cost_of(best);
+      float min_cost = cost_of(best);
       for (const int other : neighbors[f]) {
         if (other < 0 || labels[at(other)] < 0) continue;
         const int view = labels[at(other)];
         if (view == best || !(quality_in(scan.faces[f], view) > 0)) continue;
         const float cost = cost_of(view);
-        if (cost < least) {
-          least = cost;
+        if (cost < min_cost) {
+          min_cost = cost;
           best = view;
         }
       }
@@ -95,31 +96,31 @@ void settle(const ViewScan& scan, const std::vector<Face>& neighbors, std::vecto
 }
 
 // Small parts take the adjacent view with most common edges that shows all of their faces.
-void join_small(const ViewScan& scan, const std::vector<Face>& neighbors,
-                std::vector<int>& labels) {
+void merge_small_parts(const ViewScan& scan, const std::vector<Face>& neighbors,
+                       std::vector<int>& labels) {
   std::vector<char> seen(labels.size(), 0);
   for (std::size_t start = 0; start < labels.size(); ++start) {
     if (seen[start] != 0 || labels[start] < 0) continue;
     std::vector<int> part{static_cast<int>(start)};
     seen[start] = 1;
-    std::map<int, int> beside;  // adjacent views, with the number of edges
+    std::map<int, int> adjacent_views;  // adjacent views, with the number of edges
     for (std::size_t i = 0; i < part.size(); ++i) {
       for (const int other : neighbors[at(part[i])]) {
         if (other < 0 || labels[at(other)] < 0) continue;
         if (labels[at(other)] != labels[start]) {
-          ++beside[labels[at(other)]];
+          ++adjacent_views[labels[at(other)]];
         } else if (seen[at(other)] == 0) {
           seen[at(other)] = 1;
           part.push_back(other);
         }
       }
     }
-    if (part.size() >= kSmall) continue;
+    if (part.size() >= kMinPartFaces) continue;
     int best = -1;
     int edges = 0;
-    for (const auto& [view, count] : beside) {
-      const bool shows_all = std::all_of(part.begin(), part.end(), [&, its_view = view](int f) {
-        return quality_in(scan.faces[at(f)], its_view) > 0.3F * scan.faces[at(f)][0].quality;
+    for (const auto& [view, count] : adjacent_views) {
+      const bool shows_all = std::all_of(part.begin(), part.end(), [&, candidate = view](int f) {
+        return quality_in(scan.faces[at(f)], candidate) > 0.3F * scan.faces[at(f)][0].quality;
       });
       if (shows_all && count > edges) {
         best = view;
@@ -136,10 +137,10 @@ void join_small(const ViewScan& scan, const std::vector<Face>& neighbors,
 std::vector<int> choose_views(const SurfaceMesh& mesh, const ViewScan& scan, int views) {
   TARSIER_REQUIRE(scan.faces.size() == mesh.faces.size(), "{} of {} faces", scan.faces.size(),
                   mesh.faces.size());
-  std::vector<int> labels = covered(mesh, scan, views);
+  std::vector<int> labels = assign_greedily(mesh, scan, views);
   const std::vector<Face> neighbors = face_neighbors(mesh);
-  settle(scan, neighbors, labels);
-  for (int round = 0; round < kMerges; ++round) join_small(scan, neighbors, labels);
+  minimise_seams(scan, neighbors, labels);
+  for (int round = 0; round < kMergeRounds; ++round) merge_small_parts(scan, neighbors, labels);
   return labels;
 }
 

@@ -17,11 +17,11 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kBorder = 2;         // px
-constexpr int kBesideBackground = 2;  // px of a depth map
-constexpr float kMinCosine = 0.08F;   // 85 degrees
-constexpr double kMaxPixels = 1.5e6;  // max size of the depth image for the visibility test
-constexpr int kFills = 64;            // steps that spread colours to vertices that no image shows
+constexpr double kBorder_px = 2;         // px
+constexpr int kBackgroundMargin_px = 2;  // px of a depth map
+constexpr float kMinCosine = 0.08F;      // 85 degrees
+constexpr double kMaxPixels = 1.5e6;     // max size of the depth image for the visibility test
+constexpr int kMaxFillSteps = 64;  // steps that spread colours to vertices that no image shows
 constexpr float kFar = std::numeric_limits<float>::infinity();
 
 // Transforms the vertices to a camera's frame.
@@ -66,15 +66,15 @@ cv::Mat1f draw_surface(const SurfaceMesh& mesh, const std::vector<Eigen::Vector3
   for (const Face& face : mesh.faces) {
     std::array<cv::Point2d, 3> p;
     std::array<double, 3> inverse{};
-    bool is_before = true;
+    bool is_in_front = true;
     for (std::size_t k = 0; k < 3; ++k) {
       const Eigen::Vector3d x = points[at(face[k])].cast<double>();
-      is_before = is_before && x[2] > 0;
+      is_in_front = is_in_front && x[2] > 0;
       inverse[k] = 1 / x[2];
       p[k] = {camera.fx * x[0] * inverse[k] + camera.cx, camera.fy * x[1] * inverse[k] + camera.cy};
     }
     // Faces that reach behind the camera are skipped: they hardly hide the surface in front of it.
-    if (is_before) draw_depth(p, inverse, depth);
+    if (is_in_front) draw_depth(p, inverse, depth);
   }
   return depth;
 }
@@ -101,8 +101,8 @@ struct DepthView {
   [[nodiscard]] bool shows(const Eigen::Vector3f& x) const {
     if (!(x[2] > 0)) return false;
     const cv::Point2d p = pixel(x);
-    if (!(p.x >= kBorder && p.y >= kBorder && p.x <= camera.width - 1 - kBorder &&
-          p.y <= camera.height - 1 - kBorder) ||
+    if (!(p.x >= kBorder_px && p.y >= kBorder_px && p.x <= camera.width - 1 - kBorder_px &&
+          p.y <= camera.height - 1 - kBorder_px) ||
         is_background(p))
       return false;
     const int u = static_cast<int>(small.fx * static_cast<double>(x[0] / x[2]) + small.cx + 0.5);
@@ -122,19 +122,19 @@ float quality_of(const Face& face, const std::vector<Eigen::Vector3f>& points,
   const Eigen::Vector3f& a = points[at(face[0])];
   const Eigen::Vector3f& b = points[at(face[1])];
   const Eigen::Vector3f& c = points[at(face[2])];
-  const Eigen::Vector3f middle = (a + b + c) / 3;
-  const float cosine = cosine_of((b - a).cross(c - a), middle);
+  const Eigen::Vector3f center = (a + b + c) / 3;
+  const float cosine = cosine_of((b - a).cross(c - a), center);
   if (!(cosine > kMinCosine)) return 0;
-  for (const Eigen::Vector3f& x : {a, b, c, middle})
+  for (const Eigen::Vector3f& x : {a, b, c, center})
     if (!depth_view.shows(x)) return 0;
   const cv::Point2d p = depth_view.pixel(a);
   const double px = 0.5 * std::abs((depth_view.pixel(b) - p).cross(depth_view.pixel(c) - p));
   return static_cast<float>(px) * cosine;
 }
 
-void keep_best(FaceViews& best, FaceView candidate) {
-  for (FaceView& place : best) {
-    if (candidate.quality > place.quality) std::swap(candidate, place);
+void insert_ranked(FaceViews& best, FaceView candidate) {
+  for (FaceView& slot : best) {
+    if (candidate.quality > slot.quality) std::swap(candidate, slot);
     if (candidate.view < 0) return;
   }
 }
@@ -142,7 +142,7 @@ void keep_best(FaceViews& best, FaceView candidate) {
 // Spreads colours to neighbouring vertices until all have one.
 void fill_colors(const SurfaceMesh& mesh, std::vector<cv::Vec3f>& colors,
                  std::vector<char>& known) {
-  for (int step = 0; step < kFills; ++step) {
+  for (int step = 0; step < kMaxFillSteps; ++step) {
     std::vector<cv::Vec4f> sums(colors.size(), cv::Vec4f::all(0));
     bool found = false;
     for (const Face& face : mesh.faces) {
@@ -211,14 +211,14 @@ ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh, double 
     depth_view.background = dark_background(workspace, view, dark_level);
     if (!depth_view.background.empty())
       cv::dilate(depth_view.background, depth_view.background, cv::Mat(), {-1, -1},
-                 kBesideBackground);
+                 kBackgroundMargin_px);
     cv::Mat image = workspace.read_image(view);
     cv::blur(image, image, {3, 3});
     cv::parallel_for_(cv::Range(0, static_cast<int>(mesh.faces.size())),
                       [&](const cv::Range& range) {
                         for (int f = range.start; f < range.end; ++f) {
                           const float quality = quality_of(mesh.faces[at(f)], points, depth_view);
-                          if (quality > 0) keep_best(scan.faces[at(f)], {view, quality});
+                          if (quality > 0) insert_ranked(scan.faces[at(f)], {view, quality});
                         }
                       });
     const Eigen::Matrix3f rotation = workspace.pose(view).rotation.cast<float>();
@@ -250,8 +250,8 @@ ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh, double 
   }
   if (scan.unseen_vertices > 0) fill_colors(mesh, colors, known);
   for (const cv::Vec3f& color : colors) scan.colors.emplace_back(color);
-  for (const FaceViews& some : scan.faces)
-    if (some[0].view < 0) ++scan.unseen_faces;
+  for (const FaceViews& views : scan.faces)
+    if (views[0].view < 0) ++scan.unseen_faces;
   return scan;
 }
 

@@ -14,10 +14,10 @@ namespace {
 
 constexpr std::uint64_t kMask = (1U << 21) - 1;
 constexpr int kBias = 1 << 20;
-constexpr double kMaxBehind = 1.5;  // truncations along the ray
-constexpr double kPixels = 1;       // px; where these exceed a voxel, the truncation grows
-constexpr float kMinAgreement = 0.7F;
-constexpr double kMaxWider = 4;  // max factor of the truncation
+constexpr double kMaxRayTruncations = 1.5;  // truncations along the ray
+constexpr double kTruncationPixels = 1;     // px; where these exceed a voxel, the truncation grows
+constexpr float kMinNormalCosine = 0.7F;
+constexpr double kMaxTruncationFactor = 4;  // max factor of the truncation
 
 std::size_t slot_of(VoxelVolume::Key key, std::size_t mask) {
   key ^= key >> 31;
@@ -44,9 +44,9 @@ float distance_to(const cv::Vec4f& plane, const Eigen::Vector3f& at) {
 
 // Mean distance, world units, to the planes of the four pixels around (u, v), weighted by proximity
 // and their weights. Only planes that agree with that of the nearest pixel are used: normals within
-// 45 degrees, so that edges are not averaged, and distances within `most`.
+// 45 degrees, so that edges are not averaged, and distances within `max_difference`.
 float mean_distance(const TangentMap& map, const Eigen::Vector3f& at, float u, float v,
-                    const cv::Vec4f& nearest_plane, float nearest, float most) {
+                    const cv::Vec4f& nearest_plane, float nearest, float max_difference) {
   const auto left = static_cast<int>(std::floor(u));
   const auto top = static_cast<int>(std::floor(v));
   const float across = u - static_cast<float>(left);
@@ -61,7 +61,7 @@ float mean_distance(const TangentMap& map, const Eigen::Vector3f& at, float u, f
       const float distance = distance_to(planes[i], at);
       const float cosine = planes[i][0] * nearest_plane[0] + planes[i][1] * nearest_plane[1] +
                            planes[i][2] * nearest_plane[2];
-      if (cosine < kMinAgreement || std::abs(distance - nearest) > most) continue;
+      if (cosine < kMinNormalCosine || std::abs(distance - nearest) > max_difference) continue;
       const float weight =
           weights[i] * (i == left ? 1 - across : across) * (j == top ? 1 - down : down);
       sum += weight * distance;
@@ -99,7 +99,7 @@ void add_row(const VoxelView& view, const TangentMap& map, Eigen::Vector3f at,
     const float from_nearest = distance_to(plane, at);
     float distance = from_nearest * view.per_unit;
     const float truncation = std::clamp(at[2] * view.per_depth, view.truncation,
-                                        static_cast<float>(kMaxWider) * view.truncation);
+                                        static_cast<float>(kMaxTruncationFactor) * view.truncation);
     if (distance < -truncation) continue;
     if (distance < truncation)
       distance = view.per_unit *
@@ -109,7 +109,7 @@ void add_row(const VoxelView& view, const TangentMap& map, Eigen::Vector3f at,
       // The ray meets the plane at `share` of the voxel's depth.
       const float n_dot_x = from_nearest + plane[3];
       const float share = n_dot_x < 0 ? plane[3] / n_dot_x : 1;
-      if ((1 - share) * at[2] * view.per_unit > static_cast<float>(kMaxBehind) * truncation)
+      if ((1 - share) * at[2] * view.per_unit > static_cast<float>(kMaxRayTruncations) * truncation)
         continue;
       weight *= std::min(1.0F, std::max(0.0F, truncation + distance) / (truncation - 1));
     } else if (distance > truncation) {
@@ -133,7 +133,7 @@ cv::Mat1b inner_pixels(const cv::Mat& depth, int trim) {
 }
 
 // Whether the bounding sphere of a block may be in the image.
-bool may_see(const VoxelView& view, const Eigen::Vector3f& center, float radius) {
+bool may_be_visible(const VoxelView& view, const Eigen::Vector3f& center, float radius) {
   if (center[2] < -radius) return false;
   if (center[2] < 2 * radius) return true;
   const float inverse = 1 / (center[2] - radius);
@@ -224,9 +224,9 @@ TangentMap tangent_map(const DepthMap& map, const geometry::Camera& camera,
     }
   }
   if (!depths.empty()) {
-    const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-    std::nth_element(depths.begin(), middle, depths.end());
-    result.footprint = static_cast<double>(*middle) / std::max(result.camera.fx, result.camera.fy);
+    const auto median = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+    std::nth_element(depths.begin(), median, depths.end());
+    result.footprint = static_cast<double>(*median) / std::max(result.camera.fx, result.camera.fy);
   }
   return result;
 }
@@ -235,10 +235,10 @@ std::vector<VoxelVolume::Key> blocks_near(const TangentMap& map, double voxel, d
   TARSIER_REQUIRE(voxel > 0 && reach >= 1, "{}, {}", voxel, reach);
   const geometry::Rigid3 world = map.pose.inverse();
   const double per_unit = 1 / (voxel * VoxelVolume::kSide);
-  const double wider = kPixels / (map.camera.fx * voxel);
+  const double truncation_factor = kTruncationPixels / (map.camera.fx * voxel);
   std::vector<VoxelVolume::Key> keys;
-  std::size_t tidy = 1 << 16;
-  const auto tidy_up = [&] {
+  std::size_t max_keys = 1 << 16;
+  const auto remove_duplicates = [&] {
     std::sort(keys.begin(), keys.end());
     keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
   };
@@ -255,13 +255,14 @@ std::vector<VoxelVolume::Key> blocks_near(const TangentMap& map, double voxel, d
       const Eigen::Vector3d normal(plane[0], plane[1], plane[2]);
       const double z = static_cast<double>(plane[3]) / normal.dot(ray);
       const Eigen::Vector3d block = (world * Eigen::Vector3d(z * ray)) * per_unit;
-      const double around = reach / VoxelVolume::kSide * std::clamp(z * wider, 1.0, kMaxWider);
-      if (!(block.cwiseAbs().maxCoeff() < VoxelVolume::kMaxBlock - around - 1)) continue;
+      const double block_reach =
+          reach / VoxelVolume::kSide * std::clamp(z * truncation_factor, 1.0, kMaxTruncationFactor);
+      if (!(block.cwiseAbs().maxCoeff() < VoxelVolume::kMaxBlock - block_reach - 1)) continue;
       VoxelVolume::Index low;
       VoxelVolume::Index high;
       for (int k = 0; k < 3; ++k) {
-        low[k] = static_cast<int>(std::floor(block[k] - around));
-        high[k] = static_cast<int>(std::floor(block[k] + around));
+        low[k] = static_cast<int>(std::floor(block[k] - block_reach));
+        high[k] = static_cast<int>(std::floor(block[k] + block_reach));
       }
       if (low == last_low && high == last_high) continue;
       last_low = low;
@@ -270,12 +271,12 @@ std::vector<VoxelVolume::Key> blocks_near(const TangentMap& map, double voxel, d
         for (int j = low[1]; j <= high[1]; ++j)
           for (int i = low[0]; i <= high[0]; ++i) keys.push_back(VoxelVolume::key_of({i, j, k}));
     }
-    if (keys.size() > tidy) {
-      tidy_up();
-      tidy = std::max<std::size_t>(1 << 16, 2 * keys.size());
+    if (keys.size() > max_keys) {
+      remove_duplicates();
+      max_keys = std::max<std::size_t>(1 << 16, 2 * keys.size());
     }
   }
-  tidy_up();
+  remove_duplicates();
   return keys;
 }
 
@@ -293,10 +294,10 @@ void integrate(VoxelVolume& volume, const TangentMap& map, const Integration& op
   view.per_unit = static_cast<float>(1 / volume.size());
   view.truncation = static_cast<float>(options.truncation);
   view.per_depth =
-      static_cast<float>(options.truncation * kPixels / (map.camera.fx * volume.size()));
+      static_cast<float>(options.truncation * kTruncationPixels / (map.camera.fx * volume.size()));
   view.carving = static_cast<float>(options.carving);
-  const double finer = volume.size() / map.footprint;
-  view.factor = static_cast<float>(std::clamp(finer * finer, 0.1, 4.0));
+  const double resolution_ratio = volume.size() / map.footprint;
+  view.factor = static_cast<float>(std::clamp(resolution_ratio * resolution_ratio, 0.1, 4.0));
   const float radius =
       static_cast<float>(volume.size() * 0.5 * VoxelVolume::kSide * std::sqrt(3.0));
   const Eigen::Vector3f step = view.rotation.col(0);
@@ -308,7 +309,7 @@ void integrate(VoxelVolume& volume, const TangentMap& map, const Integration& op
           Eigen::Vector3d(volume.index(b).cast<double>() * (VoxelVolume::kSide * volume.size()));
       const Eigen::Vector3f corner = first.cast<float>();
       const float half = 0.5F * (VoxelVolume::kSide - 1);
-      if (!may_see(view, corner + view.rotation * Eigen::Vector3f(half, half, half), radius))
+      if (!may_be_visible(view, corner + view.rotation * Eigen::Vector3f(half, half, half), radius))
         continue;
       Voxel* voxels = volume.voxels(b).data();
       for (int z = 0; z < VoxelVolume::kSide; ++z) {

@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kColors = 255;  // one index means "as in the previous frame"
 constexpr std::uint8_t kUnchanged = 255;
-constexpr std::size_t kSamples = 200'000;
+constexpr std::size_t kMaxSamples = 200'000;
 constexpr int kCodeBits = 8;  // bits of a pixel
 
 std::uint32_t key_of(const cv::Vec3b& color) {
@@ -25,7 +25,7 @@ std::uint32_t key_of(const cv::Vec3b& color) {
 }
 
 // The colours of the frames, unless there are too many.
-std::optional<std::vector<cv::Vec3b>> few_colors(const std::vector<cv::Mat>& frames) {
+std::optional<std::vector<cv::Vec3b>> exact_palette(const std::vector<cv::Mat>& frames) {
   std::vector<cv::Vec3b> colors;
   std::unordered_map<std::uint32_t, bool> seen;
   for (const cv::Mat& frame : frames) {
@@ -74,9 +74,9 @@ Box box_of(const std::vector<cv::Vec3b>& samples, std::size_t begin, std::size_t
 
 // Repeatedly splits the box with the largest error at its mean. A uniform background, however
 // large, takes only one colour.
-std::vector<cv::Vec3b> best_colors(const std::vector<cv::Mat>& frames) {
+std::vector<cv::Vec3b> reduced_palette(const std::vector<cv::Mat>& frames) {
   const std::size_t pixels = frames.size() * frames[0].total();
-  const std::size_t step = std::max<std::size_t>(1, pixels / kSamples);
+  const std::size_t step = std::max<std::size_t>(1, pixels / kMaxSamples);
   std::vector<cv::Vec3b> samples;
   for (std::size_t i = 0; i < pixels; i += step) {
     // A constant step would sample columns at some widths.
@@ -89,17 +89,17 @@ std::vector<cv::Vec3b> best_colors(const std::vector<cv::Mat>& frames) {
   }
   std::vector<Box> boxes{box_of(samples, 0, samples.size())};
   while (boxes.size() < kColors) {
-    const auto worst = std::max_element(
+    const auto largest_error = std::max_element(
         boxes.begin(), boxes.end(), [](const Box& a, const Box& b) { return a.error < b.error; });
-    if (worst->error < 0.5) break;
-    const Box box = *worst;
+    if (largest_error->error < 0.5) break;
+    const Box box = *largest_error;
     const auto first = samples.begin();
-    const auto middle =
+    const auto split =
         std::partition(first + static_cast<std::ptrdiff_t>(box.begin),
                        first + static_cast<std::ptrdiff_t>(box.end),
                        [&](const cv::Vec3b& x) { return x[box.axis] <= box.mean[box.axis]; });
-    const auto cut = static_cast<std::size_t>(middle - first);
-    *worst = box_of(samples, box.begin, cut);
+    const auto cut = static_cast<std::size_t>(split - first);
+    *largest_error = box_of(samples, box.begin, cut);
     boxes.push_back(box_of(samples, cut, box.end));
   }
   std::vector<cv::Vec3b> colors;
@@ -125,12 +125,12 @@ class Nearest {
     std::int16_t& known = known_[static_cast<std::size_t>((color[0] >> 2) << 12 |
                                                           (color[1] >> 2) << 6 | color[2] >> 2)];
     if (known < 0) {
-      int least = 1 << 30;
+      int min_distance = 1 << 30;
       for (std::size_t i = 0; i < palette_.size(); ++i) {
         const cv::Vec3i d = cv::Vec3i(palette_[i]) - cv::Vec3i(color);
         const int distance = d.dot(d);
-        if (distance < least) {
-          least = distance;
+        if (distance < min_distance) {
+          min_distance = distance;
           known = static_cast<std::int16_t>(i);
         }
       }
@@ -251,8 +251,8 @@ void write_gif(const std::string& path, const std::vector<cv::Mat>& frames, doub
     TARSIER_REQUIRE(frame.type() == CV_8UC3 && frame.size() == size, "{} x {}, type {}", frame.cols,
                     frame.rows, frame.type());
 
-  const auto own = few_colors(frames);
-  const std::vector<cv::Vec3b> palette = own ? *own : best_colors(frames);
+  const auto exact_colors = exact_palette(frames);
+  const std::vector<cv::Vec3b> palette = exact_colors ? *exact_colors : reduced_palette(frames);
   std::string out = "GIF89a";
   put_16(out, size.width);
   put_16(out, size.height);
@@ -264,17 +264,17 @@ void write_gif(const std::string& path, const std::vector<cv::Mat>& frames, doub
   }
   out += std::string_view("\x21\xff\x0bNETSCAPE2.0\x03\x01\0\0\0", 19);  // repeat forever
 
-  Nearest nearest(palette, own.has_value());
-  std::vector<std::uint8_t> before;
-  std::vector<std::uint8_t> now(frames[0].total());
-  std::vector<std::uint8_t> written(now.size());
+  Nearest nearest(palette, exact_colors.has_value());
+  std::vector<std::uint8_t> previous;
+  std::vector<std::uint8_t> current(frames[0].total());
+  std::vector<std::uint8_t> written(current.size());
   for (std::size_t i = 0; i < frames.size(); ++i) {
     std::size_t at = 0;
     for (int y = 0; y < size.height; ++y) {
       const auto* row = frames[i].ptr<cv::Vec3b>(y);
       for (int x = 0; x < size.width; ++x, ++at) {
-        now[at] = nearest(row[x]);
-        written[at] = !before.empty() && before[at] == now[at] ? kUnchanged : now[at];
+        current[at] = nearest(row[x]);
+        written[at] = !previous.empty() && previous[at] == current[at] ? kUnchanged : current[at];
       }
     }
     // Rounded over the whole animation, so that its speed is exact.
@@ -290,7 +290,7 @@ void write_gif(const std::string& path, const std::vector<cv::Mat>& frames, doub
     put_16(out, size.height);
     out += '\0';
     write_pixels(written, out);
-    before = now;
+    previous = current;
   }
   out += '\x3b';
   write_file_atomically(path, std::string_view(out));

@@ -148,7 +148,7 @@ class GifReader {
   std::size_t at_ = 0;
 };
 
-TEST(Gif, FewColorsComeBackExactly) {
+TEST(Gif, FewColorsRoundTripExactly) {
   std::vector<cv::Mat> frames;
   for (int i = 0; i < 4; ++i) {
     cv::Mat frame(61, 83, CV_8UC3, cv::Scalar(250, 248, 246));
@@ -166,7 +166,7 @@ TEST(Gif, FewColorsComeBackExactly) {
   EXPECT_EQ(gif.delays, (std::vector<int>{13, 12, 13, 12}));
 }
 
-TEST(Gif, ManyColorsComeBackNearly) {
+TEST(Gif, ManyColorsAreApproximated) {
   std::vector<cv::Mat> frames;
   for (int i = 0; i < 3; ++i) {
     cv::Mat frame(200, 256, CV_8UC3);
@@ -189,7 +189,7 @@ TEST(Gif, ManyColorsComeBackNearly) {
 }
 
 // The noise fills the code table many times.
-TEST(Gif, NoiseOfAnySizeComesBack) {
+TEST(Gif, NoiseOfAnySizeRoundTrips) {
   Rng random(3);
   for (const cv::Size size : {cv::Size(1, 1), cv::Size(2, 1), cv::Size(17, 15), cv::Size(255, 1),
                               cv::Size(23, 11), cv::Size(64, 61), cv::Size(300, 200)}) {
@@ -207,7 +207,7 @@ TEST(Gif, NoiseOfAnySizeComesBack) {
 }
 
 // All lengths up to two increases of the code length: the end code has the right length.
-TEST(Gif, EveryLengthOfNoiseEnds) {
+TEST(Gif, NoiseOfEveryLengthRoundTrips) {
   Rng random(4);
   cv::Mat all(1, 1100, CV_8UC3);
   for (int x = 0; x < all.cols; ++x)
@@ -235,7 +235,7 @@ TEST(Gif, LargeBackgroundLeavesColorsForTheRest) {
             6);
 }
 
-TEST(Gif, RefusesWhatItCannotWrite) {
+TEST(Gif, RefusesInvalidFrames) {
   const cv::Mat frame(4, 4, CV_8UC3, cv::Scalar::all(9));
   EXPECT_THROW(write_gif("/nowhere/at/all.gif", {frame}, 5), OutputError);
   EXPECT_THROW(write_gif(scratch("x.gif"), {}, 5), std::invalid_argument);

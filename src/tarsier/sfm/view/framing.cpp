@@ -12,12 +12,12 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kWithin = 0.95;  // share of the points
-constexpr double kMost = 0.8;     // share of the points that are taken for the subject
+constexpr double kFramedShare = 0.95;  // share of the points
+constexpr double kSubjectShare = 0.8;  // share of the points that are taken for the subject
 // max factor of the subject's size, e.g. for hills behind a statue
-constexpr double kMoreForRest = 1.6;
-constexpr double kMoreForCameras = 1.35;  // max factor of the points' size
-constexpr double kMargin = 1.08;
+constexpr double kMaxSubjectFactor = 1.6;
+constexpr double kMaxCameraFactor = 1.35;  // max factor of the points' size
+constexpr double kMarginFactor = 1.08;
 
 bool finite(const geometry::Rigid3& pose) {
   return pose.rotation.allFinite() && pose.translation.allFinite();
@@ -75,15 +75,15 @@ Framing frame_model(const Model& model, bool with_cameras) {
     if (point.position.allFinite()) points.push_back(point.position);
   std::vector<Eigen::Vector3d> centers;
   Eigen::Vector3d down = Eigen::Vector3d::Zero();
-  Eigen::Vector3d ahead = Eigen::Vector3d::Zero();
-  Eigen::Vector3d first_ahead = Eigen::Vector3d::Zero();
+  Eigen::Vector3d forward = Eigen::Vector3d::Zero();
+  Eigen::Vector3d first_forward = Eigen::Vector3d::Zero();
   for (const Image& image : model.images) {
     if (!image.registered || !finite(image.pose)) continue;
     const Eigen::Matrix3d axes = image.pose.rotation.transpose();
-    if (centers.empty()) first_ahead = axes.col(2);
+    if (centers.empty()) first_forward = axes.col(2);
     centers.push_back(image.pose.center());
-    down += axes * down_of(image.turns);
-    ahead += axes.col(2);
+    down += axes * down_direction(image.turns);
+    forward += axes.col(2);
   }
 
   Framing framing;
@@ -93,7 +93,7 @@ Framing frame_model(const Model& model, bool with_cameras) {
   // Cameras all around cancel out: then the first one defines the front.
   Eigen::Vector3d front = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& candidate : std::initializer_list<Eigen::Vector3d>{
-           ahead / std::max(count, 1.0), first_ahead, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}) {
+           forward / std::max(count, 1.0), first_forward, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}) {
     front = candidate - up * candidate.dot(up);
     if (front.norm() > 0.2) break;
   }
@@ -101,11 +101,11 @@ Framing frame_model(const Model& model, bool with_cameras) {
   framing.base << front.cross(up).transpose(), up.transpose(), -front.transpose();
 
   framing.center = median_of(points.empty() ? centers : points);
-  Extent extent = extent_of(points, framing, kWithin);
-  const Extent most = extent_of(points, framing, kMost);
-  if (const double size_of_most = std::max(most.across, most.upright); size_of_most > 0) {
-    extent.across = std::min(extent.across, kMoreForRest * size_of_most);
-    extent.upright = std::min(extent.upright, kMoreForRest * size_of_most);
+  Extent extent = extent_of(points, framing, kFramedShare);
+  const Extent subject = extent_of(points, framing, kSubjectShare);
+  if (const double subject_size = std::max(subject.across, subject.upright); subject_size > 0) {
+    extent.across = std::min(extent.across, kMaxSubjectFactor * subject_size);
+    extent.upright = std::min(extent.upright, kMaxSubjectFactor * subject_size);
   }
   const Extent cameras = extent_of(centers, framing, 0.8);
   double size = std::max(extent.across, extent.upright);
@@ -113,8 +113,8 @@ Framing frame_model(const Model& model, bool with_cameras) {
     size = std::max(cameras.across, cameras.upright);
     extent.across = size > 0 ? size : 1;
   } else if (with_cameras) {
-    extent.across = std::max(extent.across, std::min(cameras.across, kMoreForCameras * size));
-    extent.upright = std::max(extent.upright, std::min(cameras.upright, kMoreForCameras * size));
+    extent.across = std::max(extent.across, std::min(cameras.across, kMaxCameraFactor * size));
+    extent.upright = std::max(extent.upright, std::min(cameras.upright, kMaxCameraFactor * size));
   }
   framing.radius = std::max(extent.across, 1e-3 * std::max(extent.upright, size));
   framing.half_height = extent.upright;
@@ -158,7 +158,7 @@ double fitting_distance(double radius, double half_height, double pitch, double 
   // Horizontally it must fit at any rotation: a circle between the two edges of the view.
   const double across = radius * std::hypot(1.0, tan_across) / tan_across;
   const double upright = (half_height * level + radius * tilt) / tan_upright + 0.5 * radius * level;
-  return kMargin * std::max(across, upright);
+  return kMarginFactor * std::max(across, upright);
 }
 
 }  // namespace tarsier::sfm

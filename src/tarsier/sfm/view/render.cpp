@@ -16,13 +16,13 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kTanUpright = 0.364;  // tangent of half the angle of view: 40 degrees in all
-constexpr float kFar = std::numeric_limits<float>::infinity();
-constexpr double kNear = 0.02;        // share of the distance; nearer points are not drawn
-constexpr float kPale = 0.3F;         // share of the background in the farthest points
-constexpr float kShade = 0.4F;        // darkening of points closely behind others
+constexpr float kNoDepth = std::numeric_limits<float>::infinity();
+constexpr double kNearShare = 0.02;   // share of the distance; nearer points are not drawn
+constexpr float kMaxHaze = 0.3F;      // share of the background in the farthest points
+constexpr float kMaxShade = 0.4F;     // darkening of points closely behind others
 constexpr double kLinePx = 1.3;       // width
 constexpr double kHiddenLine = 0.22;  // opacity of lines behind points
-constexpr int kLargest = 96;          // px, max size of a splat
+constexpr int kMaxSplat_px = 96;      // px, max size of a splat
 
 double radians(double degrees) { return degrees * std::numbers::pi / 180; }
 
@@ -84,8 +84,8 @@ using Spans = std::vector<std::vector<std::array<int, 2>>>;
 
 const Spans& spans() {
   static const Spans all = [] {
-    Spans result(kLargest + 1);
-    for (int size = 1; size <= kLargest; ++size) {
+    Spans result(kMaxSplat_px + 1);
+    for (int size = 1; size <= kMaxSplat_px; ++size) {
       for (int y = 0; y < size; ++y) {
         std::array<int, 2> span{0, size};
         if (size > 3) {
@@ -124,12 +124,12 @@ void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& opt
   const cv::Matx33f turn(
       geometry::to_cv(Eigen::Matrix3d(view.pose.rotation * scene.framing.base.transpose())));
   const auto distance = static_cast<float>(view.distance);
-  const auto near_z = static_cast<float>(kNear * view.distance);
+  const auto near_z = static_cast<float>(kNearShare * view.distance);
   const auto focal = static_cast<float>(view.camera.fx);
   const auto cx = static_cast<float>(view.camera.cx);
   const auto cy = static_cast<float>(view.camera.cy);
   const auto scale = static_cast<float>(scene.framing.cloud);
-  const float largest = std::min<float>(kLargest, 3 * static_cast<float>(px));
+  const float max_side = std::min<float>(kMaxSplat_px, 3 * static_cast<float>(px));
   const Spans& rows = spans();
   for (const Dot& dot : scene.dots) {
     const cv::Vec3f& p = dot.position;
@@ -137,7 +137,7 @@ void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& opt
     if (!(z > near_z)) continue;
     const float u = cx + focal * (turn(0, 0) * p[0] + turn(0, 1) * p[1] + turn(0, 2) * p[2]) / z;
     const float v = cy + focal * (turn(1, 0) * p[0] + turn(1, 1) * p[1] + turn(1, 2) * p[2]) / z;
-    const float side = std::clamp(static_cast<float>(px) * distance / z, 1.0F, largest);
+    const float side = std::clamp(static_cast<float>(px) * distance / z, 1.0F, max_side);
     if (!(u > -side && v > -side && u < static_cast<float>(image.cols) + side &&
           v < static_cast<float>(image.rows) + side))
       continue;
@@ -145,8 +145,8 @@ void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& opt
     const float half = 0.5F * static_cast<float>(size - 1);
     const int left = static_cast<int>(std::floor(u - half + 0.5F));
     const int top = static_cast<int>(std::floor(v - half + 0.5F));
-    const float away = std::clamp((z - distance + scale) / (2 * scale), 0.0F, 1.0F);
-    const cv::Vec3b color = mix(dot.color, options.background, kPale * away);
+    const float depth_share = std::clamp((z - distance + scale) / (2 * scale), 0.0F, 1.0F);
+    const cv::Vec3b color = mix(dot.color, options.background, kMaxHaze * depth_share);
     const auto& span = rows[static_cast<std::size_t>(size)];
     for (int y = std::max(0, -top); y < std::min(size, image.rows - top); ++y) {
       const auto [begin, end] = span[static_cast<std::size_t>(y)];
@@ -172,13 +172,13 @@ void shade_edges(const cv::Mat1f& depth, float scale, cv::Mat& image) {
     auto* pixels = image.ptr<cv::Vec3b>(y);
     for (int x = 1; x + 1 < image.cols; ++x) {
       const float z = here[x];
-      if (z == kFar) continue;
+      if (z == kNoDepth) continue;
       const auto behind = [&](float other) {
         return std::clamp((z - other) * per_unit, 0.0F, 1.0F);
       };
       const float sum =
           behind(above[x]) + behind(below[x]) + behind(here[x - 1]) + behind(here[x + 1]);
-      if (sum > 0) pixels[x] = mix(pixels[x], cv::Vec3b(0, 0, 0), kShade * 0.25F * sum);
+      if (sum > 0) pixels[x] = mix(pixels[x], cv::Vec3b(0, 0, 0), kMaxShade * 0.25F * sum);
     }
   }
 }
@@ -187,7 +187,7 @@ void shade_edges(const cv::Mat1f& depth, float scale, cv::Mat& image) {
 // pixel.
 void draw_line(const Viewpoint& view, Eigen::Vector3d a, Eigen::Vector3d b, const cv::Vec3b& color,
                const cv::Mat1f& depth, cv::Mat& image) {
-  const double near_z = kNear * view.distance;
+  const double near_z = kNearShare * view.distance;
   if (!(a[2] > near_z) && !(b[2] > near_z)) return;
   if (a[2] < near_z) a += (b - a) * ((near_z - a[2]) / (b[2] - a[2]));
   if (b[2] < near_z) b += (a - b) * ((near_z - b[2]) / (a[2] - b[2]));
@@ -213,20 +213,21 @@ void draw_line(const Viewpoint& view, Eigen::Vector3d a, Eigen::Vector3d b, cons
   const int across = steep ? image.cols : image.rows;
   const double run = to.x - from.x;
   const double slope = run > 1e-9 ? (to.y - from.y) / run : 0;
-  const double thin = 1 / std::hypot(1.0, slope);
-  const double reach = (0.5 * kLinePx + 0.5) / thin;
+  const double normal_scale = 1 / std::hypot(1.0, slope);
+  const double reach = (0.5 * kLinePx + 0.5) / normal_scale;
   const int first = static_cast<int>(std::clamp(std::ceil(from.x - 0.5), 0.0, double(along)));
   const int last = static_cast<int>(std::clamp(std::floor(to.x + 0.5), -1.0, double(along - 1)));
   for (int i = first; i <= last; ++i) {
     const double t = run > 1e-9 ? std::clamp((i - from.x) / run, 0.0, 1.0) : 0.5;
-    const double middle = from.y + t * (to.y - from.y);
-    if (middle < -reach || middle > across + reach) continue;
+    const double center = from.y + t * (to.y - from.y);
+    if (center < -reach || center > across + reach) continue;
     const double z = 1 / (from_inverse + t * (to_inverse - from_inverse));
-    const int low = std::max(0, static_cast<int>(std::ceil(middle - reach)));
-    const int high = std::min(across - 1, static_cast<int>(std::floor(middle + reach)));
+    const int low = std::max(0, static_cast<int>(std::ceil(center - reach)));
+    const int high = std::min(across - 1, static_cast<int>(std::floor(center + reach)));
     for (int j = low; j <= high; ++j) {
       const cv::Point at = steep ? cv::Point(j, i) : cv::Point(i, j);
-      double share = std::clamp(0.5 * kLinePx + 0.5 - std::abs(j - middle) * thin, 0.0, 1.0);
+      double share =
+          std::clamp(0.5 * kLinePx + 0.5 - std::abs(j - center) * normal_scale, 0.0, 1.0);
       if (z > static_cast<double>(depth(at))) share *= kHiddenLine;
       auto& target = image.at<cv::Vec3b>(at);
       target = mix(target, color, static_cast<float>(share));
@@ -239,11 +240,11 @@ void draw(const Scene& scene, const ViewOptions& options, cv::Mat& image, cv::Ma
   image.create(options.size, CV_8UC3);
   image.setTo(options.background);
   depth.create(options.size);
-  depth.setTo(kFar);
+  depth.setTo(kNoDepth);
   draw_dots(scene, view, options, image, depth);
   shade_edges(depth, static_cast<float>(scene.framing.cloud), image);
-  const cv::Vec3b& paper = options.background;
-  const bool light = paper[0] + 4 * paper[1] + 2 * paper[2] > 7 * 110;
+  const cv::Vec3b& background = options.background;
+  const bool light = background[0] + 4 * background[1] + 2 * background[2] > 7 * 110;
   const cv::Vec3b color = light ? cv::Vec3b(26, 84, 180) : cv::Vec3b(96, 160, 240);
   for (const Pyramid& pyramid : scene.pyramids) {
     for (const auto& [from, to] : kPyramidEdges)

@@ -43,7 +43,7 @@ void add_plate(Model& model, double z, const cv::Vec3b& color) {
     for (int x = -20; x <= 20; ++x) add_point(model, {0.05 * x, 0.05 * y, z}, color);
 }
 
-double apart(const cv::Vec3b& a, const cv::Vec3b& b) {
+double color_distance(const cv::Vec3b& a, const cv::Vec3b& b) {
   return cv::norm(cv::Vec3d(a) - cv::Vec3d(b));
 }
 
@@ -72,12 +72,12 @@ TEST(Render, CubeAppearsWhereThePinholePredicts) {
       const cv::Point at(static_cast<int>(std::lround(pixel->x)),
                          static_cast<int>(std::lround(pixel->y)));
       ASSERT_TRUE(cv::Rect({}, image.size()).contains(at)) << at << " yaw " << yaw;
-      EXPECT_LT(apart(image.at<cv::Vec3b>(at), point.color), 110) << at << " yaw " << yaw;
+      EXPECT_LT(color_distance(image.at<cv::Vec3b>(at), point.color), 110) << at << " yaw " << yaw;
     }
   }
 }
 
-TEST(Render, ViewStartsWhereTheCamerasStoodAndUpIsUp) {
+TEST(Render, TheDefaultViewIsFromTheSideOfTheCameras) {
   Model model = model_with_camera();
   add_plate(model, 0, kRed);
   ViewOptions options;
@@ -100,7 +100,7 @@ TEST(Render, ViewStartsWhereTheCamerasStoodAndUpIsUp) {
   EXPECT_GT(viewpoint_of(model, options).pose.center()[0], 0.5);
 }
 
-TEST(Render, UpIsUpOfTurnedImages) {
+TEST(Render, UpFollowsTheOrientationOfTheImages) {
   // The camera was held upright: its pixels are rotated, and down in the scene is right in them.
   Model model = model_with_camera();
   add_plate(model, 0, kRed);
@@ -123,13 +123,13 @@ TEST(Render, NearerPointsHideFartherOnes) {
   options.pitch_deg = 0;
   options.point_px = 10;
   options.cameras = false;
-  const cv::Point middle(options.size.width / 2, options.size.height / 2);
-  EXPECT_LT(apart(render_model(model, options).at<cv::Vec3b>(middle), kRed), 60);
+  const cv::Point center(options.size.width / 2, options.size.height / 2);
+  EXPECT_LT(color_distance(render_model(model, options).at<cv::Vec3b>(center), kRed), 60);
   options.yaw_deg = 180;
-  EXPECT_LT(apart(render_model(model, options).at<cv::Vec3b>(middle), kBlue), 60);
+  EXPECT_LT(color_distance(render_model(model, options).at<cv::Vec3b>(center), kBlue), 60);
 }
 
-TEST(Render, StrayPointsDoNotChangeTheFraming) {
+TEST(Render, OutliersDoNotChangeTheFraming) {
   Model model = model_with_camera();
   for (int i = 0; i < 3000; ++i)
     add_point(model, {std::sin(0.7 * i), std::cos(1.3 * i), std::sin(2.1 * i)}, kBlue);
@@ -145,7 +145,7 @@ TEST(Render, StrayPointsDoNotChangeTheFraming) {
   EXPECT_NO_THROW((void)render_model(model, options));
 }
 
-TEST(Render, HillsBehindAStatueDoNotMakeItSmall) {
+TEST(Render, DistantBackgroundDoesNotShrinkTheSubject) {
   Model model = model_with_camera();
   for (int i = 0; i < 1000; ++i)
     add_point(model, {std::sin(0.7 * i), std::cos(1.3 * i), std::sin(2.1 * i)}, kBlue);
@@ -167,7 +167,7 @@ TEST(Render, EmptyModelIsPlainBackground) {
   EXPECT_EQ(frames, 3);
 }
 
-TEST(Render, CamerasAreDrawnOnlyWhenAskedFor) {
+TEST(Render, CamerasAreDrawnOnlyOnRequest) {
   Model model = model_with_camera();
   add_plate(model, 0, kBlue);
   ViewOptions options;

@@ -25,8 +25,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "the page reads little endian numbers");
 
-constexpr double kWidest = 8;  // scales from the centre; the range of the 16-bit positions
-constexpr int kMaxCloud = 400'000;
+constexpr double kMaxExtent = 8;  // scales from the centre; the range of the 16-bit positions
+constexpr int kMaxCloudPoints = 400'000;
 
 // JSON that is safe in a script element: nothing in it can end that element.
 std::string json_in_script(const nlohmann::json& json) {
@@ -77,9 +77,9 @@ nlohmann::json cloud_json(std::size_t count, const Frame& frame, int max_points,
   double range = 1;
   for (std::size_t i = 0; i < count; ++i) {
     const Eigen::Vector3d framed = frame.of(position(i));
-    const double widest = framed.cwiseAbs().maxCoeff();
-    if (!(widest <= kWidest) || !framed.allFinite()) continue;
-    range = std::max(range, widest);
+    const double extent = framed.cwiseAbs().maxCoeff();
+    if (!(extent <= kMaxExtent) || !framed.allFinite()) continue;
+    range = std::max(range, extent);
     order.push_back(i);
   }
   // Shuffled, so that any first part is an even selection: without WebGL the page draws fewer
@@ -123,19 +123,19 @@ void check(const ViewerLayers& layers) {
 nlohmann::json surface_json(const ViewerSurface& surface, const Frame& frame) {
   std::vector<float> positions;
   std::vector<std::uint8_t> colors;
-  std::vector<bool> is_near;
+  std::vector<bool> is_drawn;
   for (std::size_t i = 0; i < surface.vertices.size(); ++i) {
     const Eigen::Vector3d framed = frame.of(surface.vertices[i].cast<double>());
-    is_near.push_back(framed.allFinite() && framed.cwiseAbs().maxCoeff() <= kWidest);
+    is_drawn.push_back(framed.allFinite() && framed.cwiseAbs().maxCoeff() <= kMaxExtent);
     for (int k = 0; k < 3; ++k) {
-      positions.push_back(is_near.back() ? static_cast<float>(framed[k]) : 0.F);
+      positions.push_back(is_drawn.back() ? static_cast<float>(framed[k]) : 0.F);
       colors.push_back(surface.colors[i][2 - k]);
     }
   }
   std::vector<std::uint32_t> indices;
   for (std::size_t f = 0; f < surface.indices.size(); f += 3) {
     const auto corners = std::span(surface.indices).subspan(f, 3);
-    if (std::all_of(corners.begin(), corners.end(), [&](std::uint32_t v) { return is_near[v]; }))
+    if (std::all_of(corners.begin(), corners.end(), [&](std::uint32_t v) { return is_drawn[v]; }))
       indices.insert(indices.end(), corners.begin(), corners.end());
   }
   nlohmann::json json{{"positions", base64_of(positions)},
@@ -158,7 +158,7 @@ std::string layer_button(const char* layer, const char* label) {
 }
 
 // Six sliders: lower and upper limit of each axis.
-std::string cut_panel() {
+std::string clipping_panel() {
   std::string panel = "<div class=\"tv-cut\" hidden>";
   for (const auto& [low, high] :
        {std::pair("left", "right"), std::pair("below", "above"), std::pair("back", "front")}) {
@@ -172,7 +172,7 @@ std::string cut_panel() {
 }
 
 std::string viewer(const Model& model, const std::string& title, const ViewerLayers& layers,
-                   int max_points, bool whole) {
+                   int max_points, bool is_page) {
   TARSIER_REQUIRE(max_points >= 1, "{}", max_points);
   check(layers);
   const Frame frame{frame_model(model)};
@@ -186,7 +186,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
   const bool has_surface = !layers.surface.indices.empty();
   if (has_cloud) {
     data["cloud"] = cloud_json(
-        layers.cloud.positions.size(), frame, kMaxCloud,
+        layers.cloud.positions.size(), frame, kMaxCloudPoints,
         [&](std::size_t i) { return Eigen::Vector3d(layers.cloud.positions[i].cast<double>()); },
         [&](std::size_t i) { return layers.cloud.colors[i]; });
   }
@@ -228,18 +228,18 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
 
   std::string page;
   const std::string label = escaped_markup(title);
-  if (whole) {
+  if (is_page) {
     page +=
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>";
     page += label;
     page += "</title>\n<style>body{margin:0}</style></head><body>\n";
   }
-  page += whole ? "<div class=\"tv\">" : "<div class=\"tv tv-part\">";
+  page += is_page ? "<div class=\"tv\">" : "<div class=\"tv tv-part\">";
   page += "<style>";
   page += kViewerCss;
   // After the general rule for the height of a view.
-  if (whole) page += "body>.tv{height:100vh;min-height:0}\n";
+  if (is_page) page += "body>.tv{height:100vh;min-height:0}\n";
   page += "</style>\n<canvas tabindex=\"0\" aria-label=\"" + label + "\"></canvas>\n";
   page += "<svg class=\"tv-over\" aria-hidden=\"true\"></svg>\n";
   page += "<div class=\"tv-cams\"><div class=\"tv-bar\">";
@@ -252,7 +252,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
       "<button type=\"button\" class=\"tv-list\" aria-pressed=\"false\">Names</button>"
       "<button type=\"button\" class=\"tv-show\" aria-pressed=\"true\">Cameras</button>"
       "<button type=\"button\" class=\"tv-reset\">Reset</button></div>";
-  page += cut_panel();
+  page += clipping_panel();
   page += "<output class=\"tv-length\" hidden></output><ol hidden></ol></div>\n";
   page += "<div class=\"tv-legend\"><b>" + label +
           "</b><span><span class=\"tv-drawn\" "
@@ -266,7 +266,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
   page += "</script>\n<script>";
   page += kViewerJs;
   page += "</script></div>\n";
-  if (whole) page += "</body></html>\n";
+  if (is_page) page += "</body></html>\n";
   return page;
 }
 

@@ -98,7 +98,7 @@ TEST(Viewer, LayersHaveButtonsAndTheUnitOfTheModel) {
   EXPECT_NEAR(side * data["unit"].get<double>(), 1, 1e-5);
 }
 
-TEST(Viewer, RefusesLayersThatDoNotFit) {
+TEST(Viewer, RefusesInconsistentLayers) {
   const Model model = sample_model(500);
   ViewerLayers layers = sample_layers();
   layers.surface.indices.back() = 4;
@@ -124,7 +124,7 @@ TEST(Viewer, HoldsThePoints) {
   EXPECT_EQ(viewer_html(model, "x", 1000), viewer_html(model, "x", 1000));
 }
 
-TEST(Viewer, StrayPointsDoNotCoarsenTheRest) {
+TEST(Viewer, OutliersDoNotReduceThePrecision) {
   Model model = sample_model(2000);
   model.points.push_back({{1e6, 0, 0}, {}, 0, {}});
   model.points.push_back({{std::nan(""), 0, 0}, {}, 0, {}});
@@ -133,7 +133,7 @@ TEST(Viewer, StrayPointsDoNotCoarsenTheRest) {
   EXPECT_THAT(page, HasSubstr("2,002 points, 2,000 drawn"));
 }
 
-TEST(Viewer, NamesAndTitleCannotBecomeMarkup) {
+TEST(Viewer, EscapesNamesAndTitle) {
   Model model = sample_model(20);
   model.images[0].name = "</script><img src=x onerror=alert(1)>\"'&.jpg";
   model.images[1].name = "\xff\xfe broken \xe2\x80\xa8.jpg";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/file_ending.h"
+#include "tarsier/core/file_extension.h"
 
 #include "tarsier/core/words.h"
 
@@ -7,7 +7,7 @@
 
 namespace tarsier {
 
-std::string lower_ending(std::string_view path) {
+std::string lowercase_extension(std::string_view path) {
   return lower_case(std::filesystem::path(path).extension().string());
 }
 
