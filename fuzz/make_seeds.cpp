@@ -224,7 +224,7 @@ void plate_models() {
   PlateSvm svm;
   svm.features = PlateFeatures::kLbp;
   const cv::Mat blank(33, 144, CV_8UC1, cv::Scalar(0));
-  svm.machine.weights.assign(plate_features(blank, svm.features).size(), 0.01F);
+  svm.model.weights.assign(plate_features(blank, svm.features).size(), 0.01F);
   write_plate_svm(seed("plate_svm", "lbp.json"), svm, kNothing);
 
   CharacterReader characters;

@@ -74,13 +74,13 @@ TARSIER_FUZZ_TARGET(plate_reader, kJson) {
 
 TARSIER_FUZZ_TARGET(plate_svm, kJson) {
   const PlateSvm svm = read_plate_svm(file_of(input, "model.json"));
-  (void)svm.chance.at(svm.margin(cv::Mat(33, 144, CV_8UC1, cv::Scalar(7))));
+  (void)svm.platt.probability(svm.margin(cv::Mat(33, 144, CV_8UC1, cv::Scalar(7))));
 }
 
 TARSIER_FUZZ_TARGET(character_reader, kJson) {
   const CharacterReader reader = read_character_reader(file_of(input, "model.json"));
-  const auto chances = reader.chances(cv::Mat(20, 20, CV_8UC1, cv::Scalar(7)));
-  expect(chances.size() == reader.symbols.size(), "chances of other symbols");
+  const auto probabilities = reader.probabilities(cv::Mat(20, 20, CV_8UC1, cv::Scalar(7)));
+  expect(probabilities.size() == reader.symbols.size(), "chances of other symbols");
 }
 
 TARSIER_FUZZ_TARGET(xml_matrices, kBytes) {

@@ -28,9 +28,9 @@ double StudyCell::mean() const {
 
 double StudyCell::deviation() const {
   if (errors.size() < 2) return 0;
-  const double middle = mean();
+  const double average = mean();
   double squares = 0;
-  for (const double error : errors) squares += (error - middle) * (error - middle);
+  for (const double error : errors) squares += (error - average) * (error - average);
   return std::sqrt(squares / static_cast<double>(errors.size() - 1));
 }
 
