@@ -213,12 +213,12 @@ void plate_models() {
     return layer;
   };
   DetectorModel detector;
-  detector.detector.layers = {linalg::maximum(1, kCell, kCell), one(9)};
+  detector.detector.layers = {linalg::maximum(1, kCellSize, kCellSize), one(9)};
   detector.aligner.layers = {linalg::maximum(1, kAlignHeight, 64), linalg::maximum(1, 1, 2),
                              one(18)};
   write_detector_model(seed("plate_detector", "small.json"), detector, kNothing);
   ReaderModel reader;
-  reader.line.layers = {linalg::maximum(1, kLineHeight, kColumn), one(kClasses)};
+  reader.line.layers = {linalg::maximum(1, kLineHeight, kColumnStride), one(kClasses)};
   write_reader_model(seed("plate_reader", "small.json"), reader, kNothing);
 
   PlateSvm svm;

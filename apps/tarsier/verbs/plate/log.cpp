@@ -260,7 +260,7 @@ ExitStatus export_corrections(const LogFlags& flags, const Context& context) {
     if (plate.has_crop && !text.empty()) {
       const cv::Mat crop =
           decode_image(log.crop(plate.id), fmt::format("{}: entry {}", flags.path, plate.id));
-      cut = recognizer.cut_text(crop, corners_in(crop, recognizer), text);
+      cut = recognizer.crop_text(crop, corners_in(crop, recognizer), text);
     }
     if (!cut) {
       ++left_out;

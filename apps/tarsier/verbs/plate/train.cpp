@@ -4,8 +4,8 @@
 #include "tarsier/media/model_store.h"
 #include "tarsier/plate/networks/recognizer.h"
 #include "tarsier/plate/text/country.h"
-#include "tarsier/plate/train/found.h"
 #include "tarsier/plate/train/training.h"
+#include "tarsier/plate/train/whole_image_fit.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -161,7 +161,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   if (start) learnt_from["from"] = fs::path(flags.from).filename().string();
   if (start && flags.options.keep > 0) learnt_from["keep"] = flags.options.keep;
   if (!split.test.empty()) {
-    const plate::CharacterErrors errors = plate::test_line_reader(model.line, split.test);
+    const plate::CharacterErrors errors = plate::evaluate_line_reader(model.line, split.test);
     log_info("{} plates held out: {} of {} characters read wrong ({:.2f} %)", split.test.size(),
              errors.wrong, errors.characters, 100.0 * errors.wrong / errors.characters);
     learnt_from["held_out"] = {
@@ -179,11 +179,11 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
                                                context.seed + 99, *context.progress, context.stop);
   }
   if (!flags.found.empty()) {
-    const plate::FoundCounts counts = plate::fit_to_found(detector_model, countries(), flags.found,
-                                                          model, *context.progress, context.stop);
+    const plate::WholeImageCounts counts = plate::fit_to_whole_images(
+        detector_model, countries(), flags.found, model, *context.progress, context.stop);
     log_info(
         "{} detections in {} images, {} of them plates; of {} known texts {} were read correctly",
-        counts.finds, counts.images, counts.plates, counts.texts, counts.right);
+        counts.detections, counts.images, counts.plates, counts.texts, counts.correct);
     learnt_from["found"] = short_names(flags.found);
   }
   if (before.is_object()) {

@@ -69,8 +69,8 @@ struct CharacterErrors {
   int characters = 0;
   int wrong = 0;
 };
-[[nodiscard]] CharacterErrors test_line_reader(const linalg::Network& network,
-                                               const std::vector<LabelledCrop>& crops);
+[[nodiscard]] CharacterErrors evaluate_line_reader(const linalg::Network& network,
+                                                   const std::vector<LabelledCrop>& crops);
 
 // Single examples, for inspection and tests.
 void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,

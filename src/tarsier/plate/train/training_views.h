@@ -29,7 +29,7 @@ struct LabelledCrop {
   struct Symbol {
     char symbol;
     cv::Rect2f box;  // px of `image`
-    int place;       // in the plate's text, so that gaps of hidden characters show
+    int position;    // in the plate's text, so that gaps of hidden characters show
   };
   std::vector<Symbol> symbols;  // in reading order, the visible ones
   int length = 0;               // of the text, with hidden characters
@@ -79,9 +79,9 @@ struct ViewOptions {
   double none = 0.1;    // probability of a view without a plate
   double yaw_deg = 60;  // maximum, for synthetic plates
   double roll_deg = 20;
-  bool centred = false;  // places the plate near the view's centre
-  bool lawful = false;   // the synthetic plate's text always fits a layout of its kind
-  bool wild = false;     // uses the worst plausible plate and camera
+  bool centred = false;     // places the plate near the view's centre
+  bool valid_text = false;  // the synthetic plate's text always fits a layout of its kind
+  bool wild = false;        // uses the worst plausible plate and camera
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(16, 4096)},
@@ -115,9 +115,9 @@ struct ViewMaker {
 };
 
 // Simulates a camera on a grey image: blur, motion, shadow, tone, noise, JPEG.
-void weather(cv::Mat& gray, double strength, Rng& rng);
+void simulate_camera(cv::Mat& gray, double strength, Rng& rng);
 // Adds the effects of cheap cameras and recorders: sharpening, downscaling and upscaling, strong
 // compression, very low contrast.
-void wild_weather(cv::Mat& gray, Rng& rng);
+void simulate_cheap_camera(cv::Mat& gray, Rng& rng);
 
 }  // namespace tarsier::plate
