@@ -170,7 +170,7 @@ ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   PlateLog log(flags.path, DatabaseAccess::kWrite);
   plate::ForgetOptions options;
   // The pause lets other writers in: they check for the lock every 25 to 100 ms.
-  options.between = [&](std::int64_t) {
+  options.after_batch = [&](std::int64_t) {
     throw_if_stopped(context.stop);
     (void)sleep_unless_stopped(std::chrono::milliseconds(50), context.stop);
   };

@@ -69,7 +69,7 @@ bool VideoReader::continues(const Frame& frame, const VideoReaderState& state) {
 }
 
 VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& state,
-                                       const FrameMoment& seen, DebugSink* debug,
+                                       const FrameMoment& moment, DebugSink* debug,
                                        const cv::Rect& where) const {
   VideoReaderResult result;
   if (!continues(frame, state)) result.events = finish(state);
@@ -88,8 +88,8 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
   if (frame.still) return result;
   std::vector<PlateEvent> closed =
       step_tracker(options_, state.tracker,
-                   {frame.index, frame.time, frame.image, result.plates, seen, state.source});
-  append(result.events, take_news(options_, state.tracker));
+                   {frame.index, frame.time, frame.image, result.plates, moment, state.source});
+  append(result.events, take_updates(options_, state.tracker));
   append(result.events, std::move(closed));
   result.tracks = live_tracks(options_, state.tracker);
   return result;
@@ -97,7 +97,7 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
 
 std::vector<PlateEvent> VideoReader::finish(VideoReaderState& state) const {
   std::vector<PlateEvent> events = flush_tracker(options_, state.tracker);
-  append(events, take_news(options_, state.tracker));
+  append(events, take_updates(options_, state.tracker));
   return events;
 }
 

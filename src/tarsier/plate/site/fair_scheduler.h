@@ -30,7 +30,7 @@ class FairScheduler {
 
  private:
   struct Camera {
-    bool waits = false;
+    bool has_request = false;
     bool is_spare = false;
     bool is_served = false;
     double clock_s = 0;

@@ -108,7 +108,7 @@ class SiteTest : public testing::Test {
   std::set<std::int64_t> ids_;
 };
 
-TEST_F(SiteTest, GivesOneEventAVehicleWhateverTheNumberOfThreads) {
+TEST_F(SiteTest, OneEventPerVehicleWithAnyNumberOfThreads) {
   for (const int threads : {1, 3}) {
     options_.threads = threads;
     closed_.clear();
@@ -122,11 +122,11 @@ TEST_F(SiteTest, GivesOneEventAVehicleWhateverTheNumberOfThreads) {
   }
 }
 
-TEST_F(SiteTest, ReadsFewFramesWhileNothingMoves) {
+TEST_F(SiteTest, ReadsFewFramesWithoutMotion) {
   add("a", {300, 200});
   const CameraReport report = run().at(0);
   EXPECT_EQ(report.received, 300);
-  EXPECT_EQ(report.looked_at, 300);
+  EXPECT_EQ(report.examined, 300);
   EXPECT_THAT(closed_, ElementsAre("4725a@a"));
   EXPECT_EQ(report.vehicles, 1);
   // Frames that are read: two seconds at the start, three seconds with the vehicle plus the
@@ -137,7 +137,7 @@ TEST_F(SiteTest, ReadsFewFramesWhileNothingMoves) {
   EXPECT_EQ(run().at(0).read, 300);
 }
 
-TEST_F(SiteTest, ReadsAroundWhatMovesAndTheWholeFrameNowAndThen) {
+TEST_F(SiteTest, ReadsTheRegionOfMotionAndSometimesTheWholeFrame) {
   std::mutex mutex;
   std::vector<cv::Rect> parts;
   const VideoReader whole = reader_of("4725BKZ");
@@ -162,15 +162,15 @@ TEST_F(SiteTest, ReadsAroundWhatMovesAndTheWholeFrameNowAndThen) {
         {}}});
   const CameraReport report = run().at(0);
   EXPECT_THAT(closed_, ElementsAre("4725BKZ@a"));  // no part of the vehicle lies outside
-  const auto in_part =
+  const auto partial_reads =
       std::count_if(parts.begin(), parts.end(), [](const cv::Rect& part) { return !part.empty(); });
-  EXPECT_EQ(report.in_part, in_part);
-  EXPECT_GT(in_part, 10);
-  EXPECT_LT(in_part, report.read);
+  EXPECT_EQ(report.read_partially, partial_reads);
+  EXPECT_GT(partial_reads, 10);
+  EXPECT_LT(partial_reads, report.read);
   for (const cv::Rect& part : parts) EXPECT_LE(part.area(), 0.6 * 320 * 180);
 }
 
-TEST_F(SiteTest, OpensAFailedCameraAgainWhileTheOthersGoOn) {
+TEST_F(SiteTest, ReopensAFailedCameraWhileOthersContinue) {
   std::atomic<int> opened = 0;
   cameras_.push_back(
       {"bad",
@@ -194,7 +194,7 @@ TEST_F(SiteTest, OpensAFailedCameraAgainWhileTheOthersGoOn) {
   EXPECT_THAT(closed_, UnorderedElementsAre("BAD1@bad", "BAD1@bad", "4725good@good"));
 }
 
-TEST_F(SiteTest, EndsWhenItIsStoppedAndSaysWhatWasInSight) {
+TEST_F(SiteTest, ClosesOpenVehiclesWhenStopped) {
   add("a", {45, 30, -1, false});  // and never ends
   handlers_.events = [&, closed = handlers_.events](std::size_t camera,
                                                     const std::vector<PlateEvent>& events) {
@@ -205,7 +205,7 @@ TEST_F(SiteTest, EndsWhenItIsStoppedAndSaysWhatWasInSight) {
   EXPECT_THAT(closed_, ElementsAre("4725a@a"));
 }
 
-TEST_F(SiteTest, EndsWithWhatAHandlerThrows) {
+TEST_F(SiteTest, RethrowsTheExceptionOfAHandler) {
   add("a", {});
   add("b", {100, 20, -1, false});
   handlers_.events = [](std::size_t, const std::vector<PlateEvent>&) {
@@ -218,16 +218,16 @@ TEST_F(SiteTest, EndsWithWhatAHandlerThrows) {
 
 // The frames of the two cameras are read in any order. Each vehicle stays in sight until its source
 // ends. The clock is set when one source may have ended.
-TEST_F(SiteTest, MovesTheTimesOfAllCamerasWhenTheClockIsSet) {
+TEST_F(SiteTest, ClockStepShiftsTheTimesOfAllCameras) {
   add("a", {30, 20});
   add("b", {30, 20});
-  int asked = 0;
+  int call_count = 0;
   handlers_.moment = [&](const Frame&) {
     constexpr int kBefore = 50;
     SiteMoment moment;
-    moment.seen.synchronized = asked >= kBefore;
-    moment.seen.wall = Moment(std::chrono::hours(asked >= kBefore ? 1000 : 0));
-    if (asked++ == kBefore) moment.step = std::chrono::hours(1000);
+    moment.frame_moment.synchronized = call_count >= kBefore;
+    moment.frame_moment.wall = Moment(std::chrono::hours(call_count >= kBefore ? 1000 : 0));
+    if (call_count++ == kBefore) moment.step = std::chrono::hours(1000);
     return moment;
   };
   options_.motion.threshold = 0;

@@ -67,7 +67,7 @@ std::vector<std::string> texts_of(const std::vector<PlateEvent>& events) {
   return texts;
 }
 
-TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
+TEST(TrackerTest, MissedFramesDoNotSplitAVehicle) {
   Road road;
   for (int k = 0; k < 28; ++k) {
     road.frame(k % 4 == 3 || (k > 12 && k < 20)
@@ -91,57 +91,57 @@ TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
   EXPECT_NEAR(event.last_time, 2.6, 1e-9);
 }
 
-// The result of take_news() for each frame.
-class NewsTest : public testing::Test {
+// The result of take_updates() for each frame.
+class UpdatesTest : public testing::Test {
  protected:
   std::vector<std::string> frame(const std::vector<Reading>& readings) {
     const double time = kStep * static_cast<double>(index_);
     const std::vector<PlateEvent> closed =
         step_tracker(options_, state_, {index_++, time, {}, readings});
-    std::vector<std::string> words = words_of(take_news(options_, state_));
-    for (std::string& word : words_of(closed)) words.push_back(std::move(word));
-    return words;
+    std::vector<std::string> lines = lines_of(take_updates(options_, state_));
+    for (std::string& line : lines_of(closed)) lines.push_back(std::move(line));
+    return lines;
   }
   std::vector<std::string> finish() {
-    std::vector<std::string> words = words_of(flush_tracker(options_, state_));
-    for (std::string& word : words_of(take_news(options_, state_)))
-      words.push_back(std::move(word));
-    return words;
+    std::vector<std::string> lines = lines_of(flush_tracker(options_, state_));
+    for (std::string& line : lines_of(take_updates(options_, state_)))
+      lines.push_back(std::move(line));
+    return lines;
   }
-  static std::vector<std::string> words_of(const std::vector<PlateEvent>& events) {
-    std::vector<std::string> words;
+  static std::vector<std::string> lines_of(const std::vector<PlateEvent>& events) {
+    std::vector<std::string> lines;
     for (const PlateEvent& event : events) {
-      words.push_back(std::string(name_of(event.state)) + ' ' + std::to_string(event.id) + ' ' +
+      lines.push_back(std::string(name_of(event.state)) + ' ' + std::to_string(event.id) + ' ' +
                       event.text);
-      if (event.merged_into > 0) words.back() += " into " + std::to_string(event.merged_into);
+      if (event.merged_into > 0) lines.back() += " into " + std::to_string(event.merged_into);
     }
-    return words;
+    return lines;
   }
   TrackerOptions options_;
   TrackerState state_;
   std::int64_t index_ = 0;
 };
 
-TEST_F(NewsTest, AVehicleIsOpenedAsSoonAsItIsCertain) {
+TEST_F(UpdatesTest, VehicleIsOpenedWhenConfirmed) {
   EXPECT_THAT(frame({reading_at("1234BCD", 0, 100)}), testing::IsEmpty());
   EXPECT_THAT(frame({reading_at("1234BCD", 10, 100)}), testing::IsEmpty());
   EXPECT_THAT(frame({reading_at("1234BCD", 20, 100)}), ElementsAre("opened 1 1234BCD"));
-  std::vector<std::string> news;
+  std::vector<std::string> updates;
   for (int k = 3; k < 60; ++k) {
-    for (std::string& word : frame({reading_at("1234BCD", 10 * k, 100)}))
-      news.push_back(std::move(word));
+    for (std::string& line : frame({reading_at("1234BCD", 10 * k, 100)}))
+      updates.push_back(std::move(line));
   }
-  EXPECT_THAT(news, ElementsAre("updated 1 1234BCD", "updated 1 1234BCD"));
-  news.clear();
+  EXPECT_THAT(updates, ElementsAre("updated 1 1234BCD", "updated 1 1234BCD"));
+  updates.clear();
   for (int k = 0; k < 20; ++k) {
-    for (std::string& word : frame({})) news.push_back(std::move(word));
+    for (std::string& line : frame({})) updates.push_back(std::move(line));
   }
-  EXPECT_THAT(news, ElementsAre("updated 1 1234BCD")) << "out of sight, with its last time";
+  EXPECT_THAT(updates, ElementsAre("updated 1 1234BCD")) << "out of sight, with its last time";
   EXPECT_THAT(finish(), ElementsAre("closed 1 1234BCD"));
   EXPECT_THAT(finish(), testing::IsEmpty());
 }
 
-TEST_F(NewsTest, ALongStayIsNotWrittenAllTheTime) {
+TEST_F(UpdatesTest, UpdatesOfALongStayAreLimited) {
   std::size_t updates = 0;
   options_.max_readings = 10;
   for (int k = 0; k < 6000; ++k) updates += frame({reading_at("1234BCD", 100, 100)}).size();
@@ -149,14 +149,14 @@ TEST_F(NewsTest, ALongStayIsNotWrittenAllTheTime) {
   EXPECT_LE(updates, 25U);
 }
 
-TEST_F(NewsTest, WhatTurnsOutToBeASignIsTakenBack) {
-  std::vector<std::string> news;
+TEST_F(UpdatesTest, OpenedSignIsWithdrawn) {
+  std::vector<std::string> updates;
   for (int k = 0; k < 100; ++k) {  // uncertain, and it never moves
-    for (std::string& word : frame({reading_at("NO12", 100, 100, 100, 0.55)}))
-      news.push_back(std::move(word));
+    for (std::string& line : frame({reading_at("NO12", 100, 100, 100, 0.55)}))
+      updates.push_back(std::move(line));
   }
-  ASSERT_FALSE(news.empty());
-  EXPECT_EQ(news[0], "opened 1 NO12");
+  ASSERT_FALSE(updates.empty());
+  EXPECT_EQ(updates[0], "opened 1 NO12");
   EXPECT_THAT(finish(), ElementsAre("withdrawn 1 NO12"));
 }
 
@@ -169,31 +169,31 @@ Reading sign_at(int k, double x) {
   return reading;
 }
 
-TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsASign) {
+TEST(TrackerTest, WordMisreadWithADigitIsASign) {
   Road road;
   for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100)});
   EXPECT_THAT(road.finish(), testing::IsEmpty());
 }
 
 // Each reading is sure of its text, but is probably no plate.
-Reading lettering_at(double x) {
+Reading low_plate_reading_at(double x) {
   Reading reading = reading_at("CH00GOB", x, 100);
   reading.plate = 0.3;
   return reading;
 }
 
-TEST_F(NewsTest, WhatStandsAndHardlyLooksLikeAPlateIsNoVehicle) {
-  for (int k = 0; k < 100; ++k) EXPECT_THAT(frame({lettering_at(100)}), testing::IsEmpty());
+TEST_F(UpdatesTest, StandingTextOfLowPlateProbabilityIsNoVehicle) {
+  for (int k = 0; k < 100; ++k) EXPECT_THAT(frame({low_plate_reading_at(100)}), testing::IsEmpty());
   EXPECT_THAT(finish(), testing::IsEmpty());
 }
 
-TEST(TrackerTest, WhatMovesIsAVehicleThoughItsPlateIsHardToSee) {
+TEST(TrackerTest, MovingTextOfLowPlateProbabilityIsAVehicle) {
   Road road;
-  for (int k = 0; k < 8; ++k) road.frame({lettering_at(100 + 60 * k)});
+  for (int k = 0; k < 8; ++k) road.frame({low_plate_reading_at(100 + 60 * k)});
   EXPECT_THAT(texts_of(road.finish()), ElementsAre("CH00GOB"));
 }
 
-TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsAVehicleWhereWordsAre) {
+TEST(TrackerTest, WordIsAVehicleIfWordsAreAccepted) {
   TrackerOptions options;
   options.words = true;
   Road road(options);
@@ -201,28 +201,28 @@ TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsAVehicleWhereWordsAre) {
   EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
 }
 
-TEST(TrackerTest, APlateWhoseDigitIsMissedNowAndThenIsAVehicle) {
+TEST(TrackerTest, PlateMisreadWithoutItsDigitIsAVehicle) {
   Road road;
   for (int k = 0; k < 60; ++k)
     road.frame({reading_at(k % 3 == 0 ? "CDHKCDY" : "C0HKCDY", 100 + 12 * k, 100)});
   EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
 }
 
-TEST_F(NewsTest, AVehicleThatWasTakenForANewOneIsTakenBack) {
+TEST_F(UpdatesTest, ReturnedVehicleIsWithdrawnAndMerged) {
   for (int k = 0; k < 10; ++k) (void)frame({reading_at("1234BCD", 20 * k, 100)});
   for (int k = 0; k < 30; ++k) (void)frame({});
-  std::vector<std::string> news;
+  std::vector<std::string> updates;
   for (int k = 0; k < 12; ++k) {  // the first readings are wrong
-    for (std::string& word : frame({k < 4 ? reading_at("7254RCO", 400 + 10 * k, 200, 100, 0.6)
+    for (std::string& line : frame({k < 4 ? reading_at("7254RCO", 400 + 10 * k, 200, 100, 0.6)
                                           : reading_at("1234BCD", 400 + 10 * k, 200, 100, 0.99)}))
-      news.push_back(std::move(word));
+      updates.push_back(std::move(line));
   }
-  EXPECT_THAT(news, testing::IsSupersetOf({"opened 2 7254RCO", "withdrawn 2 1234BCD into 1"}))
-      << testing::PrintToString(news);
+  EXPECT_THAT(updates, testing::IsSupersetOf({"opened 2 7254RCO", "withdrawn 2 1234BCD into 1"}))
+      << testing::PrintToString(updates);
   EXPECT_THAT(finish(), ElementsAre("closed 1 1234BCD"));
 }
 
-TEST(TrackerTest, TwoCarsSideBySideStayTwoThoughTheirTextsAreNear) {
+TEST(TrackerTest, AdjacentCarsWithSimilarTextsStaySeparate) {
   Road road;
   for (int k = 0; k < 20; ++k) {
     std::vector<Reading> readings{reading_at("1234BCD", 100, 100 + 3 * k),
@@ -234,7 +234,7 @@ TEST(TrackerTest, TwoCarsSideBySideStayTwoThoughTheirTextsAreNear) {
   EXPECT_THAT(texts_of(road.finish()), UnorderedElementsAre("1234BCD", "1235BCD"));
 }
 
-TEST(TrackerTest, CarsThatCrossKeepTheirTexts) {
+TEST(TrackerTest, CrossingCarsKeepTheirTexts) {
   Road road;
   for (int k = 0; k < 40; ++k) {
     std::vector<Reading> readings{reading_at("1111BBB", 10 * k, 100, 60)};
@@ -250,26 +250,26 @@ TEST(TrackerTest, CarsThatCrossKeepTheirTexts) {
   }
 }
 
-TEST(TrackerTest, AnotherCarAtTheSamePlaceIsAnotherEvent) {
+TEST(TrackerTest, AnotherCarAtTheSamePositionIsANewEvent) {
   Road road;
   for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 100, 100)});
   for (int k = 0; k < 10; ++k) road.frame({reading_at("5678FGH", 102, 101)});
   EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD", "5678FGH"));
 }
 
-TEST(TrackerTest, ACarThatComesBackSoonIsTheSameOne) {
-  for (const double away : {3.0, 30.0}) {
+TEST(TrackerTest, CarThatReturnsInTimeIsTheSameVehicle) {
+  for (const double pause : {3.0, 30.0}) {
     Road road;
     for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 20 * k, 100)});
-    road.wait(away);
+    road.wait(pause);
     for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 600 - 20 * k, 300)});
     const std::vector<PlateEvent> events = road.finish();
-    ASSERT_EQ(events.size(), away < 10 ? 1U : 2U) << away;
-    EXPECT_EQ(events[0].frames, away < 10 ? 20 : 10);
+    ASSERT_EQ(events.size(), pause < 10 ? 1U : 2U) << pause;
+    EXPECT_EQ(events[0].frames, pause < 10 ? 20 : 10);
   }
 }
 
-TEST(TrackerTest, ItsFirstReadingAfterThePauseMayBeWrong) {
+TEST(TrackerTest, ReturnedCarIsMergedAfterWrongFirstReadings) {
   Road road;
   for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 20 * k, 100)});
   road.wait(4);
@@ -284,7 +284,7 @@ TEST(TrackerTest, ItsFirstReadingAfterThePauseMayBeWrong) {
   EXPECT_DOUBLE_EQ(events[0].first_time, 0);
 }
 
-TEST(TrackerTest, AParkedCarIsOneEventForAllItsStay) {
+TEST(TrackerTest, ParkedCarIsOneEvent) {
   Rng rng(3);
   Road road;
   std::int64_t frames = 0;
@@ -308,7 +308,7 @@ TEST(TrackerTest, AParkedCarIsOneEventForAllItsStay) {
   EXPECT_GT(events[0].last_time - events[0].first_time, 500);
 }
 
-TEST(TrackerTest, NoiseIsNoVehicle) {
+TEST(TrackerTest, RandomReadingsAreNoVehicle) {
   Rng rng(5);
   Road road;
   for (int k = 0; k < 300; ++k) {
@@ -321,7 +321,7 @@ TEST(TrackerTest, NoiseIsNoVehicle) {
   EXPECT_TRUE(road.finish().empty());
 }
 
-TEST(TrackerTest, APlateFoundTwiceInAFrameIsOneCar) {
+TEST(TrackerTest, DuplicateDetectionsAreOneVehicle) {
   Road road;
   for (int k = 0; k < 10; ++k) {
     road.frame(
@@ -332,7 +332,7 @@ TEST(TrackerTest, APlateFoundTwiceInAFrameIsOneCar) {
   EXPECT_EQ(events[0].frames, 10);
 }
 
-TEST(TrackerTest, OnlyTheRegionCounts) {
+TEST(TrackerTest, IgnoresReadingsOutsideTheRegion) {
   TrackerOptions options;
   options.region = parse_region("0,0,0.5,1");
   Road road(options);
@@ -343,7 +343,7 @@ TEST(TrackerTest, OnlyTheRegionCounts) {
   EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD"));
 }
 
-TEST(TrackerTest, TheBestFrameGivesTheCrop) {
+TEST(TrackerTest, CropComesFromTheBestFrame) {
   Road road;
   for (int k = 0; k < 10; ++k) {
     // Frame 6 has the highest confidence; each frame has its own grey level.
@@ -359,7 +359,7 @@ TEST(TrackerTest, TheBestFrameGivesTheCrop) {
   EXPECT_GE(events[0].best_crop.cols, 100);
 }
 
-TEST(TrackerTest, CropsAtTheBorderStayInTheImage) {
+TEST(TrackerTest, CropsAreClippedToTheImage) {
   Road road;
   const cv::Mat image(50, 60, CV_8UC3, cv::Scalar::all(9));
   for (int k = 0; k < 3; ++k) road.frame({reading_at("1234BCD", -20, 40, 100)}, image);
@@ -370,7 +370,7 @@ TEST(TrackerTest, CropsAtTheBorderStayInTheImage) {
   EXPECT_TRUE(events[1].best_crop.empty());
 }
 
-TEST(TrackerTest, FewFramesASecondAreEnough) {
+TEST(TrackerTest, TracksAtTwoFramesPerSecond) {
   TrackerOptions options;
   Road road(options);
   // Two cars in sequence, each read once in half a second, far from the last position.
@@ -384,7 +384,7 @@ TEST(TrackerTest, FewFramesASecondAreEnough) {
 }
 
 // One minute of traffic with errors: six cars, one parked, one far away.
-TEST(TrackerTest, AMinuteOfTrafficIsSixEvents) {
+TEST(TrackerTest, TracksSixCarsInNoisyTraffic) {
   const std::vector<std::string> texts{"1234BCD", "5678FGH", "0912JKL",
                                        "4455MNP", "8086RST", "7301VWX"};
   int right = 0;
@@ -416,19 +416,19 @@ TEST(TrackerTest, AMinuteOfTrafficIsSixEvents) {
         << "seed " << seed << testing::PrintToString(texts_of(events));
     const std::set<std::string> known(texts.begin(), texts.end());
     for (const PlateEvent& event : events) {
-      const bool voted_right = known.contains(event.text);
-      right += voted_right ? 1 : 0;
+      const bool is_correct = known.contains(event.text);
+      right += is_correct ? 1 : 0;
       const auto best = std::max_element(
           event.readings.begin(), event.readings.end(),
           [](const TimedReading& a, const TimedReading& b) { return a.confidence < b.confidence; });
-      EXPECT_TRUE(voted_right || !known.contains(best->text))
+      EXPECT_TRUE(is_correct || !known.contains(best->text))
           << "seed " << seed << ": " << event.text << " against " << best->text;
     }
   }
   EXPECT_GE(right, 55);
 }
 
-TEST(TrackerTest, BadInputIsRefusedOrWithstood) {
+TEST(TrackerTest, HandlesInvalidInput) {
   TrackerOptions options;
   TrackerState state;
   EXPECT_THROW(
@@ -455,7 +455,7 @@ TEST(TrackerTest, BadInputIsRefusedOrWithstood) {
   EXPECT_GE(events[0].last_time, events[0].first_time);
 }
 
-TEST(EventTest, AStillsReadingIsAnEvent) {
+TEST(EventTest, EventOfAStillReading) {
   const cv::Mat image(480, 2000, CV_8UC3, cv::Scalar::all(7));
   const PlateEvent event = event_of(reading_at("1234BCD", 100, 100, 900), image);
   EXPECT_EQ(event.text, "1234BCD");
@@ -464,7 +464,7 @@ TEST(EventTest, AStillsReadingIsAnEvent) {
   EXPECT_TRUE(event_of(reading_at("1234BCD", 0, 0), cv::Mat()).best_crop.empty());
 }
 
-TEST(EventTest, JsonHasWhatOthersNeed) {
+TEST(EventTest, JsonHasTheDocumentedFields) {
   Road road;
   for (int k = 0; k < 3; ++k) road.frame({reading_at("1234BCD", 10, 20)});
   const nlohmann::ordered_json object = event_json(road.finish()[0]);
