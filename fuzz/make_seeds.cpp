@@ -231,7 +231,7 @@ void plate_models() {
   characters.symbols = "AB";
   LinearModel machine;
   characters.kind = ReaderKind::kMlp;
-  characters.low = 1;
+  characters.thumbnail_size = 1;
   Mlp& net = characters.mlp;
   net.inputs =
       static_cast<int>(projection_features(cv::Mat(20, 20, CV_8UC1, cv::Scalar(0)), 1).size());
@@ -239,8 +239,8 @@ void plate_models() {
   net.outputs = 2;
   net.mean.assign(static_cast<std::size_t>(net.inputs), 0.5F);
   net.scale.assign(static_cast<std::size_t>(net.inputs), 2);
-  net.first.assign(2 * static_cast<std::size_t>(net.inputs + 1), 0.1F);
-  net.second.assign(6, 0.2F);
+  net.hidden_weights.assign(2 * static_cast<std::size_t>(net.inputs + 1), 0.1F);
+  net.output_weights.assign(6, 0.2F);
   write_character_reader(seed("character_reader", "mlp.json"), characters, kNothing);
 }
 

@@ -46,9 +46,9 @@ struct TrainFlags {
   ClassicTrainFlags classic;
 };
 
-plate::ViewMaker view_maker(const std::vector<std::string>& folders,
-                            std::shared_ptr<const synth::GlyphSet> glyphs) {
-  plate::ViewMaker views;
+plate::ViewGenerator view_maker(const std::vector<std::string>& folders,
+                                std::shared_ptr<const synth::GlyphSet> glyphs) {
+  plate::ViewGenerator views;
   for (const std::string& folder : folders) {
     std::vector<plate::Scene> scenes = plate::read_scenes(folder, 1e6);
     std::size_t plates = 0;
@@ -95,12 +95,12 @@ ExitStatus train_detector(TrainFlags& flags, Context& context) {
   flags.options.seed = context.seed;
   flags.options.check();
   flags.scenes = flags.inputs;
-  plate::ViewMaker views = view_maker(flags.inputs, glyphs_of(flags, context.seed));
+  plate::ViewGenerator views = view_maker(flags.inputs, glyphs_of(flags, context.seed));
   views.wild = flags.wild;
   plate::DetectorModel model;
   model.detector = plate::train_detector(views, flags.options, *context.progress, context.stop);
-  views.distractors = plate::find_distractors(views.scenes, model.detector);
-  log_info("{} false detections are used as negative examples", views.distractors.size());
+  views.hard_negatives = plate::find_hard_negatives(views.scenes, model.detector);
+  log_info("{} false detections are used as negative examples", views.hard_negatives.size());
   model.aligner = plate::train_aligner(views, flags.options, *context.progress, context.stop);
   flags.inputs.clear();
   plate::write_detector_model(flags.output, model, provenance(flags, context));
@@ -136,7 +136,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     detector_model =
         plate::read_detector_model(models.path_or(flags.detector, "plate-detector.json"));
   }
-  plate::ViewMaker views = view_maker(flags.scenes, glyphs_of(flags, context.seed));
+  plate::ViewGenerator views = view_maker(flags.scenes, glyphs_of(flags, context.seed));
   views.wild = flags.wild;
   std::vector<plate::LabelledCrop> crops;
   for (const std::string& folder : flags.inputs) {
@@ -171,7 +171,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     return plate::choose_countries(plate::read_countries(models.path("countries")), {});
   };
   if (flags.calibration > 0) {
-    model.confidence = model.character = {};  // they belong to another model
+    model.confidence_curve = model.character_curve = {};  // they belong to another model
     const plate::Recognizer recognizer(detector_model, model, countries());
     // Typefaces outside the training set, like those that the model will meet.
     views.glyphs = glyphs_of(flags, context.seed + kUnseen);

@@ -21,8 +21,8 @@ constexpr int kHogCell = 4;
 constexpr int kHogBins = 9;
 constexpr int kSvmRounds = 200;
 
-std::vector<float> features_of(const cv::Mat& character, ReaderKind kind, int low) {
-  return kind == ReaderKind::kMlp ? projection_features(character, low)
+std::vector<float> features_of(const cv::Mat& character, ReaderKind kind, int thumbnail_size) {
+  return kind == ReaderKind::kMlp ? projection_features(character, thumbnail_size)
                                   : hog_features(character, kHogCell, kHogBins);
 }
 
@@ -51,7 +51,7 @@ void CharacterReaderOptions::check() const {
 }
 
 std::vector<double> CharacterReader::probabilities(const cv::Mat& character) const {
-  const std::vector<float> features = features_of(character, kind, low);
+  const std::vector<float> features = features_of(character, kind, thumbnail_size);
   std::vector<double> scores;
   if (kind == ReaderKind::kMlp) {
     for (const float value : mlp.run(features.data())) scores.push_back(static_cast<double>(value));
@@ -73,13 +73,13 @@ CharacterReader train_character_reader(const CharacterSet& set, const std::vecto
   CharacterReader reader;
   reader.kind = options.kind;
   reader.symbols = set.symbols;
-  reader.low = options.low;
+  reader.thumbnail_size = options.thumbnail_size;
   cv::Mat rows;
   std::vector<int> labels;
   for (const int i : indices) {
     const auto k = static_cast<std::size_t>(i);
     for (const cv::Mat& view : augmented(set.characters[k], options.kind)) {
-      std::vector<float> features = features_of(view, options.kind, options.low);
+      std::vector<float> features = features_of(view, options.kind, options.thumbnail_size);
       rows.push_back(cv::Mat(features, true).reshape(1, 1));
       labels.push_back(set.labels[k]);
     }
@@ -157,9 +157,9 @@ constexpr NameTable<ReaderKind, 2> kKinds{"reader",
 
 void list_mlp(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat& blank) {
   Mlp& net = reader.mlp;
-  file.whole("low", reader.low, 1, kCharacterSize);
+  file.whole("low", reader.thumbnail_size, 1, kCharacterSize);
   if (file.reads()) {
-    net.inputs = static_cast<int>(projection_features(blank, reader.low).size());
+    net.inputs = static_cast<int>(projection_features(blank, reader.thumbnail_size).size());
     net.outputs = static_cast<int>(reader.symbols.size());
   }
   file.whole("hidden", net.hidden, 1, 1000);
@@ -167,8 +167,8 @@ void list_mlp(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat&
   file.list<float>("scale", net.scale, net.inputs);
   file.require(std::all_of(net.scale.begin(), net.scale.end(), [](float s) { return s > 0; }),
                "scale: numbers above 0 are expected");
-  file.rows("first", net.first, net.hidden, net.inputs + 1);
-  file.rows("second", net.second, net.outputs, net.hidden + 1);
+  file.rows("first", net.hidden_weights, net.hidden, net.inputs + 1);
+  file.rows("second", net.output_weights, net.outputs, net.hidden + 1);
 }
 
 void list_svms(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat& blank) {

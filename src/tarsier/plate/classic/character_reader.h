@@ -37,12 +37,13 @@ enum class ReaderKind { kMlp, kHog };
 
 struct CharacterReaderOptions {
   ReaderKind kind = ReaderKind::kHog;
-  int low = 10;     // the MLP's image is low x low pixels
-  MlpOptions mlp;   // 20 hidden
-  double cost = 5;  // of the linear SVMs on gradients
+  int thumbnail_size = 10;  // px, side of the MLP's image
+  MlpOptions mlp;           // 20 hidden
+  double cost = 5;          // of the linear SVMs on gradients
 
   [[nodiscard]] OptionFields fields() {
-    return {{"low", low, range(1, kCharacterSize), "--low", "px, side of the mlp's input image"},
+    return {{"low", thumbnail_size, range(1, kCharacterSize), "--low",
+             "px, side of the mlp's input image"},
             {"cost", cost, above(0)}};
   }
   void check() const;
@@ -52,7 +53,7 @@ struct CharacterReaderOptions {
 struct CharacterReader {
   ReaderKind kind = ReaderKind::kHog;
   std::string symbols;
-  int low = 10;
+  int thumbnail_size = 10;
   Mlp mlp;
   std::vector<LinearModel> svms;  // one per class, against the other classes
   double sharpness = 4;           // of the softmax over the margins

@@ -174,7 +174,7 @@ TEST(StudyReader, KeepsGroupsTogetherAndIsDeterministic) {
     for (const int b : split.test)
       EXPECT_NE(set.groups[static_cast<std::size_t>(a)], set.groups[static_cast<std::size_t>(b)]);
   StudyOptions options;
-  options.lows = {5};
+  options.thumbnail_sizes = {5};
   options.neurons = {4, 8};
   options.seeds = 2;
   options.train = 80;

@@ -40,12 +40,12 @@ const std::array<std::uint8_t, 256>& uniform_classes() {
 
 }  // namespace
 
-std::vector<float> projection_features(const cv::Mat& character, int low) {
+std::vector<float> projection_features(const cv::Mat& character, int thumbnail_size) {
   TARSIER_REQUIRE(character.type() == CV_8UC1 && character.cols == kCharacterSize &&
                       character.rows == kCharacterSize,
                   "a character of {}x{}, type {}", character.cols, character.rows,
                   character.type());
-  TARSIER_REQUIRE(low >= 1 && low <= kCharacterSize, "{} px", low);
+  TARSIER_REQUIRE(thumbnail_size >= 1 && thumbnail_size <= kCharacterSize, "{} px", thumbnail_size);
   std::vector<float> features(2 * kCharacterSize, 0.0F);
   for (int y = 0; y < kCharacterSize; ++y) {
     for (int x = 0; x < kCharacterSize; ++x) {
@@ -61,9 +61,9 @@ std::vector<float> projection_features(const cv::Mat& character, int low) {
       std::for_each(first, first + kCharacterSize, [&](float& v) { v /= max_count; });
   }
   cv::Mat small;
-  cv::resize(character, small, {low, low}, 0, 0, cv::INTER_LINEAR);
-  for (int y = 0; y < low; ++y)
-    for (int x = 0; x < low; ++x)
+  cv::resize(character, small, {thumbnail_size, thumbnail_size}, 0, 0, cv::INTER_LINEAR);
+  for (int y = 0; y < thumbnail_size; ++y)
+    for (int x = 0; x < thumbnail_size; ++x)
       features.push_back(static_cast<float>(small.at<std::uint8_t>(y, x)));
   return features;
 }

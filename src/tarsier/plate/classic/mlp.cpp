@@ -70,8 +70,8 @@ std::vector<float> Mlp::run(const float* x) const {
   for (std::size_t k = 0; k < in.size(); ++k) in[k] = (x[k] - mean[k]) / scale[k];
   std::vector<float> hidden_values;
   std::vector<float> out;
-  forward(in, 1, inputs, first, hidden, hidden_values);
-  forward(hidden_values, 1, hidden, second, outputs, out);
+  forward(in, 1, inputs, hidden_weights, hidden, hidden_values);
+  forward(hidden_values, 1, hidden, output_weights, outputs, out);
   return out;
 }
 
@@ -110,18 +110,18 @@ Mlp train_mlp(const cv::Mat& rows, const std::vector<int>& labels, int outputs,
     weights.resize(static_cast<std::size_t>(units) * static_cast<std::size_t>(fan + 1));
     for (float& w : weights) w = static_cast<float>(rng.normal(0, 0.7 / std::sqrt(fan)));
   };
-  fill(net.first, net.hidden, net.inputs);
-  fill(net.second, net.outputs, net.hidden);
-  Rprop first(net.first.size());
-  Rprop second(net.second.size());
+  fill(net.hidden_weights, net.hidden, net.inputs);
+  fill(net.output_weights, net.outputs, net.hidden);
+  Rprop hidden_update(net.hidden_weights.size());
+  Rprop output_update(net.output_weights.size());
   std::vector<float> hidden_values;
   std::vector<float> out;
   std::vector<float> delta_out;
   std::vector<float> delta_hidden;
   for (int round = 0; round < options.iterations; ++round) {
     throw_if_stopped(stop);
-    forward(in, rows.rows, net.inputs, net.first, net.hidden, hidden_values);
-    forward(hidden_values, rows.rows, net.hidden, net.second, net.outputs, out);
+    forward(in, rows.rows, net.inputs, net.hidden_weights, net.hidden, hidden_values);
+    forward(hidden_values, rows.rows, net.hidden, net.output_weights, net.outputs, out);
     delta_out.resize(out.size());
     for (int r = 0; r < rows.rows; ++r) {
       for (int o = 0; o < outputs; ++o) {
@@ -137,18 +137,19 @@ Mlp train_mlp(const cv::Mat& rows, const std::vector<int>& labels, int outputs,
       for (int o = 0; o < outputs; ++o) {
         const float up = delta_out[static_cast<std::size_t>(r) * static_cast<std::size_t>(outputs) +
                                    static_cast<std::size_t>(o)];
-        const float* w = net.second.data() + static_cast<std::ptrdiff_t>(o) * (net.hidden + 1);
+        const float* w =
+            net.output_weights.data() + static_cast<std::ptrdiff_t>(o) * (net.hidden + 1);
         for (int h = 0; h < net.hidden; ++h) d[h] += up * w[h];
       }
       const float* m = hidden_values.data() + static_cast<std::ptrdiff_t>(r) * net.hidden;
       for (int h = 0; h < net.hidden; ++h) d[h] *= 1 - m[h] * m[h];
     }
-    std::vector<float> gradient_first(net.first.size(), 0.0F);
-    std::vector<float> gradient_second(net.second.size(), 0.0F);
-    add_gradient(delta_hidden, in, rows.rows, net.inputs, net.hidden, gradient_first);
-    add_gradient(delta_out, hidden_values, rows.rows, net.hidden, net.outputs, gradient_second);
-    first.update(net.first, gradient_first);
-    second.update(net.second, gradient_second);
+    std::vector<float> hidden_gradient(net.hidden_weights.size(), 0.0F);
+    std::vector<float> output_gradient(net.output_weights.size(), 0.0F);
+    add_gradient(delta_hidden, in, rows.rows, net.inputs, net.hidden, hidden_gradient);
+    add_gradient(delta_out, hidden_values, rows.rows, net.hidden, net.outputs, output_gradient);
+    hidden_update.update(net.hidden_weights, hidden_gradient);
+    output_update.update(net.output_weights, output_gradient);
   }
   return net;
 }

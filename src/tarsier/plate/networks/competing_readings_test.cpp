@@ -39,10 +39,10 @@ TEST(Slogans, SeparatePlatesAndPartsAreNotSlogans) {
   const Reading far = reading_of("SALVADOR", {240, 20, 120, 24}, {245, 22, 110, 16});
   const Reading part = reading_of("UQ63", {150, 140, 200, 80}, {155, 146, 190, 68});
   EXPECT_EQ(are_slogans({plate, far, part}), (std::vector<bool>{false, false, false}));
-  Reading unsure = plate;
-  unsure.plate = 0.5;
+  Reading uncertain_plate = plate;
+  uncertain_plate.plate = 0.5;
   const Reading town = reading_of("SALVADOR", {240, 108, 120, 24}, {245, 112, 110, 16});
-  EXPECT_EQ(are_slogans({unsure, town}), (std::vector<bool>{false, false}));
+  EXPECT_EQ(are_slogans({uncertain_plate, town}), (std::vector<bool>{false, false}));
 }
 
 TEST(CompetingReadings, OneOfTwoOverlappingReadingsIsKept) {

@@ -153,11 +153,11 @@ cv::Mat local_contrast(const cv::Mat& gray) {
 
 std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
                               const DetectorOptions& options, linalg::Workspace& workspace,
-                              const cv::Rect& where) {
+                              const cv::Rect& region) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   const cv::Rect whole(0, 0, gray.cols, gray.rows);
-  const cv::Rect part = where.empty() ? whole : where & whole;
+  const cv::Rect part = region.empty() ? whole : region & whole;
   if (part.empty()) return {};
   const double pixels = static_cast<double>(gray.cols) * gray.rows;
   const double finest = std::min(1.0, std::sqrt(options.max_pixels / pixels));

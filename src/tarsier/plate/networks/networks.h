@@ -64,12 +64,12 @@ struct DetectorOptions {
 // similar. CV_8UC1 -> CV_32FC1.
 [[nodiscard]] cv::Mat local_contrast(const cv::Mat& gray);
 
-// Highest score first; overlapping detections are merged. `where` is the region to search, at the
+// Highest score first; overlapping detections are merged. `region` is the part to search, at the
 // same scale as a search of the whole image; an empty rectangle means the whole image.
 [[nodiscard]] std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
                                             const DetectorOptions& options,
                                             linalg::Workspace& workspace,
-                                            const cv::Rect& where = {});
+                                            const cv::Rect& region = {});
 
 // --- alignment ---
 

@@ -87,7 +87,7 @@ Lines read_lines(const cv::Mat& gray, const Quad& text, bool two_rows,
 }
 
 // The line of a plate of one row, revised by comparing its characters with each other.
-Lines compared(const cv::Mat& gray, const Lines& lines, const DecodedText& best) {
+Lines refined(const cv::Mat& gray, const Lines& lines, const DecodedText& best) {
   Lines result = lines;
   const Lines::Line& line = lines.lines.front();
   const cv::Mat canvas = sample(gray, line.quad, line_quad(line.width), {line.width, kLineHeight});
@@ -185,14 +185,14 @@ Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice
 }
 
 std::vector<Recognizer::AlignedDetection> Recognizer::detect_and_align(
-    const cv::Mat& gray, DebugSink* debug, Timers* timers, const cv::Rect& where) const {
+    const cv::Mat& gray, DebugSink* debug, Timers* timers, const cv::Rect& region) const {
   linalg::Workspace& workspace = thread_workspace(0);
   DetectorOptions options = options_.detector;
   options.parallel = options_.parallel;
   std::vector<Detection> detections;
   {
     const Timers::Scope scope(timers, "find");
-    detections = detect(gray, detector_.detector, options, workspace, where);
+    detections = detect(gray, detector_.detector, options, workspace, region);
   }
   const Timers::Scope scope(timers, "align");
   std::vector<AlignedDetection> aligned(detections.size());
@@ -313,7 +313,7 @@ UncalibratedReading Recognizer::read_text(const cv::Mat& gray, const AlignedDete
     chosen = attempt(pooled(gray, chosen.lines, reader_.line, workspace));
   if (!chosen.lines.two_rows && reading.unfit.empty() && !chosen.texts.empty() &&
       !is_confident(chosen.texts.front()))
-    chosen = attempt(compared(gray, chosen.lines, chosen.texts.front()));
+    chosen = attempt(refined(gray, chosen.lines, chosen.texts.front()));
   const Lines& lines = chosen.lines;
   const std::vector<DecodedText>& texts = chosen.texts;
   reading.rows = lines.two_rows ? 2 : 1;
@@ -354,8 +354,8 @@ UncalibratedReading Recognizer::read_text(const cv::Mat& gray, const AlignedDete
 
 std::vector<UncalibratedReading> Recognizer::read_all(const cv::Mat& gray, DebugSink* debug,
                                                       Timers* timers, bool once,
-                                                      const cv::Rect& where) const {
-  const std::vector<AlignedDetection> detections = detect_and_align(gray, debug, timers, where);
+                                                      const cv::Rect& region) const {
+  const std::vector<AlignedDetection> detections = detect_and_align(gray, debug, timers, region);
   std::vector<UncalibratedReading> results(detections.size());
   const auto read_some = [&](const cv::Range& range) {
     linalg::Workspace& workspace = thread_workspace(2);
@@ -386,10 +386,10 @@ std::vector<UncalibratedReading> Recognizer::read_uncalibrated(const cv::Mat& im
 }
 
 std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Timers* timers,
-                                      bool once, const cv::Rect& where) const {
+                                      bool once, const cv::Rect& region) const {
   std::vector<Reading> readings;
   std::vector<PlateClassifierFeatures> features;
-  for (UncalibratedReading& plate : read_all(gray_of(image), debug, timers, once, where)) {
+  for (UncalibratedReading& plate : read_all(gray_of(image), debug, timers, once, region)) {
     readings.push_back(std::move(plate.reading));
     features.push_back(plate.features);
   }

@@ -102,11 +102,11 @@ class Recognizer {
 
   // `image` is CV_8UC3 or CV_8UC1. Highest confidence first. `debug` and `timers` (find, align,
   // read) may be null. With `once`, uncertain plates are not read a second time; use it for videos,
-  // where the next frame shows them again. `where` is the region to search; an empty rectangle
+  // where the next frame shows them again. `region` is the part to search; an empty rectangle
   // means the whole image.
   [[nodiscard]] std::vector<Reading> read(const cv::Mat& image, DebugSink* debug = nullptr,
                                           Timers* timers = nullptr, bool once = false,
-                                          const cv::Rect& where = {}) const;
+                                          const cv::Rect& region = {}) const;
 
   // All detections of an image in no particular order, plates or not.
   [[nodiscard]] std::vector<UncalibratedReading> read_uncalibrated(const cv::Mat& image) const;
@@ -133,10 +133,10 @@ class Recognizer {
   };
   [[nodiscard]] std::vector<AlignedDetection> detect_and_align(const cv::Mat& gray,
                                                                DebugSink* debug, Timers* timers,
-                                                               const cv::Rect& where) const;
+                                                               const cv::Rect& region) const;
   [[nodiscard]] std::vector<UncalibratedReading> read_all(const cv::Mat& gray, DebugSink* debug,
                                                           Timers* timers, bool once,
-                                                          const cv::Rect& where) const;
+                                                          const cv::Rect& region) const;
   [[nodiscard]] UncalibratedReading read_text(const cv::Mat& gray,
                                               const AlignedDetection& detection,
                                               linalg::Workspace& workspace, bool once,

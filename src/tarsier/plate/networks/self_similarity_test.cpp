@@ -44,7 +44,7 @@ struct Bars {
     text.confidences.push_back(static_cast<double>(confidence));
     text.columns.emplace_back(center - 1, center);
   }
-  [[nodiscard]] cv::Mat compared() const { return refine_by_self_similarity(line, text); }
+  [[nodiscard]] cv::Mat refined() const { return refine_by_self_similarity(line, text); }
   [[nodiscard]] int column(int position) const {
     return text.columns[static_cast<std::size_t>(position)].first;
   }
@@ -80,7 +80,7 @@ TEST(SelfSimilarity, BlankIsMoreProbableAtFaintEdges) {
     }
   }
   const auto blank = [](const Bars& bars, int position) {
-    return bars.compared().at<float>(bars.column(position), kBlank);
+    return bars.refined().at<float>(bars.column(position), kBlank);
   };
   EXPECT_GT(blank(faint, 2), 0.5F);
   EXPECT_LT(blank(strong, 2), 0.3F);
@@ -93,19 +93,19 @@ TEST(SelfSimilarity, UncertainSymbolBecomesTheMostSimilarOne) {
   bars.add('D', 150, 0.52F, 'O', 1);  // its appearance is that of the O, not of the D
   bars.add('O', 150, 0.99F, 'A', 1);
   bars.add('E', 150, 0.99F, 'A', 2);
-  const cv::Mat result = bars.compared();
+  const cv::Mat result = bars.refined();
   const auto* row = result.ptr<float>(bars.column(1));
   EXPECT_GT(row[class_of('O')], row[class_of('D')]);
   // Symbols that occur only once give no information.
   bars.text.text[2] = 'K';
   bars.text.text[0] = 'L';
-  const cv::Mat alone = bars.compared();
+  const cv::Mat alone = bars.refined();
   EXPECT_GT(alone.at<float>(bars.column(1), class_of('D')),
             alone.at<float>(bars.column(1), class_of('O')));
 }
 
 TEST(SelfSimilarity, ColumnsSumToOne) {
-  const cv::Mat result = five(60).compared();
+  const cv::Mat result = five(60).refined();
   ASSERT_EQ(result.size(), cv::Size(kClasses, kColumns));
   for (int column = 0; column < result.rows; ++column)
     EXPECT_NEAR(cv::sum(result.row(column))[0], 1, 1e-5);
@@ -114,13 +114,13 @@ TEST(SelfSimilarity, ColumnsSumToOne) {
 TEST(SelfSimilarity, TextsOfThreeCharactersAreUnchanged) {
   Bars bars;
   for (int k = 0; k < 3; ++k) bars.add('A', k == 1 ? 30 : 150, 0.6F, 'B', 0);
-  EXPECT_EQ(cv::norm(bars.compared(), bars.line.probabilities, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(bars.refined(), bars.line.probabilities, cv::NORM_INF), 0);
 }
 
 TEST(SelfSimilarity, RejectsTextsWithoutColumns) {
   Bars bars = five(100);
   bars.text.columns.pop_back();
-  EXPECT_THROW((void)bars.compared(), std::invalid_argument);
+  EXPECT_THROW((void)bars.refined(), std::invalid_argument);
 }
 
 }  // namespace

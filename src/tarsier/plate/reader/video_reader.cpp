@@ -56,9 +56,9 @@ VideoReader::VideoReader(ReadPart read, const TrackerOptions& options)
 
 VideoReader VideoReader::load(const ModelStore& models, const VideoReaderOptions& options) {
   options.check();
-  return {[reader = Reader::load(models, options.reader)](const Frame& frame, const cv::Rect& where,
-                                                          DebugSink* debug) {
-            return reader.process(frame, debug, nullptr, where);
+  return {[reader = Reader::load(models, options.reader)](
+              const Frame& frame, const cv::Rect& region, DebugSink* debug) {
+            return reader.process(frame, debug, nullptr, region);
           },
           options.tracker};
 }
@@ -70,12 +70,12 @@ bool VideoReader::continues(const Frame& frame, const VideoReaderState& state) {
 
 VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& state,
                                        const FrameMoment& moment, DebugSink* debug,
-                                       const cv::Rect& where) const {
+                                       const cv::Rect& region) const {
   VideoReaderResult result;
   if (!continues(frame, state)) result.events = finish(state);
   state.source = source_of(frame);
   state.has_video = !frame.still;
-  ReaderResult read = read_(frame, where, debug);
+  ReaderResult read = read_(frame, region, debug);
   result.plates = std::move(read.plates);
   result.ms = read.ms;
   if (!options_.region.corners.empty()) {

@@ -85,7 +85,7 @@ class Site {
     const SiteCamera* config = nullptr;
     std::optional<Frame> waiting;
     bool waiting_has_motion = false;  // the waiting frame shows motion
-    cv::Rect waiting_region;          // where; empty: the whole frame is read
+    cv::Rect waiting_region;          // of the motion; empty: the whole frame is read
     double read_time = 0;             // time of the latest frame taken for reading, s
     double whole_time = 0;            // time of the latest one that was read whole
     int partial_reads = 0;            // frames read in part since then

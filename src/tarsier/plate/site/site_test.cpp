@@ -146,14 +146,14 @@ TEST_F(SiteTest, ReadsTheRegionOfMotionAndSometimesTheWholeFrame) {
        [] {
          return std::make_unique<Drive>(Drive::Script{80, 40});
        },
-       {VideoReader::ReadPart([&](const Frame& frame, const cv::Rect& where, DebugSink*) {
+       {VideoReader::ReadPart([&](const Frame& frame, const cv::Rect& region, DebugSink*) {
           const cv::Rect all(0, 0, frame.image.cols, frame.image.rows);
-          const cv::Rect seen = where.empty() ? all : where;
+          const cv::Rect visible = region.empty() ? all : region;
           const std::lock_guard lock(mutex);
-          parts.push_back(where);
+          parts.push_back(region);
           Frame part = frame;
           part.image = cv::Mat(frame.image.size(), CV_8UC3, cv::Scalar::all(90));
-          frame.image(seen).copyTo(part.image(seen));
+          frame.image(visible).copyTo(part.image(visible));
           VideoReaderState state;
           ReaderResult result;
           result.plates = whole.process(part, state).plates;
@@ -231,13 +231,13 @@ TEST_F(SiteTest, ClockStepShiftsTheTimesOfAllCameras) {
     return moment;
   };
   options_.motion.threshold = 0;
-  std::vector<Moment> seen;
+  std::vector<Moment> last_seen_times;
   handlers_.events = [&](std::size_t, const std::vector<PlateEvent>& events) {
     for (const PlateEvent& event : events)
-      if (event.state == PlateState::kClosed) seen.push_back(event.last_seen);
+      if (event.state == PlateState::kClosed) last_seen_times.push_back(event.last_seen);
   };
   run();
-  EXPECT_THAT(seen,
+  EXPECT_THAT(last_seen_times,
               ElementsAre(Moment(std::chrono::hours(1000)), Moment(std::chrono::hours(1000))));
 }
 

@@ -129,12 +129,12 @@ TEST(CountryTest, ErrorNamesTheLine) {
 // they are expanded.
 TEST(CountryTest, LimitsTheNumberOfLayouts) {
   constexpr std::string_view kSymbols = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
-  const auto words = [&](std::size_t most) {  // no two of them can be merged into one run
+  const auto words = [&](std::size_t count) {  // no two of them can be merged into one run
     std::string text;
-    for (std::size_t i = 0; i < most; ++i) {
-      const std::size_t middle = i % 1296;
-      text += {' ', kSymbols[i / 1296], kSymbols[middle / 36], kSymbols[middle % 36],
-               kSymbols[i / 1296]};
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t inner = i % 1296;
+      text +=
+          {' ', kSymbols[i / 1296], kSymbols[inner / 36], kSymbols[inner % 36], kSymbols[i / 1296]};
     }
     return text;
   };

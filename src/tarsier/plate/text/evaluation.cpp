@@ -199,9 +199,8 @@ void add_reliability(const std::vector<double>& right, const std::vector<double>
 void add_times(std::vector<double> times, PlateScores& scores) {
   if (times.empty()) return;
   std::sort(times.begin(), times.end());
-  const std::size_t middle = times.size() / 2;
-  scores.median_ms =
-      times.size() % 2 == 1 ? times[middle] : (times[middle - 1] + times[middle]) / 2;
+  const std::size_t half = times.size() / 2;
+  scores.median_ms = times.size() % 2 == 1 ? times[half] : (times[half - 1] + times[half]) / 2;
   scores.p90_ms = times[static_cast<std::size_t>(0.9 * static_cast<double>(times.size() - 1))];
 }
 

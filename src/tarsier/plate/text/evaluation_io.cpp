@@ -89,9 +89,9 @@ json parse_line(const std::string& line, const std::string& name, int number) {
     return parse_json(line, name, {static_cast<std::int64_t>(kMaxLine), 16, 1'000'000});
   } catch (const InputError& error) {
     const std::string_view reason = std::string_view(error.what()).substr(name.size() + 2);
-    constexpr std::string_view kPlace = "line 1, ";
-    if (!reason.starts_with(kPlace)) fail(name, number, std::string(reason));
-    throw InputError(name, fmt::format("line {}, {}", number, reason.substr(kPlace.size())));
+    constexpr std::string_view kLinePrefix = "line 1, ";
+    if (!reason.starts_with(kLinePrefix)) fail(name, number, std::string(reason));
+    throw InputError(name, fmt::format("line {}, {}", number, reason.substr(kLinePrefix.size())));
   }
 }
 

@@ -125,15 +125,15 @@ ordered_json readings_json(const std::vector<TimedReading>& readings) {
 }
 
 ordered_json event_json(const PlateEvent& event) {
-  const auto seen = [](Moment moment) {
+  const auto time_json = [](Moment moment) {
     return moment == Moment() ? ordered_json() : ordered_json(moment_text(moment));
   };
   ordered_json object{{"event", "plate"},
                       {"state", name_of(event.state)},
                       {"id", event.id},
                       {"source", event.source},
-                      {"first_seen", seen(event.first_seen)},
-                      {"last_seen", seen(event.last_seen)}};
+                      {"first_seen", time_json(event.first_seen)},
+                      {"last_seen", time_json(event.last_seen)}};
   if (event.state == PlateState::kWithdrawn) {
     object["merged_into"] =
         event.merged_into > 0 ? ordered_json(event.merged_into) : ordered_json();

@@ -158,7 +158,7 @@ class ReadTransaction {
 // Frees pages in steps; then truncates the write-ahead log, which holds the old pages, unless
 // another process is reading it.
 void reclaim_space(Database& database, std::int64_t deleted, const ForgetOptions& options) {
-  constexpr std::int64_t kPages = 2000;
+  constexpr std::int64_t kPagesPerStep = 2000;
   std::int64_t free_before = std::numeric_limits<std::int64_t>::max();
   while (true) {
     std::int64_t free = 0;
@@ -168,7 +168,7 @@ void reclaim_space(Database& database, std::int64_t deleted, const ForgetOptions
     }
     if (free == 0 || free >= free_before) break;  // or nothing can be freed
     free_before = free;
-    database.run(fmt::format("PRAGMA incremental_vacuum({})", kPages));
+    database.run(fmt::format("PRAGMA incremental_vacuum({})", kPagesPerStep));
     if (options.after_batch) options.after_batch(deleted);
   }
   // The checkpoint blocks other writers while it waits for readers: keep that short.

@@ -284,15 +284,15 @@ TEST_F(PlateLogTest, ReadsAndUpgradesVersionOne) {
   LogFilter near;
   near.text = "001";
   near.near = true;
-  const auto look = [&](DatabaseAccess access) {
+  const auto expect_searches = [&](DatabaseAccess access) {
     PlateLog log = open(access);
     EXPECT_THAT(texts(log), ElementsAre("OQ1", "5678FGH", "1234BCD"));
     EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
     EXPECT_THAT(texts(log, near), ElementsAre("OQ1"));
   };
-  look(DatabaseAccess::kRead);
-  look(DatabaseAccess::kWrite);
-  look(DatabaseAccess::kRead);
+  expect_searches(DatabaseAccess::kRead);
+  expect_searches(DatabaseAccess::kWrite);
+  expect_searches(DatabaseAccess::kRead);
   // Its parts equal those of new entries.
   PlateLog log = open(DatabaseAccess::kWrite);
   PlateEvent event = event_of("5678FGH", 0, 1);

@@ -180,15 +180,15 @@ TEST(WatchListTest, DayRangesWrapAroundTheWeek) {
 TEST(WatchListTest, MatchesDirectionsOfTheReadings) {
   const PlateEvent nearer = moving("1", {100, 100, 60, 15}, {100, 110, 100, 25});
   EXPECT_THAT(directions_of(nearer), ElementsAre(Direction::kApproaching));
-  const PlateEvent away = moving("1", {300, 100, 100, 25}, {100, 40, 60, 15});
-  EXPECT_THAT(directions_of(away),
+  const PlateEvent receding = moving("1", {300, 100, 100, 25}, {100, 40, 60, 15});
+  EXPECT_THAT(directions_of(receding),
               ElementsAre(Direction::kReceding, Direction::kLeft, Direction::kUp));
   EXPECT_THAT(directions_of(moving("1", {100, 100, 60, 15}, {110, 102, 61, 15})), IsEmpty());
   EXPECT_THAT(directions_of(PlateEvent()), IsEmpty());
 
   const WatchList list = list_of("1,in,0,approaching\n");
   EXPECT_TRUE(list.find(nearer, kMondayNoon));
-  EXPECT_FALSE(list.find(away, kMondayNoon));
+  EXPECT_FALSE(list.find(receding, kMondayNoon));
 }
 
 TEST(WatchListTest, CandidatesHaveAnExtraCost) {
@@ -227,7 +227,7 @@ TEST(WatchListTest, AddReplacesTheEntryOfTheSamePlate) {
 
 TEST(WatchListTest, LocalTimeFollowsTheTimeZone) {
   const char* before = std::getenv("TZ");
-  const std::string kept = before == nullptr ? "" : before;
+  const std::string previous_zone = before == nullptr ? "" : before;
   ::setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3", 1);
   ::tzset();
   const auto summer = local_time(parse_moment("2024-05-01T23:30", {}, false, "time"));
@@ -239,7 +239,7 @@ TEST(WatchListTest, LocalTimeFollowsTheTimeZone) {
   if (before == nullptr) {
     ::unsetenv("TZ");
   } else {
-    ::setenv("TZ", kept.c_str(), 1);
+    ::setenv("TZ", previous_zone.c_str(), 1);
   }
   ::tzset();
 }

@@ -17,7 +17,7 @@ namespace {
 using Features = CalibrationFeatures;
 }  // namespace
 
-Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views, int count,
+Calibration fit_calibration(const Recognizer& recognizer, const ViewGenerator& views, int count,
                             std::uint64_t seed, Progress& progress, std::stop_token stop) {
   TARSIER_REQUIRE(count >= 100, "{} plates are too few", count);
   const Rng base(seed);

@@ -168,7 +168,8 @@ std::vector<std::pair<cv::Rect2f, int>> boxes_in_canvas(const ViewPlate& plate, 
   return boxes;
 }
 
-bool synthetic_line(const ViewMaker& views, Rng& rng, cv::Mat& canvas, std::vector<float>& target) {
+bool synthetic_line(const ViewGenerator& views, Rng& rng, cv::Mat& canvas,
+                    std::vector<float>& target) {
   ViewOptions options;
   options.drawn = 1;
   options.none = 0;
@@ -300,7 +301,7 @@ void run_training(linalg::Network& network, int steps, double rate, std::uint64_
 
 }  // namespace
 
-void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
+void make_detector_example(const ViewGenerator& views, Rng& rng, linalg::Shape& shape,
                            std::vector<float>& input, std::vector<float>& target) {
   ViewOptions options;
   options.wild = views.wild;
@@ -313,7 +314,7 @@ void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shap
   label_cells(view, {1, contrast.rows / kCellSize, contrast.cols / kCellSize}, target);
 }
 
-void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
+void make_aligner_example(const ViewGenerator& views, Rng& rng, linalg::Shape& shape,
                           std::vector<float>& input, std::vector<float>& target) {
   ViewOptions options;
   options.wild = views.wild;
@@ -326,9 +327,9 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
   target.assign(19, 0.0F);
   const Quad canonical = aligner_quad();
   shape = {1, kAlignHeight, kAlignWidth};
-  if (!views.distractors.empty() && rng.uniform() < 0.2) {
+  if (!views.hard_negatives.empty() && rng.uniform() < 0.2) {
     Quad quad;
-    const View view = views.make_distractor(options, rng, quad);
+    const View view = views.make_hard_negative(options, rng, quad);
     const Quad jittered = jitter(quad, 0.06, 0.12, rng);
     normalize(sample(view.gray, is_convex(jittered, 20) ? jittered : quad, canonical,
                      {kAlignWidth, kAlignHeight}),
@@ -388,7 +389,7 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
   }
 }
 
-void make_line_example(const ViewMaker& views, const std::vector<LabelledCrop>& crops, Rng& rng,
+void make_line_example(const ViewGenerator& views, const std::vector<LabelledCrop>& crops, Rng& rng,
                        linalg::Shape& shape, std::vector<float>& input,
                        std::vector<float>& target) {
   cv::Mat canvas;
@@ -404,7 +405,7 @@ void make_line_example(const ViewMaker& views, const std::vector<LabelledCrop>& 
   normalize(canvas, input);
 }
 
-linalg::Network train_detector(const ViewMaker& views, const TrainingOptions& options,
+linalg::Network train_detector(const ViewGenerator& views, const TrainingOptions& options,
                                Progress& progress, std::stop_token stop) {
   linalg::Network network = detector_network();
   run_training(
@@ -416,9 +417,9 @@ linalg::Network train_detector(const ViewMaker& views, const TrainingOptions& op
   return network;
 }
 
-std::vector<Distractor> find_distractors(const std::vector<Scene>& scenes,
-                                         const linalg::Network& detector) {
-  std::vector<std::vector<Distractor>> found(scenes.size());
+std::vector<HardNegative> find_hard_negatives(const std::vector<Scene>& scenes,
+                                              const linalg::Network& detector) {
+  std::vector<std::vector<HardNegative>> negatives(scenes.size());
   cv::parallel_for_(cv::Range(0, static_cast<int>(scenes.size())), [&](const cv::Range& range) {
     linalg::Workspace workspace;
     DetectorOptions options;
@@ -433,16 +434,16 @@ std::vector<Distractor> find_distractors(const std::vector<Scene>& scenes,
             scenes[number].plates.begin(), scenes[number].plates.end(), [&](const cv::Rect2f& box) {
               return box_overlap_of_smaller(quad_of(box), grow(detection.corners, 1.2F, 1.3F)) > 0;
             });
-        if (!real) found[number].push_back({number, detection.corners});
+        if (!real) negatives[number].push_back({number, detection.corners});
       }
     }
   });
-  std::vector<Distractor> all;
-  for (const auto& some : found) all.insert(all.end(), some.begin(), some.end());
+  std::vector<HardNegative> all;
+  for (const auto& some : negatives) all.insert(all.end(), some.begin(), some.end());
   return all;
 }
 
-linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& options,
+linalg::Network train_aligner(const ViewGenerator& views, const TrainingOptions& options,
                               Progress& progress, std::stop_token stop) {
   linalg::Network network = aligner_network();
   run_training(
@@ -454,7 +455,8 @@ linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& opt
   return network;
 }
 
-linalg::Network train_line_reader(const ViewMaker& views, const std::vector<LabelledCrop>& crops,
+linalg::Network train_line_reader(const ViewGenerator& views,
+                                  const std::vector<LabelledCrop>& crops,
                                   const TrainingOptions& options, Progress& progress,
                                   std::stop_token stop, const linalg::Network* start) {
   constexpr double kRate = 2e-3;

@@ -93,7 +93,7 @@ class Training : public testing::Test {
       views_.scenes.push_back(scene);
     }
   }
-  ViewMaker views_;
+  ViewGenerator views_;
 };
 
 TEST_F(Training, ExamplesHaveTheShapesOfTheNetworks) {

@@ -335,11 +335,11 @@ void simulate_cheap_camera(cv::Mat& gray, Rng& rng) {
   }
 }
 
-View ViewMaker::make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const {
+View ViewGenerator::make_hard_negative(const ViewOptions& options, Rng& rng, Quad& quad) const {
   options.check();
-  TARSIER_REQUIRE(!distractors.empty(), "there are no distractors");
-  const Distractor& chosen = distractors[static_cast<std::size_t>(
-      rng.integer(0, static_cast<int>(distractors.size()) - 1))];
+  TARSIER_REQUIRE(!hard_negatives.empty(), "there are no distractors");
+  const HardNegative& chosen = hard_negatives[static_cast<std::size_t>(
+      rng.integer(0, static_cast<int>(hard_negatives.size()) - 1))];
   const Scene& scene = scenes[chosen.scene];
   const cv::Point2d anchor =
       (chosen.quad[0] + chosen.quad[1] + chosen.quad[2] + chosen.quad[3]) * 0.25F;
@@ -355,7 +355,7 @@ View ViewMaker::make_distractor(const ViewOptions& options, Rng& rng, Quad& quad
   return view;
 }
 
-View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
+View ViewGenerator::make(const ViewOptions& options, Rng& rng) const {
   options.check();
   TARSIER_REQUIRE(!scenes.empty(), "training needs images");
   View view;

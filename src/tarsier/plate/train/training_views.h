@@ -97,21 +97,21 @@ struct ViewOptions {
 };
 
 // A false positive of a detector.
-struct Distractor {
+struct HardNegative {
   std::size_t scene = 0;
   Quad quad{};
 };
 
-struct ViewMaker {
+struct ViewGenerator {
   std::vector<Scene> scenes;
   std::shared_ptr<const synth::GlyphSet> glyphs;
-  std::vector<Distractor> distractors;  // see find_distractors()
-  bool wild = false;                    // trains with ViewOptions::wild
+  std::vector<HardNegative> hard_negatives;  // see find_hard_negatives()
+  bool wild = false;                         // trains with ViewOptions::wild
 
   [[nodiscard]] View make(const ViewOptions& options, Rng& rng) const;
-  // A distractor in the centre of a view; `quad` receives its corners. There must be at least one
-  // distractor.
-  [[nodiscard]] View make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const;
+  // A hard negative in the centre of a view; `quad` receives its corners. There must be at least
+  // one hard negative.
+  [[nodiscard]] View make_hard_negative(const ViewOptions& options, Rng& rng, Quad& quad) const;
 };
 
 // Simulates a camera on a grey image: blur, motion, shadow, tone, noise, JPEG.

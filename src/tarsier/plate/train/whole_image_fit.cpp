@@ -31,8 +31,8 @@ struct Image {
   std::vector<UncalibratedReading> detections;
 };
 
-std::vector<Image> images_of(const std::string& given) {
-  const fs::path folder = given;
+std::vector<Image> images_of(const std::string& folder_path) {
+  const fs::path folder = folder_path;
   PlateTruth truth;
   const bool has_truth = fs::exists(folder / "truth.csv");
   if (has_truth) truth = read_plate_truth((folder / "truth.csv").string());
