@@ -17,8 +17,8 @@ namespace {
 struct Cluster {
   Quad sum{};
   float weight = 0;
-  float best = 0;
-  Quad top{};
+  float best_score = 0;
+  Quad best_corners{};
   [[nodiscard]] Quad mean() const {
     Quad quad;
     for (std::size_t i = 0; i < 4; ++i) quad[i] = sum[i] * (1 / weight);
@@ -183,7 +183,7 @@ std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& networ
   for (const Detection& detection : detections) {
     Cluster* match = nullptr;
     for (Cluster& cluster : clusters) {
-      if (box_iou(cluster.top, detection.corners) > options.overlap) {
+      if (box_iou(cluster.best_corners, detection.corners) > options.overlap) {
         match = &cluster;
         break;
       }
@@ -192,15 +192,15 @@ std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& networ
       if (static_cast<int>(clusters.size()) >= options.max_detections) continue;
       clusters.push_back({});
       match = &clusters.back();
-      match->best = detection.score;
-      match->top = detection.corners;
+      match->best_score = detection.score;
+      match->best_corners = detection.corners;
     }
     const float weight = detection.score * detection.score * detection.score;
     for (std::size_t i = 0; i < 4; ++i) match->sum[i] += detection.corners[i] * weight;
     match->weight += weight;
   }
   std::vector<Detection> result;
-  for (const Cluster& cluster : clusters) result.push_back({cluster.mean(), cluster.best});
+  for (const Cluster& cluster : clusters) result.push_back({cluster.mean(), cluster.best_score});
   return result;
 }
 

@@ -93,11 +93,11 @@ struct Alignment {
 // --- line reader ---
 
 // The input canvas of the line reader. The characters extend from column kLineMargin to width -
-// kLineMargin and from row kLineTop to kLineBottom. One row of a two-row plate takes kHalfWidth
+// kLineMargin and from row kLineTop to kLineBottom. One row of a two-row plate takes kHalfLineWidth
 // columns.
 inline constexpr int kLineHeight = 32;
 inline constexpr int kLineWidth = 176;
-inline constexpr int kHalfWidth = 96;
+inline constexpr int kHalfLineWidth = 96;
 inline constexpr int kLineMargin = 14;
 inline constexpr int kLineTop = 6;
 inline constexpr int kLineBottom = 26;

@@ -64,7 +64,7 @@ TEST(PooledLine, ColumnsOutsideANarrowViewComeFromTheOthers) {
 }
 
 TEST(PooledLine, RejectsALineOfAnotherWidth) {
-  PooledLine pooled(kHalfWidth);
+  PooledLine pooled(kHalfLineWidth);
   EXPECT_THROW(pooled.add(line_with(10, 3, 0.9F), {}), std::invalid_argument);
 }
 

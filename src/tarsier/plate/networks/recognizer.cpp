@@ -46,8 +46,8 @@ constexpr TextView kExtraViews[] = {{1.05F, 1.14F}, {1.0F, 0.92F}, {1.12F, 1.0F}
 // The parts of a plate that are read as one line each.
 std::vector<Lines::Line> parts_of(const Quad& text, bool two_rows) {
   if (!two_rows) return {{text, kLineWidth, kLineWidth / kColumnStride}};
-  return {{part_of(text, 0, 1, 0, 0.47F), kHalfWidth, kHalfWidth / kColumnStride},
-          {part_of(text, 0, 1, 0.53F, 1), kHalfWidth, kHalfWidth / kColumnStride}};
+  return {{part_of(text, 0, 1, 0, 0.47F), kHalfLineWidth, kHalfLineWidth / kColumnStride},
+          {part_of(text, 0, 1, 0.53F, 1), kHalfLineWidth, kHalfLineWidth / kColumnStride}};
 }
 
 // The same lines, pooled over all views.

@@ -9,16 +9,16 @@ namespace tarsier::plate {
 
 FairScheduler::FairScheduler(std::size_t cameras) : cameras_(cameras) {}
 
-void FairScheduler::offer(std::size_t camera, bool spare) {
+void FairScheduler::offer(std::size_t camera, bool low_priority) {
   Camera& state = cameras_.at(camera);
   if (!state.has_request && !state.is_served) state.clock_s = std::max(state.clock_s, now_s_);
-  state.is_spare = spare && (!state.has_request || state.is_spare);
+  state.is_low_priority = low_priority && (!state.has_request || state.is_low_priority);
   state.has_request = true;
 }
 
 std::optional<std::size_t> FairScheduler::take() {
   const auto goes_before = [](const Camera& a, const Camera& b) {
-    return a.is_spare != b.is_spare ? b.is_spare : a.clock_s < b.clock_s;
+    return a.is_low_priority != b.is_low_priority ? b.is_low_priority : a.clock_s < b.clock_s;
   };
   std::optional<std::size_t> next;
   for (std::size_t i = 0; i < cameras_.size(); ++i) {

@@ -45,7 +45,7 @@ TEST(FairScheduler, IdleCamerasGainNoCredit) {
   EXPECT_NEAR(second, 10, 1);
 }
 
-TEST(FairScheduler, SpareRequestsAreServedLast) {
+TEST(FairScheduler, LowPriorityRequestsAreServedLast) {
   FairScheduler scheduler(3);
   scheduler.offer(0, true);
   scheduler.offer(1, false);
@@ -70,7 +70,7 @@ TEST(FairScheduler, ACameraIsServedOnceAtATime) {
   EXPECT_THROW(scheduler.done(1, 1), std::invalid_argument);
 }
 
-TEST(FairScheduler, SpareRequestDoesNotDemoteAPendingOne) {
+TEST(FairScheduler, LowPriorityRequestDoesNotDemoteAPendingOne) {
   FairScheduler scheduler(2);
   scheduler.offer(0, true);
   scheduler.offer(1, false);

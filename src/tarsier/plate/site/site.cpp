@@ -195,11 +195,11 @@ class Site {
       if (!live) changed_.wait(lock, [&] { return stopped() || !camera.waiting; });
       // Keeps a waiting frame with motion: a vehicle may drive by while other cameras are read.
       if (camera.waiting && camera.waiting_has_motion && !moves) continue;
-      const bool is_spare = !moves && waited < kMaxIdleWaits * options_.idle;
+      const bool is_low_priority = !moves && waited < kMaxIdleWaits * options_.idle;
       camera.waiting = std::move(*frame);
       camera.waiting_has_motion = moves;
       camera.waiting_region = holds ? motion_region_of(motion, *camera.waiting) : cv::Rect();
-      scheduler_.offer(index, is_spare);
+      scheduler_.offer(index, is_low_priority);
       changed_.notify_all();
     }
   }

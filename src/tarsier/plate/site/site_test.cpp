@@ -18,7 +18,7 @@ using testing::ElementsAre;
 using testing::UnorderedElementsAre;
 
 // Frames every 0.1 s, in which a vehicle drives by from frame `vehicle_from` to +10 frames.
-class Drive final : public FrameSource {
+class DriveBySource final : public FrameSource {
  public:
   struct Script {
     int frames = 60;
@@ -26,7 +26,7 @@ class Drive final : public FrameSource {
     int fails_at = -1;  // throws SourceLostError at this frame
     bool ends = true;
   };
-  explicit Drive(const Script& script) : script_(script) {}
+  explicit DriveBySource(const Script& script) : script_(script) {}
 
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (at_ == script_.fails_at) throw SourceLostError("a camera", "its cable was cut");
@@ -59,7 +59,7 @@ class Drive final : public FrameSource {
   std::vector<std::string> skipped_;
 };
 
-// Reads the white plate of a Drive as `text`.
+// Reads the white plate of a DriveBySource as `text`.
 VideoReader reader_of(const std::string& text) {
   return {[text](const Frame& frame, DebugSink*) {
             cv::Mat gray;
@@ -92,9 +92,9 @@ class SiteTest : public testing::Test {
       }
     };
   }
-  void add(const std::string& name, const Drive::Script& script) {
-    cameras_.push_back(
-        {name, [script] { return std::make_unique<Drive>(script); }, reader_of("4725" + name)});
+  void add(const std::string& name, const DriveBySource::Script& script) {
+    cameras_.push_back({name, [script] { return std::make_unique<DriveBySource>(script); },
+                        reader_of("4725" + name)});
   }
   std::vector<CameraReport> run() {
     return run_site(cameras_, options_, handlers_, stop_.get_token());
@@ -144,7 +144,7 @@ TEST_F(SiteTest, ReadsTheRegionOfMotionAndSometimesTheWholeFrame) {
   cameras_.push_back(
       {"a",
        [] {
-         return std::make_unique<Drive>(Drive::Script{80, 40});
+         return std::make_unique<DriveBySource>(DriveBySource::Script{80, 40});
        },
        {VideoReader::ReadPart([&](const Frame& frame, const cv::Rect& region, DebugSink*) {
           const cv::Rect all(0, 0, frame.image.cols, frame.image.rows);
@@ -172,14 +172,14 @@ TEST_F(SiteTest, ReadsTheRegionOfMotionAndSometimesTheWholeFrame) {
 
 TEST_F(SiteTest, ReopensAFailedCameraWhileOthersContinue) {
   std::atomic<int> opened = 0;
-  cameras_.push_back(
-      {"bad",
-       [&]() -> std::unique_ptr<FrameSource> {
-         const int attempt = opened++;
-         if (attempt == 1) throw InputError("bad", "no such camera");
-         return std::make_unique<Drive>(Drive::Script{60, 10, attempt == 0 ? 40 : -1, true});
-       },
-       reader_of("BAD1")});
+  cameras_.push_back({"bad",
+                      [&]() -> std::unique_ptr<FrameSource> {
+                        const int attempt = opened++;
+                        if (attempt == 1) throw InputError("bad", "no such camera");
+                        return std::make_unique<DriveBySource>(
+                            DriveBySource::Script{60, 10, attempt == 0 ? 40 : -1, true});
+                      },
+                      reader_of("BAD1")});
   add("good", {60, 10});
   std::vector<std::string> lost;
   handlers_.source = [&](std::size_t camera, const SourceStatus& status) {

@@ -17,7 +17,7 @@ using std::chrono::milliseconds;
 Moment at(const std::string& text) { return parse_moment(text, {}, false, "time"); }
 
 // A machine whose clocks stand still unless the test moves them.
-struct Machine {
+struct FakeMachine {
   Moment wall = at("2026-05-01T12:00");
   milliseconds uptime{100'000};
   std::chrono::steady_clock::time_point steady{std::chrono::seconds(5000)};
@@ -35,7 +35,7 @@ struct Machine {
 };
 
 TEST(SourceClockTest, LiveFrameHasItsTimeOfArrival) {
-  Machine machine;
+  FakeMachine machine;
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
   EXPECT_EQ(clock.at(0, machine.steady).wall, at("2026-05-01T12:00"));
@@ -49,7 +49,7 @@ TEST(SourceClockTest, LiveFrameHasItsTimeOfArrival) {
 }
 
 TEST(SourceClockTest, DetectsStepsButNotDrift) {
-  Machine machine;
+  FakeMachine machine;
   machine.synchronized = false;
   machine.wall = at("2026-01-01");
   SourceClock clock(machine.clocks());
@@ -72,7 +72,7 @@ TEST(SourceClockTest, DetectsStepsButNotDrift) {
 }
 
 TEST(SourceClockTest, SuspendIsNoStep) {
-  Machine machine;
+  FakeMachine machine;
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
   (void)clock.at(0, machine.steady);
@@ -83,7 +83,7 @@ TEST(SourceClockTest, SuspendIsNoStep) {
 }
 
 TEST(SourceClockTest, ClockBefore2024IsUnsynchronized) {
-  Machine machine;
+  FakeMachine machine;
   machine.wall = at("2023-12-31T23:59");
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
@@ -93,7 +93,7 @@ TEST(SourceClockTest, ClockBefore2024IsUnsynchronized) {
 }
 
 TEST(SourceClockTest, RecordingStartsAtItsOwnTime) {
-  Machine machine;
+  FakeMachine machine;
   const Moment start =
       recording_start(at("2026-04-01T10:10"), std::chrono::minutes(10), machine.wall);
   EXPECT_EQ(start, at("2026-04-01T10:00"));
@@ -111,7 +111,7 @@ TEST(SourceClockTest, RecordingStartsAtItsOwnTime) {
 }
 
 TEST(SourceClockTest, RecordingOfUnknownTimeKeepsItsDurations) {
-  Machine machine;
+  FakeMachine machine;
   SourceClock clock(machine.clocks());
   clock.begin({false, std::nullopt}, 0);
   (void)clock.at(0, machine.steady);
@@ -133,7 +133,7 @@ TEST(SourceClockTest, RejectsMissingClocks) {
 class SetClock : public testing::TestWithParam<std::chrono::hours> {};
 
 TEST_P(SetClock, EventsKeepTheirDurationAndEndTime) {
-  Machine machine;
+  FakeMachine machine;
   machine.synchronized = false;
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);

@@ -31,9 +31,9 @@ Reading reading_at(const std::string& text, double x, double y, double width = 1
 }
 
 // Processes frames and keeps the events.
-class Road {
+class TrackerRunner {
  public:
-  explicit Road(TrackerOptions options = {}) : options_(std::move(options)) {}
+  explicit TrackerRunner(TrackerOptions options = {}) : options_(std::move(options)) {}
 
   void frame(const std::vector<Reading>& readings, const cv::Mat& image = {}) {
     keep(step_tracker(options_, state_, {index_, time(), image, readings}));
@@ -68,23 +68,23 @@ std::vector<std::string> texts_of(const std::vector<PlateEvent>& events) {
 }
 
 TEST(TrackerTest, MissedFramesDoNotSplitAVehicle) {
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 28; ++k) {
-    road.frame(k % 4 == 3 || (k > 12 && k < 20)
-                   ? std::vector<Reading>{}
-                   : std::vector<Reading>{reading_at("1234BCD", 10 + 12 * k, 100 + 2 * k)});
+    runner.frame(k % 4 == 3 || (k > 12 && k < 20)
+                     ? std::vector<Reading>{}
+                     : std::vector<Reading>{reading_at("1234BCD", 10 + 12 * k, 100 + 2 * k)});
   }
-  const std::vector<LiveTrack> live = road.live();
+  const std::vector<LiveTrack> live = runner.live();
   ASSERT_EQ(live.size(), 1U);
   EXPECT_EQ(live[0].text, "1234BCD");
   EXPECT_TRUE(live[0].confirmed);
   EXPECT_FALSE(live[0].read);
   EXPECT_NEAR(live[0].box.x, 10 + 12 * 27, 12);  // continues in its direction
-  EXPECT_TRUE(road.events().empty());
-  road.wait(13);
-  ASSERT_EQ(road.events().size(), 1U);  // reported without a flush
-  EXPECT_TRUE(road.live().empty());
-  const PlateEvent event = road.finish()[0];
+  EXPECT_TRUE(runner.events().empty());
+  runner.wait(13);
+  ASSERT_EQ(runner.events().size(), 1U);  // reported without a flush
+  EXPECT_TRUE(runner.live().empty());
+  const PlateEvent event = runner.finish()[0];
   EXPECT_EQ(event.frames, 16);
   EXPECT_EQ(event.readings.size(), 16U);
   EXPECT_DOUBLE_EQ(event.first_time, 0);
@@ -170,9 +170,9 @@ Reading sign_at(int k, double x) {
 }
 
 TEST(TrackerTest, WordMisreadWithADigitIsASign) {
-  Road road;
-  for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100)});
-  EXPECT_THAT(road.finish(), testing::IsEmpty());
+  TrackerRunner runner;
+  for (int k = 0; k < 60; ++k) runner.frame({sign_at(k, 100)});
+  EXPECT_THAT(runner.finish(), testing::IsEmpty());
 }
 
 // Each reading is sure of its text, but is probably no plate.
@@ -188,24 +188,24 @@ TEST_F(UpdatesTest, StandingTextOfLowPlateProbabilityIsNoVehicle) {
 }
 
 TEST(TrackerTest, MovingTextOfLowPlateProbabilityIsAVehicle) {
-  Road road;
-  for (int k = 0; k < 8; ++k) road.frame({low_plate_reading_at(100 + 60 * k)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("CH00GOB"));
+  TrackerRunner runner;
+  for (int k = 0; k < 8; ++k) runner.frame({low_plate_reading_at(100 + 60 * k)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("CH00GOB"));
 }
 
 TEST(TrackerTest, WordIsAVehicleIfWordsAreAccepted) {
   TrackerOptions options;
   options.words = true;
-  Road road(options);
-  for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100 + 12 * k)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
+  TrackerRunner runner(options);
+  for (int k = 0; k < 60; ++k) runner.frame({sign_at(k, 100 + 12 * k)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("C0HKCDY"));
 }
 
 TEST(TrackerTest, PlateMisreadWithoutItsDigitIsAVehicle) {
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 60; ++k)
-    road.frame({reading_at(k % 3 == 0 ? "CDHKCDY" : "C0HKCDY", 100 + 12 * k, 100)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
+    runner.frame({reading_at(k % 3 == 0 ? "CDHKCDY" : "C0HKCDY", 100 + 12 * k, 100)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("C0HKCDY"));
 }
 
 TEST_F(UpdatesTest, ReturnedVehicleIsWithdrawnAndMerged) {
@@ -223,27 +223,27 @@ TEST_F(UpdatesTest, ReturnedVehicleIsWithdrawnAndMerged) {
 }
 
 TEST(TrackerTest, AdjacentCarsWithSimilarTextsStaySeparate) {
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 20; ++k) {
     std::vector<Reading> readings{reading_at("1234BCD", 100, 100 + 3 * k),
                                   reading_at("1235BCD", 260, 100 + 3 * k)};
     if (k % 3 == 1) readings.erase(readings.begin());
     if (k % 5 == 3) readings.pop_back();
-    road.frame(readings);
+    runner.frame(readings);
   }
-  EXPECT_THAT(texts_of(road.finish()), UnorderedElementsAre("1234BCD", "1235BCD"));
+  EXPECT_THAT(texts_of(runner.finish()), UnorderedElementsAre("1234BCD", "1235BCD"));
 }
 
 TEST(TrackerTest, CrossingCarsKeepTheirTexts) {
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 40; ++k) {
     std::vector<Reading> readings{reading_at("1111BBB", 10 * k, 100, 60)};
     // The nearer vehicle hides the other one for some time.
     readings.push_back(reading_at("9999ZZZ", 400 - 10 * k, 102, 70));
     if (k >= 17 && k <= 22) readings.erase(readings.begin());
-    road.frame(readings);
+    runner.frame(readings);
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   EXPECT_THAT(texts_of(events), UnorderedElementsAre("1111BBB", "9999ZZZ"));
   for (const PlateEvent& event : events) {
     for (const TimedReading& reading : event.readings) EXPECT_EQ(reading.text, event.text);
@@ -251,33 +251,33 @@ TEST(TrackerTest, CrossingCarsKeepTheirTexts) {
 }
 
 TEST(TrackerTest, AnotherCarAtTheSamePositionIsANewEvent) {
-  Road road;
-  for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 100, 100)});
-  for (int k = 0; k < 10; ++k) road.frame({reading_at("5678FGH", 102, 101)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD", "5678FGH"));
+  TrackerRunner runner;
+  for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 100, 100)});
+  for (int k = 0; k < 10; ++k) runner.frame({reading_at("5678FGH", 102, 101)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("1234BCD", "5678FGH"));
 }
 
 TEST(TrackerTest, CarThatReturnsInTimeIsTheSameVehicle) {
   for (const double pause : {3.0, 30.0}) {
-    Road road;
-    for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 20 * k, 100)});
-    road.wait(pause);
-    for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 600 - 20 * k, 300)});
-    const std::vector<PlateEvent> events = road.finish();
+    TrackerRunner runner;
+    for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 20 * k, 100)});
+    runner.wait(pause);
+    for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 600 - 20 * k, 300)});
+    const std::vector<PlateEvent> events = runner.finish();
     ASSERT_EQ(events.size(), pause < 10 ? 1U : 2U) << pause;
     EXPECT_EQ(events[0].frames, pause < 10 ? 20 : 10);
   }
 }
 
 TEST(TrackerTest, ReturnedCarIsMergedAfterWrongFirstReadings) {
-  Road road;
-  for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 20 * k, 100)});
-  road.wait(4);
+  TrackerRunner runner;
+  for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 20 * k, 100)});
+  runner.wait(4);
   for (int k = 0; k < 8; ++k) {
-    road.frame({k < 2 ? reading_at("7Z34RCO", 400 + 10 * k, 200, 100, 0.2)
-                      : reading_at("1234BCD", 400 + 10 * k, 200)});
+    runner.frame({k < 2 ? reading_at("7Z34RCO", 400 + 10 * k, 200, 100, 0.2)
+                        : reading_at("1234BCD", 400 + 10 * k, 200)});
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 1U);
   EXPECT_EQ(events[0].id, 1);
   EXPECT_EQ(events[0].frames, 18);
@@ -286,21 +286,21 @@ TEST(TrackerTest, ReturnedCarIsMergedAfterWrongFirstReadings) {
 
 TEST(TrackerTest, ParkedCarIsOneEvent) {
   Rng rng(3);
-  Road road;
+  TrackerRunner runner;
   std::int64_t frames = 0;
   for (int minute = 0; minute < 10; ++minute) {
     for (int k = 0; k < 300; ++k) {
       Reading reading = noisy_reading("1234BCD", {200 + rng.integer(-2, 2), 150, 90, 20}, 0.1, rng);
       if (rng.uniform() < 0.3) {
-        road.frame({});
+        runner.frame({});
         continue;
       }
-      road.frame({reading});
+      runner.frame({reading});
       ++frames;
     }
-    road.wait(30);  // the vehicle is hidden
+    runner.wait(30);  // the vehicle is hidden
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 1U);
   EXPECT_EQ(events[0].text, "1234BCD");
   EXPECT_EQ(events[0].frames, frames);
@@ -310,24 +310,24 @@ TEST(TrackerTest, ParkedCarIsOneEvent) {
 
 TEST(TrackerTest, RandomReadingsAreNoVehicle) {
   Rng rng(5);
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 300; ++k) {
     std::string text;
     for (int n = 0; n < 6; ++n) text += kAlphabet[static_cast<std::size_t>(rng.integer(0, 35))];
-    road.frame(k % 7 == 0 ? std::vector<Reading>{reading_at(text, rng.uniform(0, 1800),
-                                                            rng.uniform(0, 1000), 80, 0.05)}
-                          : std::vector<Reading>{});
+    runner.frame(k % 7 == 0 ? std::vector<Reading>{reading_at(text, rng.uniform(0, 1800),
+                                                              rng.uniform(0, 1000), 80, 0.05)}
+                            : std::vector<Reading>{});
   }
-  EXPECT_TRUE(road.finish().empty());
+  EXPECT_TRUE(runner.finish().empty());
 }
 
 TEST(TrackerTest, DuplicateDetectionsAreOneVehicle) {
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 10; ++k) {
-    road.frame(
+    runner.frame(
         {reading_at("1234BCD", 100 + 5 * k, 100), reading_at("234BCD", 110 + 5 * k, 101, 80, 0.5)});
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   EXPECT_THAT(texts_of(events), ElementsAre("1234BCD"));
   EXPECT_EQ(events[0].frames, 10);
 }
@@ -335,22 +335,22 @@ TEST(TrackerTest, DuplicateDetectionsAreOneVehicle) {
 TEST(TrackerTest, IgnoresReadingsOutsideTheRegion) {
   TrackerOptions options;
   options.region = parse_region("0,0,0.5,1");
-  Road road(options);
+  TrackerRunner runner(options);
   const cv::Mat image(480, 640, CV_8UC3, cv::Scalar::all(90));
   for (int k = 0; k < 10; ++k) {
-    road.frame({reading_at("1234BCD", 20, 100 + k), reading_at("5678FGH", 400, 100 + k)}, image);
+    runner.frame({reading_at("1234BCD", 20, 100 + k), reading_at("5678FGH", 400, 100 + k)}, image);
   }
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD"));
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("1234BCD"));
 }
 
 TEST(TrackerTest, CropComesFromTheBestFrame) {
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 10; ++k) {
     // Frame 6 has the highest confidence; each frame has its own grey level.
     const cv::Mat image(480, 640, CV_8UC3, cv::Scalar::all(10 * k));
-    road.frame({reading_at("1234BCD", 300 + k, 200, 100, k == 6 ? 0.95 : 0.6)}, image);
+    runner.frame({reading_at("1234BCD", 300 + k, 200, 100, k == 6 ? 0.95 : 0.6)}, image);
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 1U);
   EXPECT_EQ(events[0].best_frame, 6);
   EXPECT_EQ(events[0].best_box.x, 306);
@@ -360,11 +360,11 @@ TEST(TrackerTest, CropComesFromTheBestFrame) {
 }
 
 TEST(TrackerTest, CropsAreClippedToTheImage) {
-  Road road;
+  TrackerRunner runner;
   const cv::Mat image(50, 60, CV_8UC3, cv::Scalar::all(9));
-  for (int k = 0; k < 3; ++k) road.frame({reading_at("1234BCD", -20, 40, 100)}, image);
-  for (int k = 0; k < 3; ++k) road.frame({reading_at("5678FGH", 500, 400, 100)}, image);
-  const std::vector<PlateEvent> events = road.finish();
+  for (int k = 0; k < 3; ++k) runner.frame({reading_at("1234BCD", -20, 40, 100)}, image);
+  for (int k = 0; k < 3; ++k) runner.frame({reading_at("5678FGH", 500, 400, 100)}, image);
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 2U);
   EXPECT_LE(events[0].best_crop.cols, 60);
   EXPECT_TRUE(events[1].best_crop.empty());
@@ -372,15 +372,15 @@ TEST(TrackerTest, CropsAreClippedToTheImage) {
 
 TEST(TrackerTest, TracksAtTwoFramesPerSecond) {
   TrackerOptions options;
-  Road road(options);
+  TrackerRunner runner(options);
   // Two cars in sequence, each read once in half a second, far from the last position.
   for (int k = 0; k < 60; ++k) {
     std::vector<Reading> readings;
     if (k % 5 == 0 && k < 30) readings.push_back(reading_at("1234BCD", 30 * k, 100));
     if (k % 5 == 0 && k >= 25) readings.push_back(reading_at("5678FGH", 30 * (k - 25), 100));
-    road.frame(readings);
+    runner.frame(readings);
   }
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD", "5678FGH"));
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("1234BCD", "5678FGH"));
 }
 
 // One minute of traffic with errors: six cars, one parked, one far away.
@@ -390,7 +390,7 @@ TEST(TrackerTest, TracksSixCarsInNoisyTraffic) {
   int right = 0;
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     Rng rng(seed);
-    Road road;
+    TrackerRunner runner;
     for (int k = 0; k < 600; ++k) {
       std::vector<Reading> readings;
       const auto add = [&](std::size_t car, double x, double y, double width) {
@@ -409,9 +409,9 @@ TEST(TrackerTest, TracksSixCarsInNoisyTraffic) {
       if (k > 200 && k < 400) add(3, 600 + 0.2 * (k - 200), 210, 28);  // far
       if (k > 260 && k < 330) add(4, 100 + 14.0 * (k - 260), 600, 110);
       if (k > 450 && k < 560) add(5, 200 + 3.0 * (k - 450), 700 - 2.0 * (k - 450), 140 - (k - 450));
-      road.frame(readings);
+      runner.frame(readings);
     }
-    const std::vector<PlateEvent> events = road.finish();
+    const std::vector<PlateEvent> events = runner.finish();
     EXPECT_EQ(events.size(), texts.size())
         << "seed " << seed << testing::PrintToString(texts_of(events));
     const std::set<std::string> known(texts.begin(), texts.end());
@@ -436,15 +436,15 @@ TEST(TrackerTest, HandlesInvalidInput) {
       std::invalid_argument);
   options.lost_after = 0;
   EXPECT_THROW((void)step_tracker(options, state, {0, 0, {}, {}}), std::invalid_argument);
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 5; ++k) {
     std::vector<Reading> readings(300, reading_at("", 10, 10));
     for (int n = 0; n < 300; ++n) {
       readings.push_back(reading_at("AB" + std::to_string(n), 110 * (n % 20), 40 * (n / 20)));
     }
-    road.frame(readings);
+    runner.frame(readings);
   }
-  EXPECT_EQ(road.live().size(), 300U);
+  EXPECT_EQ(runner.live().size(), 300U);
   // A clock that steps back.
   options = {};
   (void)step_tracker(options, state, {0, 100, {}, {reading_at("1234BCD", 10, 10)}});
@@ -465,9 +465,9 @@ TEST(EventTest, EventOfAStillReading) {
 }
 
 TEST(EventTest, JsonHasTheDocumentedFields) {
-  Road road;
-  for (int k = 0; k < 3; ++k) road.frame({reading_at("1234BCD", 10, 20)});
-  const nlohmann::ordered_json object = event_json(road.finish()[0]);
+  TrackerRunner runner;
+  for (int k = 0; k < 3; ++k) runner.frame({reading_at("1234BCD", 10, 20)});
+  const nlohmann::ordered_json object = event_json(runner.finish()[0]);
   EXPECT_EQ(object.begin().key(), "event");
   EXPECT_EQ(object.at("text"), "1234BCD");
   EXPECT_EQ(object.at("frames"), 3);

@@ -190,7 +190,7 @@ bool synthetic_line(const ViewGenerator& views, Rng& rng, cv::Mat& canvas,
   if (plate.rows == 2) {
     row = rng.integer(0, 1);
     text = row == 0 ? part_of(text, 0, 1, 0, 0.47F) : part_of(text, 0, 1, 0.53F, 1);
-    line_width = kHalfWidth;
+    line_width = kHalfLineWidth;
   }
   if (!is_convex(text, 20)) return false;
   canvas = sample(view.gray, text, line_quad(line_width), {line_width, kLineHeight});

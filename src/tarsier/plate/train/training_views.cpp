@@ -155,7 +155,7 @@ synth::PlateKind random_kind(Rng& rng, bool wild) {
 }
 
 // Illumination of the plate itself.
-void light(cv::Mat& face, Rng& rng) {
+void illuminate(cv::Mat& face, Rng& rng) {
   const double high = rng.uniform() < 0.15 ? rng.uniform(40, 120) : rng.uniform(110, 255);
   const double low = rng.uniform(0, 0.45) * high;
   face.convertTo(face, -1, (high - low) / 255, low);
@@ -182,7 +182,7 @@ void light(cv::Mat& face, Rng& rng) {
   }
 }
 
-void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs, Rng& rng) {
+void paste_plate(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs, Rng& rng) {
   synth::PlateFaceOptions face_options;
   const bool wild = options.wild && rng.uniform() < 0.7;
   face_options.kind = random_kind(rng, wild);
@@ -196,7 +196,7 @@ void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs
   const synth::PlateFace face = synth::render_plate_face(glyphs, face_options, rng);
   if (face.rows > 2 || face.symbols.empty()) return;
   cv::Mat gray = random_gray(face.image, rng);
-  light(gray, rng);
+  illuminate(gray, rng);
   Quad quad = random_pose(face.image.cols, face.image.rows, options, rng);
   const double factor = width / mean_width(quad);
   const double spread = options.centred ? 0.06 : 0.5;
@@ -240,7 +240,7 @@ void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs
   view.plates.push_back(std::move(plate));
 }
 
-void draw_words(cv::Mat& gray, Rng& rng) {
+void draw_random_text(cv::Mat& gray, Rng& rng) {
   const std::string_view letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789";
   std::string text;
   for (int i = rng.integer(2, 12); i > 0; --i)
@@ -404,11 +404,11 @@ View ViewGenerator::make(const ViewOptions& options, Rng& rng) const {
         on_plate = on_plate ||
                    box_iou(plate.plate, quad_of({0, 0, static_cast<float>(options.size.width),
                                                  static_cast<float>(options.size.height)})) > 0;
-      if (!on_plate) draw_words(view.gray, rng);
+      if (!on_plate) draw_random_text(view.gray, rng);
     }
   if (drawn) {
-    paste(view, options, *glyphs, rng);
-    if (!options.centred && rng.uniform() < 0.3) paste(view, options, *glyphs, rng);
+    paste_plate(view, options, *glyphs, rng);
+    if (!options.centred && rng.uniform() < 0.3) paste_plate(view, options, *glyphs, rng);
   }
   simulate_camera(view.gray, 1.0, rng);
   if (options.wild) simulate_cheap_camera(view.gray, rng);
